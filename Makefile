@@ -1,0 +1,40 @@
+# Two commands on a fresh machine with Python 3.11+, gcc and make:
+#   make demo     a simulated arm, live, corrected for temperature
+#   make test     format, lint, types, import layers, tests
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+ROOMS  := armd drivers compensation daemon simulator
+# The editable installation links file by file (strict mode, so that the type checker follows);
+# a file added or removed touches its folder, and the folder renews the installation.
+FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
+export NUMBA_CACHE_DIR := $(CURDIR)/.cache/numba
+
+.PHONY: install demo test lint bench clean
+install: $(VENV)/.installed
+
+$(VENV)/.dependencies: requirements.txt
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
+	touch $@
+
+$(VENV)/.installed: $(VENV)/.dependencies pyproject.toml $(FOLDERS)
+	rm -rf build
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
+	    --config-settings editable_mode=strict --editable .
+	touch $@
+
+demo: install
+	$(BIN)/armd demo $(DEMO_ARGS)
+
+lint: install
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: lint
+	$(BIN)/python -m pytest -m "not slow" $(TEST_ARGS)
+
+clean:
+	rm -rf $(VENV) build .cache *.egg-info

@@ -1,0 +1,23 @@
+"""Bad input, said in one form everywhere: which file, where in it, what was found, what was expected."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class ArmdError(Exception):
+    """Base of every error armd raises on purpose; the command line prints it without a traceback."""
+
+
+class BadInput(ArmdError):
+    """An input file or argument is wrong (exit code 2).
+
+    Printed as ``armd: FILE: WHERE: found X, expected Y``.
+    """
+
+    def __init__(self, file: str | Path, where: str, found: str, expected: str) -> None:
+        self.file = str(file)
+        self.where = where
+        self.found = found
+        self.expected = expected
+        super().__init__(f"{file}: {where}: found {found}, expected {expected}")

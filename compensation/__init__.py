@@ -1,0 +1,1 @@
+"""The arm's mathematics: model, kernel, identification, verification, diagnosis."""

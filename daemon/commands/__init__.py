@@ -1,0 +1,1 @@
+"""The commands of `armd`, one module each."""

@@ -1,0 +1,93 @@
+"""What every driver delivers, whatever the wire: samples, temperatures, and what went wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+SampleArray = npt.NDArray[np.void]
+
+
+def sample_dtype(n_joints: int) -> np.dtype[np.void]:
+    """One latched cycle of all joints.
+
+    `count` is unwrapped (monotone over turns), so a codec's 2^bits wrap never shows here.
+    """
+    return np.dtype(
+        [
+            ("seq", "<u8"),  # epoch << 32 | device seq
+            ("device_ns", "<i8"),  # latch instant on the device's clock, since its boot
+            ("stamp_ns", "<i8"),  # the same instant, Unix time
+            ("monotonic_ns", "<i8"),  # the same instant, the controller's CLOCK_MONOTONIC
+            ("count", "<i8", (n_joints,)),
+            ("joint_invalid", "<u2"),  # bit k-1: joint k invalid (status bit, jump, alarm)
+            ("joint_warning", "<u2"),  # bit k-1: joint k warns, its count still holds
+            ("buttons", "<u4"),
+            ("clock_mapped", "?"),  # False until device time is mapped to host time
+            ("lost_before", "?"),  # seq does not follow the previous delivered sample's
+        ]
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Temperatures:
+    """One reading of all channels; NaN where a channel is invalid."""
+
+    celsius: npt.NDArray[np.float64]  # (n_sensors,)
+    device_ns: int
+    monotonic_ns: int  # host arrival where the device clock is not mapped yet
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something a person wants explained: a fault, a recovery, a foreign arm, a reboot."""
+
+    kind: str  # "silence", "reconnected", "reboot", "foreign_arm", "joint_invalid", …
+    text: str  # one sentence for a person
+    monotonic_ns: int
+    severity: str = "warning"  # "info", "warning", "error"
+    detail: dict[str, Any] = field(default_factory=dict)
+
+
+Item = SampleArray | Temperatures | Event
+"""What a driver yields, in the order it happened: arrays of samples are split where a
+temperature or an event falls between them, so that a replay gives the same points however
+the bytes were chunked."""
+
+
+@dataclass(frozen=True, slots=True)
+class RawFrame:
+    """Bytes as they crossed the wire, recorded before anything decodes them."""
+
+    monotonic_ns: int
+    unix_ns: int
+    direction: str  # "rx" or "tx"
+    data: bytes  # serial: a read's bytes; CAN: see drivers/can
+    channel: str = "serial"
+
+
+class Driver(Protocol):
+    """A source of samples. Everything happens in the caller's thread, inside `read`.
+
+    `read` also does the driver's housekeeping when it is due (ping, time-outs, reconnection
+    with back-off), so silence and recovery arrive as `Event`s like everything else; it never
+    raises for a fault of the hardware.
+    """
+
+    connected: bool
+    counters: dict[str, int]  # frames, bad_crc, unknown, lost, repeated, reconnects, …
+
+    def open(self) -> None: ...
+
+    def read(self, timeout_s: float) -> list[Item]:
+        """Wait up to *timeout_s* for bytes; return what they held, in order, maybe nothing."""
+        ...
+
+    def take_raw(self) -> list[RawFrame]:
+        """The raw frames behind the last `read`, both directions."""
+        ...
+
+    def close(self) -> None: ...

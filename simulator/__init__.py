@@ -1,0 +1,1 @@
+"""An arm that is not there: physics to wire bytes."""
