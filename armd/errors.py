@@ -1,4 +1,4 @@
-"""Bad input, said in one form everywhere: which file, where in it, what was found, what was expected."""
+"""Bad input, said in one form everywhere: which file, where in it, found what, expected what."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class ArmdError(Exception):
-    """Base of every error armd raises on purpose; the command line prints it without a traceback."""
+    """Base of every error armd raises on purpose; the command line prints no traceback for it."""
 
 
 class BadInput(ArmdError):

@@ -1,0 +1,85 @@
+"""Files a person writes, checked; every fault names file, key, found and expected."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from armd.errors import BadInput
+
+
+class Strict(BaseModel):
+    """Base of all file models: unknown keys and non-finite numbers are errors; frozen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def load_toml(path: str | Path, model: type[Model]) -> Model:
+    """Read and validate a TOML file; raises `BadInput`."""
+    text = _read(path)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise BadInput(path, "TOML", str(error), "a valid TOML file") from error
+    return validate(path, data, model)
+
+
+def load_json(path: str | Path, model: type[Model]) -> Model:
+    """Read and validate a JSON file; raises `BadInput`."""
+    text = _read(path)
+    try:
+        data = json.loads(text)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno} column {error.colno}"
+        raise BadInput(path, where, error.msg, "valid JSON") from error
+    return validate(path, data, model)
+
+
+def validate(path: str | Path, data: object, model: type[Model]) -> Model:
+    """Check parsed *data*; the first fault becomes a `BadInput` naming its key."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        where = _key(fault["loc"]) or "the file"
+        raise BadInput(path, where, *_found_expected(fault, model)) from error
+
+
+def _read(path: str | Path) -> str:
+    try:
+        return Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise BadInput(path, "the file", "nothing", "an existing file") from error
+    except IsADirectoryError as error:
+        raise BadInput(path, "the file", "a folder", "a file") from error
+    except PermissionError as error:
+        raise BadInput(path, "the file", "no permission to read it", "a readable file") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(path, f"byte {error.start}", "not UTF-8", "UTF-8 text") from error
+
+
+def _key(location: tuple[int | str, ...]) -> str:
+    """`("joint", 2, "a_mm")` reads `joint[3].a_mm`: people count joints from one."""
+    key = ""
+    for part in location:
+        key += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if key else str(part)
+    return key
+
+
+def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
+    match fault["type"]:
+        case "missing":
+            return "nothing", "this key"
+        case "extra_forbidden":
+            return "an unknown key", "one of the documented keys"
+    shown = repr(fault["input"])
+    found = shown if len(shown) <= 80 else shown[:77] + "..."
+    message = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+    return found, message

@@ -1,0 +1,107 @@
+"""`arm.toml`: what the arm is, before anything is measured."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from armd.compensation import parameters
+from armd.schema import Strict, load_toml
+
+Vector3 = Annotated[tuple[float, float, float], Field(description="three numbers")]
+
+
+class TemperatureSensor(Strict):
+    name: Annotated[str, Field(min_length=1)]
+
+
+class Joint(Strict):
+    """One row A = Rz(θ+θ0)·Tz(d)·Tx(a)·Rx(α)·Ry(β)."""
+
+    theta_deg: float = 0.0
+    d_mm: float = 0.0
+    a_mm: float = 0.0
+    alpha_deg: float = 0.0
+    beta_deg: float = 0.0
+    counts_per_turn: Annotated[int, Field(gt=0, le=1 << 32)] | None = None
+    direction: Literal[1, -1] = 1
+    min_deg: float | None = None
+    max_deg: float | None = None
+    temperature: str | dict[str, float] | None = None
+    mass_kg: Annotated[float, Field(ge=0)] | None = None
+    centre_of_mass_mm: Vector3 | None = None
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """Sensor name → weight; empty for a joint that stays at the reference temperature."""
+        if self.temperature is None:
+            return {}
+        return {self.temperature: 1.0} if isinstance(self.temperature, str) else self.temperature
+
+
+class Tip(Strict):
+    offset_mm: Vector3 = (0.0, 0.0, 0.0)
+    radius_mm: Annotated[float, Field(ge=0)] = 0.0
+
+
+class Arm(Strict):
+    schema_: Literal["armd.arm/1"] = Field(alias="schema")
+    serial_number: Annotated[str, Field(min_length=1, max_length=16, pattern=r"^[!-~]+$")]
+    reference_temperature_c: float = 20.0
+    gravity: Vector3 = (0.0, 0.0, -1.0)
+    temperature_sensor: list[TemperatureSensor] = Field(default_factory=list, max_length=16)
+    joint: Annotated[list[Joint], Field(min_length=3, max_length=9)]
+    tip: Tip = Tip()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Arm:
+        sensors = self.sensors
+        if len(set(sensors)) != len(sensors):
+            raise ValueError("sensor names that differ from each other")
+        for k, joint in enumerate(self.joint, 1):
+            for name in joint.weights:
+                if name not in sensors:
+                    raise ValueError(
+                        f"joint[{k}].temperature to name one of the sensors {sensors}, not {name!r}"
+                    )
+            if joint.temperature is not None and not joint.weights:
+                raise ValueError(f"joint[{k}].temperature with at least one weight")
+            low, high = joint.min_deg, joint.max_deg
+            if low is not None and high is not None and low >= high:
+                raise ValueError(f"joint[{k}].min_deg below max_deg, not {low} and {high}")
+        if not math.isclose(float(np.linalg.norm(self.gravity)), 1.0, abs_tol=1e-6):
+            raise ValueError(f"gravity of length 1, not {self.gravity}")
+        return self
+
+    @property
+    def n_joints(self) -> int:
+        return len(self.joint)
+
+    @property
+    def sensors(self) -> list[str]:
+        """Sensor names in the order of the wire's channels."""
+        return [sensor.name for sensor in self.temperature_sensor]
+
+    def nominal(self) -> npt.NDArray[np.float64]:
+        """The drawing's parameter vector (5 N + 9,), in mm and rad, ordered as `parameters`."""
+        values = np.zeros(parameters.count(self.n_joints))
+        for k, joint in enumerate(self.joint):
+            values[5 * k : 5 * k + 5] = (
+                math.radians(joint.theta_deg),
+                joint.d_mm,
+                joint.a_mm,
+                math.radians(joint.alpha_deg),
+                math.radians(joint.beta_deg),
+            )
+        values[5 * self.n_joints : 5 * self.n_joints + 3] = self.tip.offset_mm
+        return values
+
+
+def load_arm(path: str | Path) -> Arm:
+    """Read and check an arm.toml; raises `BadInput` naming file, key, found and expected."""
+    return load_toml(path, Arm)

@@ -1,0 +1,167 @@
+"""`calibration.json`: identified constants and terms, where they hold, where they come from.
+
+Two hashes: `content_sha256` inside the file guards its content against edits and damage; the
+file's own SHA-256 is its identity, whose first eight bytes every point carries.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, model_validator
+
+from armd.compensation import parameters
+from armd.compensation.arm import Arm, Vector3
+from armd.compensation.terms import Term
+from armd.errors import BadInput
+from armd.files import write_whole
+from armd.schema import Strict, load_json
+
+
+class Noise(Strict):
+    """What the identification saw: the floor of every uncertainty."""
+
+    encoder_rad: Annotated[list[float], Field(max_length=9)] = []  # per joint, standard deviation
+    reading_mm: Annotated[float, Field(ge=0)] = 0.0  # repeatability of one reading, per axis
+    temperature_c: Annotated[float, Field(ge=0)] = 0.0
+
+
+class ArtefactCorrection(Strict):
+    """What a diagnosis found wrong with the artefact; `evaluate` applies it, `correct` does not."""
+
+    expansion_per_k: float | None = None
+    target_offset_mm: dict[str, Vector3] = {}
+    scale: float = 1.0
+
+
+class Calibration(Strict):
+    """The content of a calibration file. `terms` may depend on any state the daemon knows."""
+
+    schema_: Literal["armd.calibration/1"] = Field(
+        default="armd.calibration/1", alias="schema", serialization_alias="schema"
+    )
+    arm: str
+    created: str  # ISO 8601, UTC
+    reference_temperature_c: float
+    #: sensor name → [lowest, highest] °C seen by the identification; empty: not thermal
+    temperature_range_c: dict[str, tuple[float, float]] = {}
+    #: K/h; a faster change sets flag 3
+    max_temperature_rate_k_per_h: Annotated[float, Field(gt=0)] | None = None
+    constants: dict[str, float]  # every parameter by name, mm and rad
+    terms: list[Term] = []
+    #: covariance of the identified quantities, in the order of `covariance_of`; an entry is a
+    #: parameter's name or "term I" (index into `terms`)
+    covariance_of: list[str] = []
+    covariance: list[list[float]] = []
+    noise: Noise = Noise()
+    artefact: ArtefactCorrection | None = None
+    provenance: dict[str, Any] = {}
+    content_sha256: str = ""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Calibration:
+        n = len(self.covariance_of)
+        if len(self.covariance) != n or any(len(row) != n for row in self.covariance):
+            raise ValueError(f"a covariance of {n} × {n}, one row per entry of covariance_of")
+        return self
+
+    def vector(self, n_joints: int) -> npt.NDArray[np.float64]:
+        """Constants as the parameter vector (5 N + 9,)."""
+        names = parameters.names(n_joints)
+        return np.array([self.constants.get(name, 0.0) for name in names])
+
+    def content(self) -> dict[str, Any]:
+        """All but the hash, as plain JSON data."""
+        return self.model_dump(mode="json", by_alias=True, exclude={"content_sha256"})
+
+
+@dataclass(frozen=True)
+class LoadedCalibration:
+    """A calibration and the identity of the file it came from."""
+
+    content: Calibration
+    sha256: str
+    path: Path
+
+    @property
+    def identity(self) -> int:
+        """First eight bytes of the SHA-256, as the point carries them (u64, little-endian)."""
+        return int.from_bytes(bytes.fromhex(self.sha256)[:8], "little")
+
+
+def constants_of(vector: npt.NDArray[np.float64], n_joints: int) -> dict[str, float]:
+    """A parameter vector as the mapping a calibration stores."""
+    return dict(zip(parameters.names(n_joints), map(float, vector), strict=True))
+
+
+def load_calibration(path: str | Path, arm: Arm | None = None) -> LoadedCalibration:
+    """Read a calibration and, given *arm*, check that it belongs to it.
+
+    Raises `BadInput` for a malformed file, content that does not match its hash, another arm's
+    calibration, or names the arm does not have.
+    """
+    calibration = load_json(path, Calibration)
+    if calibration.content_sha256 != content_hash(calibration.content()):
+        raise BadInput(
+            path,
+            "content_sha256",
+            "a content that does not match it (edited or damaged)",
+            "the file as it was written",
+        )
+    if arm is not None:
+        _belongs(path, calibration, arm)
+    return LoadedCalibration(
+        calibration, hashlib.sha256(Path(path).read_bytes()).hexdigest(), Path(path)
+    )
+
+
+def save_calibration(path: str | Path, calibration: Calibration) -> LoadedCalibration:
+    """Write whole or not at all; returns what a reader will load."""
+    content = calibration.content()
+    content["content_sha256"] = content_hash(content)
+    write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    return load_calibration(path)
+
+
+def content_hash(content: Mapping[str, Any]) -> str:
+    """SHA-256 over the canonical JSON of *content*."""
+    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
+    if calibration.arm != arm.serial_number:
+        raise BadInput(path, "arm", repr(calibration.arm), f"{arm.serial_number!r}, as in arm.toml")
+    known = set(parameters.names(arm.n_joints))
+    for name in calibration.constants:
+        if name not in known:
+            raise BadInput(path, f"constants.{name}", "this name", "a parameter of the arm")
+    missing = sorted(known - set(calibration.constants))
+    if missing:
+        raise BadInput(path, f"constants.{missing[0]}", "nothing", "a value for every parameter")
+    for i, term in enumerate(calibration.terms, 1):
+        if term.parameter not in known:
+            raise BadInput(
+                path, f"terms[{i}].parameter", repr(term.parameter), "a parameter of the arm"
+            )
+        for factor in term.basis:
+            joint = getattr(factor, "joint", getattr(factor, "link", 1))
+            if joint > arm.n_joints:
+                raise BadInput(
+                    path, f"terms[{i}].basis", f"joint {joint}", f"a joint of 1…{arm.n_joints}"
+                )
+            for sensor in getattr(factor, "weights", {}):
+                if sensor not in arm.sensors:
+                    raise BadInput(
+                        path,
+                        f"terms[{i}].basis",
+                        f"sensor {sensor!r}",
+                        f"one of the arm's sensors {arm.sensors}",
+                    )

@@ -1,0 +1,152 @@
+"""The one idea: parameter = constant + Σ coefficient × basis function of the arm's state.
+
+A `Term` is one such product and is what a calibration file stores. Its basis is a product of
+factors, each a function of one thing the daemon knows at an instant. Factors of temperature and
+time alone are *slow*: the kernel folds them when a temperature arrives. The others are *pose*
+factors, paid for per sample.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from armd.schema import Strict
+
+JointNumber = Annotated[int, Field(ge=1, le=9)]
+Weights = Annotated[dict[str, float], Field(min_length=1)]
+
+
+class Temperature(Strict):
+    """(Σ weight·T_sensor − reference)^order, of the temperatures delayed by a first-order lag.
+
+    `reference_c` None: the calibration's reference temperature. With `zone_c` the
+    factor is the paper's temperature zone: ΔT clipped to the zone (relative to its lower end), so
+    that a sum over adjacent zones is a continuous piecewise polynomial.
+    """
+
+    kind: Literal["temperature"] = "temperature"
+    weights: Weights
+    order: Annotated[int, Field(ge=1, le=4)] = 1
+    lag_s: Annotated[float, Field(ge=0)] = 0.0
+    reference_c: float | None = None
+    zone_c: tuple[float, float] | None = None
+
+
+class TemperatureRate(Strict):
+    """d/dt of Σ weight·T_sensor in K/s, smoothed by a first-order lag of `smoothing_s`."""
+
+    kind: Literal["temperature_rate"] = "temperature_rate"
+    weights: Weights
+    smoothing_s: Annotated[float, Field(gt=0)] = 60.0
+
+
+class Time(Strict):
+    """((t − since) / 3600 s)^power: hours since an instant (Unix seconds)."""
+
+    kind: Literal["time"] = "time"
+    since_unix_s: float
+    power: Annotated[int, Field(ge=1, le=3)] = 1
+
+
+class After(Strict):
+    """1 from an instant (Unix seconds) on, 0 before."""
+
+    kind: Literal["after"] = "after"
+    instant_unix_s: float
+
+
+class Harmonic(Strict):
+    """sin(order·q) or cos(order·q) of a joint's angle (as read: before its θ offset)."""
+
+    kind: Literal["sin", "cos"]
+    joint: JointNumber
+    order: Annotated[int, Field(ge=1, le=64)] = 1
+
+
+class Angle(Strict):
+    """q^power of a joint's angle in rad, as read."""
+
+    kind: Literal["angle"] = "angle"
+    joint: JointNumber
+    power: Annotated[int, Field(ge=1, le=4)] = 1
+
+
+class Curve(Strict):
+    """A stable curve over the turn: periodic cubic spline through equidistant values."""
+
+    kind: Literal["curve"] = "curve"
+    joint: JointNumber
+    values: Annotated[list[float], Field(min_length=4, max_length=512)]
+
+
+class GravityTorque(Strict):
+    """Gravity torque about a joint's axis in Nm, from the masses of arm.toml and the pose."""
+
+    kind: Literal["gravity_torque"] = "gravity_torque"
+    joint: JointNumber
+
+
+class GravityDirection(Strict):
+    """Component of the unit gravity vector along an axis of a joint's outgoing link frame."""
+
+    kind: Literal["gravity_direction"] = "gravity_direction"
+    link: JointNumber
+    axis: Literal["x", "y", "z"]
+
+
+class Side(Strict):
+    """Side of approach: the sign of the joint's last motion (−1, 0 unknown, +1)."""
+
+    kind: Literal["side"] = "side"
+    joint: JointNumber
+
+
+class Rate(Strict):
+    """Joint rate in rad/s."""
+
+    kind: Literal["rate"] = "rate"
+    joint: JointNumber
+
+
+class Approach(Strict):
+    """Component of the unit approach vector: base frame ("base") or last frame ("tip")."""
+
+    kind: Literal["approach"] = "approach"
+    axis: Literal["x", "y", "z"]
+    frame: Literal["base", "tip"] = "base"
+
+
+Factor = Annotated[
+    Temperature
+    | TemperatureRate
+    | Time
+    | After
+    | Harmonic
+    | Angle
+    | Curve
+    | GravityTorque
+    | GravityDirection
+    | Side
+    | Rate
+    | Approach,
+    Field(discriminator="kind"),
+]
+
+SLOW_FACTORS = (Temperature, TemperatureRate, Time, After)
+
+
+class Term(Strict):
+    """parameter += coefficient × Π basis; coefficient in the parameter's unit per basis unit."""
+
+    parameter: str
+    basis: list[Factor] = Field(default_factory=list)
+    coefficient: float = 0.0
+    standard_uncertainty: Annotated[float, Field(ge=0)] | None = None
+    effect: str | None = None  # the effect it belongs to, e.g. "encoder_eccentricity joint 3"
+
+    @property
+    def slow(self) -> bool:
+        """True if no factor depends on the pose: folded at the rate of the temperatures."""
+        return all(isinstance(factor, SLOW_FACTORS) for factor in self.basis)
