@@ -4,7 +4,7 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-ROOMS  := armd drivers compensation daemon simulator
+ROOMS  := umbrella drivers compensation daemon simulator
 # The editable installation links file by file (strict mode, so that the type checker follows);
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
