@@ -1,0 +1,182 @@
+"""Tables of readings, CSV or Parquet: columns as arrays, faults named by row and column.
+
+The fast path leaves parsing to Arrow; only a file that Arrow refuses is read a second time, as
+text, to find the cell at fault.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv
+import pyarrow.parquet
+
+from armd.errors import BadInput
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+MISSING = ("", "nan", "NaN", "NAN")
+
+
+@dataclass(frozen=True)
+class Readings:
+    """The columns asked for that a table has, and the names of all it has."""
+
+    path: Path
+    header: list[str]
+    table: pa.Table
+
+    @property
+    def n(self) -> int:
+        return int(self.table.num_rows)
+
+    def has(self, name: str) -> bool:
+        return name in self.header
+
+    def number(self, name: str) -> F64:
+        """A column of numbers (n,), NaN where missing; BadInput if there is no such column."""
+        self._must_have(name)
+        values = self.table[name].combine_chunks().to_numpy(zero_copy_only=False)
+        numbers: F64 = np.asarray(values, dtype=np.float64)
+        if infinite := _first(np.isinf(numbers)):
+            raise self.fault(infinite - 1, name, "an infinite value", "a finite number")
+        return numbers
+
+    def required(self, name: str) -> F64:
+        """A column of numbers (n,) in which nothing may be missing."""
+        numbers = self.number(name)
+        if missing := _first(np.isnan(numbers)):
+            raise self.fault(missing - 1, name, "nothing", "a number")
+        return numbers
+
+    def optional(self, name: str) -> F64:
+        """A column of numbers (n,), all NaN if there is no such column."""
+        return self.number(name) if self.has(name) else np.full(self.n, np.nan)
+
+    def names(self, name: str) -> tuple[I64, list[str]]:
+        """A column of names as indices (n,) into the list of distinct names, in their order."""
+        self._must_have(name)
+        column = self.table[name].combine_chunks()
+        missing = pc.fill_null(pc.is_in(column, pa.array(MISSING)), True)
+        if row := _first(missing.to_numpy(zero_copy_only=False)):
+            raise self.fault(row - 1, name, "nothing", f"the name of a {name}")
+        encoded = column.dictionary_encode()
+        indices: I64 = np.asarray(encoded.indices.to_numpy(), dtype=np.int64)
+        return indices, [str(text) for text in encoded.dictionary.to_pylist()]
+
+    def fault(self, row: int, column: str, found: str, expected: str) -> BadInput:
+        """What is wrong with one cell; *row* counts from 0, people count from 1."""
+        line = f" (line {row + 2})" if self.path.suffix == ".csv" else ""
+        return BadInput(self.path, f"row {row + 1}{line}, column {column}", found, expected)
+
+    def refuse(self, bad: npt.NDArray[np.bool_], column: str, values: F64, expected: str) -> None:
+        """Raise the fault of the first row that is *bad* (n,), if any."""
+        if row := _first(bad):
+            raise self.fault(row - 1, column, f"{values[row - 1]:g}", expected)
+
+    def _must_have(self, name: str) -> None:
+        if not self.has(name):
+            raise BadInput(self.path, f"column {name}", "no such column", "this column")
+
+
+def load_readings(path: Path, numbers: list[str], texts: list[str]) -> Readings:
+    """Read those of the named columns that *path* has; raises `BadInput` naming row and column."""
+    header = _csv_header(path) if path.suffix == ".csv" else _parquet_header(path)
+    for name in header:
+        if header.count(name) > 1:
+            raise BadInput(path, f"column {name}", f"{header.count(name)} of it", "one")
+    wanted = {name: pa.float64() for name in numbers if name in header}
+    wanted |= {name: pa.string() for name in texts if name in header}
+    read = _read_csv if path.suffix == ".csv" else _read_parquet
+    readings = Readings(path, header, read(path, header, wanted))
+    if readings.n == 0:
+        raise BadInput(path, "the file", "no readings", "at least one row")
+    return readings
+
+
+def _csv_header(path: Path) -> list[str]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            header = [name.strip() for name in next(csv.reader(file), [])]
+    except OSError as error:
+        raise BadInput(path, "the file", error.strerror or "an error", "a readable file") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise BadInput(path, "the header", str(error), "a CSV header in UTF-8") from error
+    if not header:
+        raise BadInput(path, "the file", "nothing", "a header and one row per reading")
+    return header
+
+
+def _read_csv(path: Path, header: list[str], wanted: dict[str, pa.DataType]) -> pa.Table:
+    try:
+        return _parse_csv(path, header, wanted)
+    except pa.ArrowInvalid as error:
+        raise _explain(path, header, wanted, error) from error
+
+
+def _parse_csv(path: Path, header: list[str], types: dict[str, pa.DataType]) -> pa.Table:
+    return pa.csv.read_csv(
+        path,
+        read_options=pa.csv.ReadOptions(column_names=header, skip_rows=1),
+        convert_options=pa.csv.ConvertOptions(
+            column_types=types,
+            include_columns=list(types),
+            null_values=list(MISSING),
+            strings_can_be_null=False,
+        ),
+    )
+
+
+def _explain(
+    path: Path, header: list[str], wanted: dict[str, pa.DataType], error: pa.ArrowInvalid
+) -> BadInput:
+    """Find the cell (or ragged row) at fault by reading the file as text."""
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
+        rows = csv.reader(file)
+        next(rows)
+        for i, row in enumerate((row for row in rows if row), 1):
+            where = f"row {i} (line {rows.line_num})"
+            if len(row) != len(header):
+                return BadInput(path, where, f"{len(row)} columns", f"{len(header)}")
+            for name, cell in zip(header, row, strict=True):
+                if wanted.get(name) == pa.float64() and not _is_number(cell):
+                    return BadInput(path, f"{where}, column {name}", repr(cell), "a number")
+    return BadInput(path, "the file", str(error), "a CSV table")
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return cell in MISSING
+    return True
+
+
+def _parquet_header(path: Path) -> list[str]:
+    try:
+        return [str(name) for name in pa.parquet.read_schema(path).names]
+    except (OSError, pa.ArrowInvalid) as error:
+        raise BadInput(path, "the file", str(error), "a Parquet table") from error
+
+
+def _read_parquet(path: Path, header: list[str], wanted: dict[str, pa.DataType]) -> pa.Table:
+    table = pa.parquet.read_table(path, columns=[name for name in header if name in wanted])
+    for i, name in enumerate(table.column_names):
+        kind = table[name].type
+        try:
+            table = table.set_column(i, name, table[name].cast(wanted[name]))
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+            raise BadInput(path, f"column {name}", str(kind), str(wanted[name])) from error
+    return table
+
+
+def _first(bad: npt.NDArray[np.bool_]) -> int:
+    """One more than the first true row, or 0: so that "none" is false."""
+    return int(np.argmax(bad)) + 1 if bad.any() else 0

@@ -1,0 +1,74 @@
+"""`session.toml`: which arm was measured, when, and on which artefact."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import AwareDatetime, Field, model_validator
+
+from armd.compensation.arm import Vector3
+from armd.schema import Strict
+
+AngleUnit = Literal["rad", "deg", "count"]
+Name = Annotated[str, Field(min_length=1)]
+
+
+class Target(Strict):
+    """A point of the artefact; without a position it is an unknown fixed point (a seat)."""
+
+    name: Name
+    position_mm: Vector3 | None = None
+    standard_uncertainty_mm: Annotated[float, Field(ge=0)] = 0.0
+
+
+class Distance(Strict):
+    """A certified length between two targets, at the artefact's reference temperature."""
+
+    between: tuple[Name, Name]
+    length_mm: Annotated[float, Field(gt=0)]
+    standard_uncertainty_mm: Annotated[float, Field(ge=0)] = 0.0
+
+
+class Artefact(Strict):
+    """What the tip was put to. Positions hold at the artefact's reference temperature."""
+
+    name: Name
+    expansion_per_k: Annotated[float, Field(ge=-1e-3, le=1e-3)] = 0.0
+    reference_temperature_c: float = 20.0
+    targets: Annotated[list[Target], Field(alias="target", min_length=1)]
+    distances: Annotated[list[Distance], Field(alias="distance")] = []
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Artefact:
+        names = self.target_names
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"target names that differ from each other, not two {name!r}")
+        for i, distance in enumerate(self.distances, 1):
+            for name in distance.between:
+                if name not in names:
+                    raise ValueError(f"distance[{i}] between targets of this file, not {name!r}")
+            if distance.between[0] == distance.between[1]:
+                raise ValueError(f"distance[{i}] between two different targets")
+        return self
+
+    @property
+    def target_names(self) -> list[str]:
+        return [target.name for target in self.targets]
+
+    def positions_mm(self) -> npt.NDArray[np.float64]:
+        """Certified positions (K, 3) mm; NaN where a target is an unknown seat."""
+        unknown = (np.nan, np.nan, np.nan)
+        return np.array([target.position_mm or unknown for target in self.targets], dtype=float)
+
+
+class SessionFile(Strict):
+    """The content of `session.toml`."""
+
+    schema_: Literal["armd.session/1"] = Field(alias="schema")
+    arm: Name
+    started: AwareDatetime
+    angle_unit: AngleUnit = "rad"
+    artefact: Artefact
