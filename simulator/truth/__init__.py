@@ -1,0 +1,1 @@
+"""What the simulated arm really is: geometry, heat, statics and imperfections, by physics."""

@@ -1,0 +1,78 @@
+"""The arm's temperature field: heat flowing between links, into the air, from the electronics.
+
+Each link is one thermal mass; its ends conduct to its neighbours and its skin gives heat to the
+air. A sensor sits in each link and follows it with a lag of its own. The equations are linear, so
+a step of any length is solved exactly.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+#: Heat capacity of each link, J/K: mass × 900 J/(kg K), as for aluminium and carbon.
+CAPACITY = 900.0 * np.array([2.4, 1.7, 0.9, 1.1, 0.5, 0.4])
+#: Heat given to still air by each link's skin, W/K: about 8 W/(m² K) on its surface.
+TO_AIR = np.array([0.85, 0.70, 0.40, 0.50, 0.25, 0.22])
+#: Conduction from each link to the next through bearing and housing, W/K.
+TO_NEXT = np.array([0.10, 0.12, 0.10, 0.06, 0.05])
+#: Time constant with which a sensor follows the link it is embedded in, s.
+SENSOR_LAG_S = np.array([25.0, 20.0, 20.0, 20.0, 15.0, 15.0])
+#: Power of each joint's encoder and electronics, W.
+SELF_HEATING_W = np.array([1.2, 0.9, 0.8, 0.6, 0.5, 0.6])
+
+
+class HeatField:
+    """Temperatures of the six links and their six sensors, moved on by `step`."""
+
+    def __init__(self, start_c: float | F64 = 20.0) -> None:
+        n = len(CAPACITY)
+        self._state = np.empty(2 * n)
+        self._state[:n] = start_c
+        self._state[n:] = start_c
+        flow = np.diag(-TO_AIR)
+        for k, conduction in enumerate(TO_NEXT):
+            flow[k, k] -= conduction
+            flow[k + 1, k + 1] -= conduction
+            flow[k, k + 1] += conduction
+            flow[k + 1, k] += conduction
+        matrix = np.zeros((2 * n, 2 * n))
+        matrix[:n, :n] = flow / CAPACITY[:, None]
+        matrix[n:, :n] = np.diag(1 / SENSOR_LAG_S)
+        matrix[n:, n:] = np.diag(-1 / SENSOR_LAG_S)
+        self._flow = flow
+        # dT/dt = M·(T − steady): decays by the modes of M, which are real (conduction is
+        # symmetric) and distinct from the sensors' lags.
+        self._decay, self._modes = np.linalg.eig(matrix)
+        self._inverse = np.linalg.inv(self._modes)
+
+    def step(self, dt_s: float, ambient_c: float, self_heating_w: float | F64) -> None:
+        """Move on by *dt_s* with constant air temperature and power (N,) or one for all, W."""
+        steady = self.steady_c(ambient_c, self_heating_w)
+        steady = np.concatenate([steady, steady])
+        away = self._inverse @ (self._state - steady)
+        moved = self._modes @ (np.exp(self._decay * dt_s) * away)
+        self._state = steady + np.real(moved)
+
+    def steady_c(self, ambient_c: float, self_heating_w: float | F64) -> F64:
+        """Link temperatures (N,) that would last under these conditions, °C."""
+        power = np.broadcast_to(np.asarray(self_heating_w, float), CAPACITY.shape)
+        steady: F64 = np.linalg.solve(self._flow, -power - TO_AIR * ambient_c)
+        return steady
+
+    def settle(self, ambient_c: float, self_heating_w: float | F64) -> None:
+        """Bring links and sensors to where they would end up."""
+        n = len(CAPACITY)
+        self._state[:n] = self._state[n:] = self.steady_c(ambient_c, self_heating_w)
+
+    @property
+    def link_c(self) -> F64:
+        """True mean temperatures of the links (N,), °C."""
+        return self._state[: len(CAPACITY)].copy()
+
+    @property
+    def sensor_c(self) -> F64:
+        """What the sensors feel (S,), °C, before their noise and quantisation."""
+        return self._state[len(CAPACITY) :].copy()

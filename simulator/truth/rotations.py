@@ -1,0 +1,62 @@
+"""Rotations of many rows at once, exact at any size."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+
+class Motion(NamedTuple):
+    """A small rigid motion of each row: turn by a rotation vector, then shift, in one frame."""
+
+    turn_rad: F64  # (n, 3)
+    shift_mm: F64  # (n, 3)
+
+
+def about(vector: F64) -> F64:
+    """Rotation matrices (…, 3, 3) for rotation vectors (…, 3) in rad (Rodrigues)."""
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    x, y, z = np.moveaxis(vector, -1, 0)
+    o = np.zeros_like(x)
+    cross = np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*x.shape, 3, 3)
+    # sin(t)/t and (1 − cos t)/t², which np.sinc keeps exact down to t = 0.
+    first = np.sinc(angle / np.pi)
+    second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    rotation: F64 = np.eye(3) + first * cross + second * (cross @ cross)
+    return rotation
+
+
+def turn_z(rotation: F64, angle: F64) -> F64:
+    """rotation (n, 3, 3) · Rz(angle (n,)): two columns change, which is cheaper than a product."""
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    turned = np.empty_like(rotation)
+    turned[:, :, 0] = c * rotation[:, :, 0] + s * rotation[:, :, 1]
+    turned[:, :, 1] = c * rotation[:, :, 1] - s * rotation[:, :, 0]
+    turned[:, :, 2] = rotation[:, :, 2]
+    return turned
+
+
+def tilt_x_y(alpha: float, beta: float) -> F64:
+    """Rx(alpha)·Ry(beta), (3, 3)."""
+    x_axis, y_axis = np.array([alpha, 0.0, 0.0]), np.array([0.0, beta, 0.0])
+    product: F64 = about(x_axis) @ about(y_axis)
+    return product
+
+
+def random_unit(rng: np.random.Generator, n: int) -> F64:
+    """Directions (n, 3) uniform on the sphere."""
+    vectors = rng.normal(size=(n, 3))
+    unit: F64 = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    return unit
+
+
+def random_rotation(rng: np.random.Generator) -> F64:
+    """A rotation (3, 3) uniform over all."""
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    rotation: F64 = q if np.linalg.det(q) > 0 else -q
+    return rotation
