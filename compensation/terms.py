@@ -96,6 +96,17 @@ class GravityDirection(Strict):
     axis: Literal["x", "y", "z"]
 
 
+class GravityMoment(Strict):
+    """Gravity moment in Nm of everything beyond a link, about an axis of its outgoing frame.
+
+    About the origin of that frame (the link's end); zero for the last link, which carries nothing.
+    """
+
+    kind: Literal["gravity_moment"] = "gravity_moment"
+    link: JointNumber
+    axis: Literal["x", "y", "z"]
+
+
 class Side(Strict):
     """Side of approach: the sign of the joint's last motion (−1, 0 unknown, +1)."""
 
@@ -128,6 +139,7 @@ Factor = Annotated[
     | Curve
     | GravityTorque
     | GravityDirection
+    | GravityMoment
     | Side
     | Rate
     | Approach,
