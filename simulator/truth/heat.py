@@ -25,36 +25,42 @@ SELF_HEATING_W = np.array([1.2, 0.9, 0.8, 0.6, 0.5, 0.6])
 
 
 class HeatField:
-    """Temperatures of the six links and their six sensors, moved on by `step`."""
+    """Temperatures of the six links and their six sensors, moved on by `step`.
 
-    def __init__(self, start_c: float | F64 = 20.0) -> None:
+    *core_lag_s* (N,): the time constant with which the body of a link, whose temperature sets its
+    length, follows its shell, where the sensor sits. 0: the link is one body.
+    """
+
+    def __init__(self, start_c: float | F64 = 20.0, core_lag_s: F64 | None = None) -> None:
         n = len(CAPACITY)
-        self._state = np.empty(2 * n)
-        self._state[:n] = start_c
-        self._state[n:] = start_c
+        lag = np.zeros(n) if core_lag_s is None else np.asarray(core_lag_s, float)
         flow = np.diag(-TO_AIR)
         for k, conduction in enumerate(TO_NEXT):
             flow[k, k] -= conduction
             flow[k + 1, k + 1] -= conduction
             flow[k, k + 1] += conduction
             flow[k + 1, k] += conduction
-        matrix = np.zeros((2 * n, 2 * n))
+        # Shells, then sensors, then cores; a link of one body has an idle core that nobody reads.
+        follow = np.concatenate([SENSOR_LAG_S, np.where(lag > 0, lag, 1.0)])
+        matrix = np.zeros((3 * n, 3 * n))
         matrix[:n, :n] = flow / CAPACITY[:, None]
-        matrix[n:, :n] = np.diag(1 / SENSOR_LAG_S)
-        matrix[n:, n:] = np.diag(-1 / SENSOR_LAG_S)
+        matrix[n:, :n] = np.tile(np.eye(n), (2, 1)) / follow[:, None]
+        matrix[n:, n:] = np.diag(-1 / follow)
         self._flow = flow
-        # dT/dt = M·(T − steady): decays by the modes of M, which are real (conduction is
-        # symmetric) and distinct from the sensors' lags.
-        self._decay, self._modes = np.linalg.eig(matrix)
-        self._inverse = np.linalg.inv(self._modes)
+        self._layered = lag > 0
+        # dT/dt = M·(T − steady): decays by the modes of M, which are real, as conduction is
+        # symmetric and the followers act back on nothing.
+        decay, modes = np.linalg.eig(matrix)
+        self._decay: F64 = np.real(decay).astype(np.float64)
+        self._modes: F64 = np.real(modes).astype(np.float64)
+        self._state: F64 = np.empty(3 * n)
+        self._state.reshape(3, n)[:] = start_c
 
     def step(self, dt_s: float, ambient_c: float, self_heating_w: float | F64) -> None:
         """Move on by *dt_s* with constant air temperature and power (N,) or one for all, W."""
-        steady = self.steady_c(ambient_c, self_heating_w)
-        steady = np.concatenate([steady, steady])
-        away = self._inverse @ (self._state - steady)
-        moved = self._modes @ (np.exp(self._decay * dt_s) * away)
-        self._state = steady + np.real(moved)
+        steady = np.tile(self.steady_c(ambient_c, self_heating_w), 3)
+        away = np.linalg.solve(self._modes, self._state - steady)
+        self._state = steady + self._modes @ (np.exp(self._decay * dt_s) * away)
 
     def steady_c(self, ambient_c: float, self_heating_w: float | F64) -> F64:
         """Link temperatures (N,) that would last under these conditions, °C."""
@@ -64,15 +70,16 @@ class HeatField:
 
     def settle(self, ambient_c: float, self_heating_w: float | F64) -> None:
         """Bring links and sensors to where they would end up."""
-        n = len(CAPACITY)
-        self._state[:n] = self._state[n:] = self.steady_c(ambient_c, self_heating_w)
+        self._state = np.tile(self.steady_c(ambient_c, self_heating_w), 3)
 
     @property
     def link_c(self) -> F64:
         """True mean temperatures of the links (N,), °C."""
-        return self._state[: len(CAPACITY)].copy()
+        shell, _, core = self._state.reshape(3, -1)
+        body: F64 = np.where(self._layered, core, shell)
+        return body
 
     @property
     def sensor_c(self) -> F64:
         """What the sensors feel (S,), °C, before their noise and quantisation."""
-        return self._state[len(CAPACITY) :].copy()
+        return self._state.reshape(3, -1)[1].copy()

@@ -39,7 +39,8 @@ class Posture:
         """Gravity torque (n,) Nm about the axis of *joint*, of everything after it."""
         _, moment = self._weight(joint, self.origin[joint - 1])
         axis = self.rotation[joint - 1][:, :, 2]
-        return np.einsum("ni,ni->n", moment, axis)
+        torque: F64 = np.einsum("ni,ni->n", moment, axis)
+        return torque
 
     def _weight(self, first: int, about: F64) -> tuple[F64, F64]:
         """Force and moment about the points *about* of links first…N and the payload."""

@@ -1,0 +1,252 @@
+"""A measurement that did not happen: the arm on an artefact, reading after reading.
+
+What an operator would write down goes to a session folder; what only nature knows stays in
+`Measured` and leaves it for a file of its own, never for the folder.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.files import write_whole
+from armd.simulator.artefact import Artefact
+from armd.simulator.noise import Noise
+from armd.simulator.placement import Placement, place
+from armd.simulator.poses import Reach, settle_on, tip_jacobian
+from armd.simulator.truth import nominal
+from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.heat import SELF_HEATING_W, HeatField
+from armd.simulator.truth.posture import Posture
+from armd.simulator.truth.rotations import random_unit
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+#: When the arm was mounted: the origin of the simulated world's time.
+MOUNTED = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
+
+
+@dataclass(frozen=True)
+class Climate:
+    """The air around the arm and the power in it."""
+
+    ambient_c: float = 20.0
+    ramp_k_per_h: float = 0.0
+    lead_h: float = 0.0  # how long the ramp, or the power, has been on before the first reading
+    power_w: F64 = field(default_factory=lambda: SELF_HEATING_W.copy())  # (N,)
+    switched_on: bool = True  # False: the arm was cold until lead_h before the first reading
+
+    def air_c(self, time_s: F64) -> F64:
+        """Air temperature at times since the first reading."""
+        hours = np.maximum(time_s / 3600 + self.lead_h, 0.0)
+        return self.ambient_c + self.ramp_k_per_h * hours
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One session as the operator sets out to measure it."""
+
+    name: str
+    start_h: float  # since the arm was mounted
+    climate: Climate
+    placements: int = 1
+    articulations: int = 5
+    interval_s: float = 20.0
+    rate_rad_s: float = 0.003  # a hand is never quite still; more: readings in passing
+    payload_kg: float = 0.0
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The arm, the artefact and the instruments, as they really are."""
+
+    arm: TrueArm
+    artefact: Artefact
+    noise: Noise
+    limits_rad: tuple[F64, F64] = field(default_factory=nominal.limits_rad)
+    core_lag_s: F64 | None = None  # (N,)
+    read_sensors: Callable[[F64], F64] = lambda celsius: celsius  # (n, S) felt → (n, S) told
+    spoil: Callable[[np.random.Generator, int], F64] | None = None  # tip displacement (n, 3) mm
+
+    def reach(self, rng: np.random.Generator) -> Reach:
+        return Reach(self.arm, rng, self.limits_rad)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A session's readings, and the truth behind them (n rows each)."""
+
+    plan: Plan
+    artefact: Artefact
+    started: datetime
+    placements: list[Placement]
+    placement: I64  # index into placements
+    target: I64  # index into artefact.targets
+    encoder: F64  # (n, N) recorded, rad
+    sensor_c: F64  # (n, S) recorded
+    artefact_c: F64  # recorded
+    conditions: Conditions  # true
+    phi: F64  # (n, N) true axis angles
+    tip_mm: F64  # (n, 3) true tip, base frame
+    noise_mm: F64  # (n, 3) what encoder noise, seating and wandering moved, base frame
+    spoilt: npt.NDArray[np.bool_]  # readings that belong to no effect
+
+    @property
+    def n(self) -> int:
+        return len(self.target)
+
+    @property
+    def session_time_s(self) -> F64:
+        return self.conditions.time_s - 3600 * self.plan.start_h
+
+
+def measure(rig: Rig, plan: Plan, reach: Reach, rng: np.random.Generator) -> Measured:
+    """Carry out *plan*: every target in every placement, several articulations each."""
+    placed = [
+        place(f"P{i + 1}", rig.artefact, reach, plan.articulations, rng)
+        for i in range(plan.placements)
+    ]
+    targets, joints = len(rig.artefact.targets), rig.arm.n_joints
+    each = targets * plan.articulations
+    placement = np.repeat(np.arange(plan.placements), each)
+    target = np.tile(np.repeat(np.arange(targets), plan.articulations), plan.placements)
+    phi = np.concatenate([start.reshape(-1, joints) for _, start in placed])
+    # An operator goes round the artefact several times rather than staying at one ball.
+    shuffled = np.concatenate([each * p + rng.permutation(each) for p in range(plan.placements)])
+    return take_readings(
+        rig,
+        plan,
+        [where for where, _ in placed],
+        placement[shuffled],
+        target[shuffled],
+        phi[shuffled],
+        rng,
+    )
+
+
+def take_readings(
+    rig: Rig,
+    plan: Plan,
+    placements: list[Placement],
+    placement: I64,
+    target: I64,
+    phi: F64,
+    rng: np.random.Generator,
+) -> Measured:
+    """One reading per row, in time order, with the tip at its target and the arm at *phi* (n, N)."""
+    arm, n = rig.arm, len(target)
+    time_s = plan.interval_s * (np.arange(n) + rng.uniform(0.0, 0.3, n))
+    air_c = plan.climate.air_c(time_s)
+    link_c, felt_c = _temperatures(plan.climate, time_s, rig.core_lag_s)
+    approach, rate = _motion(arm.posture(phi, Conditions.at_rest(n, arm.n_joints)), plan, rng)
+    conditions = Conditions(link_c, rate, 3600 * plan.start_h + time_s, approach, air_c)
+    # The artefact is heavy and takes the air's temperature slowly: here it has the first one.
+    artefact_c = np.full(n, air_c[0]) + plan.climate.ramp_k_per_h * time_s / 3600
+    local = rig.artefact.positions(target, artefact_c)
+    goal = np.empty((n, 3))
+    for i, where in enumerate(placements):
+        rows = placement == i
+        goal[rows] = where.to_base(local[rows])
+    moved = rig.noise.seating(rng, n) + rig.noise.wander(rng, time_s)
+    thrown = np.zeros((n, 3)) if rig.spoil is None else rig.spoil(rng, n)
+    moved = moved + thrown
+    phi = settle_on(arm, phi, goal + moved, conditions)
+    encoder_noise = rig.noise.encoders(rng, phi.shape)
+    jacobian = tip_jacobian(arm.posture(phi, conditions))
+    return Measured(
+        plan=plan,
+        artefact=rig.artefact,
+        started=MOUNTED + timedelta(hours=plan.start_h),
+        placements=placements,
+        placement=placement,
+        target=target,
+        encoder=arm.encoder_angles(phi, conditions) + encoder_noise,
+        sensor_c=rig.noise.sensors(rng, rig.read_sensors(felt_c)),
+        artefact_c=rig.noise.sensors(rng, artefact_c),
+        conditions=conditions,
+        phi=phi,
+        tip_mm=goal + moved,
+        noise_mm=moved + np.einsum("nij,nj->ni", jacobian, encoder_noise),
+        spoilt=np.any(thrown != 0, axis=1),
+    )
+
+
+def write_session(folder: Path, measured: Measured, serial: str = nominal.SERIAL_NUMBER) -> None:
+    """Write what the operator knows: session.toml and readings.csv."""
+    folder.mkdir(parents=True, exist_ok=True)
+    head = [
+        'schema = "armd.session/1"',
+        f'arm = "{serial}"',
+        f"started = {measured.started.strftime('%Y-%m-%dT%H:%M:%SZ')}",
+        'angle_unit = "rad"',
+        "",
+    ]
+    write_whole(folder / "session.toml", "\n".join(head) + "\n" + measured.artefact.toml())
+    write_whole(folder / "readings.csv", _readings_csv(measured))
+
+
+def _readings_csv(measured: Measured) -> str:
+    joints = range(1, measured.phi.shape[1] + 1)
+    header = ["time_s", "placement", "target"]
+    header += [f"q{k}" for k in joints] + [f"w{k}" for k in joints]
+    header += [*nominal.sensor_names(), "artefact_c", "approach_x", "approach_y", "approach_z"]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(header)
+    time_s = measured.session_time_s
+    for i in range(measured.n):
+        writer.writerow(
+            [
+                f"{time_s[i]:.3f}",
+                measured.placements[measured.placement[i]].name,
+                measured.artefact.targets[measured.target[i]],
+                *(f"{q:.10f}" for q in measured.encoder[i]),
+                *(f"{w:.6f}" for w in measured.conditions.rate[i]),
+                *(f"{c:.2f}" for c in measured.sensor_c[i]),
+                f"{measured.artefact_c[i]:.2f}",
+                *(f"{u:.6f}" for u in measured.conditions.approach[i]),
+            ]
+        )
+    return out.getvalue()
+
+
+def _temperatures(climate: Climate, time_s: F64, core_lag_s: F64 | None) -> tuple[F64, F64]:
+    """True link and felt sensor temperatures (n, N) at each reading."""
+    field_ = HeatField(climate.ambient_c, core_lag_s)
+    field_.settle(climate.ambient_c, climate.power_w if climate.switched_on else 0.0)
+    link_c, felt_c = [], []
+    now = -3600 * climate.lead_h
+    for moment in time_s:
+        # Steps of at most a minute follow the ramp; a constant air is solved exactly in one.
+        while now < moment:
+            step = moment - now if climate.ramp_k_per_h == 0 else min(60.0, moment - now)
+            middle = climate.air_c(np.array([now + step / 2]))[0]
+            field_.step(step, float(middle), climate.power_w)
+            now += step
+        link_c.append(field_.link_c)
+        felt_c.append(field_.sensor_c)
+    return np.array(link_c), np.array(felt_c)
+
+
+def _motion(posture: Posture, plan: Plan, rng: np.random.Generator) -> tuple[F64, F64]:
+    """Approach (n, 3), mostly from above, and joint rates (n, N) that bring the tip along it."""
+    n = posture.tip.shape[0]
+    approach = random_unit(rng, n) + np.array([0.0, 0.0, -0.8])
+    approach /= np.linalg.norm(approach, axis=1, keepdims=True)
+    jacobian = tip_jacobian(posture)
+    inverse = np.linalg.pinv(jacobian)
+    speed = plan.rate_rad_s * rng.uniform(0.3, 1.0, (n, 1)) * 300.0
+    along = np.einsum("nij,nj->ni", inverse, speed * approach)
+    joints = jacobian.shape[2]
+    free = np.eye(joints) - inverse @ jacobian
+    idle = plan.rate_rad_s * rng.normal(size=(n, joints))
+    return approach, along + np.einsum("nij,nj->ni", free, idle)

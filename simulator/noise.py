@@ -1,0 +1,58 @@
+"""What spoils a reading that is no effect: encoders, seating, sensors, a wandering stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+ARC_SECOND = np.pi / 180 / 3600
+#: Degrees of freedom of the heavy-tailed noise (Student's t): excess kurtosis without end.
+HEAVY_TAILS = 4
+#: Over which the stand wanders, s.
+WANDER_S = 1500.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of what is random in a reading (an average at rest)."""
+
+    encoder_arcsec: float = 0.5
+    seating_um: float = 0.5  # of the tip in its seat, each axis, anew at every reading
+    sensor_c: float = 0.01
+    tails: Literal["gaussian", "heavy"] = "gaussian"
+    wander_um: float = 0.0  # of the stand, each axis, slowly
+
+    def encoders(self, rng: np.random.Generator, shape: tuple[int, int]) -> F64:
+        """Angle errors (n, N), rad."""
+        return self.encoder_arcsec * ARC_SECOND * self._draw(rng, shape)
+
+    def seating(self, rng: np.random.Generator, n: int) -> F64:
+        """Displacements of the tip (n, 3), mm."""
+        return 1e-3 * self.seating_um * self._draw(rng, (n, 3))
+
+    def sensors(self, rng: np.random.Generator, celsius: F64) -> F64:
+        """Readings of the sensors (n, S): with noise, in steps of 0.01 °C as on the wire."""
+        return np.round(celsius + rng.normal(0.0, self.sensor_c, celsius.shape), 2)
+
+    def wander(self, rng: np.random.Generator, time_s: F64) -> F64:
+        """Slow displacement of the base (n, 3), mm: a first-order Gauss–Markov process."""
+        steps = rng.normal(size=(len(time_s), 3))
+        path = np.empty_like(steps)
+        path[0] = steps[0]
+        for i in range(1, len(time_s)):
+            kept = np.exp(-(time_s[i] - time_s[i - 1]) / WANDER_S)
+            path[i] = kept * path[i - 1] + np.sqrt(1 - kept**2) * steps[i]
+        return 1e-3 * self.wander_um * path
+
+    def _draw(self, rng: np.random.Generator, shape: tuple[int, int]) -> F64:
+        """Independent draws of unit variance."""
+        if self.tails == "gaussian":
+            return rng.normal(size=shape)
+        unit = np.sqrt(HEAVY_TAILS / (HEAVY_TAILS - 2))
+        heavy: F64 = rng.standard_t(HEAVY_TAILS, shape) / unit
+        return heavy
