@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,9 @@ SampleArray = npt.NDArray[np.void]
 def sample_dtype(n_joints: int) -> np.dtype[np.void]:
     """One latched cycle of all joints.
 
-    `count` is unwrapped (monotone over turns), so a codec's 2^bits wrap never shows here.
+    `count` is unwrapped, so a wrap at 2^bits never shows here. Its first value lies between
+    −half and +half of the encoder's range; the turn in which the arm woke up is not known.
+    An invalid joint's count is present but means nothing.
     """
     return np.dtype(
         [
@@ -22,7 +24,7 @@ def sample_dtype(n_joints: int) -> np.dtype[np.void]:
             ("device_ns", "<i8"),  # latch instant on the device's clock, since its boot
             ("stamp_ns", "<i8"),  # the same instant, Unix time
             ("monotonic_ns", "<i8"),  # the same instant, the controller's CLOCK_MONOTONIC
-            ("count", "<i8", (n_joints,)),
+            ("count", "<i8", (n_joints,)),  # before `direction` and `theta_deg` of arm.toml
             ("joint_invalid", "<u2"),  # bit k-1: joint k invalid (status bit, jump, alarm)
             ("joint_warning", "<u2"),  # bit k-1: joint k warns, its count still holds
             ("buttons", "<u4"),
@@ -45,7 +47,7 @@ class Temperatures:
 class Event:
     """Something a person wants explained: a fault, a recovery, a foreign arm, a reboot."""
 
-    kind: str  # "silence", "reconnected", "reboot", "foreign_arm", "joint_invalid", …
+    kind: str  # "silence", "recovered", "reboot", "foreign_arm", "joint_invalid", …; docs/wire.md
     text: str  # one sentence for a person
     monotonic_ns: int
     severity: str = "warning"  # "info", "warning", "error"
@@ -60,11 +62,15 @@ the bytes were chunked."""
 
 @dataclass(frozen=True, slots=True)
 class RawFrame:
-    """Bytes as they crossed the wire, recorded before anything decodes them."""
+    """Bytes as they crossed the wire, recorded before anything decodes them.
 
-    monotonic_ns: int
+    A decoder is fed nothing else, so the frames of one recording give the same samples again,
+    bit by bit. "link" frames say that the line itself changed: data is b"up" or b"down".
+    """
+
+    monotonic_ns: int  # arrival, or just before sending
     unix_ns: int
-    direction: str  # "rx" or "tx"
+    direction: Literal["rx", "tx", "link"]
     data: bytes  # serial: a read's bytes; CAN: see drivers/can
     channel: str = "serial"
 
@@ -77,8 +83,20 @@ class Driver(Protocol):
     raises for a fault of the hardware.
     """
 
-    connected: bool
-    counters: dict[str, int]  # frames, bad_crc, unknown, lost, repeated, reconnects, …
+    @property
+    def connected(self) -> bool:
+        """Samples of the expected arm are coming in: identified, and silent for under 0.5 s."""
+        ...
+
+    @property
+    def stale(self) -> bool:
+        """No sample for more than 50 ms (or two periods of a slow arm)."""
+        ...
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """What was counted since `open`: samples, lost, repeated, bad_crc, reconnects, …"""
+        ...
 
     def open(self) -> None: ...
 

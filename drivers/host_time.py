@@ -1,0 +1,23 @@
+"""The host's two clocks, read together."""
+
+from __future__ import annotations
+
+import time
+
+TOGETHER_NS = 20_000  # readings further apart were interrupted and say nothing of the offset
+
+
+class HostTime:
+    """CLOCK_MONOTONIC and Unix time of one instant; the difference follows a stepped wall clock."""
+
+    def __init__(self) -> None:
+        self._unix_minus_monotonic_ns = time.time_ns() - time.monotonic_ns()
+
+    def now(self) -> tuple[int, int]:
+        """(monotonic_ns, unix_ns)."""
+        before = time.monotonic_ns()
+        unix = time.time_ns()
+        apart = time.monotonic_ns() - before
+        if apart < TOGETHER_NS:
+            self._unix_minus_monotonic_ns = unix - before - apart // 2
+        return before, before + self._unix_minus_monotonic_ns

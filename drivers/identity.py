@@ -1,0 +1,35 @@
+"""Whose arm is this: what arm.toml expects against what the wire says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Expectation:
+    """What arm.toml says; a driver delivers nothing valid from any other arm."""
+
+    serial_number: str
+    n_joints: int
+    n_sensors: int
+    counts_per_turn: tuple[int | None, ...]  # one per joint; None is not checked
+
+    def mismatches(
+        self, serial_number: str, n_joints: int, counts_per_turn: Sequence[int]
+    ) -> list[str]:
+        """One phrase per difference, `serial number: found X, expected Y`; empty for our arm."""
+        faults = []
+        if serial_number != self.serial_number:
+            faults.append(f"serial number: found {serial_number}, expected {self.serial_number}")
+        if n_joints != self.n_joints:
+            faults.append(f"joints: found {n_joints}, expected {self.n_joints}")
+        else:
+            faults += [
+                f"joint {k} counts per turn: found {found}, expected {expected}"
+                for k, (found, expected) in enumerate(
+                    zip(counts_per_turn, self.counts_per_turn, strict=True), start=1
+                )
+                if expected is not None and found != expected
+            ]
+        return faults

@@ -1,0 +1,298 @@
+"""Raw frames of a serial line → samples, temperatures and events. No port, no clock of its own.
+
+Everything depends only on the frames fed, so a recording replays to the same samples, and a
+test needs no hardware.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+
+import numpy as np
+from cobs import cobs
+
+from armd.drivers import serial_wire as wire
+from armd.drivers.clock import DeviceClock
+from armd.drivers.identity import Expectation
+from armd.drivers.joint_watch import JointWatch
+from armd.drivers.sample import Event, Item, RawFrame, SampleArray, Temperatures, sample_dtype
+from armd.drivers.sequence import Rows, Run, SequenceExtender
+from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
+
+HELD_SAMPLES = 8192  # kept while nobody has said whose arm this is
+PINGS_REMEMBERED = 64
+COUNTED = ("samples", "bad_crc", "bad_cobs", "wrong_length", "unknown", "foreign", "unidentified")
+T_US_LIMIT = 1 << 53  # 285 years: beyond it a time stamp is nonsense and would overflow
+
+
+class SerialDecoder:
+    """Feed it every `RawFrame` of a line in order, sent ones too (they carry the PING times).
+
+    Samples that arrive before HELLO has told whose arm this is are held, and delivered or dropped
+    with the answer: every good sample counts, none of a foreign arm does.
+    """
+
+    def __init__(
+        self, expectation: Expectation, max_joint_rate_deg_s: float = MAX_JOINT_RATE_DEG_S
+    ) -> None:
+        self.clock = DeviceClock()
+        self.hello: wire.Hello | None = None  # of the connected arm, expected or not
+        self.accepted = False  # whether `hello` is the expected arm's
+        self.last_sample_ns: int | None = None  # arrival of the last good SAMPLE, host monotonic
+        self._expected = expectation
+        self._max_rate = max_joint_rate_deg_s
+        self._dtype = sample_dtype(expectation.n_joints)
+        self._splitter = wire.Splitter()
+        self._synchronised = False  # a first 0x00 has been seen on this connection
+        self._sequence = SequenceExtender()
+        self._joints = JointWatch()
+        self._unwrapper: Unwrapper | None = None
+        self._boot_id: int | None = None
+        self._published: int | None = None  # the last seq delivered
+        self._pings: dict[int, int] = {}  # nonce → sent, host monotonic
+        self._held: deque[tuple[Rows | wire.TemperatureReading, int, int]] = deque()
+        self._n_held = 0
+        self._counted: Counter[str] = Counter()
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Good samples and each kind of packet that was not delivered, since the beginning."""
+        return {name: self._counted[name] for name in COUNTED} | {
+            "junk": self._splitter.junk,
+            "lost": self._sequence.lost,
+            "repeated": self._sequence.repeated,
+        }
+
+    @property
+    def wants_identity(self) -> bool:
+        """HELLO is missing: since the connection, or since a reboot that only the clock told."""
+        return self.hello is None
+
+    def feed(self, frame: RawFrame) -> list[Item]:
+        """What *frame* completes, in the order of the wire."""
+        if frame.direction == "link":
+            self._connection_changed()
+            return []
+        if frame.direction == "tx":
+            self._note_pings(frame)
+            return []
+        return self._decode(frame)
+
+    # --- packets -------------------------------------------------------------------------
+
+    def _decode(self, frame: RawFrame) -> list[Item]:
+        items: list[Item] = []
+        run: list[bytes] = []  # consecutive SAMPLEs, decoded at once
+        for packet in self._splitter.push(frame.data):
+            data = self._unpack(packet)
+            if data is None:
+                continue
+            if data[0] == wire.Type.SAMPLE:
+                if wire.is_sample(data) and data[3] == self._expected.n_joints:
+                    run.append(data)
+                else:
+                    self._counted["wrong_length"] += 1
+                continue
+            items += self._samples(run, frame)
+            run = []
+            items += self._other(data, frame)
+        return items + self._samples(run, frame)
+
+    def _unpack(self, packet: bytes) -> bytes | None:
+        synchronised, self._synchronised = self._synchronised, True
+        try:
+            data = wire.unpack(packet)
+            fault = "bad_crc"
+        except cobs.DecodeError:
+            data, fault = None, "bad_cobs"
+        if data is None and synchronised:  # otherwise: the tail of a packet, nobody's fault
+            self._counted[fault] += 1
+        return data
+
+    def _other(self, data: bytes, frame: RawFrame) -> list[Item]:
+        match data[0]:
+            case wire.Type.TEMPERATURE:
+                reading = wire.decode_temperature(data)
+                if reading is not None and reading.t_us < T_US_LIMIT:
+                    return self._deliver_or_hold(reading, frame)
+            case wire.Type.HELLO:
+                hello = wire.decode_hello(data)
+                if hello is not None:
+                    return self._greet(hello, frame)
+            case wire.Type.PONG:
+                pong = wire.decode_pong(data)
+                if pong is not None and pong.t_us < T_US_LIMIT:
+                    sent_ns = self._pings.pop(pong.nonce, None)
+                    if sent_ns is not None:
+                        self.clock.add(sent_ns, frame.monotonic_ns, pong.t_us * 1000)
+                    return []
+            case _:
+                self._counted["unknown"] += 1
+                return []
+        self._counted["wrong_length"] += 1
+        return []
+
+    def _samples(self, run: list[bytes], frame: RawFrame) -> list[Item]:
+        if not run:
+            return []
+        rows = wire.decode_samples(run, self._expected.n_joints)
+        if (rows["t_us"] >= T_US_LIMIT).any():
+            self._counted["wrong_length"] += int((rows["t_us"] >= T_US_LIMIT).sum())
+            rows = rows[rows["t_us"] < T_US_LIMIT]
+        self.last_sample_ns = frame.monotonic_ns
+        return self._deliver_or_hold(rows, frame)
+
+    # --- whose arm -----------------------------------------------------------------------
+
+    def _connection_changed(self) -> None:
+        """Another line may mean another arm: ask again, map its clock again."""
+        self._splitter.reset()
+        self._synchronised = False
+        self._forget_held("unidentified")
+        self._pings.clear()
+        self.clock.reset()
+        self.hello = None
+        self.accepted = False
+
+    def _note_pings(self, frame: RawFrame) -> None:
+        for packet in frame.data.split(b"\0"):
+            data = wire.unpack(packet) if packet else None
+            nonce = wire.decode_ping(data) if data and data[0] == wire.Type.PING else None
+            if nonce is not None:
+                self._pings[nonce] = frame.monotonic_ns
+        while len(self._pings) > PINGS_REMEMBERED:
+            del self._pings[next(iter(self._pings))]
+
+    def _greet(self, hello: wire.Hello, frame: RawFrame) -> list[Item]:
+        if hello == self.hello:
+            return []
+        self.hello = hello
+        faults = (
+            [f"protocol: found {hello.protocol}, expected {wire.PROTOCOL}"]
+            if hello.protocol != wire.PROTOCOL
+            else self._expected.mismatches(
+                hello.serial_number, hello.n_joints, [1 << b for b in hello.bits]
+            )
+        )
+        if not faults and not all(1 <= b <= 32 for b in hello.bits):
+            faults = [f"bits: found {list(hello.bits)}, expected 1 to 32 each"]
+        self.accepted = not faults
+        if faults:
+            self._forget_held("foreign")
+            text = f"a foreign arm is connected: {'; '.join(faults)}"
+            return [Event("foreign_arm", text, frame.monotonic_ns, "error", {"faults": faults})]
+        return [*self._welcome(hello, frame), *self._release()]
+
+    def _welcome(self, hello: wire.Hello, frame: RawFrame) -> list[Item]:
+        """Our arm. Has it booted since we knew it?"""
+        detail = {
+            "serial_number": hello.serial_number,
+            "boot_id": hello.boot_id,
+            "rate_hz": hello.rate_hz,
+            "n_sensors": hello.n_sensors,
+        }
+        items: list[Item] = []
+        if self._boot_id is not None and hello.boot_id != self._boot_id:
+            self._sequence.new_boot()
+            self._new_boot()
+            items.append(Event("reboot", "the arm has rebooted", frame.monotonic_ns, "warning"))
+        self._boot_id = hello.boot_id
+        if self._unwrapper is None:
+            ranges = [1 << b for b in hello.bits]
+            self._unwrapper = Unwrapper(ranges, ranges, self._max_rate)
+        text = f"arm {hello.serial_number} identified, {hello.rate_hz} samples a second"
+        items.append(Event("identified", text, frame.monotonic_ns, "info", detail))
+        if hello.n_sensors != self._expected.n_sensors:
+            text = (
+                f"temperature sensors: found {hello.n_sensors}, expected "
+                f"{self._expected.n_sensors}; missing ones count as invalid"
+            )
+            items.append(Event("sensor_count", text, frame.monotonic_ns, "warning"))
+        return items
+
+    def _new_boot(self) -> None:
+        """The device's clock and its encoders' turns start afresh."""
+        self.clock.reset()
+        self._pings.clear()
+        if self._unwrapper is not None:
+            self._unwrapper.restart()
+
+    # --- holding and delivering ----------------------------------------------------------
+
+    def _deliver_or_hold(self, what: Rows | wire.TemperatureReading, frame: RawFrame) -> list[Item]:
+        if self.accepted:
+            return self._deliver(what, frame.monotonic_ns, frame.unix_ns)
+        if self.hello is not None:
+            self._counted["foreign"] += _weight(what)
+            return []
+        self._held.append((what, frame.monotonic_ns, frame.unix_ns))
+        self._n_held += _weight(what)
+        while self._n_held > HELD_SAMPLES:
+            dropped = _weight(self._held.popleft()[0])
+            self._n_held -= dropped
+            self._counted["unidentified"] += dropped
+        return []
+
+    def _release(self) -> list[Item]:
+        held, self._held, self._n_held = self._held, deque(), 0
+        return [item for what, mono, unix in held for item in self._deliver(what, mono, unix)]
+
+    def _forget_held(self, reason: str) -> None:
+        self._counted[reason] += self._n_held
+        self._held, self._n_held = deque(), 0
+
+    def _deliver(
+        self, what: Rows | wire.TemperatureReading, arrival_ns: int, unix_ns: int
+    ) -> list[Item]:
+        if isinstance(what, wire.TemperatureReading):
+            return [self._temperatures(what, arrival_ns)]
+        items: list[Item] = []
+        for run in self._sequence.push(what, arrival_ns):
+            if run.rebooted:
+                self._new_boot()
+                self._boot_id = None
+                self.hello = None  # ask again, but go on: the line was never broken
+                text = "the arm has rebooted: its clock runs from zero again"
+                items.append(Event("reboot", text, arrival_ns, "warning"))
+            samples = self._assemble(run, unix_ns - arrival_ns)
+            items += self._joints.events(samples)
+            items.append(samples)
+        return items
+
+    def _temperatures(self, reading: wire.TemperatureReading, arrival_ns: int) -> Temperatures:
+        celsius = np.full(self._expected.n_sensors, np.nan)
+        n = min(len(celsius), len(reading.celsius))
+        celsius[:n] = reading.celsius[:n]
+        device_ns = reading.t_us * 1000
+        if self.clock.mapped:
+            arrival_ns = int(self.clock.to_host(np.array([device_ns]))[0])
+        return Temperatures(celsius, device_ns, arrival_ns)
+
+    def _assemble(self, run: Run, unix_minus_monotonic_ns: int) -> SampleArray:
+        rows = run.rows
+        out = np.zeros(len(rows), self._dtype)
+        t_us = rows["t_us"].astype(np.int64)
+        out["seq"] = run.seq
+        out["device_ns"] = device_ns = t_us * 1000
+        out["clock_mapped"] = self.clock.mapped
+        out["monotonic_ns"] = (
+            self.clock.to_host(device_ns)
+            if self.clock.mapped
+            else run.arrival_ns - (device_ns[-1] - device_ns)
+        )
+        out["stamp_ns"] = out["monotonic_ns"] + unix_minus_monotonic_ns
+        out["buttons"] = rows["buttons"]
+        status = rows["joint_status"].astype(np.uint16)
+        assert self._unwrapper is not None
+        out["count"], jumped = self._unwrapper(rows["count"].astype(np.int64), t_us, status)
+        out["joint_invalid"] = status | jumped
+        out["lost_before"][1:] = run.seq[1:] != run.seq[:-1] + np.uint64(1)
+        if self._published is not None:
+            out["lost_before"][0] = int(run.seq[0]) != self._published + 1
+        self._published = int(run.seq[-1])
+        self._counted["samples"] += len(rows)
+        return out
+
+
+def _weight(what: Rows | wire.TemperatureReading) -> int:
+    return 1 if isinstance(what, wire.TemperatureReading) else len(what)

@@ -1,0 +1,267 @@
+"""Serial wire, version 1: message layouts, encoding, decoding, and cutting a stream into packets.
+
+A packet is ``COBS(body ‖ CRC-32(body)) ‖ 0x00``; ``body[0]`` is the type; integers are
+little-endian. The layouts below are numpy dtypes and include the type byte, so that a run of
+equal packets is one `numpy.frombuffer`. Nothing here knows time, ports or joints' meaning.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+from cobs import cobs
+
+PROTOCOL = 1
+PACKET_LIMIT = 4096  # a longer run without 0x00 is junk
+TEMPERATURE_UNIT_C = 0.01
+CHANNELS_MAX = 16  # width of TEMPERATURE's valid mask
+
+#: CRC-32 of any message followed by its own CRC-32: one call checks a packet without slicing.
+CRC_RESIDUE = 0x2144DF1C
+
+
+class Type(IntEnum):
+    SAMPLE = 0x01
+    TEMPERATURE = 0x02
+    HELLO = 0x03
+    PONG = 0x04
+    IDENTIFY = 0x81
+    PING = 0x82
+
+
+@cache
+def sample_layout(n_joints: int) -> np.dtype[np.void]:
+    return np.dtype(
+        [
+            ("type", "u1"),
+            ("joint_status", "u1"),  # bit k-1: joint k invalid
+            ("buttons", "u1"),
+            ("n", "u1"),
+            ("seq", "<u4"),
+            ("t_us", "<u8"),  # latch instant, device clock since boot
+            ("count", "<u4", (n_joints,)),
+        ]
+    )
+
+
+@cache
+def temperature_layout(n_sensors: int) -> np.dtype[np.void]:
+    return np.dtype(
+        [
+            ("type", "u1"),
+            ("n", "u1"),
+            ("valid", "<u2"),  # bit i: channel i valid
+            ("t_us", "<u8"),
+            ("centi_celsius", "<i2", (n_sensors,)),
+        ]
+    )
+
+
+@cache
+def hello_layout(n_joints: int) -> np.dtype[np.void]:
+    return np.dtype(
+        [
+            ("type", "u1"),
+            ("protocol", "u1"),
+            ("n_joints", "u1"),
+            ("n_sensors", "u1"),
+            ("rate_hz", "<u2"),
+            ("boot_id", "<u4"),
+            ("serial_number", "S16"),  # ASCII, zero padded
+            ("bits", "u1", (n_joints,)),  # counts wrap at 2^bits
+        ]
+    )
+
+
+PONG_LAYOUT = np.dtype([("type", "u1"), ("nonce", "<u4"), ("t_us", "<u8")])
+PING_LAYOUT = np.dtype([("type", "u1"), ("nonce", "<u4")])
+
+# Where SAMPLE and TEMPERATURE say how many values follow, and how long they are without any.
+_SAMPLE_N, _SAMPLE_HEAD = 3, sample_layout(0).itemsize
+_TEMPERATURE_N, _TEMPERATURE_HEAD = 1, temperature_layout(0).itemsize
+_HELLO_N, _HELLO_HEAD = 2, hello_layout(0).itemsize
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """What an arm says of itself."""
+
+    protocol: int
+    n_joints: int
+    n_sensors: int
+    rate_hz: int
+    boot_id: int
+    serial_number: str
+    bits: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureReading:
+    celsius: npt.NDArray[np.float64]  # (n,), NaN where the channel is invalid
+    t_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class Pong:
+    nonce: int
+    t_us: int
+
+
+def pack(body: bytes) -> bytes:
+    """A body (type byte first) as it crosses the wire."""
+    framed: bytes = cobs.encode(body + zlib.crc32(body).to_bytes(4, "little"))
+    return framed + b"\0"
+
+
+def unpack(packet: bytes) -> bytes | None:
+    """Body *and its four CRC bytes* of a packet without its 0x00; None if the CRC fails.
+
+    Raises `cobs.DecodeError` where the packet is not COBS.
+    """
+    data: bytes = cobs.decode(packet)
+    return data if len(data) > 4 and zlib.crc32(data) == CRC_RESIDUE else None
+
+
+def encode_sample(
+    seq: int, t_us: int, counts: npt.ArrayLike, joint_status: int = 0, buttons: int = 0
+) -> bytes:
+    """One SAMPLE packet; *seq* and *counts* are taken modulo 2^32."""
+    wrapped = np.asarray(counts, dtype=np.int64) & 0xFFFFFFFF
+    row = np.zeros((), sample_layout(len(wrapped)))
+    row["type"], row["n"] = Type.SAMPLE, len(wrapped)
+    row["joint_status"], row["buttons"] = joint_status, buttons
+    row["seq"], row["t_us"], row["count"] = seq & 0xFFFFFFFF, t_us, wrapped
+    return pack(row.tobytes())
+
+
+def encode_temperature(t_us: int, celsius: npt.ArrayLike) -> bytes:
+    """One TEMPERATURE packet; NaN, and what does not fit into its field, is sent as invalid."""
+    values = np.asarray(celsius, dtype=np.float64)
+    ticks = np.nan_to_num(np.round(values / TEMPERATURE_UNIT_C), nan=np.inf)
+    fits = np.abs(ticks) <= np.iinfo(np.int16).max
+    row = np.zeros((), temperature_layout(len(values)))
+    row["type"], row["n"], row["t_us"] = Type.TEMPERATURE, len(values), t_us
+    row["valid"] = sum(1 << i for i, ok in enumerate(fits) if ok)
+    row["centi_celsius"] = np.where(fits, ticks, 0)
+    return pack(row.tobytes())
+
+
+def encode_hello(hello: Hello) -> bytes:
+    row = np.zeros((), hello_layout(hello.n_joints))
+    row["type"] = Type.HELLO
+    for name in ("protocol", "n_joints", "n_sensors", "rate_hz", "boot_id", "bits"):
+        row[name] = getattr(hello, name)
+    row["serial_number"] = hello.serial_number.encode("ascii")
+    return pack(row.tobytes())
+
+
+def encode_pong(nonce: int, t_us: int) -> bytes:
+    return pack(np.array((Type.PONG, nonce, t_us), PONG_LAYOUT).tobytes())
+
+
+def encode_ping(nonce: int) -> bytes:
+    return pack(np.array((Type.PING, nonce), PING_LAYOUT).tobytes())
+
+
+def encode_identify() -> bytes:
+    return pack(bytes([Type.IDENTIFY]))
+
+
+def is_sample(data: bytes) -> bool:
+    """Whether an unpacked SAMPLE (with CRC) is exactly as long as its `n` says."""
+    return len(data) > _SAMPLE_N and len(data) == _SAMPLE_HEAD + 4 * data[_SAMPLE_N] + 4
+
+
+def decode_samples(run: list[bytes], n_joints: int) -> npt.NDArray[np.void]:
+    """Unpacked SAMPLEs of *n_joints* each → one array (m,) of `sample_layout(n_joints)`."""
+    layout = sample_layout(n_joints)
+    rows = np.frombuffer(b"".join(run), np.dtype([("body", layout), ("crc", "<u4")]))
+    body: npt.NDArray[np.void] = rows["body"]
+    return body
+
+
+def decode_temperature(data: bytes) -> TemperatureReading | None:
+    """An unpacked TEMPERATURE; None where its length is wrong."""
+    n = data[_TEMPERATURE_N]
+    if n > CHANNELS_MAX or len(data) != _TEMPERATURE_HEAD + 2 * n + 4:
+        return None
+    row = np.frombuffer(data[:-4], temperature_layout(n))[0]
+    valid = (int(row["valid"]) >> np.arange(n)) & 1
+    celsius = np.where(valid == 1, row["centi_celsius"] * TEMPERATURE_UNIT_C, np.nan)
+    return TemperatureReading(celsius, int(row["t_us"]))
+
+
+def decode_hello(data: bytes) -> Hello | None:
+    """An unpacked HELLO; None where its length is wrong.
+
+    Of another protocol version only the version is known; the rest is zero.
+    """
+    if len(data) < 2 + 4:
+        return None
+    if data[1] != PROTOCOL:
+        return Hello(data[1], 0, 0, 0, 0, "", ())
+    if len(data) < _HELLO_HEAD + 4 or len(data) != _HELLO_HEAD + data[_HELLO_N] + 4:
+        return None
+    row = np.frombuffer(data[:-4], hello_layout(data[_HELLO_N]))[0]
+    return Hello(
+        protocol=int(row["protocol"]),
+        n_joints=int(row["n_joints"]),
+        n_sensors=int(row["n_sensors"]),
+        rate_hz=int(row["rate_hz"]),
+        boot_id=int(row["boot_id"]),
+        serial_number=bytes(row["serial_number"]).decode("ascii", "backslashreplace"),
+        bits=tuple(int(b) for b in row["bits"]),
+    )
+
+
+def decode_pong(data: bytes) -> Pong | None:
+    """An unpacked PONG; None where its length is wrong."""
+    if len(data) != PONG_LAYOUT.itemsize + 4:
+        return None
+    row = np.frombuffer(data[:-4], PONG_LAYOUT)[0]
+    return Pong(int(row["nonce"]), int(row["t_us"]))
+
+
+def decode_ping(data: bytes) -> int | None:
+    """The nonce of an unpacked PING; None where its length is wrong."""
+    if len(data) != PING_LAYOUT.itemsize + 4:
+        return None
+    return int(np.frombuffer(data[:-4], PING_LAYOUT)[0]["nonce"])
+
+
+class Splitter:
+    """Cuts bytes, however they come, into packets at 0x00.
+
+    `push` returns complete packets without their 0x00. What exceeds `PACKET_LIMIT` is junk: it
+    is dropped up to the next 0x00 and counted in `junk`.
+    """
+
+    def __init__(self) -> None:
+        self.junk = 0
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget a half packet, as after a broken connection."""
+        self._tail = b""
+        self._skipping = False
+
+    def push(self, data: bytes) -> list[bytes]:
+        packets = (self._tail + data).split(b"\0")
+        self._tail = packets.pop()
+        if self._skipping and packets:
+            packets.pop(0)
+            self._skipping = False
+        if len(self._tail) > PACKET_LIMIT:
+            self.junk += not self._skipping
+            self._skipping = True
+            self._tail = b""
+        elif self._skipping:
+            self._tail = b""
+        whole = [p for p in packets if 0 < len(p) <= PACKET_LIMIT]
+        self.junk += sum(len(p) > PACKET_LIMIT for p in packets)
+        return whole

@@ -1,0 +1,23 @@
+"""The drivers, by the `kind` that armd.toml names. A module is imported when it is chosen."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from armd.drivers.config import CanConfig, ReplayConfig, SerialConfig
+from armd.drivers.identity import Expectation
+from armd.drivers.sample import Driver
+
+DRIVERS = {
+    "serial": "armd.drivers.serial_port:SerialDriver",
+}
+
+
+def open_driver(
+    config: SerialConfig | CanConfig | ReplayConfig, expectation: Expectation
+) -> Driver:
+    """The driver that *config* names, open. Missing hardware is waited for, in `Driver.read`."""
+    module, name = DRIVERS[config.kind].split(":")
+    driver: Driver = getattr(import_module(module), name)(config, expectation)
+    driver.open()
+    return driver

@@ -1,0 +1,130 @@
+"""Encoder counts that wrap → counts that do not, and which of them are beyond belief.
+
+One plain loop, compiled: the same rule for one sample and for a million.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+MAX_JOINT_RATE_DEG_S = 1200.0  # a wrist spun by hand stays below three turns a second
+MARGIN_COUNTS = 4  # noise, and the granularity of the time stamps
+SETTLE_SAMPLES = 5  # after a jump, at most this many more are withheld
+
+#: What is remembered of each joint between two samples; counts are unwrapped.
+_MEMORY = np.dtype(
+    [
+        ("started", "?"),
+        ("believed", "i8"),  # the last believed reading
+        ("believed_us", "i8"),
+        ("reading", "i8"),  # the last reading, believed or not
+        ("reading_us", "i8"),
+        ("doubt", "i8"),  # samples until an implausible reading is believed; 0: none in doubt
+        ("may_return", "?"),  # after a single jump the old reading may come back
+    ]
+)
+
+
+def _unwrap(
+    raw: npt.NDArray[np.int64],
+    t_us: npt.NDArray[np.int64],
+    withheld: npt.NDArray[np.uint16],
+    range_counts: npt.NDArray[np.int64],
+    counts_per_us: npt.NDArray[np.float64],
+    memory: npt.NDArray[np.void],
+    out: npt.NDArray[np.int64],
+    jumped: npt.NDArray[np.uint16],
+) -> None:
+    for row in range(raw.shape[0]):
+        now = t_us[row]
+        for k in range(raw.shape[1]):
+            joint = memory[k]
+            span = range_counts[k]
+            half = span // 2
+            if not joint.started:
+                joint.believed = (raw[row, k] + half) % span - half
+                joint.believed_us = now
+                joint.reading = joint.believed
+            from_believed = (raw[row, k] - joint.believed + half) % span - half
+            count = joint.believed + from_believed
+            out[row, k] = count
+            if withheld[row] >> k & 1:
+                continue
+            joint.started = True
+
+            bound = MARGIN_COUNTS + counts_per_us[k] * (now - joint.believed_us)
+            plausible = abs(from_believed) <= bound or half <= bound
+            if joint.doubt == 0:
+                if not plausible:
+                    joint.doubt = SETTLE_SAMPLES + 1
+                    joint.may_return = True
+            elif plausible and joint.may_return:
+                joint.doubt = 0
+            else:
+                step = (raw[row, k] - joint.reading + half) % span - half
+                steady = MARGIN_COUNTS + counts_per_us[k] * (now - joint.reading_us)
+                if abs(step) > steady:  # another jump: this encoder is wild
+                    joint.doubt = SETTLE_SAMPLES + 1
+                    joint.may_return = False
+                else:
+                    joint.doubt -= 1
+
+            joint.reading = count
+            joint.reading_us = now
+            if joint.doubt == 0:
+                joint.believed = count
+                joint.believed_us = now
+            else:
+                jumped[row] |= np.uint16(1 << k)
+
+
+_compiled: Callable[..., None] = numba.njit(cache=True)(_unwrap)
+
+
+class Unwrapper:
+    """Counts modulo *range_counts* → counts that run on over the turns.
+
+    The first reading of a joint lies between −half and +half of its range. A reading that
+    differs from the last believed one by more than *max_rate_deg_s* allows is a jump: it and at
+    most `SETTLE_SAMPLES` after it are reported, then the new reading is believed; an old reading
+    that comes back is believed at once. A reading the arm itself calls invalid is neither
+    believed nor compared with.
+    """
+
+    def __init__(
+        self,
+        range_counts: Sequence[int],
+        counts_per_turn: Sequence[int],
+        max_rate_deg_s: float = MAX_JOINT_RATE_DEG_S,
+    ) -> None:
+        self._range = np.array(range_counts, dtype=np.int64)
+        self._counts_per_us = np.array(counts_per_turn) * (max_rate_deg_s / 360.0 / 1e6)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all readings: the turns are unknown again."""
+        self._memory = np.zeros(len(self._range), _MEMORY)
+
+    def __call__(
+        self,
+        raw: npt.NDArray[np.int64],
+        t_us: npt.NDArray[np.int64],
+        invalid: npt.NDArray[np.uint16],
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16]]:
+        """*raw* (m, N) counts, *t_us* (m,) rising, *invalid* (m,) bits of joints not to be used.
+
+        Returns the unwrapped counts (m, N) and, bit k-1 for joint k, which of them jumped (m,).
+        """
+        out = np.empty_like(raw)
+        jumped = np.zeros(len(raw), dtype=np.uint16)
+        _compiled(raw, t_us, invalid, self._range, self._counts_per_us, self._memory, out, jumped)
+        return out, jumped
+
+
+def warm_up() -> None:
+    """Compile, or load from the cache: before the first sample, not while it waits."""
+    Unwrapper([2], [2])(np.zeros((1, 1), np.int64), np.zeros(1, np.int64), np.zeros(1, np.uint16))
