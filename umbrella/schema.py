@@ -44,11 +44,13 @@ def load_json(path: str | Path, model: type[Model]) -> Model:
 
 def validate(path: str | Path, data: object, model: type[Model]) -> Model:
     """Check parsed *data*; the first fault becomes a `BadInput` naming its key."""
+    # As JSON, because there strict means: "5" is not a number, but a list may be a tuple.
+    text = json.dumps(data, default=str)
     try:
-        return model.model_validate(data)
+        return model.model_validate_json(text, strict=True)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
-        where = _key(fault["loc"]) or "the file"
+        where = _key(fault["loc"], data) or "the file"
         raise BadInput(path, where, *_found_expected(fault, model)) from error
 
 
@@ -65,10 +67,20 @@ def _read(path: str | Path) -> str:
         raise BadInput(path, f"byte {error.start}", "not UTF-8", "UTF-8 text") from error
 
 
-def _key(location: tuple[int | str, ...]) -> str:
-    """`("joint", 2, "a_mm")` reads `joint[3].a_mm`: people count joints from one."""
+def _key(location: tuple[int | str, ...], data: object) -> str:
+    """`("joint", 2, "a_mm")` reads `joint[3].a_mm`: people count joints from one.
+
+    A part that the data do not hold is the tag of a union, unless it is the last: then it is a
+    key that is missing.
+    """
     key = ""
-    for part in location:
+    for i, part in enumerate(location):
+        if isinstance(data, dict) and part not in data and i < len(location) - 1:
+            continue
+        if isinstance(data, dict):
+            data = data.get(part)
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            data = data[part]
         key += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if key else str(part)
     return key
 
@@ -79,6 +91,8 @@ def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
             return "nothing", "this key"
         case "extra_forbidden":
             return "an unknown key", "one of the documented keys"
+        case "union_tag_invalid":
+            return repr(fault["ctx"]["tag"]), f"one of {fault['ctx']['expected_tags']}"
     shown = repr(fault["input"])
     found = shown if len(shown) <= 80 else shown[:77] + "..."
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")

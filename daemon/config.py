@@ -1,0 +1,127 @@
+"""`armd.toml`: the daemon's configuration. docs/configure.md describes every key."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from armd import keys
+from armd.compensation.arm import Arm, Vector3, load_arm
+from armd.drivers.config import DriverConfig
+from armd.errors import BadInput
+from armd.schema import Strict, load_toml
+
+Seconds = Annotated[float, Field(gt=0, le=3600)]
+Endpoint = Annotated[str, Field(pattern=r"^[a-z0-9]+/.+$", description="e.g. tcp/127.0.0.1:7447")]
+
+
+class Zenoh(Strict):
+    """How points leave the process. Nothing listens beyond loopback unless named here."""
+
+    mode: Literal["peer", "client", "router"] = "peer"
+    listen: list[Endpoint] = ["tcp/127.0.0.1:7447"]
+    connect: list[Endpoint] = []
+    #: A whole Zenoh configuration (JSON5) instead of the three above: TLS, users, access control.
+    config: str | None = None
+
+
+class Limits(Strict):
+    """When a point is flagged or withheld."""
+
+    #: A temperature older than this makes points invalid; until then the last value is held.
+    temperature_hold_s: Seconds = 30.0
+    #: Flag 3 above this rate, if the calibration does not state a lower one.
+    temperature_rate_k_per_h: Annotated[float, Field(gt=0)] = 60.0
+    #: A reload or a tip change that moves the tip's offset further than this is warned of.
+    tip_offset_mm: Annotated[float, Field(gt=0)] = 0.1
+
+
+class Health(Strict):
+    """When the state is not READY."""
+
+    #: WARMING while a sensor in use drifts faster than this.
+    steady_k_per_h: Annotated[float, Field(gt=0)] = 6.0
+    #: On a foreign arm: keep waiting for the right one, or stop with exit code 2.
+    foreign_arm: Literal["wait", "stop"] = "wait"
+
+
+class Measurement(Strict):
+    """When and over how long a measurement is averaged."""
+
+    #: A button press always takes a measurement; "rest" takes one at each rest as well.
+    trigger: Literal["button", "rest"] = "button"
+    #: The longest stretch of rest that is averaged.
+    average_s: Annotated[float, Field(gt=0, le=5)] = 0.5
+
+
+class Commands(Strict):
+    """Whether `armd/<serial>/command/…` is obeyed."""
+
+    enabled: bool = False
+
+
+class Metrics(Strict):
+    """OpenMetrics over HTTP on loopback; absent: no port is opened."""
+
+    port: Annotated[int, Field(ge=1, le=65535)]
+
+
+class Tip(Strict):
+    """A tip that can be selected while running."""
+
+    offset_mm: Vector3
+
+
+class DaemonFile(Strict):
+    """The content of armd.toml; paths are relative to the file."""
+
+    schema_: Literal["armd.daemon/1"] = Field(alias="schema")
+    arm: str
+    calibration: str | None = None
+    driver: DriverConfig
+    zenoh: Zenoh = Zenoh()
+    limits: Limits = Limits()
+    health: Health = Health()
+    measurement: Measurement = Measurement()
+    commands: Commands = Commands()
+    metrics: Metrics | None = None
+    tips: dict[str, Tip] = {}
+
+
+@dataclass(frozen=True)
+class Config:
+    """armd.toml and the arm it names, checked together."""
+
+    path: Path
+    file: DaemonFile
+    arm: Arm
+
+    def beside(self, name: str) -> Path:
+        """A path of the file, taken relative to the file."""
+        return self.path.parent / name
+
+    @property
+    def calibration(self) -> Path | None:
+        return None if self.file.calibration is None else self.beside(self.file.calibration)
+
+
+def load_config(path: str | Path) -> Config:
+    """Read armd.toml and its arm.toml; raises `BadInput` naming file, key, found and expected."""
+    file = load_toml(path, DaemonFile)
+    config_path = Path(path).absolute()
+    arm_path = config_path.parent / file.arm
+    arm = load_arm(arm_path)
+    for k, joint in enumerate(arm.joint, 1):
+        if joint.counts_per_turn is None:
+            where = f"joint[{k}].counts_per_turn"
+            raise BadInput(arm_path, where, "nothing", "a number: a live arm sends counts")
+    if keys.FORBIDDEN & set(arm.serial_number):
+        expected = f"none of {' '.join(sorted(keys.FORBIDDEN))}, it becomes a part of Zenoh keys"
+        raise BadInput(arm_path, "serial_number", repr(arm.serial_number), expected)
+    if file.zenoh.config and file.zenoh.model_fields_set - {"config"}:
+        other = min(file.zenoh.model_fields_set - {"config"})
+        raise BadInput(path, f"zenoh.{other}", "this key", "it inside zenoh.config, or no config")
+    return Config(config_path, file, arm)

@@ -1,0 +1,89 @@
+"""The ten flags of a point, decided sample by sample (armd.Flag tells what each means)."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from armd.jit import jit
+
+from armd import Flag
+from armd.compensation.arm import Arm
+from armd.daemon.motion import REST_AFTER_NS
+
+END_STOP_DEG = 0.5
+
+_INVALID = int(Flag.INVALID)
+_STALE = int(Flag.TEMPERATURE_STALE)
+_WARNING = int(Flag.JOINT_WARNING)
+_END_STOP = int(Flag.END_STOP)
+_LOST = int(Flag.SAMPLES_LOST)
+_CLOCK = int(Flag.CLOCK)
+_REST = int(Flag.AT_REST)
+
+
+class Flagger:
+    """Flags one arm's samples, in batches of any size."""
+
+    def __init__(self, arm: Arm) -> None:
+        limits = [(joint.min_deg, joint.max_deg) for joint in arm.joint]
+        self._low = np.array(
+            [-math.inf if low is None else math.radians(low + END_STOP_DEG) for low, _ in limits]
+        )
+        self._high = np.array(
+            [math.inf if high is None else math.radians(high - END_STOP_DEG) for _, high in limits]
+        )
+        self._last_seq = np.full(1, -1, np.int64)
+
+    def flags(
+        self,
+        samples: npt.NDArray[np.void],
+        q: npt.NDArray[np.float64],
+        still_since_ns: npt.NDArray[np.int64],
+        slow: Flag,
+        stale_after_ns: int,
+        invalid_after_ns: int,
+    ) -> npt.NDArray[np.uint32]:
+        """Flags (n,) of samples with angles (n, N) rad.
+
+        *slow* holds for the whole batch: flags 1, 3 and 7, which change with a temperature or a
+        calibration. After the two instants the temperature is stale, and held no longer.
+        """
+        flags = np.empty(len(samples), np.uint32)
+        _flag(
+            samples["seq"].astype(np.int64), samples["monotonic_ns"],
+            samples["joint_invalid"], samples["joint_warning"], samples["clock_mapped"],
+            q, still_since_ns, int(slow), stale_after_ns, invalid_after_ns,
+            self._low, self._high, self._last_seq, flags,
+        )  # fmt: skip
+        return flags
+
+
+@jit
+def _flag(
+    seq: Any, time_ns: Any, joint_invalid: Any, joint_warning: Any, clock_mapped: Any,
+    q: Any, still_since_ns: Any, slow: int, stale_after_ns: int, invalid_after_ns: int,
+    low: Any, high: Any, last_seq: Any, flags: Any,
+) -> None:  # fmt: skip
+    for i in range(len(seq)):
+        now = time_ns[i]
+        flag = slow
+        if joint_invalid[i] != 0 or now > invalid_after_ns:
+            flag |= _INVALID
+        elif now - still_since_ns[i] >= REST_AFTER_NS:
+            flag |= _REST
+        if now > stale_after_ns:
+            flag |= _STALE
+        if joint_warning[i] != 0:
+            flag |= _WARNING
+        for k in range(q.shape[1]):
+            if q[i, k] < low[k] or q[i, k] > high[k]:
+                flag |= _END_STOP
+        if last_seq[0] >= 0 and seq[i] != last_seq[0] + 1:
+            flag |= _LOST
+        if not clock_mapped[i]:
+            flag |= _CLOCK
+        last_seq[0] = seq[i]
+        flags[i] = flag

@@ -1,0 +1,123 @@
+"""A measurement: the average over a stretch of rest, taken by a button or by the rest itself.
+
+One rule for all cases: a measurement averages the valid points since the tip came to rest, at
+most the last `average_s` seconds, up to the press. Pressed in motion, that is the one point of
+the press (`count` 1, no standard deviation).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from armd import POINT, Flag
+
+#: Points remembered: `average_s` at the highest rate any wire carries.
+REMEMBERED = 1 << 15
+
+
+@dataclass(frozen=True)
+class Press:
+    """A button went down: bit numbers that rose, and the row of the batch."""
+
+    buttons: list[int]
+    row: int
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Averages over `count` points; positions in mm, base frame."""
+
+    trigger: Literal["button", "rest"]
+    seq: int
+    stamp_ns: int
+    monotonic_ns: int
+    position_mm: list[float] | None  # None: the point of the press is invalid
+    standard_deviation_mm: list[float] | None  # per axis; None for a single point
+    covariance_mm2: list[float] | None  # of one point, as the last point states it
+    orientation: list[float] | None
+    count: int
+    duration_s: float
+    flags: Flag
+    buttons: int
+    calibration: int
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            **self.__dict__,
+            "flags": int(self.flags),
+            "flag_names": [flag.name for flag in self.flags],
+            "calibration": f"{self.calibration:016x}",
+        }
+
+
+class Averager:
+    """Remembers the last points and averages a stretch of them."""
+
+    def __init__(self, average_s: float) -> None:
+        self._average_ns = round(average_s * 1e9)
+        self._past = np.zeros(REMEMBERED, POINT)
+        self._written = 0
+        self._buttons = 0
+
+    def remember(self, points: npt.NDArray[np.void]) -> list[Press]:
+        """Keep a batch; returns the presses in it."""
+        points = points[-REMEMBERED:]
+        start = self._written % REMEMBERED
+        first = min(len(points), REMEMBERED - start)
+        self._past[start : start + first] = points[:first]
+        self._past[: len(points) - first] = points[first:]
+        self._written += len(points)
+        buttons = points["buttons"]
+        if self._buttons == 0 and not buttons.any():
+            return []
+        presses = []
+        for row, now in enumerate(buttons.tolist()):
+            risen = now & ~self._buttons
+            if risen:
+                presses.append(Press([bit for bit in range(32) if risen >> bit & 1], row))
+            self._buttons = now
+        return presses
+
+    def average(
+        self, trigger: Literal["button", "rest"], point: np.void, still_since_ns: int
+    ) -> Measurement:
+        """The measurement that ends with *point*, one of those remembered."""
+        end_ns = int(point["monotonic_ns"])
+        past = self._chronological()
+        times = past["monotonic_ns"]
+        since_ns = max(still_since_ns, end_ns - self._average_ns)
+        chosen = past[(times >= since_ns) & (times <= end_ns)]
+        valid = chosen[(chosen["flags"] & Flag.INVALID) == 0]
+        usable = len(valid) > 0 and not int(point["flags"]) & Flag.INVALID
+        mean = deviation = None
+        if usable:
+            mean = valid["position_mm"].mean(axis=0).tolist()
+            if len(valid) > 1:
+                deviation = valid["position_mm"].std(axis=0, ddof=1).tolist()
+        return Measurement(
+            trigger=trigger,
+            seq=int(point["seq"]),
+            stamp_ns=int(point["stamp_ns"]),
+            monotonic_ns=end_ns,
+            position_mm=mean,
+            standard_deviation_mm=deviation,
+            covariance_mm2=point["covariance_mm2"].tolist() if usable else None,
+            orientation=point["orientation"].tolist() if usable else None,
+            count=len(valid) if usable else 0,
+            duration_s=float(valid["monotonic_ns"][-1] - valid["monotonic_ns"][0]) * 1e-9
+            if usable
+            else 0.0,
+            flags=Flag(int(np.bitwise_or.reduce(valid["flags"]) if usable else point["flags"])),
+            buttons=int(point["buttons"]),
+            calibration=int(point["calibration"]),
+        )
+
+    def _chronological(self) -> npt.NDArray[np.void]:
+        if self._written < REMEMBERED:
+            return self._past[: self._written]
+        start = self._written % REMEMBERED
+        return np.concatenate([self._past[start:], self._past[:start]])

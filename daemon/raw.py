@@ -1,0 +1,37 @@
+"""Raw frames on their way to a recorder: a small header, then the bytes as they crossed the wire.
+
+`armd/<serial>/@raw`: u64 number of the frame (from 0, without gaps when nothing was lost) ·
+i64 monotonic_ns · i64 unix_ns · u8 direction (0 rx, 1 tx, 2 link) · u8 length of the channel's name ·
+the name · the bytes. Little-endian.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Literal
+
+from armd.drivers.sample import RawFrame
+
+_HEADER = struct.Struct("<QqqBB")
+_DIRECTIONS: tuple[Literal["rx", "tx", "link"], ...] = ("rx", "tx", "link")
+
+
+def pack(number: int, frame: RawFrame) -> bytes:
+    """A frame as it is published."""
+    channel = frame.channel.encode()
+    direction = _DIRECTIONS.index(frame.direction)
+    header = _HEADER.pack(number, frame.monotonic_ns, frame.unix_ns, direction, len(channel))
+    return header + channel + frame.data
+
+
+def unpack(payload: bytes) -> tuple[int, RawFrame]:
+    """Number and frame of a published payload."""
+    number, monotonic_ns, unix_ns, direction, length = _HEADER.unpack_from(payload)
+    data_at = _HEADER.size + length
+    return number, RawFrame(
+        monotonic_ns,
+        unix_ns,
+        _DIRECTIONS[direction],
+        payload[data_at:],
+        payload[_HEADER.size : data_at].decode(),
+    )

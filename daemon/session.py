@@ -1,0 +1,45 @@
+"""A Zenoh session as the configuration says, and no wider."""
+
+from __future__ import annotations
+
+import json
+
+import zenoh
+
+from armd.daemon.config import Config
+from armd.errors import BadInput
+
+#: A frozen daemon's points and token vanish after this; a killed one's at once.
+LEASE_MS = 2000
+RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+
+
+def open_session(config: Config) -> zenoh.Session:
+    """Open Zenoh; raises `BadInput` if it cannot listen or the configuration is not Zenoh's."""
+    given = config.file.zenoh
+    if given.config is not None:
+        path = config.beside(given.config)
+        try:
+            settings = zenoh.Config.from_file(str(path))
+        except zenoh.ZError as error:
+            raise BadInput(path, "the file", str(error), "a Zenoh configuration") from error
+    else:
+        settings = zenoh.Config()
+        for key, value in {
+            "mode": given.mode,
+            "listen/endpoints": given.listen,
+            "connect/endpoints": given.connect,
+            "connect/retry": RETRY,
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/enabled": False,
+            "transport/link/tx/lease": LEASE_MS,
+        }.items():
+            settings.insert_json5(key, json.dumps(value))
+    # The cache of measurements and events needs time stamps.
+    settings.insert_json5("timestamping/enabled", "true")
+    try:
+        return zenoh.open(settings)
+    except zenoh.ZError as error:
+        where = "zenoh.config" if given.config else "zenoh.listen"
+        found = str(error).split(" at /")[0]
+        raise BadInput(config.path, where, found, "endpoints that can be opened") from error

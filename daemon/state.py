@@ -1,0 +1,71 @@
+"""In one word and one sentence: can a person measure with this arm now?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from armd import Flag
+
+#: Without a sample for this long the arm is not ready.
+SILENCE_S = 0.5
+
+
+class State(StrEnum):
+    READY = "READY"
+    WARMING = "WARMING"
+    """It measures; its temperatures still drift, or are not known for long enough."""
+    INACCURATE = "INACCURATE"
+    """It measures beyond what its calibration was made for."""
+    DEGRADED = "DEGRADED"
+    """It measures, but something of it is missing."""
+    NOT_READY = "NOT_READY"
+    """It does not measure."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the daemon saw of the arm during the last second."""
+
+    silent_s: float | None  # since the last sample; None: none yet
+    trouble: str = ""  # the driver's own explanation of a silence: unplugged, a foreign arm, …
+    points: int = 0
+    flags: Flag = Flag(0)  # any of them
+    invalid: int = 0  # points
+    invalid_joints: tuple[int, ...] = ()
+    warning_joints: tuple[int, ...] = ()
+    missing_sensors: tuple[str, ...] = ()
+    outside_sensors: tuple[str, ...] = ()
+    drift: str = ""  # why the temperatures are not called steady; "" if they are
+
+
+def assess(seen: Seen) -> tuple[State, str]:
+    """The state and its reason; the worst reason wins."""
+    if seen.silent_s is None or seen.silent_s > SILENCE_S:
+        since = "no sample yet" if seen.silent_s is None else f"silent for {seen.silent_s:.1f} s"
+        return State.NOT_READY, f"{since}: {seen.trouble}" if seen.trouble else since
+    joints = ", ".join(f"joint {k}" for k in seen.invalid_joints)
+    if seen.points and seen.invalid == seen.points:
+        missing = " and ".join(seen.missing_sensors)
+        return State.NOT_READY, f"no valid point: {joints or f'{missing} missing for too long'}"
+    if seen.invalid:
+        return State.DEGRADED, f"{seen.invalid} of {seen.points} points invalid: {joints}"
+    if seen.missing_sensors:
+        missing = ", ".join(seen.missing_sensors)
+        return State.DEGRADED, f"temperature missing: {missing}; the last value is held"
+    if seen.warning_joints:
+        return State.DEGRADED, "warning of " + ", ".join(f"joint {k}" for k in seen.warning_joints)
+    if Flag.CLOCK in seen.flags:
+        return State.DEGRADED, "the device's clock is not yet mapped"
+    if Flag.SAMPLES_LOST in seen.flags:
+        return State.DEGRADED, "samples are being lost before the daemon"
+    if seen.outside_sensors:
+        outside = ", ".join(seen.outside_sensors)
+        return State.INACCURATE, f"outside the identified temperature range: {outside}"
+    if Flag.TEMPERATURE_RATE in seen.flags:
+        return State.INACCURATE, f"temperature changes too fast for the model: {seen.drift}"
+    if seen.drift:
+        return State.WARMING, seen.drift
+    if Flag.NOT_CALIBRATED in seen.flags:
+        return State.READY, "nominal geometry: no calibration is loaded"
+    return State.READY, "measuring"

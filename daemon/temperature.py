@@ -1,0 +1,158 @@
+"""How far the temperatures can be trusted at an instant: held, stale, out of range, drifting."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd import Flag
+from armd.compensation.arm import Arm
+from armd.compensation.calibration import Calibration
+from armd.compensation.terms import Temperature, TemperatureRate
+
+F64 = npt.NDArray[np.float64]
+
+STALE_AFTER_NS = 5_000_000_000
+#: A rate of change is judged over this stretch, at first over at least the shorter one.
+RATE_OVER_NS = 60_000_000_000
+RATE_AFTER_NS = 3_000_000_000
+#: More than this between two readings is a step, whatever the slope.
+STEP_K = 0.2
+NEVER_NS = np.iinfo(np.int64).max
+
+
+@dataclass(frozen=True)
+class Drift:
+    """The fastest change among the sensors in use, in K/h, and its standard error."""
+
+    sensor: str
+    k_per_h: float
+    standard_error: float
+    stepped: bool  # between two readings, sometime in the last minute
+
+    def exceeds(self, limit_k_per_h: float) -> bool:
+        """Beyond doubt: by a step, or by more than three standard errors."""
+        return self.stepped or abs(self.k_per_h) - 3 * self.standard_error > limit_k_per_h
+
+
+class TemperatureWatch:
+    """Keeps the last good value of every channel and judges its age, range and rate."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        calibration: Calibration | None,
+        hold_s: float,
+        limit_k_per_h: float,
+    ) -> None:
+        self.sensors = arm.sensors
+        self._hold_ns = round(hold_s * 1e9)
+        reference_c = arm.reference_temperature_c
+        self.held_c = np.full(len(self.sensors), reference_c)
+        self.current_c = np.full(len(self.sensors), np.nan)
+        self._good_ns = np.full(len(self.sensors), -1, np.int64)
+        self._history: deque[tuple[int, F64]] = deque()
+        self.drift: Drift | None = None
+        self.slow_flags = Flag(0)
+        self.stale_from_ns = 0
+        self.use(arm, calibration, limit_k_per_h)
+
+    def use(self, arm: Arm, calibration: Calibration | None, limit_k_per_h: float) -> None:
+        """Take over another calibration; what was measured so far stays."""
+        used = used_sensors(arm, calibration)
+        self._used = [i for i, name in enumerate(self.sensors) if name in used]
+        ranges = {} if calibration is None else calibration.temperature_range_c
+        self._low = np.array([ranges.get(name, (-np.inf, np.inf))[0] for name in self.sensors])
+        self._high = np.array([ranges.get(name, (-np.inf, np.inf))[1] for name in self.sensors])
+        own_limit = None if calibration is None else calibration.max_temperature_rate_k_per_h
+        self._limit_k_per_h = min(limit_k_per_h, own_limit or limit_k_per_h)
+        self._judge()
+
+    def begin(self, monotonic_ns: int) -> None:
+        """The stream starts: from here on a temperature that was never heard ages."""
+        self._good_ns[self._good_ns < 0] = monotonic_ns
+
+    def update(self, celsius: F64, monotonic_ns: int) -> None:
+        """One reading of all channels (S,), NaN where invalid."""
+        good = np.isfinite(celsius)
+        self.current_c = celsius
+        self.held_c = np.where(good, celsius, self.held_c)
+        self._good_ns[good] = monotonic_ns
+        self._history.append((monotonic_ns, celsius))
+        while self._history[0][0] < monotonic_ns - RATE_OVER_NS:
+            self._history.popleft()
+        self._judge()
+
+    @property
+    def stale_after_ns(self) -> int:
+        """Samples later than this carry flag 2."""
+        if not self._used:
+            return NEVER_NS
+        if not np.isfinite(self.current_c[self._used]).all():
+            return -1
+        return int(self._good_ns[self._used].min()) + STALE_AFTER_NS
+
+    @property
+    def invalid_after_ns(self) -> int:
+        """Samples later than this are invalid: the temperature is held no longer."""
+        if not self._used:
+            return NEVER_NS
+        return int(self._good_ns[self._used].min()) + self._hold_ns
+
+    def missing(self, monotonic_ns: int) -> list[str]:
+        """Names of the sensors in use without a value at this instant."""
+        late = self._good_ns + STALE_AFTER_NS < monotonic_ns
+        return [self.sensors[i] for i in self._used if late[i] or np.isnan(self.current_c[i])]
+
+    def outside(self) -> list[str]:
+        """Names of the sensors in use beyond the identified range."""
+        out = (self.held_c < self._low) | (self.held_c > self._high)
+        return [self.sensors[i] for i in self._used if out[i]]
+
+    def _judge(self) -> None:
+        self.drift = self._fastest()
+        self.slow_flags = Flag(0)
+        if self.outside():
+            self.slow_flags |= Flag.TEMPERATURE_RANGE
+        if self.drift is not None and self.drift.exceeds(self._limit_k_per_h):
+            self.slow_flags |= Flag.TEMPERATURE_RATE
+
+    def _fastest(self) -> Drift | None:
+        """Slopes by least squares over the history; None while it is too short to tell."""
+        if not self._used or len(self._history) < 3:
+            return None
+        times = np.array([time for time, _ in self._history], np.float64)
+        hours = (times - times[-1]) / 3.6e12
+        if times[-1] - times[0] < RATE_AFTER_NS:
+            return None
+        heard = np.array([celsius for _, celsius in self._history])
+        steady = [i for i in self._used if np.isfinite(heard[:, i]).all()]
+        if not steady:
+            return None
+        values = heard[:, steady]
+        centred = hours - hours.mean()
+        spread = float(centred @ centred)
+        slopes = centred @ values / spread
+        residuals = values - values.mean(axis=0) - np.outer(centred, slopes)
+        errors = np.sqrt((residuals**2).sum(axis=0) / (len(hours) - 2) / spread)
+        steps = np.abs(np.diff(values, axis=0)).max(axis=0)
+        worst = int(np.argmax(np.abs(slopes) - 3 * errors + 1e6 * (steps > STEP_K)))
+        return Drift(
+            self.sensors[steady[worst]],
+            float(slopes[worst]),
+            float(errors[worst]),
+            stepped=bool(steps[worst] > STEP_K),
+        )
+
+
+def used_sensors(arm: Arm, calibration: Calibration | None) -> set[str]:
+    """Names of the sensors that a joint or a term of the calibration depends on."""
+    used = {name for joint in arm.joint for name, weight in joint.weights.items() if weight}
+    for term in calibration.terms if calibration is not None else []:
+        for factor in term.basis:
+            if isinstance(factor, Temperature | TemperatureRate):
+                used |= factor.weights.keys()
+    return used
