@@ -21,9 +21,9 @@ Weights = Annotated[dict[str, float], Field(min_length=1)]
 class Temperature(Strict):
     """(Σ weight·T_sensor − reference)^order, of the temperatures delayed by a first-order lag.
 
-    `reference_c` None: the calibration's reference temperature. With `zone_c` the
-    factor is the paper's temperature zone: ΔT clipped to the zone (relative to its lower end), so
-    that a sum over adjacent zones is a continuous piecewise polynomial.
+    `reference_c` None: the calibration's reference temperature. With `zone_c` = (low, high) in °C
+    the factor is the paper's temperature zone, (clip(Σ weight·T, low, high) − low)^order, so that
+    a sum over adjacent zones is a continuous piecewise polynomial; the reference plays no part.
     """
 
     kind: Literal["temperature"] = "temperature"

@@ -1,0 +1,76 @@
+"""Gravity on the links: torques about the joints, moments and directions in the link frames.
+
+A link is what moves with its joint. Where arm.toml gives no mass, a link weighs 1 kg per metre
+between its joint and the next (the last link: to the tip); where it gives no centre of mass, that
+is the middle of the same stretch.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.kinematics import frames
+
+F64 = npt.NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.80665
+DEFAULT_KG_PER_M = 1.0
+
+
+def link_masses(arm: Arm) -> tuple[F64, F64]:
+    """Mass (N,) in kg and centre of mass (N, 3) in mm, in the outgoing frame of each link."""
+    kg, centre_mm = np.empty(arm.n_joints), np.empty((arm.n_joints, 3))
+    for k, joint in enumerate(arm.joint):
+        # From the link's end back to its joint: −(a, 0, d) seen after Rx(α)·Ry(β).
+        ca, sa = math.cos(math.radians(joint.alpha_deg)), math.sin(math.radians(joint.alpha_deg))
+        cb, sb = math.cos(math.radians(joint.beta_deg)), math.sin(math.radians(joint.beta_deg))
+        x, y, z = joint.a_mm, sa * joint.d_mm, ca * joint.d_mm
+        start = -np.array([cb * x - sb * z, y, sb * x + cb * z])
+        end = np.array(arm.tip.offset_mm if k == arm.n_joints - 1 else (0.0, 0.0, 0.0))
+        default_kg = DEFAULT_KG_PER_M * float(np.linalg.norm(end - start)) / 1000
+        kg[k] = default_kg if joint.mass_kg is None else joint.mass_kg
+        given = joint.centre_of_mass_mm
+        centre_mm[k] = (start + end) / 2 if given is None else given
+    return kg, centre_mm
+
+
+def gravity_torques(q: F64, p: F64, arm: Arm) -> F64:
+    """Torque of gravity (n, N) in Nm about each joint's axis, positive with the joint's angle."""
+    origins, rotations = frames(q, p)
+    torques = np.empty(q.shape)
+    for k in range(arm.n_joints):
+        # Joint k+1 turns about the z axis of the frame before it, and carries link k+1 onwards.
+        moment = _moment(origins, rotations, arm, origins[:, k], k)
+        torques[:, k] = np.einsum("ni,ni->n", moment, rotations[:, k, :, 2])
+    return torques
+
+
+def gravity_moments(q: F64, p: F64, arm: Arm) -> F64:
+    """Moment (n, N, 3) in Nm of all links beyond a link, about its end, in its outgoing frame."""
+    origins, rotations = frames(q, p)
+    moments = np.empty((*q.shape, 3))
+    for k in range(1, arm.n_joints + 1):
+        moment = _moment(origins, rotations, arm, origins[:, k], k)
+        moments[:, k - 1] = np.einsum("ni,nij->nj", moment, rotations[:, k])
+    return moments
+
+
+def gravity_directions(q: F64, p: F64, arm: Arm) -> F64:
+    """Unit vector of gravity (n, N, 3) in each link's outgoing frame."""
+    rotations = frames(q, p)[1]
+    directions: F64 = np.einsum("i,nkij->nkj", np.array(arm.gravity), rotations[:, 1:])
+    return directions
+
+
+def _moment(origins: F64, rotations: F64, arm: Arm, about: F64, first: int) -> F64:
+    """Moment (n, 3) in Nm, base frame, of links *first* (from 0) onwards about points (n, 3)."""
+    kg, centre_mm = link_masses(arm)
+    lever_times_kg = np.zeros((len(origins), 3))
+    for j in range(first, arm.n_joints):
+        centre = origins[:, j + 1] + np.einsum("nij,j->ni", rotations[:, j + 1], centre_mm[j])
+        lever_times_kg += kg[j] * (centre - about)
+    return np.cross(lever_times_kg, arm.gravity) * (STANDARD_GRAVITY / 1000)

@@ -1,0 +1,157 @@
+"""Forward kinematics and its exact derivatives, for many rows at once.
+
+A joint's row is A = Rz(θ+θ0)·Tz(d)·Tx(a)·Rx(α)·Ry(β); in front of joint 1 stands the base's
+displacement Trans(x, y, z)·Rz·Ry·Rx. Lengths in mm, angles in rad, parameters as `parameters`
+orders them: one vector (P,) for all rows or one per row (n, P).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.jit import jit
+
+F64 = npt.NDArray[np.float64]
+
+
+def forward(q: F64, p: F64) -> tuple[F64, F64]:
+    """Tip position (n, 3) in mm and rotation (n, 3, 3) of the last frame, of angles (n, N) rad."""
+    origins, rotations = frames(q, p)
+    p = np.asarray(p)
+    n_joints = q.shape[1]
+    tip = np.broadcast_to(p[..., 5 * n_joints : 5 * n_joints + 3], (len(q), 3))
+    last = rotations[:, -1]
+    return origins[:, -1] + np.einsum("nij,nj->ni", last, tip), last
+
+
+def frames(q: F64, p: F64) -> tuple[F64, F64]:
+    """Origins (n, N+1, 3) and rotations (n, N+1, 3, 3) of all frames; [:, 0] is the base's.
+
+    Frame k ≥ 1 is the outgoing link frame of joint k: A_1 ⋯ A_k applied.
+    """
+    q, p = _rows(q, p)
+    n, n_joints = q.shape
+    origins = np.empty((n, n_joints + 1, 3))
+    rotations = np.empty((n, n_joints + 1, 3, 3))
+    _frames(q, p, origins, rotations)
+    return origins, rotations
+
+
+def jacobian(q: F64, p: F64) -> tuple[F64, F64]:
+    """Tip position (n, 3) mm and its derivatives (n, 3, P) by every parameter, analytic."""
+    q, p = _rows(q, p)
+    position = np.empty((len(q), 3))
+    derivatives = np.empty((len(q), 3, p.shape[1]))
+    _jacobian(q, p, position, derivatives)
+    return position, derivatives
+
+
+def joint_jacobian(q: F64, p: F64) -> F64:
+    """Derivatives (n, 3, N) of the tip position by the joint angles, mm/rad."""
+    n_joints = q.shape[1]
+    return np.ascontiguousarray(jacobian(q, p)[1][:, :, 0 : 5 * n_joints : 5])
+
+
+def _rows(q: F64, p: F64) -> tuple[F64, F64]:
+    """C-ordered two-dimensional arrays, so that one compiled signature serves all callers."""
+    q = np.ascontiguousarray(q, dtype=np.float64)
+    p = np.atleast_2d(np.ascontiguousarray(p, dtype=np.float64))
+    n, n_joints = q.shape
+    if p.shape[1] != 5 * n_joints + 9 or len(p) not in (1, n):
+        raise ValueError(f"parameters {p.shape} do not fit angles {q.shape}")
+    return q, p
+
+
+@jit
+def _base(p: F64, origin: F64, rotation: F64) -> None:
+    """The base frame from the last six parameters *p*."""
+    cx, sx = math.cos(p[3]), math.sin(p[3])
+    cy, sy = math.cos(p[4]), math.sin(p[4])
+    cz, sz = math.cos(p[5]), math.sin(p[5])
+    origin[:] = p[:3]
+    rotation[0, 0], rotation[0, 1] = cz * cy, cz * sy * sx - sz * cx
+    rotation[1, 0], rotation[1, 1] = sz * cy, sz * sy * sx + cz * cx
+    rotation[2, 0], rotation[2, 1] = -sy, cy * sx
+    rotation[0, 2] = cz * sy * cx + sz * sx
+    rotation[1, 2] = sz * sy * cx - cz * sx
+    rotation[2, 2] = cy * cx
+
+
+@jit
+def _step(q: float, row: F64, origin: F64, rotation: F64, origin_to: F64, rotation_to: F64) -> None:
+    """One joint: from the frame before to the outgoing frame."""
+    ct, st = math.cos(q + row[0]), math.sin(q + row[0])
+    ca, sa = math.cos(row[3]), math.sin(row[3])
+    cb, sb = math.cos(row[4]), math.sin(row[4])
+    for i in range(3):
+        x, y, z = rotation[i, 0], rotation[i, 1], rotation[i, 2]
+        x, y = ct * x + st * y, ct * y - st * x  # Rz
+        origin_to[i] = origin[i] + row[1] * z + row[2] * x
+        y, z = ca * y + sa * z, ca * z - sa * y  # Rx
+        rotation_to[i, 0] = cb * x - sb * z  # Ry
+        rotation_to[i, 1] = y
+        rotation_to[i, 2] = sb * x + cb * z
+
+
+@jit
+def _frames(q: F64, p: F64, origins: F64, rotations: F64) -> None:
+    n, n_joints = q.shape
+    for i in range(n):
+        row = p[i if len(p) > 1 else 0]
+        _base(row[5 * n_joints + 3 :], origins[i, 0], rotations[i, 0])
+        for k in range(n_joints):
+            _step(
+                q[i, k], row[5 * k : 5 * k + 5],
+                origins[i, k], rotations[i, k], origins[i, k + 1], rotations[i, k + 1],
+            )  # fmt: skip
+
+
+@jit
+def _turn(axis_x: float, axis_y: float, axis_z: float, arm: F64, out: F64) -> None:
+    """out = axis × arm: how the tip moves when everything behind it turns about the axis."""
+    out[0] = axis_y * arm[2] - axis_z * arm[1]
+    out[1] = axis_z * arm[0] - axis_x * arm[2]
+    out[2] = axis_x * arm[1] - axis_y * arm[0]
+
+
+@jit
+def _jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
+    n, n_joints = q.shape
+    origins = np.empty((n_joints + 1, 3))
+    rotations = np.empty((n_joints + 1, 3, 3))
+    tip, base = 5 * n_joints, 5 * n_joints + 3
+    for i in range(n):
+        row = p[i if len(p) > 1 else 0]
+        _base(row[base:], origins[0], rotations[0])
+        for k in range(n_joints):
+            _step(
+                q[i, k], row[5 * k : 5 * k + 5],
+                origins[k], rotations[k], origins[k + 1], rotations[k + 1],
+            )  # fmt: skip
+        last = rotations[n_joints]
+        for axis in range(3):
+            position[i, axis] = origins[n_joints, axis]
+            for j in range(3):
+                position[i, axis] += last[axis, j] * row[tip + j]
+                derivatives[i, axis, tip + j] = last[axis, j]
+                derivatives[i, axis, base + j] = 1.0 if axis == j else 0.0
+        for k in range(n_joints):
+            before, block = rotations[k], derivatives[i, :, 5 * k : 5 * k + 5]
+            ct, st = math.cos(q[i, k] + row[5 * k]), math.sin(q[i, k] + row[5 * k])
+            ca, sa = math.cos(row[5 * k + 3]), math.sin(row[5 * k + 3])
+            block[:, 1] = before[:, 2]
+            block[:, 2] = ct * before[:, 0] + st * before[:, 1]
+            y = ca * (ct * before[:, 1] - st * before[:, 0]) + sa * before[:, 2]
+            _turn(before[0, 2], before[1, 2], before[2, 2], position[i] - origins[k], block[:, 0])
+            beyond = position[i] - origins[k + 1]
+            _turn(block[0, 2], block[1, 2], block[2, 2], beyond, block[:, 3])
+            _turn(y[0], y[1], y[2], beyond, block[:, 4])
+        beyond = position[i] - row[base : base + 3]
+        cz, sz = math.cos(row[base + 5]), math.sin(row[base + 5])
+        x = rotations[0, :, 0]
+        _turn(x[0], x[1], x[2], beyond, derivatives[i, :, base + 3])
+        _turn(-sz, cz, 0.0, beyond, derivatives[i, :, base + 4])
+        _turn(0.0, 0.0, 1.0, beyond, derivatives[i, :, base + 5])

@@ -1,0 +1,98 @@
+"""Kinematics against a product of 4 × 4 matrices written without it, and finite differences."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armd.compensation import kinematics, parameters
+
+
+def rotation(axis: int, angle: float) -> np.ndarray:
+    matrix = np.eye(4)
+    c, s = math.cos(angle), math.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix[i, i] = matrix[j, j] = c
+    matrix[i, j], matrix[j, i] = -s, s
+    return matrix
+
+
+def translation(x: float, y: float, z: float) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def matrix_product(q: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """The contract's definition, one matrix after the other."""
+    n = len(q)
+    bx, by, bz, rx, ry, rz = p[5 * n + 3 :]
+    pose = translation(bx, by, bz) @ rotation(2, rz) @ rotation(1, ry) @ rotation(0, rx)
+    for k in range(n):
+        theta, d, a, alpha, beta = p[5 * k : 5 * k + 5]
+        pose = pose @ rotation(2, q[k] + theta) @ translation(0, 0, d) @ translation(a, 0, 0)
+        pose = pose @ rotation(0, alpha) @ rotation(1, beta)
+    return pose @ translation(*p[5 * n : 5 * n + 3])
+
+
+def an_arm(seed: int, n_joints: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    lengths = [parameters.unit(name) == "mm" for name in parameters.names(n_joints)]
+    scale = np.where(lengths, 600.0, 3.0)
+    return rng.uniform(-4, 4, (n, n_joints)), rng.uniform(-1, 1, len(scale)) * scale
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), n_joints=st.integers(3, 9))
+def test_forward_is_the_matrix_product(seed: int, n_joints: int) -> None:
+    q, p = an_arm(seed, n_joints, 5)
+    position, last = kinematics.forward(q, p)
+    for i in range(len(q)):
+        pose = matrix_product(q[i], p)
+        assert position[i] == pytest.approx(pose[:3, 3], abs=1e-9)
+        assert last[i] == pytest.approx(pose[:3, :3], abs=1e-12)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), n_joints=st.integers(3, 9))
+def test_jacobian_is_the_slope_of_the_matrix_product(seed: int, n_joints: int) -> None:
+    q, p = an_arm(seed, n_joints, 1)
+    position, derivatives = kinematics.jacobian(q, p)
+    assert position[0] == pytest.approx(matrix_product(q[0], p)[:3, 3], abs=1e-9)
+    for i, name in enumerate(parameters.names(n_joints)):
+        step = np.zeros(len(p))
+        step[i] = 1e-5 if parameters.unit(name) == "rad" else 1e-3
+        up, down = matrix_product(q[0], p + step), matrix_product(q[0], p - step)
+        slope = (up - down)[:3, 3] / (2 * step[i])
+        assert derivatives[0, :, i] == pytest.approx(slope, rel=1e-6, abs=1e-5), name
+
+
+def test_joint_jacobian_is_the_slope_by_the_angles() -> None:
+    q, p = an_arm(3, 6, 4)
+    slopes = kinematics.joint_jacobian(q, p)
+    for k in range(6):
+        step = np.zeros(6)
+        step[k] = 1e-5
+        up, down = kinematics.forward(q + step, p)[0], kinematics.forward(q - step, p)[0]
+        assert slopes[:, :, k] == pytest.approx((up - down) / 2e-5, rel=1e-6, abs=1e-5)
+
+
+def test_parameters_may_differ_from_row_to_row() -> None:
+    q, p = an_arm(4, 6, 3)
+    rows = p + np.random.default_rng(5).normal(0, 0.1, (3, len(p)))
+    together, _ = kinematics.forward(q, rows)
+    position, derivatives = kinematics.jacobian(q, rows)
+    for i in range(3):
+        alone = kinematics.jacobian(q[i : i + 1], rows[i])
+        assert together[i] == pytest.approx(alone[0][0], abs=1e-10)
+        assert position[i] == pytest.approx(alone[0][0], abs=1e-10)
+        assert derivatives[i] == pytest.approx(alone[1][0], abs=1e-9)
+
+
+def test_parameters_of_another_arm_are_refused() -> None:
+    with pytest.raises(ValueError, match="do not fit"):
+        kinematics.forward(np.zeros((2, 6)), np.zeros(34))

@@ -1,0 +1,62 @@
+"""The first-order lag against its differential equation, and fed live against all at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+
+from armd.compensation.state import Lag, lagged
+
+
+def test_lag_solves_its_equation_for_straight_stretches() -> None:
+    time_s = np.array([0.0, 3.0, 4.0, 60.0, 61.0, 400.0])
+    values = np.array([20.0, 22.0, 22.0, 30.0, 25.0, 25.0])
+    solution = solve_ivp(
+        lambda t, y: (np.interp(t, time_s, values) - y) / 40.0,
+        (0.0, 400.0), [20.0], t_eval=time_s, rtol=1e-10, atol=1e-10, max_step=0.5,
+    )  # fmt: skip
+    delayed = lagged(time_s, values[:, None], np.zeros(6, np.int64), 40.0)[:, 0]
+    assert delayed == pytest.approx(solution.y[0], abs=1e-6)
+
+
+def test_a_ramp_is_followed_one_lag_behind() -> None:
+    time_s = np.linspace(0, 10000, 57)
+    delayed = lagged(time_s, time_s[:, None] * 0.01, np.zeros(57, np.int64), 300.0)[:, 0]
+    assert delayed[-1] == pytest.approx(0.01 * (10000 - 300.0), abs=1e-9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 10**6), lag_s=st.floats(0.01, 5000))
+def test_live_equals_all_at_once(seed: int, lag_s: float) -> None:
+    rng = np.random.default_rng(seed)
+    time_s = np.cumsum(rng.exponential(5.0, 40) * rng.integers(0, 2, 40))
+    values = rng.normal(25, 5, (40, 3))
+    values[rng.random((40, 3)) < 0.2] = np.nan
+    live = Lag(lag_s, 3)
+    rows = [live.follow(time_s[i : i + 1], values[i : i + 1])[0] for i in range(40)]
+    delayed = lagged(time_s, values, np.zeros(40, np.int64), lag_s)
+    assert np.array_equal(rows, delayed, equal_nan=True)
+    assert np.array_equal(np.isnan(delayed), np.isnan(values))
+
+
+def test_a_gap_is_bridged_straight() -> None:
+    time_s, zeros = np.arange(5.0), np.zeros(5, np.int64)
+    whole = lagged(time_s, np.arange(5.0)[:, None], zeros, 2.0)
+    gappy = lagged(time_s, np.array([0.0, 1.0, np.nan, 3.0, 4.0])[:, None], zeros, 2.0)
+    assert gappy[[0, 1, 3, 4]] == pytest.approx(whole[[0, 1, 3, 4]], abs=1e-12)
+
+
+def test_runs_do_not_touch_each_other_and_order_does_not_matter() -> None:
+    rng = np.random.default_rng(1)
+    series = np.repeat([7, 2], 20)
+    time_s = np.tile(np.cumsum(rng.exponential(10, 20)), 2)
+    values = rng.normal(20, 3, (40, 1))
+    shuffled = rng.permutation(40)
+    delayed = lagged(time_s, values, series, 33.0)
+    again = lagged(time_s[shuffled], values[shuffled], series[shuffled], 33.0)
+    assert np.array_equal(again, delayed[shuffled])
+    alone = lagged(time_s[20:], values[20:], series[20:], 33.0)
+    assert np.array_equal(delayed[20:], alone)
