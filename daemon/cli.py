@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from armd import ArmdError, __version__
+from armd.daemon.commands import simulate
 
 #: name (and module in `armd.daemon.commands`) → its line in `armd --help`
 COMMANDS = {
@@ -31,6 +32,8 @@ COMMANDS = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code (0 done, 1 the answer is no, 2 bad usage or input)."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    if arguments[:1] == ["simulate"]:  # a program of its own, options and help included
+        simulate.become(arguments[1:])
     parser = argparse.ArgumentParser(
         prog="armd", description="The open driver for articulated measuring arms."
     )

@@ -1,0 +1,156 @@
+"""`python -m armd.simulator`, which is `armd simulate`: an arm on a wire, or measured sessions."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+from armd.errors import ArmdError
+from armd.schema import load_toml, validate
+from armd.simulator.ahead import Ahead
+from armd.simulator.books import FaultLog, TruthFile
+from armd.simulator.faults import FAULTS, check_wire, parse_fault, random_faults
+from armd.simulator.physics import Block, WarmUp, blocks
+from armd.simulator.pty_port import PtyPort
+from armd.simulator.scenario import Scenario
+from armd.simulator.serial_device import SerialDevice
+from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.nominal import arm_toml
+
+PROGRAM = "armd simulate"
+FAULT_HELP = "faults, their usual duration in seconds and what they do:\n" + "\n".join(
+    f"  {name:17}{kind.duration_s:6g}  {kind.text}" for name, kind in FAULTS.items()
+)
+
+
+def parser() -> argparse.ArgumentParser:
+    command = argparse.ArgumentParser(
+        prog=PROGRAM,
+        description="A simulated arm as a device on the wire, in a process of its own.",
+        epilog=FAULT_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    mode = command.add_mutually_exclusive_group(required=True)
+    mode.add_argument("--serial", action="store_true", help="on a pty; prints its path first")
+    mode.add_argument(
+        "--session", metavar="KIND", help="measured sessions instead: see --session KIND --help"
+    )
+    command.add_argument("--scenario", metavar="FILE", type=Path, help="TOML; options override it")
+    # Options that are keys of a scenario, under the same name.
+    command.add_argument(
+        "--rate", dest="rate_hz", metavar="HZ", type=int, help="samples per second (1000)"
+    )
+    command.add_argument("--seconds", metavar="S", type=float, help="stop after S seconds (never)")
+    command.add_argument(
+        "--seed", metavar="N", type=int, help="of the arm, the motion and all noise (1)"
+    )
+    command.add_argument("--serial-number", metavar="NAME", help="what the arm says it is")
+    command.add_argument("--ambient-c", metavar="C", type=float, help="air temperature, °C (20)")
+    command.add_argument(
+        "--warm-up-k",
+        metavar="K",
+        type=float,
+        help="warm by K kelvin within --warm-up-s, in fast motion",
+    )
+    command.add_argument("--warm-up-s", metavar="S", type=float, help="(--seconds, else 20)")
+    command.add_argument(
+        "--fault",
+        metavar="NAME@SECONDS[:DURATION]",
+        action="append",
+        default=[],
+        help="may be given several times",
+    )
+    command.add_argument(
+        "--link", metavar="PATH", type=Path, help="a symbolic link to the port, kept at a replug"
+    )
+    command.add_argument(
+        "--truth", metavar="FILE", type=Path, help="true tip of every sample: <u8 seq, <f8 x, y, z"
+    )
+    command.add_argument(
+        "--fault-log", metavar="FILE", type=Path, help="what was injected, JSON lines (stderr)"
+    )
+    command.add_argument(
+        "--arm-out", metavar="FILE", type=Path, help="write the arm's nominal arm.toml"
+    )
+    return command
+
+
+def read_scenario(options: argparse.Namespace) -> Scenario:
+    """The scenario file, overridden by the options given; raises `BadInput`."""
+    file = Scenario() if options.scenario is None else load_toml(options.scenario, Scenario)
+    given = {
+        key: value
+        for key, value in vars(options).items()
+        if key in Scenario.model_fields and value is not None and key != "fault"
+    }
+    merged = file.model_dump(by_alias=True) | given
+    scenario = validate("command line", merged, Scenario)
+    faults = [*scenario.fault, *(parse_fault(text) for text in options.fault)]
+    if scenario.faults_per_minute:
+        if scenario.seconds is None:
+            raise ArmdError("faults_per_minute wants seconds: how long the run lasts")
+        faults += random_faults(
+            scenario.seed, scenario.faults_per_minute, scenario.seconds, "serial"
+        )
+    return scenario.model_copy(update={"fault": faults})
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the simulator; 0 done, 2 bad usage or input."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        if any(word.partition("=")[0] == "--session" for word in arguments):
+            return measured_sessions(arguments)
+        options = parser().parse_args(arguments)
+        scenario = read_scenario(options)
+        if options.arm_out is not None:
+            options.arm_out.write_text(arm_toml(scenario.serial_number), encoding="utf-8")
+        return serial(scenario, options)
+    except ArmdError as error:
+        print(f"armd: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 0
+
+
+def serial(scenario: Scenario, options: argparse.Namespace) -> int:
+    """The arm on a pty, until its time is over or a signal ends it."""
+    check_wire(scenario.fault, "serial")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with ExitStack() as cleanup:
+        truth = cleanup.enter_context(closing(TruthFile(options.truth)))
+        log = cleanup.enter_context(closing(FaultLog(options.fault_log)))
+        physics = cleanup.enter_context(closing(Ahead(life(scenario))))
+        port = PtyPort(options.link)
+        cleanup.callback(port.unplug)
+        device = cleanup.enter_context(closing(SerialDevice(scenario, physics, port, truth, log)))
+        print(port.path, flush=True)
+        device.run()
+    return 0
+
+
+def life(scenario: Scenario) -> Iterator[Block]:
+    """The physics of a scenario, latch by latch."""
+    warm_up = None
+    if scenario.warm_up_k is not None:
+        warm_up = WarmUp(scenario.warm_up_k, scenario.warm_up_s or scenario.seconds or 20.0)
+    arm = TrueArm.default(scenario.seed)
+    return blocks(arm, scenario.seed, scenario.rate_hz, scenario.ambient_c, warm_up)
+
+
+def measured_sessions(arguments: Sequence[str]) -> int:
+    """`--session KIND`: no wire, but session folders."""
+    from armd.simulator import sessions  # the wire must not wait for it
+
+    command = argparse.ArgumentParser(prog=PROGRAM, description=sessions.__doc__)
+    sessions.add_arguments(command)
+    return sessions.run(command.parse_args(arguments))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,89 @@
+"""A pseudo-terminal that behaves like a UART: whoever does not read in time loses packets."""
+
+from __future__ import annotations
+
+import os
+import select
+import tty
+from pathlib import Path
+
+
+class PtyPort:
+    """The arm's end of a serial line.
+
+    A pty buffers some 20 kB and then blocks its writer; a UART does not wait. So writes never
+    block, and what does not fit is dropped in whole packets. The slave end is held open, else
+    the writer would see an error whenever nobody has it open.
+
+    *link*: a symbolic link to the slave, made anew at every `plug`, so that the path outlives an
+    unplugging as a name in /dev/serial/by-id does.
+    """
+
+    def __init__(self, link: Path | None = None) -> None:
+        self._link = link
+        self.path = ""
+        self._plugged = False
+        self.plug()
+
+    @property
+    def plugged(self) -> bool:
+        return self._plugged
+
+    def plug(self) -> None:
+        """Appear; on the same /dev/pts number as before wherever that is free again."""
+        wanted, spare = self.path, []
+        self._open()
+        # The kernel gives the lowest free number: hold the lower ones until ours comes up.
+        while wanted and self.path != wanted and _number(self.path) < _number(wanted):
+            spare += [self._master, self._slave]
+            self._open()
+        for descriptor in spare:
+            os.close(descriptor)
+        self._plugged = True
+        if self._link is not None:
+            fresh = self._link.with_name(f".{self._link.name}.new")
+            fresh.unlink(missing_ok=True)
+            fresh.symlink_to(self.path)
+            fresh.replace(self._link)
+
+    def unplug(self) -> None:
+        """Disappear: whoever has the port open reads an error."""
+        if self._plugged:
+            self._plugged = False
+            os.close(self._slave)
+            os.close(self._master)
+            if self._link is not None:
+                self._link.unlink(missing_ok=True)
+
+    def write(self, packets: bytes) -> bool:
+        """Send whole packets; False if there was no room and they were dropped."""
+        if self._unsent:
+            self._unsent = self._unsent[self._push(self._unsent) :]
+            if self._unsent:
+                return False
+        done = self._push(packets)
+        if done:
+            self._unsent = packets[done:]  # never half a packet: the rest goes first next time
+        return done > 0
+
+    def read(self, timeout_s: float) -> bytes:
+        """What the host has sent; waits up to *timeout_s* for something."""
+        ready, _, _ = select.select([self._master], [], [], timeout_s)
+        return os.read(self._master, 4096) if ready else b""
+
+    def _open(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        self._unsent = b""
+
+    def _push(self, data: bytes) -> int:
+        try:
+            return os.write(self._master, data)
+        except BlockingIOError:
+            return 0
+
+
+def _number(path: str) -> int:
+    return int(path.rpartition("/")[2])

@@ -1,0 +1,267 @@
+"""The simulated arm on the serial wire: latches at its deadlines, packets, answers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from cobs import cobs
+
+from armd.drivers import serial_wire as wire
+from armd.simulator.books import FaultLog, TruthFile
+from armd.simulator.crystal import Crystal
+from armd.simulator.electronics import BITS, Electronics
+from armd.simulator.faults import Schedule
+from armd.simulator.physics import Block
+from armd.simulator.pty_port import PtyPort
+from armd.simulator.scenario import Scenario
+from armd.simulator.serial_faults import at_latch, in_sensors, on_wire
+
+TEMPERATURES_PER_S = 2
+#: Faults during which no SAMPLE leaves, the strongest first.
+MUTE = ("reboot", "unplug", "silence")
+
+
+class SerialDevice:
+    """One arm on one port, from boot until `run` returns.
+
+    Everything is counted in latches since the simulator started (*k*); a boot sets where the
+    device's own counter and clock began.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        blocks: Iterator[Block],
+        port: PtyPort,
+        truth: TruthFile,
+        log: FaultLog,
+    ) -> None:
+        self._scenario = scenario
+        self._schedule = Schedule(scenario.fault, scenario.rate_hz)
+        self._blocks = blocks
+        self._port = port
+        self._truth = truth
+        self._log = log
+        self._rng = np.random.default_rng([scenario.seed, 0x5E1])
+        self._electronics = Electronics(scenario.seed)
+        self._crystal = Crystal(scenario.rate_hz, scenario.clock_ppm)
+        self._commands = wire.Splitter()
+        self._torn = False  # the last packet lost its delimiter: the next one is lost with it
+        self._mute = ""  # the fault that keeps the arm silent
+        self._k = 0
+        self._boot_k = 0
+        self._boot_id = 0
+        self._boot_seq = scenario.first_seq  # epoch << 32 | device seq at the last boot
+        self._block = next(blocks)
+        self._block_k = 0
+        self._truth_k = 0
+        self._next_temperature_k = 0
+
+    def run(self) -> None:
+        """Live for the scenario's seconds, or until interrupted."""
+        seconds = self._scenario.seconds
+        stop_k = None if seconds is None else round(seconds * self._crystal.rate_hz)
+        self._crystal.start()
+        self._boot()
+        while stop_k is None or self._k < stop_k:
+            due_k = self._crystal.latches_by(time.monotonic_ns())
+            while self._k < due_k:
+                if self._k >= self._schedule.next_change:
+                    self._change_faults()
+                self._latch_until(min(due_k, self._block_end_k, self._schedule.next_change))
+                if self._k == self._block_end_k:
+                    self._take_block()
+            wait_ns = self._crystal.instant_ns(self._k) - time.monotonic_ns()
+            self._wait(max(wait_ns, 0) * 1e-9)
+
+    def close(self) -> None:
+        """Bring the books up to the last latch."""
+        self._keep_truth()
+        self._log.write("stop", **self._now())
+
+    # latches
+
+    def _latch_until(self, end_k: int) -> None:
+        """Latch k … end − 1, all in the current block and with the same faults; one write."""
+        first_seq, count = self._seq(self._k), end_k - self._k
+        if self._mute:
+            if self._mute != "reboot":  # while it reboots nothing is latched at all
+                self._log.withheld(self._mute, first_seq, first_seq + count - 1)
+            self._k = end_k
+            return
+        packets = []
+        for k in range(self._k, end_k):
+            packets.append(self._sample(k))
+            if k >= self._next_temperature_k:
+                self._next_temperature_k = k + max(1, self._crystal.rate_hz // TEMPERATURES_PER_S)
+                packets.append(self._temperature(k))
+        self._k = end_k
+        if not self._port.write(b"".join(packets)):
+            self._torn = False
+            self._log.withheld("nobody reads", first_seq, first_seq + count - 1)
+
+    def _sample(self, k: int) -> bytes:
+        row: np.void = self._rows[k - self._block_k]
+        if not (self._schedule.active or self._torn):
+            return wire.pack(row.tobytes())
+        row = row.copy()
+        for fault in self._schedule.active:
+            at_latch(fault, row)
+        whole = packet = wire.pack(row.tobytes())
+        reason = "truncated_packet" if self._torn else ""
+        for fault in self._schedule.active:
+            packet = on_wire(fault, packet, self._rng)
+            if not packet.startswith(whole):
+                reason = fault.name
+        if packet:
+            self._torn = not packet.endswith(b"\0")
+        if reason:
+            self._log.withheld(reason, self._seq(k), self._seq(k))
+        return packet
+
+    def _temperature(self, k: int) -> bytes:
+        celsius = self._electronics.celsius(self._block.sensor_c)
+        for fault in self._schedule.active:
+            in_sensors(fault, celsius)
+        if self._schedule.is_on("sensor_silent"):
+            return b""
+        self._torn = False
+        return wire.encode_temperature(self._crystal.latch_us(k - self._boot_k), celsius)
+
+    # blocks of physics
+
+    @property
+    def _block_end_k(self) -> int:
+        return self._block_k + len(self._block.buttons)
+
+    def _take_block(self) -> None:
+        self._keep_truth()
+        self._block_k = self._block_end_k
+        self._block = next(self._blocks)
+        self._stamp()
+
+    def _stamp(self) -> None:
+        """The block's SAMPLE bodies, numbered and timed from the last boot."""
+        n, n_joints = self._block.encoder_rad.shape
+        self._rows = np.zeros(n, wire.sample_layout(n_joints))
+        since_boot = np.arange(self._block_k, self._block_k + n) - self._boot_k
+        self._rows["type"], self._rows["n"] = wire.Type.SAMPLE, n_joints
+        self._rows["seq"] = (self._boot_seq + since_boot) & 0xFFFFFFFF
+        self._rows["t_us"] = since_boot.clip(0) * 1_000_000 // self._crystal.rate_hz
+        self._rows["buttons"] = self._block.buttons
+        self._rows["count"] = self._electronics.counts(self._block.encoder_rad)
+
+    def _keep_truth(self) -> None:
+        """Write down the block's latches that are past and not yet written."""
+        if self._mute != "reboot":
+            first_k = max(self._block_k, self._boot_k, self._truth_k)
+            rows = slice(first_k - self._block_k, self._k - self._block_k)
+            seq = np.arange(self._seq(first_k), self._seq(self._k), dtype=np.uint64)
+            self._truth.append(seq, self._block.tip_mm[rows])
+        self._truth_k = self._k
+
+    # faults and boots
+
+    def _change_faults(self) -> None:
+        ended, begun = self._schedule.advance(self._k)
+        for fault in ended:
+            self._log.write("end", fault=fault.name, **self._now())
+        for fault in begun:
+            self._log.write(
+                "begin",
+                fault=fault.name,
+                joint=fault.joint,
+                channel=fault.channel,
+                amount=fault.size,
+                **self._now(),
+            )
+        rebooting = self._mute == "reboot"
+        if not rebooting and self._schedule.is_on("reboot"):
+            self._keep_truth()
+        self._mute = next((name for name in MUTE if self._schedule.is_on(name)), "")
+        if self._schedule.is_on("unplug"):
+            self._port.unplug()
+        elif not self._port.plugged:
+            self._plug()
+        if rebooting and self._mute != "reboot":
+            self._boot_seq = ((self._seq(self._k) >> 32) + 1) << 32
+            self._boot_k = self._k
+            self._boot()
+
+    def _plug(self) -> None:
+        before = self._port.path
+        self._port.plug()
+        self._torn = False
+        self._commands.reset()
+        if self._port.path != before:
+            print(self._port.path, flush=True)
+
+    def _boot(self) -> None:
+        self._boot_id = int(self._rng.integers(1 << 32))
+        self._truth_k = self._k
+        self._next_temperature_k = self._k
+        self._torn = False
+        self._stamp()
+        self._send_hello()
+        self._log.write(
+            "boot",
+            boot_id=self._boot_id,
+            clock_ppm=self._crystal.ppm,
+            rate_hz=self._crystal.rate_hz,
+            latch_monotonic_ns=self._crystal.instant_ns(self._k),
+            **self._now(),
+        )
+
+    def _seq(self, k: int) -> int:
+        """As published: epoch << 32 | device seq."""
+        return self._boot_seq + k - self._boot_k
+
+    def _now(self) -> dict[str, int | float]:
+        """Where the next latch stands, for the fault log."""
+        return {
+            "seq": self._seq(self._k),
+            "t_us": self._crystal.latch_us(self._k - self._boot_k),
+            "at_s": self._k / self._crystal.rate_hz,
+            "monotonic_ns": time.monotonic_ns(),
+        }
+
+    # the host's side of the conversation
+
+    def _wait(self, timeout_s: float) -> None:
+        """Until the next latch, or the host's next bytes."""
+        if not self._port.plugged:
+            time.sleep(timeout_s)
+            return
+        received = self._port.read(timeout_s)
+        now_us = self._crystal.device_us(time.monotonic_ns())
+        for packet in self._commands.push(received) if received else ():
+            if not self._mute:
+                self._answer(packet, now_us - self._crystal.latch_us(self._boot_k))
+
+    def _answer(self, packet: bytes, t_us: int) -> None:
+        try:
+            data = wire.unpack(packet)
+        except cobs.DecodeError:
+            return
+        if data is None:
+            return
+        if data[0] == wire.Type.IDENTIFY:
+            self._send_hello()
+        elif data[0] == wire.Type.PING and (nonce := wire.decode_ping(data)) is not None:
+            self._torn = False
+            self._port.write(wire.encode_pong(nonce, t_us))
+
+    def _send_hello(self) -> None:
+        hello = wire.Hello(
+            protocol=wire.PROTOCOL,
+            n_joints=self._block.encoder_rad.shape[1],
+            n_sensors=len(self._block.sensor_c),
+            rate_hz=self._crystal.rate_hz,
+            boot_id=self._boot_id,
+            serial_number=self._scenario.serial_number,
+            bits=(BITS,) * self._block.encoder_rad.shape[1],
+        )
+        self._torn = False
+        self._port.write(wire.encode_hello(hello))
