@@ -41,6 +41,7 @@ class Temperatures:
     celsius: npt.NDArray[np.float64]  # (n_sensors,)
     device_ns: int
     monotonic_ns: int  # host arrival where the device clock is not mapped yet
+    stamp_ns: int  # the same instant, Unix time
 
 
 @dataclass(frozen=True, slots=True)

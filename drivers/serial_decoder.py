@@ -15,14 +15,13 @@ from armd.drivers import serial_wire as wire
 from armd.drivers.clock import DeviceClock
 from armd.drivers.identity import Expectation
 from armd.drivers.joint_watch import JointWatch
-from armd.drivers.sample import Event, Item, RawFrame, SampleArray, Temperatures, sample_dtype
+from armd.drivers.sample import Event, Item, RawFrame, Temperatures, sample_dtype
 from armd.drivers.sequence import Rows, Run, SequenceExtender
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
 
 HELD_SAMPLES = 8192  # kept while nobody has said whose arm this is
 PINGS_REMEMBERED = 64
-COUNTED = ("samples", "bad_crc", "bad_cobs", "wrong_length", "unknown", "foreign", "unidentified")
-T_US_LIMIT = 1 << 53  # 285 years: beyond it a time stamp is nonsense and would overflow
+COUNTED = ("samples", "bad_crc", "bad_cobs", "malformed", "unknown", "foreign", "unidentified")
 
 
 class SerialDecoder:
@@ -45,7 +44,8 @@ class SerialDecoder:
         self._splitter = wire.Splitter()
         self._synchronised = False  # a first 0x00 has been seen on this connection
         self._sequence = SequenceExtender()
-        self._joints = JointWatch()
+        self._status_watch = JointWatch("joint_invalid", "the arm calls it invalid")
+        self._jump_watch = JointWatch("count_jump", "its count jumped")
         self._unwrapper: Unwrapper | None = None
         self._boot_id: int | None = None
         self._published: int | None = None  # the last seq delivered
@@ -91,7 +91,7 @@ class SerialDecoder:
                 if wire.is_sample(data) and data[3] == self._expected.n_joints:
                     run.append(data)
                 else:
-                    self._counted["wrong_length"] += 1
+                    self._counted["malformed"] += 1
                 continue
             items += self._samples(run, frame)
             run = []
@@ -113,7 +113,7 @@ class SerialDecoder:
         match data[0]:
             case wire.Type.TEMPERATURE:
                 reading = wire.decode_temperature(data)
-                if reading is not None and reading.t_us < T_US_LIMIT:
+                if reading is not None:
                     return self._deliver_or_hold(reading, frame)
             case wire.Type.HELLO:
                 hello = wire.decode_hello(data)
@@ -121,7 +121,7 @@ class SerialDecoder:
                     return self._greet(hello, frame)
             case wire.Type.PONG:
                 pong = wire.decode_pong(data)
-                if pong is not None and pong.t_us < T_US_LIMIT:
+                if pong is not None:
                     sent_ns = self._pings.pop(pong.nonce, None)
                     if sent_ns is not None:
                         self.clock.add(sent_ns, frame.monotonic_ns, pong.t_us * 1000)
@@ -129,16 +129,19 @@ class SerialDecoder:
             case _:
                 self._counted["unknown"] += 1
                 return []
-        self._counted["wrong_length"] += 1
+        self._counted["malformed"] += 1
         return []
 
     def _samples(self, run: list[bytes], frame: RawFrame) -> list[Item]:
         if not run:
             return []
         rows = wire.decode_samples(run, self._expected.n_joints)
-        if (rows["t_us"] >= T_US_LIMIT).any():
-            self._counted["wrong_length"] += int((rows["t_us"] >= T_US_LIMIT).sum())
-            rows = rows[rows["t_us"] < T_US_LIMIT]
+        if rows["t_us"].max() >= wire.T_US_LIMIT:
+            sane = rows["t_us"] < wire.T_US_LIMIT
+            self._counted["malformed"] += int((~sane).sum())
+            rows = rows[sane]
+            if not len(rows):
+                return []
         self.last_sample_ns = frame.monotonic_ns
         return self._deliver_or_hold(rows, frame)
 
@@ -245,7 +248,7 @@ class SerialDecoder:
         self, what: Rows | wire.TemperatureReading, arrival_ns: int, unix_ns: int
     ) -> list[Item]:
         if isinstance(what, wire.TemperatureReading):
-            return [self._temperatures(what, arrival_ns)]
+            return [self._temperatures(what, arrival_ns, unix_ns - arrival_ns)]
         items: list[Item] = []
         for run in self._sequence.push(what, arrival_ns):
             if run.rebooted:
@@ -254,21 +257,22 @@ class SerialDecoder:
                 self.hello = None  # ask again, but go on: the line was never broken
                 text = "the arm has rebooted: its clock runs from zero again"
                 items.append(Event("reboot", text, arrival_ns, "warning"))
-            samples = self._assemble(run, unix_ns - arrival_ns)
-            items += self._joints.events(samples)
-            items.append(samples)
+            items += self._assemble(run, unix_ns - arrival_ns)
         return items
 
-    def _temperatures(self, reading: wire.TemperatureReading, arrival_ns: int) -> Temperatures:
+    def _temperatures(
+        self, reading: wire.TemperatureReading, arrival_ns: int, unix_minus_monotonic_ns: int
+    ) -> Temperatures:
         celsius = np.full(self._expected.n_sensors, np.nan)
         n = min(len(celsius), len(reading.celsius))
         celsius[:n] = reading.celsius[:n]
         device_ns = reading.t_us * 1000
         if self.clock.mapped:
             arrival_ns = int(self.clock.to_host(np.array([device_ns]))[0])
-        return Temperatures(celsius, device_ns, arrival_ns)
+        stamp_ns = arrival_ns + unix_minus_monotonic_ns
+        return Temperatures(celsius, device_ns, arrival_ns, stamp_ns)
 
-    def _assemble(self, run: Run, unix_minus_monotonic_ns: int) -> SampleArray:
+    def _assemble(self, run: Run, unix_minus_monotonic_ns: int) -> list[Item]:
         rows = run.rows
         out = np.zeros(len(rows), self._dtype)
         t_us = rows["t_us"].astype(np.int64)
@@ -291,7 +295,11 @@ class SerialDecoder:
             out["lost_before"][0] = int(run.seq[0]) != self._published + 1
         self._published = int(run.seq[-1])
         self._counted["samples"] += len(rows)
-        return out
+        return [
+            *self._status_watch.events(out, status),
+            *self._jump_watch.events(out, jumped),
+            out,
+        ]
 
 
 def _weight(what: Rows | wire.TemperatureReading) -> int:
