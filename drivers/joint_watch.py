@@ -1,8 +1,9 @@
-"""Joints that turn invalid, and turn good again, as events: one each, however they flicker."""
+"""Joints that get into trouble, and out of it, as events: one each, however they flicker."""
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from armd.drivers.sample import Event, SampleArray
 
@@ -10,29 +11,30 @@ GOOD_FOR_NS = 500_000_000  # so long must a joint hold before it counts as recov
 
 
 class JointWatch:
-    """Remembers which joints are in trouble, and since when they are not."""
+    """Watches one kind of trouble. The events are *kind* and then "joint_valid"."""
 
-    def __init__(self) -> None:
+    def __init__(self, kind: str, trouble: str) -> None:
+        self._kind = kind
+        self._trouble = trouble  # what follows "joint 3: "
         self._last_bad_ns: dict[int, int] = {}  # joint (from 1) → device_ns
 
-    def events(self, samples: SampleArray) -> list[Event]:
-        """Events that *samples* (one run, in order) give rise to."""
-        bits = int(np.bitwise_or.reduce(samples["joint_invalid"]))
-        if not bits and not self._last_bad_ns:
+    def events(self, samples: SampleArray, bad: npt.NDArray[np.uint16]) -> list[Event]:
+        """What *bad* (m,), bit k-1 for joint k, of the consecutive *samples* (m,) gives rise to."""
+        if not self._last_bad_ns and not bad.any():
             return []
         device_ns, now_ns = int(samples["device_ns"][-1]), int(samples["monotonic_ns"][-1])
         found = []
         for k in range(1, samples["count"].shape[1] + 1):
-            bad = (samples["joint_invalid"] >> (k - 1)) & 1
-            if bits >> (k - 1) & 1:
+            rows = np.flatnonzero((bad >> (k - 1)) & 1)
+            if len(rows):
                 if k not in self._last_bad_ns:
-                    text = f"joint {k} is invalid: its status bit is set or its count jumped"
-                    found.append(Event("joint_invalid", text, now_ns, "error", {"joint": k}))
-                self._last_bad_ns[k] = int(samples["device_ns"][np.flatnonzero(bad)[-1]])
+                    text = f"joint {k}: {self._trouble}"
+                    found.append(Event(self._kind, text, now_ns, "error", {"joint": k}))
+                self._last_bad_ns[k] = int(samples["device_ns"][rows[-1]])
             elif k in self._last_bad_ns and not (
                 0 <= device_ns - self._last_bad_ns[k] < GOOD_FOR_NS
             ):
                 del self._last_bad_ns[k]
-                text = f"joint {k} is valid again"
+                text = f"joint {k} is valid again ({self._trouble})"
                 found.append(Event("joint_valid", text, now_ns, "info", {"joint": k}))
         return found

@@ -19,6 +19,7 @@ from cobs import cobs
 PROTOCOL = 1
 PACKET_LIMIT = 4096  # a longer run without 0x00 is junk
 TEMPERATURE_UNIT_C = 0.01
+T_US_LIMIT = 1 << 53  # 285 years: a time beyond it is nonsense, and overflows in nanoseconds
 CHANNELS_MAX = 16  # width of TEMPERATURE's valid mask
 
 #: CRC-32 of any message followed by its own CRC-32: one call checks a packet without slicing.
@@ -47,6 +48,11 @@ def sample_layout(n_joints: int) -> np.dtype[np.void]:
             ("count", "<u4", (n_joints,)),
         ]
     )
+
+
+@cache
+def _checked_layout(n_joints: int) -> np.dtype[np.void]:
+    return np.dtype([("body", sample_layout(n_joints)), ("crc", "<u4")])
 
 
 @cache
@@ -179,18 +185,18 @@ def is_sample(data: bytes) -> bool:
 
 def decode_samples(run: list[bytes], n_joints: int) -> npt.NDArray[np.void]:
     """Unpacked SAMPLEs of *n_joints* each → one array (m,) of `sample_layout(n_joints)`."""
-    layout = sample_layout(n_joints)
-    rows = np.frombuffer(b"".join(run), np.dtype([("body", layout), ("crc", "<u4")]))
-    body: npt.NDArray[np.void] = rows["body"]
+    body: npt.NDArray[np.void] = np.frombuffer(b"".join(run), _checked_layout(n_joints))["body"]
     return body
 
 
 def decode_temperature(data: bytes) -> TemperatureReading | None:
-    """An unpacked TEMPERATURE; None where its length is wrong."""
+    """An unpacked TEMPERATURE; None where its length is wrong or its time nonsense."""
     n = data[_TEMPERATURE_N]
     if n > CHANNELS_MAX or len(data) != _TEMPERATURE_HEAD + 2 * n + 4:
         return None
     row = np.frombuffer(data[:-4], temperature_layout(n))[0]
+    if row["t_us"] >= T_US_LIMIT:
+        return None
     valid = (int(row["valid"]) >> np.arange(n)) & 1
     celsius = np.where(valid == 1, row["centi_celsius"] * TEMPERATURE_UNIT_C, np.nan)
     return TemperatureReading(celsius, int(row["t_us"]))
@@ -220,10 +226,12 @@ def decode_hello(data: bytes) -> Hello | None:
 
 
 def decode_pong(data: bytes) -> Pong | None:
-    """An unpacked PONG; None where its length is wrong."""
+    """An unpacked PONG; None where its length is wrong or its time nonsense."""
     if len(data) != PONG_LAYOUT.itemsize + 4:
         return None
     row = np.frombuffer(data[:-4], PONG_LAYOUT)[0]
+    if row["t_us"] >= T_US_LIMIT:
+        return None
     return Pong(int(row["nonce"]), int(row["t_us"]))
 
 

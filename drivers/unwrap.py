@@ -5,11 +5,12 @@ One plain loop, compiled: the same rule for one sample and for a million.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-import numba
 import numpy as np
 import numpy.typing as npt
+
+from armd.jit import jit
 
 MAX_JOINT_RATE_DEG_S = 1200.0  # a wrist spun by hand stays below three turns a second
 MARGIN_COUNTS = 4  # noise, and the granularity of the time stamps
@@ -82,7 +83,7 @@ def _unwrap(
                 jumped[row] |= np.uint16(1 << k)
 
 
-_compiled: Callable[..., None] = numba.njit(cache=True)(_unwrap)
+_compiled = jit(_unwrap)
 
 
 class Unwrapper:

@@ -1,0 +1,138 @@
+"""Sequence numbers: extended over wraps and reboots, each sample once, repeats told apart."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armd.drivers import serial_wire as wire
+from armd.drivers.sequence import SequenceExtender
+
+WRAP = 2**32
+MS = 1_000_000  # ns
+
+
+def rows(*pairs):
+    """(seq, t_us) pairs as the codec delivers them."""
+    out = np.zeros(len(pairs), wire.sample_layout(1))
+    out["seq"] = [seq % WRAP for seq, _ in pairs]
+    out["t_us"] = [t for _, t in pairs]
+    return out
+
+
+class Feed:
+    """Pushes samples a millisecond apart and remembers what was accepted."""
+
+    def __init__(self):
+        self.extender = SequenceExtender()
+        self.accepted: list[int] = []
+        self.reboots = 0
+        self.now_ns = 10**12
+
+    def push(self, *pairs, after_ns=MS):
+        self.now_ns += after_ns
+        for run in self.extender.push(rows(*pairs), self.now_ns):
+            self.accepted += [int(seq) for seq in run.seq]
+            self.reboots += run.rebooted
+        return self
+
+
+def stream(feed, first, n, t0_us):
+    for i in range(n):
+        feed.push((first + i, t0_us + 1000 * i))
+
+
+def test_the_counter_wraps_into_the_next_epoch_without_loss():
+    feed = Feed()
+    stream(feed, WRAP - 3, 6, 10_000_000)
+    assert feed.accepted == [WRAP - 3, WRAP - 2, WRAP - 1, WRAP, WRAP + 1, WRAP + 2]
+    assert feed.extender.lost == 0 and feed.reboots == 0
+
+
+def test_a_wrap_within_one_read():
+    feed = Feed().push((WRAP - 2, 1000), (WRAP - 1, 2000), (0, 3000), (1, 4000))
+    assert feed.accepted == [WRAP - 2, WRAP - 1, WRAP, WRAP + 1]
+
+
+def test_losses_over_a_wrap_are_losses():
+    feed = Feed().push((WRAP - 2, 1000)).push((5, 8000))
+    assert feed.accepted == [WRAP - 2, WRAP + 5] and feed.extender.lost == 6
+
+
+def test_a_big_jump_forward_is_lost_samples():
+    feed = Feed().push((10, 1000)).push((3_000_000_000, 2000))
+    assert feed.accepted == [10, 3_000_000_000]
+    assert feed.extender.lost == 3_000_000_000 - 11
+
+
+def test_repeats_are_dropped_and_counted():
+    feed = Feed()
+    stream(feed, 5000, 10, 5_000_000)
+    feed.push((5009, 5_009_000)).push((5009, 5_009_000))  # the last one again
+    feed.push((5007, 5_007_000)).push((5008, 5_008_000))  # two older ones
+    stream(feed, 5010, 10, 5_010_000)
+    assert feed.accepted == list(range(5000, 5020))
+    assert feed.extender.repeated == 4 and feed.extender.lost == 0 and feed.reboots == 0
+
+
+def test_a_late_packet_around_the_wrap_is_no_reboot():
+    feed = Feed()
+    stream(feed, WRAP - 3, 5, 50_000_000)
+    feed.push((WRAP - 1, 50_002_000))
+    feed.push((2, 50_005_000))
+    assert feed.accepted[-2:] == [WRAP + 1, WRAP + 2]
+    assert feed.extender.repeated == 1 and feed.reboots == 0
+
+
+def test_a_reboot_seen_by_the_clock_alone():
+    feed = Feed()
+    stream(feed, 5000, 10, 5_000_000)
+    feed.push((0, 0), after_ns=200 * MS)
+    stream(feed, 1, 5, 1000)
+    assert feed.accepted[10:] == [WRAP + i for i in range(6)]
+    assert feed.reboots == 1 and feed.extender.repeated == 0
+
+
+def test_a_reboot_announced_by_hello():
+    feed = Feed()
+    stream(feed, 5000, 10, 5_000_000)
+    feed.extender.new_boot()
+    stream(feed, 0, 5, 0)
+    assert feed.accepted[10:] == [WRAP + i for i in range(5)]
+    assert feed.reboots == 0  # the caller knew
+
+
+def test_the_counter_going_on_over_a_clock_running_backwards_is_a_reboot():
+    feed = Feed().push((10, 5_000_000)).push((11, 3000)).push((12, 4000))
+    assert feed.accepted == [10, WRAP + 11, WRAP + 12] and feed.reboots == 1
+
+
+def test_a_past_that_simply_goes_on_is_a_reboot_and_nothing_of_it_is_lost():
+    feed = Feed()
+    stream(feed, 5000, 10, 5_000_000)
+    stream(feed, 100, 100, 4_000_000)  # that clock cannot be right, but it runs on
+    assert feed.accepted[10:] == [WRAP + 100 + i for i in range(100)]
+
+
+@given(st.lists(st.sampled_from(["next", "next", "lose", "wrap", "reboot", "repeat"]), max_size=60))
+def test_whatever_happens_numbers_rise_and_their_low_half_is_the_devices(story):
+    feed, device_seq, t_us = Feed(), WRAP - 20, 10_000_000
+    sent = []
+    for word in story:
+        if word == "repeat" and sent and sent[-1][1] > 200_000:
+            feed.push(sent[-1])
+            continue
+        if word == "reboot":
+            feed.extender.new_boot()
+            device_seq, t_us = 0, 0
+        if word == "lose":
+            device_seq = (device_seq + 7) % WRAP
+            t_us += 7000
+        if word == "wrap" and device_seq < WRAP - 5:
+            t_us += (WRAP - 5 - device_seq) * 1000
+            device_seq = WRAP - 5
+        sent.append((device_seq, t_us))
+        feed.push(sent[-1])
+        device_seq = (device_seq + 1) % WRAP
+        t_us += 1000
+    assert [seq % WRAP for seq in feed.accepted] == [seq for seq, _ in sent]
+    assert feed.accepted == sorted(set(feed.accepted))
