@@ -161,7 +161,8 @@ def angles(readings: Readings, arm: Arm, unit: AngleUnit) -> F64:
                 raise BadInput(
                     "arm.toml", f"joint[{k + 1}].counts_per_turn", "nothing", "counts per turn"
                 )
-            turn, scale = joint.counts_per_turn, joint.direction * math.tau / joint.counts_per_turn
+            turn = float(joint.counts_per_turn)
+            scale = joint.direction * math.tau / turn
         else:
             turn, scale = (math.tau, 1.0) if unit == "rad" else (360.0, math.radians(1.0))
         q[:, k] = scale * values
@@ -225,7 +226,7 @@ def _approach(readings: Readings, arm: Arm, q: F64, rate: F64) -> F64:
     given = _three(readings, APPROACH)
     length = np.linalg.norm(given, axis=1)
     readings.refuse(np.abs(length - 1) > 0.01, APPROACH[0], length, "a vector of length 1")
-    approach = given / length[:, None]
+    approach: F64 = given / length[:, None]
     moved = np.isnan(length) & np.isfinite(rate).all(axis=1) & (rate != 0).any(axis=1)
     if moved.any():
         jacobian = joint_jacobian(q[moved], arm.nominal())

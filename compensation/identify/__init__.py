@@ -1,0 +1,1 @@
+"""From measured sessions to constants and coefficients: least squares, rank, uncertainty."""

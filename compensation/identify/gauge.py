@@ -1,0 +1,103 @@
+"""Which parameters are asked for, and in words which of them the readings cannot tell apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation import parameters
+from armd.compensation.arm import Arm
+
+F64 = npt.NDArray[np.float64]
+
+#: Consecutive axes closer to parallel than this need Hayati's β.
+PARALLEL_DEG = 5.0
+#: Plausible departures from the drawing; a direction known worse than a tenth of this is unknown.
+PLAUSIBLE = {"mm": 10.0, "rad": 0.02}
+
+
+def parallel_joints(arm: Arm) -> list[int]:
+    """Joints k (from 1) whose axis is nearly parallel to that of joint k + 1."""
+    limit = math.sin(math.radians(PARALLEL_DEG))
+    return [
+        k
+        for k, joint in enumerate(arm.joint[:-1], 1)
+        if abs(math.sin(math.radians(joint.alpha_deg))) < limit
+    ]
+
+
+def free_constants(arm: Arm) -> list[str]:
+    """Names of the constants to identify: θ, d, a, α of every joint and the tip's offset.
+
+    Where consecutive axes are nearly parallel, their common normal has no place: Hayati's β is
+    asked for instead of d (Hayati 1983), which stays as drawn.
+    """
+    hayati = parallel_joints(arm)
+    names = []
+    for k in range(1, arm.n_joints + 1):
+        length = f"beta_{k}" if k in hayati else f"d_{k}"
+        names += [f"theta_{k}", length, f"a_{k}", f"alpha_{k}"]
+    return [*names, *parameters.TIP_PARAMETERS]
+
+
+def unidentifiable(null: F64, names: Sequence[str], arm: Arm) -> list[str]:
+    """Each direction of the null space in words.
+
+    *null* (C, k): a basis, in units of plausible departures; *names* (C,) of the unknowns.
+    """
+    return [_in_words(vector, names, arm) for vector in _sparse_basis(null, names, arm)]
+
+
+def _sparse_basis(null: F64, names: Sequence[str], arm: Arm) -> list[F64]:
+    """The same space by vectors with few entries: reduced row echelon form.
+
+    Pivots are sought among the constants a reader would give up first: those of the last joint,
+    which only place the tip, then of the first, which only place the arm.
+    """
+    rows = null.T.copy()
+    last, first = f"_{arm.n_joints}", "_1"
+    rank = [0 if n.endswith(last) else 1 if n.endswith(first) else 2 for n in names]
+    order = sorted(range(len(names)), key=lambda i: (rank[i], i))
+    done = 0
+    for column in order:
+        if done == len(rows):
+            break
+        pivot = done + int(np.argmax(np.abs(rows[done:, column])))
+        if abs(rows[pivot, column]) < 1e-5:
+            continue
+        rows[[done, pivot]] = rows[[pivot, done]]
+        rows[done] /= rows[done, column]
+        others = np.arange(len(rows)) != done
+        rows[others] -= rows[others, column][:, None] * rows[done]
+        done += 1
+    return list(rows[:done])
+
+
+def _in_words(vector: F64, names: Sequence[str], arm: Arm) -> str:
+    size = np.abs(vector)
+    lead = int(np.argmax(np.isclose(size, 1.0) & (size > 0.02 * size.max())))
+    involved = [i for i in np.argsort(-size) if size[i] > 0.02 * size.max() and i != lead]
+    together = [names[lead], *(names[i] for i in involved)]
+    text = names[lead]
+    if involved:
+        shown = [names[i] for i in involved[:6]]
+        more = f" and {len(involved) - 6} more" if len(involved) > 6 else ""
+        text += " with " + ", ".join(shown) + more
+    return f"{text}: {_reason(together, arm)}"
+
+
+def _reason(together: Sequence[str], arm: Arm) -> str:
+    last = f"_{arm.n_joints}"
+    if all(name in parameters.TIP_PARAMETERS or name.endswith(last) for name in together):
+        return "the last joint's constants and the tip's offset place the same point"
+    if all(name in ("theta_1", "d_1") for name in together):
+        return "moving the whole arm about its first axis moves every placement alike"
+    stems = {name.split("_")[0] for name in together}
+    if len(together) > arm.n_joints and stems <= {"d", "a", "tip"}:
+        return "no certified length tells the scale of the arm"
+    if any(name.startswith("term") for name in together):
+        return "these temperatures and poses do not tell them apart"
+    return "these poses do not tell them apart"

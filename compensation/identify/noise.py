@@ -1,0 +1,101 @@
+"""How noisy one reading is, found from the residuals themselves, and which readings are not noise.
+
+Model: covariance of a reading = σ_q² J_q J_qᵀ + σ_r² I, with J_q the tip's motion per encoder
+angle. The encoders' share grows with reach, so readings far out count for less.
+
+Robust loss: a reading whose Mahalanobis distance d exceeds c (a Gaussian one does so once in
+10 000) counts with weight (c/d)², so its pull falls off as 1/d; all others count fully, so clean
+data are fitted by plain least squares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
+
+F64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+OUTLIER_D2 = float(chi2.ppf(1 - 1e-4, df=3))
+MEDIAN_D2 = float(chi2.median(df=3))
+#: Below this a reading's noise is rounding (mm).
+LEAST_MM = 1e-9
+
+
+@dataclass(frozen=True)
+class ReadingNoise:
+    """Standard deviations of one reading: each encoder's, and per axis of the tip."""
+
+    encoder_rad: float
+    reading_mm: float
+
+    def covariance(self, joint_columns: F64) -> F64:
+        """Covariance (n, 3, 3) mm² of readings, from d tip / d angle (n, 3, N) mm/rad."""
+        shape = joint_columns @ joint_columns.transpose(0, 2, 1)
+        covariance: F64 = self.encoder_rad**2 * shape + self.reading_mm**2 * np.eye(3)
+        return covariance
+
+
+def whitening(covariance: F64, weight: F64) -> F64:
+    """W (n, 3, 3) with WᵀW = weight · covariance⁻¹, from covariances (n, 3, 3), weights (n,)."""
+    lower = np.linalg.cholesky(covariance)
+    inverse: F64 = np.linalg.inv(lower) * np.sqrt(weight)[:, None, None]
+    return inverse
+
+
+def mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
+    """Squared Mahalanobis distances (n,) of residuals (n, 3)."""
+    solved = np.linalg.solve(covariance, residual_mm[:, :, None])[:, :, 0]
+    distance: F64 = np.einsum("ni,ni->n", residual_mm, solved)
+    return distance
+
+
+def robust_weights(distance2: F64) -> F64:
+    """Weights (n,) of the robust loss, from squared Mahalanobis distances."""
+    return np.minimum(1.0, OUTLIER_D2 / np.maximum(distance2, 1e-300))
+
+
+def estimate(residual_mm: F64, joint_columns: F64, fitted: int) -> ReadingNoise:
+    """Most likely noise for residuals (n, 3), outliers set aside; *fitted* unknowns took part.
+
+    The ratio of the two variances by maximum likelihood, their size by the median first (to tell
+    outliers) and then by the mean square over the degrees of freedom left.
+    """
+    shape = joint_columns @ joint_columns.transpose(0, 2, 1)
+    value, vector = np.linalg.eigh(shape)
+    value = np.maximum(value, 0.0)
+    turned2 = np.einsum("nij,ni->nj", vector, residual_mm) ** 2
+    typical = float(value.mean()) or 1.0
+    inliers = _inliers(turned2.sum(axis=1))
+
+    def scaled(log_ratio: float) -> F64:
+        """Variances (n, 3) up to one common factor; encoders' share of it = ratio / (1+ratio)."""
+        share = 1.0 / (1.0 + np.exp(-log_ratio))
+        result: F64 = share * value / typical + (1.0 - share)
+        return result
+
+    def unlikely(log_ratio: float) -> float:
+        variance = scaled(log_ratio)[inliers]
+        size = float(np.mean(turned2[inliers] / variance))
+        return float(np.mean(np.log(variance)) + np.log(max(size, LEAST_MM**2)))
+
+    log_ratio = float(minimize_scalar(unlikely, bounds=(-12.0, 12.0), method="bounded").x)
+    variance = scaled(log_ratio)
+    inliers = _inliers((turned2 / variance).sum(axis=1))
+    left = max(3 * int(inliers.sum()) - fitted, 1)
+    size = float(np.sum(turned2[inliers] / variance[inliers])) / left
+    share = 1.0 / (1.0 + np.exp(-log_ratio))
+    return ReadingNoise(
+        encoder_rad=float(np.sqrt(size * share / typical)),
+        reading_mm=max(float(np.sqrt(size * (1.0 - share))), LEAST_MM),
+    )
+
+
+def _inliers(distance2: F64) -> Mask:
+    """Readings within the robust loss's bound, the median telling what is usual."""
+    usual = float(np.median(distance2)) / MEDIAN_D2
+    return distance2 <= max(OUTLIER_D2 * usual, LEAST_MM**2)

@@ -1,0 +1,159 @@
+"""Readings of several sessions as one problem: one table, placements and targets numbered through.
+
+A placement and an artefact's unknown points belong to their session: two sessions never share
+them, even where their names agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.calibration import ArtefactCorrection
+from armd.compensation.session import Session
+from armd.compensation.state import States
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Certified lengths between targets, at the artefact's reference temperature."""
+
+    between: I64  # (D, 2) indices of targets
+    length_mm: F64  # (D,)
+    standard_uncertainty_mm: F64  # (D,)
+
+
+@dataclass(frozen=True)
+class Observations:
+    """n readings, P placements, K targets. Row i says: the tip stood at target[i] in
+    placement[i], or at truth_mm[i] in that placement's frame where truth is given."""
+
+    arm: Arm
+    session_names: list[str]
+    placement_names: list[str]
+    target_names: list[str]
+    states: States
+    session: I64  # (n,)
+    placement: I64  # (n,)
+    target: I64  # (n,)
+    truth_mm: F64  # (n, 3), NaN where the target counts
+    stretch: F64  # (n,) the artefact's size relative to its reference temperature
+    position_mm: F64  # (K, 3) certified, NaN for a seat
+    uncertainty_mm: F64  # (K,) standard uncertainty per axis of a certified position
+    placement_session: I64  # (P,)
+    target_session: I64  # (K,)
+    distances: Distances
+
+    @property
+    def n(self) -> int:
+        return len(self.target)
+
+    @property
+    def has_truth(self) -> Mask:
+        """(n,) rows whose own truth replaces the target."""
+        return np.isfinite(self.truth_mm[:, 0])
+
+    @property
+    def unknown(self) -> Mask:
+        """(K,) seats: targets without a certified position."""
+        return np.isnan(self.position_mm[:, 0])
+
+    def known_mm(self, target_mm: F64) -> F64:
+        """Where the tip stood (n, 3), in the placement's frame, given target positions (K, 3)."""
+        points = self.stretch[:, None] * target_mm[self.target]
+        return np.where(self.has_truth[:, None], self.truth_mm, points)
+
+    def rows(self, mask: Mask) -> Observations:
+        """The same problem with some readings only; placements and targets keep their numbers.
+
+        Lagged basis functions want all rows of a run: evaluate them before choosing rows.
+        """
+        return replace(
+            self,
+            states=self.states.rows(mask),
+            session=self.session[mask],
+            placement=self.placement[mask],
+            target=self.target[mask],
+            truth_mm=self.truth_mm[mask],
+            stretch=self.stretch[mask],
+        )
+
+
+def gather(
+    sessions: Sequence[Session], arm: Arm, artefact: ArtefactCorrection | None = None
+) -> Observations:
+    """Join sessions; *artefact* corrects certified values by what a diagnosis found."""
+    correction = artefact or ArtefactCorrection()
+    counts = [len(session.placement_names) for session in sessions]
+    first_placement = np.concatenate([[0], np.cumsum(counts)])
+    sizes = [len(session.artefact.targets) for session in sessions]
+    first_target = np.concatenate([[0], np.cumsum(sizes)])
+    states = [session.states for session in sessions]
+    return Observations(
+        arm=arm,
+        session_names=[session.name for session in sessions],
+        placement_names=[f"{s.name}/{name}" for s in sessions for name in s.placement_names],
+        target_names=[f"{s.name}/{name}" for s in sessions for name in s.artefact.target_names],
+        states=States(
+            q=np.concatenate([s.q for s in states]),
+            rate=np.concatenate([s.rate for s in states]),
+            temperature_c=np.concatenate([s.temperature_c for s in states]),
+            time_s=np.concatenate([s.time_s for s in states]),
+            approach=np.concatenate([s.approach for s in states]),
+            series=np.concatenate([np.full(s.n, i) for i, s in enumerate(sessions)]),
+        ),
+        session=np.concatenate([np.full(s.n, i) for i, s in enumerate(sessions)]),
+        placement=np.concatenate(
+            [s.placement + first for s, first in zip(sessions, first_placement, strict=False)]
+        ),
+        target=np.concatenate(
+            [s.target + first for s, first in zip(sessions, first_target, strict=False)]
+        ),
+        truth_mm=np.concatenate([s.truth_mm for s in sessions]),
+        stretch=np.concatenate([_stretch(s, correction) for s in sessions]),
+        position_mm=np.concatenate([_positions(s, correction) for s in sessions]),
+        uncertainty_mm=np.array(
+            [t.standard_uncertainty_mm for s in sessions for t in s.artefact.targets]
+        ),
+        placement_session=np.repeat(np.arange(len(sessions)), counts),
+        target_session=np.repeat(np.arange(len(sessions)), sizes),
+        distances=_distances(sessions, first_target),
+    )
+
+
+def _stretch(session: Session, correction: ArtefactCorrection) -> F64:
+    """(n,) 1 + expansion · ΔT; a reading without artefact temperature is at the reference."""
+    artefact = session.artefact
+    expansion = correction.expansion_per_k
+    expansion = artefact.expansion_per_k if expansion is None else expansion
+    rise = session.artefact_c - artefact.reference_temperature_c
+    return correction.scale * (1.0 + expansion * np.nan_to_num(rise))
+
+
+def _positions(session: Session, correction: ArtefactCorrection) -> F64:
+    positions = session.artefact.positions_mm()
+    for name, offset in correction.target_offset_mm.items():
+        if name in session.artefact.target_names:
+            positions[session.artefact.target_names.index(name)] += offset
+    return positions
+
+
+def _distances(sessions: Sequence[Session], first_target: I64) -> Distances:
+    found = [
+        ([first + s.artefact.target_names.index(name) for name in distance.between], distance)
+        for s, first in zip(sessions, first_target, strict=False)
+        for distance in s.artefact.distances
+    ]
+    return Distances(
+        between=np.array([between for between, _ in found], dtype=np.int64).reshape(-1, 2),
+        length_mm=np.array([distance.length_mm for _, distance in found]),
+        standard_uncertainty_mm=np.array([d.standard_uncertainty_mm for _, d in found]),
+    )

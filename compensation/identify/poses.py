@@ -1,0 +1,239 @@
+"""Where the artefact stood: a rigid pose per placement, and the points nobody certified.
+
+Everything here takes the tip's positions as they are and fits only what every evaluation may
+fit: poses and unknown seats.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from armd.compensation.identify.observations import Observations
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+#: A rotation by 1 rad moves a point at this lever by as much: it makes columns comparable.
+LEVER_MM = 100.0
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Placements in the base frame, and every target's position in the artefact's frame."""
+
+    rotation: F64  # (P, 3, 3)
+    translation_mm: F64  # (P, 3)
+    target_mm: F64  # (K, 3) certified or fitted; zero for a seat nobody has touched
+
+    def residual(self, observations: Observations, position_mm: F64) -> F64:
+        """Tip minus target (n, 3) mm, in the base frame."""
+        points = observations.known_mm(self.target_mm)
+        rotation = self.rotation[observations.placement]
+        placed = np.einsum("nij,nj->ni", rotation, points)
+        residual: F64 = position_mm - placed - self.translation_mm[observations.placement]
+        return residual
+
+    def moved(self, centre_mm: F64, twist: F64, target_step_mm: F64) -> Poses:
+        """Poses turned by twist[:, :3] / LEVER_MM rad about their centres (P, 3) and shifted by
+        twist[:, 3:] mm; targets shifted by target_step_mm (K, 3)."""
+        turn = Rotation.from_rotvec(twist[:, :3] / LEVER_MM).as_matrix()
+        arm = self.translation_mm - centre_mm
+        return Poses(
+            rotation=turn @ self.rotation,
+            translation_mm=centre_mm + np.einsum("pij,pj->pi", turn, arm) + twist[:, 3:],
+            target_mm=self.target_mm + target_step_mm,
+        )
+
+
+def centres(observations: Observations, position_mm: F64) -> F64:
+    """Mean tip position of each placement (P, 3); zero for one without readings."""
+    total = group_sum(position_mm, observations.placement, len(observations.placement_names))
+    return total / np.maximum(placement_counts(observations), 1)[:, None]
+
+
+def placement_counts(observations: Observations) -> I64:
+    """Readings of each placement (P,)."""
+    return np.bincount(observations.placement, minlength=len(observations.placement_names))
+
+
+def pose_columns(observations: Observations, position_mm: F64, centre_mm: F64) -> F64:
+    """d residual / d twist (n, 3, 6): how the residual moves with its placement's pose.
+
+    The lever arm is the tip's, not the target's: so turning the whole arm about its base is the
+    same as turning the placements exactly, however large the residuals are.
+    """
+    lever = (position_mm - centre_mm[observations.placement]) / LEVER_MM
+    columns = np.zeros((len(lever), 3, 6))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        columns[:, i, j] = -lever[:, k]
+        columns[:, j, i] = lever[:, k]
+        columns[:, i, 3 + i] = -1.0
+    return columns
+
+
+def target_columns(observations: Observations, poses: Poses) -> F64:
+    """d residual / d target position (n, 3, 3); zero where the row's own truth counts."""
+    size = np.where(observations.has_truth, 0.0, observations.stretch)
+    columns: F64 = -size[:, None, None] * poses.rotation[observations.placement]
+    return columns
+
+
+def fit_poses(observations: Observations, position_mm: F64) -> Poses:
+    """Least-squares poses, and unknown seats, for tip positions (n, 3) mm in the base frame.
+
+    Certified positions count as exact here; certified distances are not used.
+    """
+    poses = _start(observations, position_mm)
+    if not _touched_seats(observations).any():
+        return poses
+    for _ in range(50):
+        centre = centres(observations, position_mm)
+        twist, step = _gauss_newton_step(observations, poses, position_mm, centre)
+        poses = poses.moved(centre, twist, step)
+        if max(np.abs(twist).max(), np.abs(step).max()) < 1e-9:
+            break
+    return poses
+
+
+def _touched_seats(observations: Observations) -> npt.NDArray[np.bool_]:
+    """(K,) unknown targets that some reading without its own truth stands at."""
+    touched = np.zeros(len(observations.target_names), dtype=bool)
+    touched[observations.target[~observations.has_truth]] = True
+    return touched & observations.unknown
+
+
+def _start(observations: Observations, position_mm: F64) -> Poses:
+    """Poses by Kabsch's method; seats as the mean of what touches them, by turns.
+
+    Without unknown seats this is the answer; with them it is where Gauss–Newton starts.
+    """
+    n_placements = len(observations.placement_names)
+    target = observations.position_mm.copy()
+    seats = _touched_seats(observations)
+    row_seat = seats[observations.target] & ~observations.has_truth
+    poses = Poses(np.tile(np.eye(3), (n_placements, 1, 1)), np.zeros((n_placements, 3)), target)
+    if seats.any():
+        _first_seats(observations, position_mm, target, row_seat)
+    for _ in range(10 if seats.any() else 1):
+        points = observations.known_mm(target)
+        rotation, translation = kabsch(points, position_mm, observations.placement, n_placements)
+        local = np.einsum(
+            "nji,nj->ni",
+            rotation[observations.placement],
+            position_mm - translation[observations.placement],
+        )
+        if seats.any():
+            size = np.where(row_seat, observations.stretch, 0.0)
+            weight = np.bincount(observations.target, size**2, len(target))
+            mean = group_sum(size[:, None] * local, observations.target, len(target))
+            target[seats] = mean[seats] / weight[seats, None]
+        poses = Poses(rotation, translation, np.nan_to_num(target))
+    return poses
+
+
+def _first_seats(
+    observations: Observations,
+    position_mm: F64,
+    target: F64,
+    row_seat: npt.NDArray[np.bool_],
+) -> None:
+    """Give every seat a first position, in place: placement after placement, most shared first.
+
+    A placement whose known points are too few for a pose is taken as it stands: for the first
+    of a session with seats only, that is a choice of the artefact's frame.
+    """
+    for session in range(len(observations.session_names)):
+        of_session = observations.session == session
+        waiting = list(np.unique(observations.placement[of_session & row_seat]))
+        while waiting:
+            known = np.isfinite(observations.known_mm(target)[:, 0])
+            shared = [int((known & (observations.placement == p)).sum()) for p in waiting]
+            placement = waiting.pop(int(np.argmax(shared)))
+            rows = observations.placement == placement
+            points = observations.known_mm(target)
+            index = np.zeros(int(rows.sum()), dtype=np.int64)
+            rotation, translation = kabsch(points[rows], position_mm[rows], index, 1)
+            new = rows & row_seat & ~known
+            local = (position_mm[new] - translation[0]) @ rotation[0]
+            sums = group_sum(local, observations.target[new], len(target))
+            counts = np.bincount(observations.target[new], minlength=len(target))
+            target[counts > 0] = sums[counts > 0] / counts[counts > 0, None]
+
+
+def kabsch(points: F64, images: F64, group: I64, n_groups: int) -> tuple[F64, F64]:
+    """Rigid motions (G, 3, 3), (G, 3) that carry points (n, 3) to images, group by group.
+
+    Least squares (Kabsch, Acta Cryst. A32, 1976). Rows with NaN points are left out; a group
+    with too few points gets one of the motions that fit.
+    """
+    known = np.isfinite(points[:, 0])
+    points, images, group = points[known], images[known], group[known]
+    count = np.maximum(np.bincount(group, minlength=n_groups), 1)[:, None]
+    from_centre = group_sum(points, group, n_groups) / count
+    to_centre = group_sum(images, group, n_groups) / count
+    a, b = points - from_centre[group], images - to_centre[group]
+    outer = (b[:, :, None] * a[:, None, :]).reshape(-1, 9)
+    u, _, vt = np.linalg.svd(group_sum(outer, group, n_groups).reshape(-1, 3, 3))
+    sign = np.ones((n_groups, 3))
+    sign[:, 2] = np.linalg.det(u @ vt)
+    rotation = (u * sign[:, None, :]) @ vt
+    translation: F64 = to_centre - np.einsum("gij,gj->gi", rotation, from_centre)
+    return rotation, translation
+
+
+def group_sum(values: F64, group: I64, n_groups: int) -> F64:
+    """Sums (G, c) of the rows of values (n, c) that share a group number."""
+    columns = [np.bincount(group, column, n_groups) for column in values.T]
+    return np.stack(columns, axis=1) if columns else np.zeros((n_groups, 0))
+
+
+def _gauss_newton_step(
+    observations: Observations, poses: Poses, position_mm: F64, centre_mm: F64
+) -> tuple[F64, F64]:
+    """Step of poses (P, 6) and seats (K, 3), session by session, of minimum norm."""
+    residual = poses.residual(observations, position_mm)
+    pose_block = pose_columns(observations, position_mm, centre_mm)
+    row_seat = _touched_seats(observations)[observations.target] & ~observations.has_truth
+    target_block = target_columns(observations, poses) * row_seat[:, None, None]
+    n_placements, n_targets = len(observations.placement_names), len(observations.target_names)
+    placement, target = observations.placement, observations.target
+    pair = placement * n_targets + target
+    pairs, pair_of = np.unique(pair, return_inverse=True)
+    by_placement = _products(pose_block, pose_block, placement, n_placements)
+    by_target = _products(target_block, target_block, target, n_targets)
+    by_pair = _products(pose_block, target_block, pair_of, len(pairs))
+    pose_side = _products(pose_block, residual[:, :, None], placement, n_placements)[..., 0]
+    target_side = _products(target_block, residual[:, :, None], target, n_targets)[..., 0]
+    twist, step = np.zeros((n_placements, 6)), np.zeros((n_targets, 3))
+    for session in range(len(observations.session_names)):
+        ps: I64 = np.flatnonzero(observations.placement_session == session)
+        ks = np.flatnonzero(observations.target_session == session)
+        n_twist = 6 * len(ps)
+        normal = np.zeros((n_twist + 3 * len(ks),) * 2)
+        for i in range(len(ps)):
+            normal[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = by_placement[ps[i]]
+        for j in range(len(ks)):
+            at = n_twist + 3 * j
+            normal[at : at + 3, at : at + 3] = by_target[ks[j]]
+        for block, code in zip(by_pair, pairs, strict=True):
+            p, k = divmod(int(code), n_targets)
+            if observations.placement_session[p] == session:
+                i, at = int(p - ps[0]), int(n_twist + 3 * (k - ks[0]))
+                normal[6 * i : 6 * i + 6, at : at + 3] = block
+                normal[at : at + 3, 6 * i : 6 * i + 6] = block.T
+        side = np.concatenate([pose_side[ps].ravel(), target_side[ks].ravel()])
+        solution = -np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ side
+        twist[ps] = solution[:n_twist].reshape(-1, 6)
+        step[ks] = solution[n_twist:].reshape(-1, 3)
+    return twist, step
+
+
+def _products(a: F64, b: F64, group: I64, n_groups: int) -> F64:
+    """Σ aᵀb (G, p, q) over the rows of each group, of blocks (n, 3, p) and (n, 3, q)."""
+    product = np.einsum("nip,niq->npq", a, b)
+    shape = product.shape[1:]
+    return group_sum(product.reshape(len(product), -1), group, n_groups).reshape(-1, *shape)
