@@ -33,6 +33,11 @@ class Artefact:
     true_expansion_per_k: float
     lengths: list[Length] = field(default_factory=list)
     reference_c: float = 20.0
+    inward: F64 = field(default_factory=lambda: np.empty((0, 3)))  # (K, 3) from a surface, or NaN
+
+    def __post_init__(self) -> None:
+        if len(self.inward) == 0:
+            object.__setattr__(self, "inward", np.full_like(self.true_mm, np.nan))
 
     @classmethod
     def certified(
@@ -59,12 +64,15 @@ class Artefact:
             standard_uncertainty_mm,
             expansion_per_k,
             expansion_per_k,
-            reference_c=20.0,
         )
 
     def uncertified(self) -> Artefact:
         """The same targets as unknown points: seats."""
         return replace(self, certified_mm=np.full_like(self.certified_mm, np.nan))
+
+    def index(self, names: tuple[str, ...]) -> I64:
+        """Indices of the named targets; of all, if none is named."""
+        return np.array([self.targets.index(name) for name in names or self.targets])
 
     def positions(self, target: I64, artefact_c: F64) -> F64:
         """Where targets (n,) truly are (n, 3) in the artefact's frame at *artefact_c* (n,)."""

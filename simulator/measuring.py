@@ -9,8 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,49 +19,17 @@ from armd.files import write_whole
 from armd.simulator.artefact import Artefact
 from armd.simulator.noise import Noise
 from armd.simulator.placement import Placement, place
+from armd.simulator.plan import Climate, Plan
 from armd.simulator.poses import Reach, settle_on, tip_jacobian
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.heat import SELF_HEATING_W, HeatField
+from armd.simulator.truth.heat import HeatField
 from armd.simulator.truth.posture import Posture
 from armd.simulator.truth.rotations import random_unit
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
-
-#: When the arm was mounted: the origin of the simulated world's time.
-MOUNTED = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
-
-
-@dataclass(frozen=True)
-class Climate:
-    """The air around the arm and the power in it."""
-
-    ambient_c: float = 20.0
-    ramp_k_per_h: float = 0.0
-    lead_h: float = 0.0  # how long the ramp, or the power, has been on before the first reading
-    power_w: F64 = field(default_factory=lambda: SELF_HEATING_W.copy())  # (N,)
-    switched_on: bool = True  # False: the arm was cold until lead_h before the first reading
-
-    def air_c(self, time_s: F64) -> F64:
-        """Air temperature at times since the first reading."""
-        hours = np.maximum(time_s / 3600 + self.lead_h, 0.0)
-        return self.ambient_c + self.ramp_k_per_h * hours
-
-
-@dataclass(frozen=True)
-class Plan:
-    """One session as the operator sets out to measure it."""
-
-    name: str
-    start_h: float  # since the arm was mounted
-    climate: Climate
-    placements: int = 1
-    articulations: int = 5
-    interval_s: float = 20.0
-    rate_rad_s: float = 0.003  # a hand is never quite still; more: readings in passing
-    payload_kg: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -87,7 +54,6 @@ class Measured:
 
     plan: Plan
     artefact: Artefact
-    started: datetime
     placements: list[Placement]
     placement: I64  # index into placements
     target: I64  # index into artefact.targets
@@ -110,25 +76,24 @@ class Measured:
 
 
 def measure(rig: Rig, plan: Plan, reach: Reach, rng: np.random.Generator) -> Measured:
-    """Carry out *plan*: every target in every placement, several articulations each."""
-    placed = [
-        place(f"P{i + 1}", rig.artefact, reach, plan.articulations, rng)
-        for i in range(plan.placements)
-    ]
-    targets, joints = len(rig.artefact.targets), rig.arm.n_joints
-    each = targets * plan.articulations
-    placement = np.repeat(np.arange(plan.placements), each)
-    target = np.tile(np.repeat(np.arange(targets), plan.articulations), plan.placements)
-    phi = np.concatenate([start.reshape(-1, joints) for _, start in placed])
-    # An operator goes round the artefact several times rather than staying at one ball.
-    shuffled = np.concatenate([each * p + rng.permutation(each) for p in range(plan.placements)])
+    """Carry out *plan*: its visits one after another, each in an order of its own."""
+    placements, placement, target, phi = [], [], [], []
+    for i, visit in enumerate(plan.visits):
+        wanted = rig.artefact.index(visit.targets)
+        where, poses = place(visit, rig.artefact.true_mm[wanted], reach, rng)
+        placements.append(where)
+        # An operator goes round the artefact several times rather than staying at one ball.
+        order = rng.permutation(len(wanted) * visit.articulations)
+        target.append(np.repeat(wanted, visit.articulations)[order])
+        phi.append(poses.reshape(len(order), -1)[order])
+        placement.append(np.full(len(order), i))
     return take_readings(
         rig,
         plan,
-        [where for where, _ in placed],
-        placement[shuffled],
-        target[shuffled],
-        phi[shuffled],
+        placements,
+        np.concatenate(placement),
+        np.concatenate(target),
+        np.concatenate(phi),
         rng,
     )
 
@@ -142,12 +107,18 @@ def take_readings(
     phi: F64,
     rng: np.random.Generator,
 ) -> Measured:
-    """One reading per row, in time order, with the tip at its target and the arm at *phi* (n, N)."""
-    arm, n = rig.arm, len(target)
+    """One reading per row, in time order, the tip at its target, the arm close to *phi* (n, N)."""
+    n = len(target)
+    arm = replace(rig.arm, masses=replace(rig.arm.masses, payload_kg=plan.payload_kg))
     time_s = plan.interval_s * (np.arange(n) + rng.uniform(0.0, 0.3, n))
     air_c = plan.climate.air_c(time_s)
     link_c, felt_c = _temperatures(plan.climate, time_s, rig.core_lag_s)
-    approach, rate = _motion(arm.posture(phi, Conditions.at_rest(n, arm.n_joints)), plan, rng)
+    pushed = np.full((n, 3), np.nan)
+    for i, where in enumerate(placements):
+        rows = placement == i
+        pushed[rows] = rig.artefact.inward[target[rows]] @ where.rotation.T
+    rigid = arm.posture(phi, Conditions.at_rest(n, arm.n_joints))
+    approach, rate = _motion(rigid, pushed, plan, rng)
     conditions = Conditions(link_c, rate, 3600 * plan.start_h + time_s, approach, air_c)
     # The artefact is heavy and takes the air's temperature slowly: here it has the first one.
     artefact_c = np.full(n, air_c[0]) + plan.climate.ramp_k_per_h * time_s / 3600
@@ -165,7 +136,6 @@ def take_readings(
     return Measured(
         plan=plan,
         artefact=rig.artefact,
-        started=MOUNTED + timedelta(hours=plan.start_h),
         placements=placements,
         placement=placement,
         target=target,
@@ -186,7 +156,7 @@ def write_session(folder: Path, measured: Measured, serial: str = nominal.SERIAL
     head = [
         'schema = "armd.session/1"',
         f'arm = "{serial}"',
-        f"started = {measured.started.strftime('%Y-%m-%dT%H:%M:%SZ')}",
+        f"started = {measured.plan.started.strftime('%Y-%m-%dT%H:%M:%SZ')}",
         'angle_unit = "rad"',
         "",
     ]
@@ -209,10 +179,10 @@ def _readings_csv(measured: Measured) -> str:
                 f"{time_s[i]:.3f}",
                 measured.placements[measured.placement[i]].name,
                 measured.artefact.targets[measured.target[i]],
-                *(f"{q:.10f}" for q in measured.encoder[i]),
+                *(f"{q:.12f}" for q in measured.encoder[i]),
                 *(f"{w:.6f}" for w in measured.conditions.rate[i]),
-                *(f"{c:.2f}" for c in measured.sensor_c[i]),
-                f"{measured.artefact_c[i]:.2f}",
+                *(f"{c:.8g}" for c in measured.sensor_c[i]),
+                f"{measured.artefact_c[i]:.8g}",
                 *(f"{u:.6f}" for u in measured.conditions.approach[i]),
             ]
         )
@@ -222,7 +192,7 @@ def _readings_csv(measured: Measured) -> str:
 def _temperatures(climate: Climate, time_s: F64, core_lag_s: F64 | None) -> tuple[F64, F64]:
     """True link and felt sensor temperatures (n, N) at each reading."""
     field_ = HeatField(climate.ambient_c, core_lag_s)
-    field_.settle(climate.ambient_c, climate.power_w if climate.switched_on else 0.0)
+    field_.settle(climate.ambient_c, 0.0 if climate.cold else climate.power_w)
     link_c, felt_c = [], []
     now = -3600 * climate.lead_h
     for moment in time_s:
@@ -237,11 +207,15 @@ def _temperatures(climate: Climate, time_s: F64, core_lag_s: F64 | None) -> tupl
     return np.array(link_c), np.array(felt_c)
 
 
-def _motion(posture: Posture, plan: Plan, rng: np.random.Generator) -> tuple[F64, F64]:
-    """Approach (n, 3), mostly from above, and joint rates (n, N) that bring the tip along it."""
+def _motion(posture: Posture, pushed: F64, plan: Plan, rng: np.random.Generator) -> tuple[F64, F64]:
+    """Approach (n, 3) and joint rates (n, N) that bring the tip along it.
+
+    The approach is *pushed* (n, 3), where a surface prescribes it, and mostly from above if NaN.
+    """
     n = posture.tip.shape[0]
-    approach = random_unit(rng, n) + np.array([0.0, 0.0, -0.8])
-    approach /= np.linalg.norm(approach, axis=1, keepdims=True)
+    above = random_unit(rng, n) + np.array([0.0, 0.0, -0.8])
+    above /= np.linalg.norm(above, axis=1, keepdims=True)
+    approach = np.where(np.isnan(pushed), above, pushed)
     jacobian = tip_jacobian(posture)
     inverse = np.linalg.pinv(jacobian)
     speed = plan.rate_rad_s * rng.uniform(0.3, 1.0, (n, 1)) * 300.0

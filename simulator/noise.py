@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -27,6 +27,16 @@ class Noise:
     tails: Literal["gaussian", "heavy"] = "gaussian"
     wander_um: float = 0.0  # of the stand, each axis, slowly
 
+    def scaled(self, factor: float) -> Noise:
+        """The same noise, *factor* times as large; without any, sensors show what they feel."""
+        return replace(
+            self,
+            encoder_arcsec=factor * self.encoder_arcsec,
+            seating_um=factor * self.seating_um,
+            sensor_c=factor * self.sensor_c,
+            wander_um=factor * self.wander_um,
+        )
+
     def encoders(self, rng: np.random.Generator, shape: tuple[int, int]) -> F64:
         """Angle errors (n, N), rad."""
         return self.encoder_arcsec * ARC_SECOND * self._draw(rng, shape)
@@ -37,7 +47,8 @@ class Noise:
 
     def sensors(self, rng: np.random.Generator, celsius: F64) -> F64:
         """Readings of the sensors (n, S): with noise, in steps of 0.01 °C as on the wire."""
-        return np.round(celsius + rng.normal(0.0, self.sensor_c, celsius.shape), 2)
+        told = celsius + rng.normal(0.0, self.sensor_c, celsius.shape)
+        return np.round(told, 2) if self.sensor_c else told
 
     def wander(self, rng: np.random.Generator, time_s: F64) -> F64:
         """Slow displacement of the base (n, 3), mm: a first-order Gauss–Markov process."""

@@ -65,8 +65,8 @@ class HeatField:
     def steady_c(self, ambient_c: float, self_heating_w: float | F64) -> F64:
         """Link temperatures (N,) that would last under these conditions, °C."""
         power = np.broadcast_to(np.asarray(self_heating_w, float), CAPACITY.shape)
-        steady: F64 = np.linalg.solve(self._flow, -power - TO_AIR * ambient_c)
-        return steady
+        source = power + TO_AIR * ambient_c
+        return np.linalg.solve(self._flow, -source).astype(np.float64)
 
     def settle(self, ambient_c: float, self_heating_w: float | F64) -> None:
         """Bring links and sensors to where they would end up."""
@@ -82,4 +82,5 @@ class HeatField:
     @property
     def sensor_c(self) -> F64:
         """What the sensors feel (S,), °C, before their noise and quantisation."""
-        return self._state.reshape(3, -1)[1].copy()
+        _, sensor, _ = self._state.reshape(3, -1)
+        return np.array(sensor, dtype=np.float64)

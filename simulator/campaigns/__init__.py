@@ -1,0 +1,1 @@
+"""Kinds of measuring campaigns, one file each."""

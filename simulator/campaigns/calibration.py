@@ -1,0 +1,73 @@
+"""Sessions to calibrate the demo arm with: the ball beam at several temperatures.
+
+The arm is the live simulator's of the same seed, and its arm.toml the drawing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.simulator.artefact import Artefact, ball_beam, seat
+from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.measuring import Rig
+from armd.simulator.noise import Noise
+from armd.simulator.plan import Climate, Plan, Visit, rounds
+from armd.simulator.truth import nominal
+from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.heat import SELF_HEATING_W
+
+#: Beyond what a warm-up by 10 K from a cool or a warm room reaches.
+TEMPERATURES_C = (14, 20, 26, 32, 38)
+STEP_H = 8.0
+
+
+def demo(seed: int, noise: Noise) -> Campaign:
+    """What `armd demo` identifies its calibration from: five temperatures, quickly made."""
+    plans = [
+        Plan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), rounds(3, 3))
+        for i, celsius in enumerate(TEMPERATURES_C)
+    ]
+    return _on_the_beam(seed, noise, plans)
+
+
+def calibration(seed: int, noise: Noise) -> Campaign:
+    """A thorough set: five temperatures, four placements and four articulations each."""
+    plans = [
+        Plan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), rounds(4, 4))
+        for i, celsius in enumerate(TEMPERATURES_C)
+    ]
+    return _on_the_beam(seed, noise, plans)
+
+
+def isothermal(seed: int, noise: Noise) -> Campaign:
+    """Two sessions at one temperature: geometry only."""
+    plans = [
+        Plan(name, STEP_H * i, Climate(20.0), rounds(4, 4))
+        for i, name in enumerate(("first", "second"))
+    ]
+    return _on_the_beam(seed, noise, plans)
+
+
+def warmup(seed: int, noise: Noise) -> Campaign:
+    """From switching on a cold arm over three hours, and then with the room warming by 4 K/h."""
+    power = 2.5 * SELF_HEATING_W
+    plans = [
+        Plan("warm-up", 0.0, Climate(20.0, power_w=power, cold=True), rounds(6, 3), 60.0),
+        Plan("ramp", 6.0, Climate(20.0, 4.0, 0.5, power), rounds(4, 3), 60.0),
+    ]
+    return _on_the_beam(seed, noise, plans)
+
+
+def seats(seed: int, noise: Noise) -> Campaign:
+    """Kinematic seats whose positions nobody knows, ten articulations each, two temperatures."""
+    sessions: list[tuple[Plan, Artefact]] = []
+    for i, celsius in enumerate((20, 28)):
+        visits = tuple(Visit(f"P{p + 1}", (), 10) for p in range(8))
+        sessions.append((Plan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), visits), seat()))
+    return Campaign(nominal.arm_toml(), Rig(TrueArm.default(seed), seat(), noise), sessions)
+
+
+def _on_the_beam(seed: int, noise: Noise, plans: list[Plan]) -> Campaign:
+    beam = ball_beam(np.random.default_rng([seed, 0xBEA]))
+    rig = Rig(TrueArm.default(seed), beam, noise)
+    return Campaign(nominal.arm_toml(), rig, [(plan, beam) for plan in plans])

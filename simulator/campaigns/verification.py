@@ -1,0 +1,133 @@
+"""One session with all that ISO 10360-12 and ASME B89.4.22 ask for.
+
+The names of the targets say which test a reading belongs to:
+
+- ``SPHERE1.01`` … ``SPHERE2.25``: 25 contact points on a test sphere in two positions (P_Size,
+  P_Form). A contact point is a target of its own: the tip's centre stands there, R + r from the
+  sphere's centre. The certified diameter is the length between ``SPHERE.a`` and ``SPHERE.b``.
+- ``LDIA.1.1`` … ``LDIA.5.5``: five points on the sphere in each of five arm orientations (L_Dia).
+- ``EFFDIA.1.1`` … ``EFFDIA.3.9``: nine points, three repeats (effective diameter).
+- ``SPAT1`` … ``SPAT3``: kinematic seats at 0–20, 20–80 and 80–100 % of reach, ten articulations.
+- ``L0`` … ``L5``: a length bar, ``L0``–``L5`` being five certified lengths, in the placements
+  ``E_UNI1`` … ``E_UNI7``, three repeats (E_Uni).
+- ``BARS.a``, ``BARS.b`` and ``BARL.a``, ``BARL.b``: bars of about 65 and 135 % of the arm's
+  length in the placements ``VOL1`` … ``VOL20`` (volumetric).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.simulator.artefact import Artefact, Length
+from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.measuring import Rig
+from armd.simulator.noise import ARC_SECOND, Noise
+from armd.simulator.plan import Climate, Plan, Visit
+from armd.simulator.truth import nominal
+from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.rotations import random_unit
+
+F64 = npt.NDArray[np.float64]
+
+REACH_MM = 1200.0
+SPHERE_MM, SPHERE_UNCERTAINTY_MM, SPHERE_FORM_MM = 25.4, 0.0002, 0.00005
+LENGTHS_MM = (160.0, 480.0, 800.0, 1200.0, 1600.0)
+BARS_MM = {"BARS": 780.0, "BARL": 1620.0}
+LENGTH_UNCERTAINTY_MM = 0.0005
+#: The bars are of steel, certified at 20 °C.
+STEEL_PER_K = 11.5e-6
+#: How well an arm that comes to be verified agrees with its arm.toml.
+CERTIFIED_MM, CERTIFIED_ARCSEC = 0.002, 0.5
+EVERYWHERE = (260.0, 1120.0)  # from the shoulder
+ACROSS = (200.0, 1150.0)  # from the column's axis
+
+
+def campaign(seed: int, noise: Noise) -> Campaign:
+    rng = np.random.default_rng([seed, 0x150])
+    arm = TrueArm.default(seed)
+    rows = arm.rows.copy()
+    rows[:, 1:3] += rng.normal(0.0, CERTIFIED_MM, (arm.n_joints, 2))
+    rows[:, [0, 3]] += rng.normal(0.0, CERTIFIED_ARCSEC * ARC_SECOND, (arm.n_joints, 2))
+    artefact = artefacts(rng)
+    plan = Plan("verify", 0.0, Climate(20.0), visits(artefact), 10.0)
+    text = nominal.arm_toml(rows=rows, tip=arm.tip_offset)
+    return Campaign(text, Rig(arm, artefact, noise), [(plan, artefact)])
+
+
+def artefacts(rng: np.random.Generator) -> Artefact:
+    """Sphere, bars and seats as the targets of one session; only lengths are certified."""
+    diameter = SPHERE_MM + rng.normal(0.0, 0.002)
+    true: dict[str, F64] = {
+        "SPHERE.a": np.array([0.0, 0.0, -diameter / 2]),
+        "SPHERE.b": np.array([0.0, 0.0, diameter / 2]),
+    }
+    inward: dict[str, F64] = {}
+    for name in _contact_names():
+        # The upper part of the sphere: below is its stem.
+        normal = random_unit(rng, 1)[0]
+        normal[2] = abs(normal[2])
+        radius = diameter / 2 + nominal.TIP_RADIUS_MM + rng.normal(0.0, SPHERE_FORM_MM)
+        true[name], inward[name] = radius * normal, -normal
+    for i in (1, 2, 3):
+        true[f"SPAT{i}"] = np.zeros(3)
+    true["L0"] = np.zeros(3)
+    for i, length in enumerate(LENGTHS_MM, 1):
+        true[f"L{i}"] = np.array([length + rng.normal(0.0, 0.02), 0.0, 0.0])
+    for bar, length in BARS_MM.items():
+        true[f"{bar}.a"] = np.zeros(3)
+        true[f"{bar}.b"] = np.array([length + rng.normal(0.0, 0.02), 0.0, 0.0])
+    positions = np.array(list(true.values()))
+    nowhere = np.full(3, np.nan)
+    pairs = [("L0", f"L{i}") for i in range(1, 6)] + [(f"{bar}.a", f"{bar}.b") for bar in BARS_MM]
+    return Artefact(
+        name="test sphere, seats and length bars",
+        targets=list(true),
+        certified_mm=np.full_like(positions, np.nan),
+        true_mm=positions,
+        standard_uncertainty_mm=0.0,
+        expansion_per_k=STEEL_PER_K,
+        true_expansion_per_k=STEEL_PER_K,
+        lengths=[
+            _certify("SPHERE.a", "SPHERE.b", true, SPHERE_UNCERTAINTY_MM, rng),
+            *(_certify(a, b, true, LENGTH_UNCERTAINTY_MM, rng) for a, b in pairs),
+        ],
+        inward=np.array([inward.get(name, nowhere) for name in true]),
+    )
+
+
+def visits(artefact: Artefact) -> tuple[Visit, ...]:
+    """All placements, test after test."""
+
+    def starting(prefix: str) -> tuple[str, ...]:
+        return tuple(name for name in artefact.targets if name.startswith(prefix))
+
+    near, middle, far = 0.2 * REACH_MM, 0.8 * REACH_MM, REACH_MM
+    out = [
+        Visit("SPHERE1", starting("SPHERE1"), 1),
+        Visit("SPHERE2", starting("SPHERE2"), 1),
+        Visit("LDIA", starting("LDIA"), 1),
+        Visit("EFFDIA", starting("EFFDIA"), 1),
+        Visit("SPAT1", ("SPAT1",), 10, EVERYWHERE, (150.0, near)),
+        Visit("SPAT2", ("SPAT2",), 10, EVERYWHERE, (near, middle)),
+        Visit("SPAT3", ("SPAT3",), 10, EVERYWHERE, (middle, far)),
+    ]
+    lengths = tuple(f"L{i}" for i in range(6))
+    out += [Visit(f"E_UNI{i}", lengths, 3, EVERYWHERE, ACROSS) for i in range(1, 8)]
+    for i in range(1, 21):
+        bar = "BARS" if i % 2 else "BARL"
+        out.append(Visit(f"VOL{i}", (f"{bar}.a", f"{bar}.b"), 1, EVERYWHERE, ACROSS))
+    return tuple(out)
+
+
+def _contact_names() -> list[str]:
+    names = [f"SPHERE{position}.{point:02d}" for position in (1, 2) for point in range(1, 26)]
+    names += [f"LDIA.{turn}.{point}" for turn in range(1, 6) for point in range(1, 6)]
+    return names + [f"EFFDIA.{repeat}.{point}" for repeat in (1, 2, 3) for point in range(1, 10)]
+
+
+def _certify(
+    a: str, b: str, true: dict[str, F64], uncertainty_mm: float, rng: np.random.Generator
+) -> Length:
+    length = float(np.linalg.norm(true[b] - true[a])) + rng.normal(0.0, uncertainty_mm)
+    return Length((a, b), round(length, 5), uncertainty_mm)

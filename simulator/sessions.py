@@ -1,0 +1,129 @@
+"""`python -m armd.simulator --session KIND -o DIR`: measured sessions of an arm that is not there.
+
+DIR gets arm.toml and one folder per session. True settings go to `--truth-out` alone, which must
+lie outside the session folders.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armd.errors import ArmdError, BadInput
+from armd.files import write_whole
+from armd.simulator.campaigns import calibration, paper, verification
+from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.measuring import Measured, write_session
+from armd.simulator.noise import Noise
+from armd.simulator.truth.arm import TrueArm
+
+KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
+    "paper": paper.campaign,
+    "demo": calibration.demo,
+    "calibration": calibration.calibration,
+    "isothermal": calibration.isothermal,
+    "warmup": calibration.warmup,
+    "seats": calibration.seats,
+    "verify": verification.campaign,
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--session", metavar="KIND", choices=KINDS, help=", ".join(KINDS))
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder for the sessions")
+    parser.add_argument("--seed", type=int, default=1, help="which arm, artefact and noise")
+    parser.add_argument(
+        "--noise", type=float, default=1.0, metavar="FACTOR", help="0: readings without noise"
+    )
+    parser.add_argument(
+        "--truth-out", metavar="FILE", type=Path, help="write the true settings to a JSON file"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    folder: Path = args.output
+    if args.truth_out is not None and folder.resolve() in args.truth_out.resolve().parents:
+        raise BadInput(
+            args.truth_out, "--truth-out", f"a place inside {folder}", "one outside the sessions"
+        )
+    noise = Noise().scaled(args.noise)
+    campaign = KINDS[args.session](args.seed, noise)
+    measured = write_campaign(folder, campaign, args.seed)
+    if args.truth_out is not None:
+        write_whole(args.truth_out, json.dumps(truth_of(campaign, measured), indent=1) + "\n")
+    print(f"{len(measured)} sessions, {sum(m.n for m in measured)} readings in {folder}")
+    return 0
+
+
+def write_campaign(folder: Path, campaign: Campaign, seed: int) -> list[Measured]:
+    """Measure *campaign* and write arm.toml and its sessions under *folder*."""
+    folder.mkdir(parents=True, exist_ok=True)
+    measured = list(campaign.carry_out(np.random.default_rng([seed, 0x5E55])))
+    write_whole(folder / "arm.toml", campaign.arm_toml)
+    for session in measured:
+        write_session(folder / session.plan.name, session)
+    return measured
+
+
+def truth_of(campaign: Campaign, measured: Sequence[Measured]) -> dict[str, Any]:
+    """The true settings as plain data: constants at the reference temperature, expansion, poses.
+
+    Constants carry the names of arm.toml's parameters with the joint's number (rad, mm).
+    """
+    arm = campaign.rig.arm
+    return {
+        "constants": true_constants(arm),
+        "expansion": {
+            "along_d_per_k": arm.materials.along_d.tolist(),
+            "along_a_per_k": arm.materials.along_a.tolist(),
+            "tip_per_k": arm.materials.tip,
+            "growth_per_k2": arm.materials.growth.tolist(),
+        },
+        "sessions": {
+            session.plan.name: {
+                "placements": {
+                    placement.name: {
+                        "rotation": placement.rotation.tolist(),
+                        "origin_mm": placement.origin_mm.tolist(),
+                    }
+                    for placement in session.placements
+                },
+                "tip_mm": session.tip_mm.tolist(),
+                "link_c": session.conditions.link_c.tolist(),
+            }
+            for session in measured
+        },
+    }
+
+
+def true_constants(arm: TrueArm) -> dict[str, float]:
+    """True geometry at the reference temperature, by name: theta_1 … tip_z, rad and mm."""
+    names = ("theta", "d", "a", "alpha", "beta")
+    constants = {
+        f"{name}_{k}": float(value)
+        for k, row in enumerate(arm.rows, 1)
+        for name, value in zip(names, row, strict=True)
+    }
+    tip = zip("xyz", arm.tip_offset, strict=True)
+    return constants | {f"tip_{axis}": float(value) for axis, value in tip}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m armd.simulator.sessions")
+    add_arguments(parser)
+    args = parser.parse_args(arguments)
+    if args.session is None or args.output is None:
+        parser.error("--session KIND and -o DIR are both wanted")
+    return run(args)
+
+
+if __name__ == "__main__":
+    try:
+        raise SystemExit(main())
+    except ArmdError as error:
+        raise SystemExit(f"armd: {error}") from error
