@@ -1,9 +1,9 @@
 """The device's clock seen from the host: PING and PONG, weighed by their round trips.
 
 The instant at which the arm stamped a PONG lies somewhere between sending the PING and receiving
-the PONG, so half the round trip is the uncertainty of one exchange. Offset and drift are the
-least-squares line through the last exchanges, each weighed by that uncertainty: quick ones
-decide, delayed ones hardly count.
+the PONG; by how much a round trip exceeds the shortest one, so much was somebody late. Offset and
+drift are the least-squares line through the last exchanges, each weighed by that lateness: the
+quickest decide, the others hardly count.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ EAGER = 24  # exchanges asked for quickly after a connection
 EAGER_INTERVAL_NS = 50_000_000
 INTERVAL_NS = 500_000_000
 DRIFT_PRIOR = 100e-6  # crystals differ by this much; what holds until the window is long enough
-FLOOR_NS = 10_000.0  # scheduling noise that a round trip does not show
+FLOOR_NS = 10_000.0  # noise that a round trip does not show
 
 
 class DeviceClock:
@@ -66,7 +66,7 @@ class DeviceClock:
         device, middle, round_trip = np.array(self._exchanges, dtype=np.int64).T
         u = (device - anchor).astype(np.float64)  # before the anchor: negative
         y = ((middle - host) - (device - anchor)).astype(np.float64)
-        w = (FLOOR_NS + round_trip / 2) ** -2
+        w = (FLOOR_NS + round_trip - round_trip.min()) ** -2.0
         # Normal equations of y = a + b·u with the prior b = 0 ± DRIFT_PRIOR.
         s, su, sy = w.sum(), w @ u, w @ y
         suu, suy = w @ (u * u) + DRIFT_PRIOR**-2, w @ (u * y)

@@ -60,10 +60,10 @@ class SequenceExtender:
 
     def _runs_on(self, rows: Rows) -> bool:
         """Whether all of *rows* plainly follow what went before: the usual case, at once."""
-        if self._suspects or self._last is None:
+        if self._suspects:
             return False
         seq, t_us = rows["seq"], rows["t_us"]
-        if seq[0] <= self._last[0] or t_us[0] <= self._last[1]:
+        if self._last is not None and (seq[0] <= self._last[0] or t_us[0] <= self._last[1]):
             return False
         return len(rows) == 1 or bool((seq[1:] > seq[:-1]).all() and (t_us[1:] > t_us[:-1]).all())
 

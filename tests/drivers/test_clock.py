@@ -1,0 +1,89 @@
+"""Device clock → host clock: offset and drift from exchanges with honest and with late answers."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armd.drivers.clock import ENOUGH, DeviceClock
+
+BOOT_NS = 5_000_000_000_000  # host instant of the device's zero
+
+
+def exchange(clock, host_ns, out_ns, back_ns, drift=0.0):
+    """A PING that takes *out_ns* to the arm and its PONG *back_ns* back, sent at *host_ns*."""
+    stamped_ns = host_ns + out_ns
+    device_ns = round((stamped_ns - BOOT_NS) / (1 + drift))
+    clock.add(host_ns, stamped_ns + back_ns, device_ns // 1000 * 1000)
+
+
+def error_ns(clock, host_ns, drift=0.0):
+    device_ns = np.array([round((host_ns - BOOT_NS) / (1 + drift))])
+    return int(clock.to_host(device_ns)[0]) - host_ns
+
+
+def run(clock, seconds, delays, drift=0.0, start_ns=BOOT_NS + 3_000_000_000):
+    now = start_ns
+    while now < start_ns + seconds * 1e9:
+        exchange(clock, now, *delays(), drift)
+        now += clock.ping_interval_ns
+    return now
+
+
+def test_it_is_mapped_within_half_a_second_of_good_exchanges():
+    clock = DeviceClock()
+    assert not clock.mapped
+    run(clock, ENOUGH * 0.05 + 0.01, lambda: (30_000, 30_000))
+    assert clock.mapped
+
+
+@pytest.mark.parametrize("drift", [0.0, 100e-6, -200e-6])
+@pytest.mark.parametrize("seconds", [0.5, 3, 20])
+def test_error_with_a_drifting_crystal_and_a_busy_host(drift, seconds):
+    rng = np.random.default_rng(3)
+
+    def delays():
+        out, back = rng.exponential(60_000, 2) + 20_000
+        if rng.random() < 0.2:  # now and then somebody else has the processor
+            back += rng.uniform(0, 10_000_000)
+        return round(out), round(back)
+
+    clock = DeviceClock()
+    now = run(clock, seconds, delays, drift)
+    errors = [abs(error_ns(clock, now + ahead, drift)) for ahead in range(0, 500_000_000, 10**7)]
+    assert np.median(errors) < 200_000 and max(errors) < 500_000
+
+
+def test_an_adapter_that_waits_sixteen_milliseconds():
+    errors = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+
+        def delays(rng=rng):
+            return 100_000, round(rng.uniform(0.2e6, 16e6))
+
+        clock = DeviceClock()
+        errors.append(abs(error_ns(clock, run(clock, 3, delays))))
+    assert np.median(errors) < 500_000  # a plain mean of the middles is 4 ms off
+    assert max(errors) < 5_000_000
+
+
+@given(st.integers(0, 2**62), st.integers(0, 2**53 * 1000))
+def test_any_exchange_is_survived(host_ns, device_ns):
+    clock = DeviceClock()
+    for i in range(ENOUGH):
+        clock.add(host_ns + i, host_ns + i + 5, device_ns)
+    clock.to_host(np.array([0, device_ns]))
+
+
+def test_an_answer_before_its_question_is_ignored():
+    clock = DeviceClock()
+    clock.add(1000, 900, 0)
+    assert clock.round_trip_ns is None
+
+
+def test_a_reset_forgets_the_mapping():
+    clock = DeviceClock()
+    run(clock, 2, lambda: (30_000, 30_000))
+    clock.reset()
+    assert not clock.mapped and clock.drift == 0.0
