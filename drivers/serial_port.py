@@ -11,7 +11,6 @@ import select
 import termios
 import time
 from contextlib import suppress
-from typing import Literal
 
 import numpy as np
 import serial
@@ -20,7 +19,7 @@ from armd.drivers import serial_wire as wire
 from armd.drivers.config import SerialConfig
 from armd.drivers.host_time import HostTime
 from armd.drivers.identity import Expectation
-from armd.drivers.sample import Event, Item, RawFrame
+from armd.drivers.sample import Direction, Event, Item, RawFrame
 from armd.drivers.serial_decoder import SerialDecoder
 from armd.drivers.unwrap import warm_up
 
@@ -194,9 +193,9 @@ class SerialDriver:
         with suppress(OSError):  # a full or broken line shows itself when reading
             os.write(self._serial.fileno(), packet)
 
-    def _feed(self, direction: Literal["rx", "tx", "link"], data: bytes) -> list[Item]:
+    def _feed(self, direction: Direction, data: bytes) -> list[Item]:
         monotonic_ns, unix_ns = self._time.now()
-        frame = RawFrame(monotonic_ns, unix_ns, direction, data)
+        frame = RawFrame(monotonic_ns, unix_ns, direction, "serial", data)
         self._raw.append(frame)
         return self._decoder.feed(frame)
 
