@@ -10,7 +10,7 @@ from pydantic import Field
 
 from armd import keys
 from armd.compensation.arm import Arm, Vector3, load_arm
-from armd.drivers.config import DriverConfig
+from armd.drivers.config import DriverConfig, ReplayConfig
 from armd.errors import BadInput
 from armd.schema import Strict, load_toml
 
@@ -102,6 +102,13 @@ class Config:
     def beside(self, name: str) -> Path:
         """A path of the file, taken relative to the file."""
         return self.path.parent / name
+
+    @property
+    def driver(self) -> DriverConfig:
+        driver = self.file.driver
+        if isinstance(driver, ReplayConfig):
+            return driver.model_copy(update={"file": str(self.beside(driver.file))})
+        return driver
 
     @property
     def calibration(self) -> Path | None:

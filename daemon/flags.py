@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from armd.jit import jit
 
 from armd import Flag
 from armd.compensation.arm import Arm
 from armd.daemon.motion import REST_AFTER_NS
+from armd.jit import jit
 
 END_STOP_DEG = 0.5
 

@@ -8,12 +8,14 @@ the press (`count` 1, no standard deviation).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from armd import POINT, Flag
+
+Trigger: TypeAlias = Literal["button", "rest"]
 
 #: Points remembered: `average_s` at the highest rate any wire carries.
 REMEMBERED = 1 << 15
@@ -31,7 +33,7 @@ class Press:
 class Measurement:
     """Averages over `count` points; positions in mm, base frame."""
 
-    trigger: Literal["button", "rest"]
+    trigger: Trigger
     seq: int
     stamp_ns: int
     monotonic_ns: int
@@ -50,7 +52,7 @@ class Measurement:
             **self.__dict__,
             "flags": int(self.flags),
             "flag_names": [flag.name for flag in self.flags],
-            "calibration": f"{self.calibration:016x}",
+            "calibration": self.calibration.to_bytes(8, "little").hex(),
         }
 
 
@@ -62,6 +64,7 @@ class Averager:
         self._past = np.zeros(REMEMBERED, POINT)
         self._written = 0
         self._buttons = 0
+        self._resting = False
 
     def remember(self, points: npt.NDArray[np.void]) -> list[Press]:
         """Keep a batch; returns the presses in it."""
@@ -82,9 +85,14 @@ class Averager:
             self._buttons = now
         return presses
 
-    def average(
-        self, trigger: Literal["button", "rest"], point: np.void, still_since_ns: int
-    ) -> Measurement:
+    def rests(self, points: npt.NDArray[np.void]) -> list[int]:
+        """Rows of a batch at which a rest begins to count as one (flag 9 rises)."""
+        resting = (points["flags"] & Flag.AT_REST) != 0
+        before = np.concatenate([[self._resting], resting[:-1]])
+        self._resting = bool(resting[-1])
+        return np.flatnonzero(resting & ~before).tolist()
+
+    def average(self, trigger: Trigger, point: np.void, still_since_ns: int) -> Measurement:
         """The measurement that ends with *point*, one of those remembered."""
         end_ns = int(point["monotonic_ns"])
         past = self._chronological()

@@ -1,4 +1,4 @@
-"""What the joints and the tip are doing: rates, sides of approach, direction of travel, rest.
+"""What joints and tip are doing: rates and sides of approach, direction of travel, rest.
 
 Everything here is decided sample by sample from the counts and the stream's own monotonic_ns, so
 that a replay gives the same answers however the bytes were cut into batches.
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
 from armd.jit import jit
 
 F64 = npt.NDArray[np.float64]
@@ -25,6 +26,8 @@ TREMOR_MM = 0.01
 GAP_NS = 100_000_000
 #: A joint has turned back when it comes back by this much; less is noise.
 SIDE_PLAY_RAD = 4e-5
+#: Carries a joint's side while it rests.
+NO_RATE_RAD_S = 1e-12
 #: The tip drags its direction of travel behind it on a string of this length.
 TRAIL_MM = 0.2
 #: Samples over which the noise of the position is learnt, and over which a rest's mean follows.
@@ -52,29 +55,29 @@ class Motion:
 
     def follow(
         self, q: F64, position_mm: F64, monotonic_ns: I64, valid: npt.NDArray[np.bool_]
-    ) -> tuple[F64, F64, F64, I64]:
+    ) -> tuple[F64, F64, I64]:
         """Joint angles (n, N) rad and tip (n, 3) mm at (n,) ns, and which rows hold.
 
-        Returns rate (n, N) rad/s, side (n, N) of −1, 0, +1, approach (n, 3) unit vectors (NaN
-        while unknown) and the instant (n,) ns since which the tip has been still.
+        Returns rate (n, N) rad/s whose sign is the side of approach (at rest it stays, on a value
+        that is nearly 0; NaN while unknown), approach (n, 3) unit vectors (NaN while unknown) and
+        the instant (n,) ns since which the tip has been still.
         """
         rate = np.empty_like(q)
-        side = np.empty_like(q)
         approach = np.empty((len(q), 3))
         still_since_ns = np.empty(len(q), np.int64)
         _follow(
             q, position_mm, monotonic_ns, valid,
             self._floor_mm, self._floats, self._integers, self._last_q, self._turned_q, self._side,
-            rate, side, approach, still_since_ns,
+            rate, approach, still_since_ns,
         )  # fmt: skip
-        return rate, side, approach, still_since_ns
+        return rate, approach, still_since_ns
 
 
 @jit
 def _follow(
     q: Any, position: Any, time_ns: Any, valid: Any,
     floor: float, state: Any, clock: Any, last_q: Any, turned_q: Any, sides: Any,
-    rate: Any, side: Any, approach: Any, still_since: Any,
+    rate: Any, approach: Any, still_since: Any,
 ) -> None:  # fmt: skip
     n, joints = q.shape
     for i in range(n):
@@ -84,7 +87,6 @@ def _follow(
             still_since[i] = now
             for k in range(joints):
                 rate[i, k] = math.nan
-                side[i, k] = sides[k]
             for axis in range(3):
                 approach[i, axis] = math.nan
             continue
@@ -97,12 +99,14 @@ def _follow(
         dt = dt_ns * 1e-9
 
         for k in range(joints):
-            rate[i, k] = (q[i, k] - last_q[k]) / dt if seen > 0 else math.nan
-            last_q[k] = q[i, k]
             if seen == 0 and sides[k] == 0.0:
                 turned_q[k] = q[i, k]
             _turn(k, q[i, k], turned_q, sides)
-            side[i, k] = sides[k]
+            measured = (q[i, k] - last_q[k]) / dt if seen > 0 else 0.0
+            rate[i, k] = (
+                math.nan if sides[k] == 0.0 else sides[k] * max(measured * sides[k], NO_RATE_RAD_S)
+            )
+            last_q[k] = q[i, k]
 
         step = 0.0
         jerk = 0.0

@@ -75,7 +75,7 @@ class Queries:
             query.reply_err(f"no such command; there are: {', '.join(self._commands)}")
             return
         try:
-            done = command({name: value for name, value in query.parameters})
+            done = command(dict(query.parameters))
         except ArmdError as error:
             query.reply_err(str(error))
         else:

@@ -1,8 +1,8 @@
 """Raw frames on their way to a recorder: a small header, then the bytes as they crossed the wire.
 
-`armd/<serial>/@raw`: u64 number of the frame (from 0, without gaps when nothing was lost) ·
-i64 monotonic_ns · i64 unix_ns · u8 direction (0 rx, 1 tx, 2 link) · u8 length of the channel's name ·
-the name · the bytes. Little-endian.
+`armd/<serial>/@raw`: u64 number of the frame (from 0, without gaps unless one was lost) ·
+i64 monotonic_ns · i64 unix_ns · u8 direction (0 rx, 1 tx, 2 link) · u8 length of channel ·
+channel · the bytes. Little-endian.
 """
 
 from __future__ import annotations

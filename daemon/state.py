@@ -30,8 +30,9 @@ class Seen:
     silent_s: float | None  # since the last sample; None: none yet
     trouble: str = ""  # the driver's own explanation of a silence: unplugged, a foreign arm, …
     points: int = 0
-    flags: Flag = Flag(0)  # any of them
+    flags: int = 0  # any of them, bits of `Flag`
     invalid: int = 0  # points
+    lossy: bool = False
     invalid_joints: tuple[int, ...] = ()
     warning_joints: tuple[int, ...] = ()
     missing_sensors: tuple[str, ...] = ()
@@ -55,17 +56,17 @@ def assess(seen: Seen) -> tuple[State, str]:
         return State.DEGRADED, f"temperature missing: {missing}; the last value is held"
     if seen.warning_joints:
         return State.DEGRADED, "warning of " + ", ".join(f"joint {k}" for k in seen.warning_joints)
-    if Flag.CLOCK in seen.flags:
+    if seen.flags & Flag.CLOCK:
         return State.DEGRADED, "the device's clock is not yet mapped"
-    if Flag.SAMPLES_LOST in seen.flags:
+    if seen.lossy:
         return State.DEGRADED, "samples are being lost before the daemon"
     if seen.outside_sensors:
         outside = ", ".join(seen.outside_sensors)
         return State.INACCURATE, f"outside the identified temperature range: {outside}"
-    if Flag.TEMPERATURE_RATE in seen.flags:
+    if seen.flags & Flag.TEMPERATURE_RATE:
         return State.INACCURATE, f"temperature changes too fast for the model: {seen.drift}"
     if seen.drift:
         return State.WARMING, seen.drift
-    if Flag.NOT_CALIBRATED in seen.flags:
+    if seen.flags & Flag.NOT_CALIBRATED:
         return State.READY, "nominal geometry: no calibration is loaded"
     return State.READY, "measuring"

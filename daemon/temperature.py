@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ from armd import Flag
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration
 from armd.compensation.terms import Temperature, TemperatureRate
+from armd.daemon.config import Limits
 
 F64 = npt.NDArray[np.float64]
 
@@ -33,6 +35,9 @@ class Drift:
     standard_error: float
     stepped: bool  # between two readings, sometime in the last minute
 
+    def __str__(self) -> str:
+        return f"{self.sensor} drifts by {self.k_per_h:+.1f} K/h"
+
     def exceeds(self, limit_k_per_h: float) -> bool:
         """Beyond doubt: by a step, or by more than three standard errors."""
         return self.stepped or abs(self.k_per_h) - 3 * self.standard_error > limit_k_per_h
@@ -41,34 +46,25 @@ class Drift:
 class TemperatureWatch:
     """Keeps the last good value of every channel and judges its age, range and rate."""
 
-    def __init__(
-        self,
-        arm: Arm,
-        calibration: Calibration | None,
-        hold_s: float,
-        limit_k_per_h: float,
-    ) -> None:
+    def __init__(self, arm: Arm, limits: Limits) -> None:
         self.sensors = arm.sensors
-        self._hold_ns = round(hold_s * 1e9)
-        reference_c = arm.reference_temperature_c
-        self.held_c = np.full(len(self.sensors), reference_c)
+        self._hold_ns = round(limits.temperature_hold_s * 1e9)
+        self._limit_k_per_h = limits.temperature_rate_k_per_h
+        self.held_c = np.full(len(self.sensors), arm.reference_temperature_c)
         self.current_c = np.full(len(self.sensors), np.nan)
         self._good_ns = np.full(len(self.sensors), -1, np.int64)
         self._history: deque[tuple[int, F64]] = deque()
-        self.drift: Drift | None = None
-        self.slow_flags = Flag(0)
-        self.stale_from_ns = 0
-        self.use(arm, calibration, limit_k_per_h)
+        self.use(arm, None)
 
-    def use(self, arm: Arm, calibration: Calibration | None, limit_k_per_h: float) -> None:
-        """Take over another calibration; what was measured so far stays."""
+    def use(self, arm: Arm, calibration: Calibration | None) -> None:
+        """Judge by another calibration; what was measured so far stays."""
         used = used_sensors(arm, calibration)
         self._used = [i for i, name in enumerate(self.sensors) if name in used]
         ranges = {} if calibration is None else calibration.temperature_range_c
         self._low = np.array([ranges.get(name, (-np.inf, np.inf))[0] for name in self.sensors])
         self._high = np.array([ranges.get(name, (-np.inf, np.inf))[1] for name in self.sensors])
         own_limit = None if calibration is None else calibration.max_temperature_rate_k_per_h
-        self._limit_k_per_h = min(limit_k_per_h, own_limit or limit_k_per_h)
+        self._rate_limit = min(self._limit_k_per_h, own_limit or self._limit_k_per_h)
         self._judge()
 
     def begin(self, monotonic_ns: int) -> None:
@@ -112,12 +108,28 @@ class TemperatureWatch:
         out = (self.held_c < self._low) | (self.held_c > self._high)
         return [self.sensors[i] for i in self._used if out[i]]
 
+    def unsteady(self, limit_k_per_h: float) -> str:
+        """Why the sensors in use are not called steady; "" if they are."""
+        if not self._used:
+            return ""
+        if self.drift is None:
+            return "temperatures are known for less than 3 s"
+        return str(self.drift) if self.drift.exceeds(limit_k_per_h) else ""
+
+    def as_json(self) -> dict[str, float | None]:
+        """The last reading in °C by sensor name; None where a channel is invalid."""
+        values = self.current_c.tolist()
+        return {
+            name: None if math.isnan(value) else round(value, 3)
+            for name, value in zip(self.sensors, values, strict=True)
+        }
+
     def _judge(self) -> None:
         self.drift = self._fastest()
         self.slow_flags = Flag(0)
         if self.outside():
             self.slow_flags |= Flag.TEMPERATURE_RANGE
-        if self.drift is not None and self.drift.exceeds(self._limit_k_per_h):
+        if self.drift is not None and self.drift.exceeds(self._rate_limit):
             self.slow_flags |= Flag.TEMPERATURE_RATE
 
     def _fastest(self) -> Drift | None:

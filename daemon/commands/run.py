@@ -1,0 +1,60 @@
+"""`armd run CONFIG`: the daemon in the foreground, for systemd or a terminal."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import signal
+from contextlib import closing
+from pathlib import Path
+
+import zenoh
+
+from armd.daemon.arm_in_use import ArmInUse
+from armd.daemon.config import Config, load_config
+from armd.daemon.rehearsal import rehearse
+from armd.daemon.service import Service
+from armd.daemon.session import open_session
+from armd.drivers.identity import Expectation
+from armd.drivers.table import open_driver
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", metavar="CONFIG", type=Path, help="armd.toml")
+
+
+def run(args: argparse.Namespace) -> int:
+    config = load_config(args.config)
+    zenoh.init_log_from_env_or("error")
+    arm = ArmInUse(config)
+    rehearse(config, arm)  # compiles everything the stream needs, before ready is said
+    driver = open_driver(config.driver, _expectation(config))
+    with open_session(config) as session, closing(driver):
+        service = Service(config, driver, session, arm)
+        with closing(service):
+            signal.signal(signal.SIGTERM, lambda *_: service.stop())
+            signal.signal(signal.SIGINT, lambda *_: service.stop())
+            signal.signal(signal.SIGHUP, lambda *_: service.ask_reload())
+            gc.freeze()  # what start-up made stays; the collector need not look at it again
+            print(_ready(config, arm), flush=True)
+            service.run()
+    return 0
+
+
+def _expectation(config: Config) -> Expectation:
+    arm = config.arm
+    return Expectation(
+        arm.serial_number,
+        arm.n_joints,
+        len(arm.sensors),
+        tuple(joint.counts_per_turn for joint in arm.joint),
+    )
+
+
+def _ready(config: Config, arm: ArmInUse) -> str:
+    where = ", ".join(config.file.zenoh.listen) or "no listener"
+    if config.file.zenoh.config is not None:
+        where = config.file.zenoh.config
+    calibration = arm.calibration
+    made_with = "nominal geometry" if calibration is None else calibration.sha256[:16]
+    return f"armd: ready {config.arm.serial_number} on {where}, {made_with}"

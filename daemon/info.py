@@ -1,0 +1,65 @@
+"""The content of the info key: arm, calibration, units, and how to read a point."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from armd import POINT, POINT_ENCODING, Flag, __version__, keys
+from armd.compensation.calibration import LoadedCalibration
+from armd.daemon.config import Config
+
+UNITS = {
+    "position": "mm",
+    "angle": "rad",
+    "temperature": "°C",
+    "stamp_ns": "ns since 1970-01-01 UTC",
+    "monotonic_ns": "ns of the controller's CLOCK_MONOTONIC",
+}
+
+
+def describe(
+    config: Config, calibration: LoadedCalibration | None, tip: str | None
+) -> dict[str, Any]:
+    """Plain JSON data."""
+    return {
+        "armd": __version__,
+        "arm": config.arm.model_dump(mode="json", by_alias=True),
+        "calibration": None if calibration is None else describe_calibration(calibration),
+        "tip": tip,
+        "units": UNITS,
+        "point": {
+            "key": keys.key(config.arm.serial_number, keys.POINT),
+            "encoding": POINT_ENCODING,
+            "size": POINT.itemsize,
+            "layout": [_field(name) for name in POINT.names or ()],
+            "flags": {str(flag.bit_length() - 1): flag.name for flag in Flag},
+        },
+        "driver": config.file.driver.kind,
+        "commands_enabled": config.file.commands.enabled,
+    }
+
+
+def describe_calibration(calibration: LoadedCalibration) -> dict[str, Any]:
+    """Which calibration it is, where it holds, where it comes from; not its numbers."""
+    content = calibration.content
+    return {
+        "file": calibration.path.name,
+        "sha256": calibration.sha256,
+        "created": content.created,
+        "reference_temperature_c": content.reference_temperature_c,
+        "temperature_range_c": content.temperature_range_c,
+        "terms": len(content.terms),
+        "provenance": content.provenance,
+    }
+
+
+def _field(name: str) -> dict[str, Any]:
+    assert POINT.fields is not None
+    dtype, offset = POINT.fields[name][:2]
+    base, shape = dtype.subdtype or (dtype, ())
+    return {
+        "name": name,
+        "offset": offset,
+        "type": f"{base.kind}{base.itemsize * 8}",  # u64, i64, f32, …
+        "count": shape[0] if shape else 1,
+    }

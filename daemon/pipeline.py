@@ -1,0 +1,99 @@
+"""Samples in, points out: no port, no clock, no network.
+
+Every decision rests on the samples, the temperatures and their own monotonic_ns, so a replay of
+the same stream gives bit-identical points however it was cut into batches.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from armd import POINT, Flag
+from armd.compensation.arm import Arm
+from armd.compensation.calibration import LoadedCalibration
+from armd.compensation.model import Model
+from armd.daemon.config import Limits
+from armd.daemon.flags import Flagger
+from armd.daemon.motion import Motion
+from armd.daemon.temperature import TemperatureWatch
+from armd.drivers.sample import SampleArray, Temperatures
+
+PointArray = npt.NDArray[np.void]
+F64 = npt.NDArray[np.float64]
+
+
+class Pipeline:
+    """The arithmetic of one arm between its driver and its publisher."""
+
+    def __init__(self, arm: Arm, calibration: LoadedCalibration | None, limits: Limits) -> None:
+        turns = [joint.counts_per_turn or 1 for joint in arm.joint]
+        self._radians = np.array(
+            [joint.direction * 2 * math.pi / n for joint, n in zip(arm.joint, turns, strict=True)]
+        )
+        self._middle, self._one_turn = _ranges(arm)
+        self._motion = Motion(turns, _reach_mm(arm))
+        self._flagger = Flagger(arm)
+        self.temperature = TemperatureWatch(arm, limits)
+        self._stamp_ns = 0  # of the last temperatures
+        self.use(arm, calibration)
+
+    def use(self, arm: Arm, calibration: LoadedCalibration | None) -> None:
+        """Correct with this calibration (None: nominal geometry) from the next sample on."""
+        self._model = Model(arm, calibration)
+        self._identity = 0 if calibration is None else calibration.identity
+        self._own_flags = Flag.NOT_CALIBRATED if calibration is None else Flag(0)
+        self.temperature.use(arm, None if calibration is None else calibration.content)
+        self._model.fold(self.temperature.held_c, self._stamp_ns * 1e-9)
+
+    def take_temperatures(self, reading: Temperatures) -> None:
+        """Everything after this reading is corrected with it."""
+        self.temperature.update(reading.celsius, reading.monotonic_ns)
+        self._stamp_ns = reading.stamp_ns
+        self._model.fold(self.temperature.held_c, reading.stamp_ns * 1e-9)
+
+    def correct(self, samples: SampleArray) -> tuple[PointArray, npt.NDArray[np.int64]]:
+        """Points (n,) of samples (n,), and the instant (n,) ns since which the tip was still."""
+        now_ns = samples["monotonic_ns"]
+        self.temperature.begin(int(now_ns[0]))
+        q = self._angles(samples["count"])
+        valid = samples["joint_invalid"] == 0
+        tip_mm = self._model.uncorrected(q)
+        rate, approach, still_since_ns = self._motion.follow(q, tip_mm, now_ns, valid)
+
+        points = np.zeros(len(samples), POINT)
+        self._model.correct(q, rate, approach, points)
+        points["flags"] = self._flagger.flags(
+            samples, q, still_since_ns,
+            self._own_flags | self.temperature.slow_flags,
+            self.temperature.stale_after_ns, self.temperature.invalid_after_ns,
+        )  # fmt: skip
+        invalid = (points["flags"] & Flag.INVALID) != 0
+        if invalid.any():
+            for name in ("position_mm", "orientation", "covariance_mm2", "correction_mm"):
+                points[name][invalid] = math.nan
+        for name in ("seq", "stamp_ns", "monotonic_ns", "buttons"):
+            points[name] = samples[name]
+        points["calibration"] = self._identity
+        return points, still_since_ns
+
+    def _angles(self, counts: npt.NDArray[np.int64]) -> F64:
+        """Angles (n, N) rad; a joint that turns at most once is in the turn of its limits."""
+        q = counts * self._radians
+        turns = np.round((q - self._middle) / (2 * math.pi))
+        return q - 2 * math.pi * np.where(self._one_turn, turns, 0.0)
+
+
+def _ranges(arm: Arm) -> tuple[F64, npt.NDArray[np.bool_]]:
+    """The middle of each joint's range (N,) rad, and whether the range is at most one turn."""
+    low = np.array([-180.0 if joint.min_deg is None else joint.min_deg for joint in arm.joint])
+    high = np.array([180.0 if joint.max_deg is None else joint.max_deg for joint in arm.joint])
+    return np.radians((low + high) / 2), high - low <= 360
+
+
+def _reach_mm(arm: Arm) -> float:
+    """No joint's lever to the tip is longer."""
+    links = sum(math.hypot(joint.a_mm, joint.d_mm) for joint in arm.joint)
+    return links + math.hypot(*arm.tip.offset_mm)

@@ -1,0 +1,22 @@
+"""Everything the stream needs, run once on made-up samples, so that it is compiled before the
+daemon says ready."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.daemon.arm_in_use import ArmInUse
+from armd.daemon.config import Config
+from armd.daemon.pipeline import Pipeline
+from armd.drivers.sample import Temperatures, sample_dtype
+
+
+def rehearse(config: Config, arm: ArmInUse) -> None:
+    """Leaves no trace in *arm*: a pipeline of its own does the work."""
+    pipeline = Pipeline(config.arm, arm.calibration, config.file.limits)
+    samples = np.zeros(2, sample_dtype(config.arm.n_joints))
+    samples["monotonic_ns"] = [0, 1_000_000]
+    celsius = np.full(len(config.arm.sensors), config.arm.reference_temperature_c)
+    pipeline.take_temperatures(Temperatures(celsius, 0, 0, 0))
+    pipeline.correct(samples)
+    pipeline.correct(samples[:1])

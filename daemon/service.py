@@ -1,0 +1,183 @@
+"""The daemon: one arm, one thread, from bytes to points.
+
+Read, correct, flag, publish; everything else (questions, health, the watchdog) happens on a tick
+between two reads.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict
+
+import numpy as np
+import zenoh
+
+from armd.daemon.arm_in_use import ArmInUse
+from armd.daemon.config import Config
+from armd.daemon.info import describe
+from armd.daemon.log import Log
+from armd.daemon.measurement import Averager, Press, Trigger
+from armd.daemon.publisher import Publisher
+from armd.daemon.queries import Queries
+from armd.daemon.supervisor import Supervisor
+from armd.daemon.systemd import Systemd
+from armd.drivers.sample import Driver, Event, SampleArray, Temperatures
+from armd.errors import ArmdError
+
+READ_S = 0.05
+TICK_NS = 50_000_000
+
+
+class ForeignArm(ArmdError):
+    """Another arm than arm.toml's is connected, and the configuration says to stop then."""
+
+
+class Service:
+    """Runs from construction to `close`; `stop` and `reload` may be called by a signal handler."""
+
+    def __init__(
+        self, config: Config, driver: Driver, session: zenoh.Session, arm: ArmInUse
+    ) -> None:
+        self._config = config
+        self._driver = driver
+        self._arm = arm
+        serial = config.arm.serial_number
+        self._publisher = Publisher(session, serial)
+        self._queries = Queries(
+            session,
+            serial,
+            self._publisher,
+            lambda: describe(config, arm.calibration, arm.tip),
+            {"reload": self._reload, "tip": self._select_tip}
+            if config.file.commands.enabled
+            else None,
+        )
+        self._averager = Averager(config.file.measurement.average_s)
+        self._log = Log()
+        self._systemd = Systemd()
+        now_ns = time.monotonic_ns()
+        self._supervisor = Supervisor(config, driver, arm, now_ns)
+        self._next_tick_ns = now_ns
+        self._stopping = False
+        self._reload_asked = False
+
+    def stop(self) -> None:
+        self._stopping = True
+
+    def ask_reload(self) -> None:
+        self._reload_asked = True
+
+    def run(self) -> None:
+        """Until `stop`; raises `ForeignArm` if the configuration says so."""
+        self._systemd.ready()
+        while not self._stopping:
+            items = self._driver.read(READ_S)
+            self._publisher.put_raw(self._driver.take_raw())
+            for item in items:
+                match item:
+                    case Temperatures():
+                        self._arm.pipeline.take_temperatures(item)
+                    case Event():
+                        self._pass_on(item)
+                    case samples:
+                        self._publish(samples)
+            now_ns = time.monotonic_ns()
+            if now_ns >= self._next_tick_ns:
+                self._next_tick_ns = now_ns + TICK_NS
+                self._tick(now_ns)
+
+    def close(self) -> None:
+        self._systemd.stopping()
+        self._systemd.close()
+        self._publisher.close()
+
+    # --- the stream ----------------------------------------------------------------------
+
+    def _publish(self, samples: SampleArray) -> None:
+        points, still_since_ns = self._arm.pipeline.correct(samples)
+        self._publisher.put_points(points)
+        self._supervisor.note_points(points, samples, time.monotonic_ns())
+        for press in self._averager.remember(points):
+            self._press(press, points[press.row], int(still_since_ns[press.row]))
+        if self._config.file.measurement.trigger == "rest":
+            for row in self._averager.rests(points):
+                self._measure("rest", points[row], int(still_since_ns[row]))
+
+    def _press(self, press: Press, point: np.void, still_since_ns: int) -> None:
+        names = ", ".join(str(button) for button in press.buttons)
+        detail = {"buttons": press.buttons, "seq": int(point["seq"])}
+        at_ns = int(point["monotonic_ns"])
+        self._tell(Event("button", f"button {names} pressed", at_ns, "info", detail))
+        self._measure("button", point, still_since_ns)
+
+    def _measure(self, trigger: Trigger, point: np.void, still_since_ns: int) -> None:
+        measurement = self._averager.average(trigger, point, still_since_ns)
+        temperatures = self._arm.pipeline.temperature.as_json()
+        self._publisher.measurements.put(
+            measurement.as_json() | {"temperatures_c": temperatures, "tip": self._arm.tip}
+        )
+
+    # --- events --------------------------------------------------------------------------
+
+    def _pass_on(self, event: Event) -> None:
+        self._supervisor.note_event(event)
+        self._tell(event)
+        if event.kind == "foreign_arm" and self._config.file.health.foreign_arm == "stop":
+            raise ForeignArm(event.text)
+
+    def _tell(self, event: Event) -> None:
+        """Publish and log something a person wants explained."""
+        self._log.write(event)
+        stamp_ns = time.time_ns() - time.monotonic_ns() + event.monotonic_ns
+        self._publisher.events.put(asdict(event) | {"stamp_ns": stamp_ns})
+
+    def _tell_now(self, kind: str, text: str, severity: str) -> None:
+        self._tell(Event(kind, text, time.monotonic_ns(), severity))
+
+    # --- between two reads ---------------------------------------------------------------
+
+    def _tick(self, now_ns: int) -> None:
+        self._queries.answer()
+        if self._reload_asked:
+            self._reload_asked = False
+            self._systemd.reloading()
+            with suppress(ArmdError):  # it has been told as an event
+                self._reload({})
+            self._systemd.ready()
+        second_over = self._supervisor.close_second(now_ns)
+        if self._supervisor.assess(now_ns):
+            state, reason = self._supervisor.state, self._supervisor.reason
+            self._tell_now("state", f"{state}: {reason}", "info")
+        if second_over:
+            self._publisher.put_health(self._supervisor.health(now_ns))
+            self._systemd.status(f"{self._supervisor.state}: {self._supervisor.reason}")
+        # This thread runs, and the supervisor has a reason for every silence.
+        self._systemd.feed_watchdog(now_ns * 1e-9)
+
+    def _reload(self, _parameters: Mapping[str, str]) -> str:
+        """Raises `BadInput` for a bad calibration; the old one stays in force."""
+        try:
+            warning = self._arm.reload()
+        except ArmdError as error:
+            self._tell_now("calibration_refused", f"{error}; the old one stays", "error")
+            raise
+        calibration = self._arm.calibration
+        text = "nominal geometry" if calibration is None else f"calibration {calibration.sha256}"
+        self._tell_now("calibration", f"now correcting with {text}", "info")
+        self._warn_of_tip(warning)
+        return text
+
+    def _select_tip(self, parameters: Mapping[str, str]) -> str:
+        """`command/tip?name=NAME`; without a name the calibration's own tip."""
+        name = parameters.get("name", "")
+        warning = self._arm.select_tip(name)
+        text = f"tip {name}" if name else "the calibration's tip"
+        self._tell_now("tip", f"now measuring with {text}", "info")
+        self._warn_of_tip(warning)
+        return text
+
+    def _warn_of_tip(self, warning: str | None) -> None:
+        if warning is not None:
+            self._tell_now("tip_moved", warning, "warning")

@@ -1,0 +1,107 @@
+"""Watches over one arm from second to second: its state, the reason, and its health in numbers."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from typing import Any
+
+from armd.daemon.arm_in_use import ArmInUse
+from armd.daemon.config import Config
+from armd.daemon.health import Second, Tally
+from armd.daemon.pipeline import PointArray
+from armd.daemon.state import Seen, State, assess
+from armd.drivers.sample import Driver, Event, SampleArray
+
+SECOND_NS = 1_000_000_000
+#: Of a second's points; single losses are flagged and counted, but do not change the state.
+LOSSY = 0.01
+
+
+class Supervisor:
+    """Told of every batch and every event; asked for the state at any time."""
+
+    def __init__(self, config: Config, driver: Driver, arm: ArmInUse, now_ns: int) -> None:
+        self._config = config
+        self._driver = driver
+        self._arm = arm
+        self._started_ns = now_ns
+        self._came_ns: int | None = None  # when the last sample came, not when it was latched
+        self._latched_ns = 0
+        self._trouble = ""
+        self._tally = Tally(now_ns)
+        self._second = Second()
+        self._next_second_ns = now_ns + SECOND_NS
+        self.state = State.NOT_READY
+        self.reason = "starting"
+
+    def note_points(self, points: PointArray, samples: SampleArray, published_ns: int) -> None:
+        self._tally.add(points, samples, published_ns)
+        self._came_ns = published_ns
+        self._latched_ns = int(samples["monotonic_ns"][-1])
+        self._trouble = ""
+
+    def note_event(self, event: Event) -> None:
+        """Something the driver tells explains the silence that may follow."""
+        if event.severity != "info":
+            self._trouble = event.text
+
+    def assess(self, now_ns: int) -> bool:
+        """Renew state and reason; whether the state is another than before."""
+        before = self.state
+        self.state, self.reason = assess(self._seen(now_ns))
+        return self.state is not before
+
+    def close_second(self, now_ns: int) -> bool:
+        """Whether a second is over, and its sum renewed."""
+        if now_ns < self._next_second_ns:
+            return False
+        self._next_second_ns += SECOND_NS
+        self._second = self._tally.close_second(now_ns)
+        return True
+
+    def health(self, now_ns: int) -> dict[str, Any]:
+        """The content of the health key."""
+        second = self._second
+        temperature = self._arm.pipeline.temperature
+        drift = temperature.drift
+        calibration = self._arm.calibration
+        return {
+            "serial": self._config.arm.serial_number,
+            "stamp_ns": time.time_ns(),
+            "state": self.state,
+            "reason": self.reason,
+            "uptime_s": round((now_ns - self._started_ns) * 1e-9, 1),
+            "connected": self._driver.connected,
+            "silent_s": self._silent_s(now_ns),
+            "rates": {"points_hz": round(second.rate_hz, 1)},
+            "points": {"published": self._tally.published, "flagged": dict(self._tally.flagged)},
+            "last_second": {"points": second.points, "flagged": second.flagged},
+            "drops": self._driver.counters,
+            "temperatures": temperature.as_json(),
+            "drift": None if drift is None else asdict(drift),
+            "latency": second.latency_ms,
+            "calibration": None if calibration is None else calibration.sha256[:16],
+            "tip": self._arm.tip,
+        }
+
+    def _silent_s(self, now_ns: int) -> float | None:
+        return None if self._came_ns is None else round((now_ns - self._came_ns) * 1e-9, 3)
+
+    def _seen(self, now_ns: int) -> Seen:
+        second = self._second
+        temperature = self._arm.pipeline.temperature
+        lossy = second.flagged.get("SAMPLES_LOST", 0) > LOSSY * second.points
+        return Seen(
+            silent_s=self._silent_s(now_ns),
+            trouble=self._trouble,
+            points=second.points,
+            flags=second.flags,
+            invalid=second.invalid,
+            lossy=lossy,
+            invalid_joints=second.invalid_joints,
+            warning_joints=second.warning_joints,
+            missing_sensors=tuple(temperature.missing(self._latched_ns)),
+            outside_sensors=tuple(temperature.outside()),
+            drift=temperature.unsteady(self._config.file.health.steady_k_per_h),
+        )
