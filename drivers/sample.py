@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
@@ -76,44 +75,8 @@ class RawFrame:
     monotonic_ns: int  # arrival, or just before sending
     unix_ns: int
     direction: Direction
-    channel: str  # "serial" or "can": which decoder it is for
     data: bytes  # serial: a read's bytes; CAN: see drivers/can
-
-    def to_bytes(self) -> bytes:
-        """One self-delimiting record, as published for recorders: `_RAW_HEAD`, channel, data."""
-        channel = self.channel.encode()
-        head = _RAW_HEAD.pack(
-            self.monotonic_ns,
-            self.unix_ns,
-            _DIRECTIONS.index(self.direction),
-            len(channel),
-            len(self.data),
-        )
-        return head + channel + self.data
-
-
-def raw_frames(payload: bytes) -> list[RawFrame]:
-    """The frames of joined `RawFrame.to_bytes`; raises ValueError where *payload* is cut short."""
-    frames, place = [], 0
-    while place < len(payload):
-        try:
-            head = _RAW_HEAD.unpack_from(payload, place)
-        except struct.error as error:
-            raise ValueError(f"raw frames end within a head, at byte {place}") from error
-        monotonic_ns, unix_ns, direction, n_channel, n_data = head
-        data_at = place + _RAW_HEAD.size + n_channel
-        place = data_at + n_data
-        if place > len(payload) or direction >= len(_DIRECTIONS):
-            raise ValueError(f"raw frames are damaged before byte {place}")
-        channel = payload[data_at - n_channel : data_at].decode()
-        data = payload[data_at:place]
-        frames.append(RawFrame(monotonic_ns, unix_ns, _DIRECTIONS[direction], channel, data))
-    return frames
-
-
-#: monotonic_ns i64 · unix_ns i64 · direction u8 · length of channel u8 · length of data u32
-_RAW_HEAD = struct.Struct("<qqBBI")
-_DIRECTIONS: tuple[Direction, ...] = ("rx", "tx", "link")
+    channel: str = "serial"  # or "can": which decoder it is for
 
 
 class Driver(Protocol):

@@ -195,7 +195,7 @@ class SerialDriver:
 
     def _feed(self, direction: Direction, data: bytes) -> list[Item]:
         monotonic_ns, unix_ns = self._time.now()
-        frame = RawFrame(monotonic_ns, unix_ns, direction, "serial", data)
+        frame = RawFrame(monotonic_ns, unix_ns, direction, data)
         self._raw.append(frame)
         return self._decoder.feed(frame)
 

@@ -46,7 +46,7 @@ class Line:
         return self
 
     def frame(self, direction, data):
-        return RawFrame(self.now_ns, self.now_ns + 10**18, direction, "serial", data)
+        return RawFrame(self.now_ns, self.now_ns + 10**18, direction, data)
 
     @property
     def samples(self):
@@ -208,7 +208,7 @@ def test_a_stepped_wall_clock_moves_only_unix_time(line):
     line.rx(hello(), sample(1))
     before = line.samples[-1]
     line.now_ns += MS
-    frame = RawFrame(line.now_ns, line.now_ns + 10**18 + 3600 * 10**9, "rx", "serial", sample(2))
+    frame = RawFrame(line.now_ns, line.now_ns + 10**18 + 3600 * 10**9, "rx", sample(2))
     line.items += line.decoder.feed(frame)
     after = line.samples[-1]
     assert after["monotonic_ns"] - before["monotonic_ns"] == MS
