@@ -131,6 +131,7 @@ def serial(scenario: Scenario, options: argparse.Namespace) -> int:
         device = cleanup.enter_context(closing(SerialDevice(scenario, physics, port, truth, log)))
         print(port.path, flush=True)
         device.run()
+        port.drain(0.5)  # a port closed at once takes the last samples with it
     return 0
 
 

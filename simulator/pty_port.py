@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import select
+import termios
+import time
 import tty
 from pathlib import Path
 
@@ -65,6 +68,15 @@ class PtyPort:
         if done:
             self._unsent = packets[done:]  # never half a packet: the rest goes first next time
         return done > 0
+
+    def drain(self, timeout_s: float) -> None:
+        """Wait until the host has read everything, but no longer than *timeout_s*."""
+        deadline = time.monotonic() + timeout_s
+        while self._plugged and time.monotonic() < deadline:
+            time.sleep(0.01)  # the kernel hands bytes over in its own time
+            unread = fcntl.ioctl(self._slave, termios.FIONREAD, b"\0" * 4)
+            if not any(unread):
+                return
 
     def read(self, timeout_s: float) -> bytes:
         """What the host has sent; waits up to *timeout_s* for something."""

@@ -98,7 +98,8 @@ class SerialDevice:
                 self._next_temperature_k = k + max(1, self._crystal.rate_hz // TEMPERATURES_PER_S)
                 packets.append(self._temperature(k))
         self._k = end_k
-        if not self._port.write(b"".join(packets)):
+        data = b"".join(packets)
+        if data and not self._port.write(data):
             self._torn = False
             self._log.withheld("nobody reads", first_seq, first_seq + count - 1)
 
