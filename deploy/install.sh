@@ -1,0 +1,107 @@
+#!/bin/sh
+# Install armd on an arm controller, from the folder this script stands in.
+#
+#   sudo deploy/install.sh                     from PyPI
+#   sudo deploy/install.sh --wheelhouse DIR    without a network; DIR was filled elsewhere by
+#                                              pip wheel -c requirements.txt -w DIR .
+#   sudo deploy/install.sh --uninstall         removes it; configuration and recordings stay
+#   sudo deploy/install.sh --uninstall --purge removes those too
+#
+# Running it again upgrades: what is there already is left or replaced, never doubled.
+set -eu
+
+here=$(cd "$(dirname "$0")" && pwd)
+venv=/opt/armd
+units=/usr/local/lib/systemd/system
+rules=/usr/local/lib/udev/rules.d
+networks=/usr/local/lib/systemd/network
+users=/usr/local/lib/sysusers.d
+
+say() { printf 'armd: %s\n' "$*"; }
+fail() { printf 'armd: %s\n' "$*" >&2; exit 2; }
+
+usage() { sed -n '2,11s/^# \{0,1\}//p' "$0"; }
+
+running() { systemctl list-units --plain --no-legend 'armd.service' 'armd@*.service' | cut -d' ' -f1; }
+
+uninstall() {
+    for unit in $(running); do systemctl stop "$unit"; done
+    systemctl disable --quiet armd.service 2>/dev/null || true
+    rm -f "$units/armd.service" "$units/armd@.service" "$rules/70-armd.rules" \
+        "$networks/80-armd-can.network" "$users/armd.conf" /usr/local/bin/armd
+    rm -rf "$venv" /var/cache/armd
+    # Instances enabled by hand leave links that lead nowhere now.
+    find /etc/systemd/system -name 'armd@*.service' -type l -delete
+    systemctl daemon-reload
+    systemctl reset-failed 'armd*' 2>/dev/null || true
+    udevadm control --reload
+    if [ "$purge" = yes ]; then
+        rm -rf /etc/armd /var/lib/armd
+        if getent passwd armd >/dev/null; then userdel armd; fi
+        say "removed, with its configuration and recordings"
+    else
+        say "removed; /etc/armd and /var/lib/armd stay (--purge takes them too)"
+    fi
+}
+
+install_program() {
+    "$python" -m venv "$venv"
+    if [ -n "$wheelhouse" ]; then
+        "$venv/bin/pip" install --quiet --disable-pip-version-check --no-index \
+            --find-links "$wheelhouse" --upgrade --force-reinstall --no-deps armd
+        "$venv/bin/pip" install --quiet --disable-pip-version-check --no-index \
+            --find-links "$wheelhouse" --constraint "$here/../requirements.txt" armd
+    else
+        "$venv/bin/pip" install --quiet --disable-pip-version-check \
+            --constraint "$here/../requirements.txt" --upgrade "$here/.."
+    fi
+    mkdir -p /usr/local/bin
+    ln -sfn "$venv/bin/armd" /usr/local/bin/armd
+}
+
+install_system() {
+    install -D -m 644 "$here/sysusers.conf" "$users/armd.conf"
+    systemd-sysusers "$users/armd.conf"
+    install -d -m 750 -o root -g armd /etc/armd
+    install -D -m 644 "$here/armd.service" "$units/armd.service"
+    install -D -m 644 "$here/armd@.service" "$units/armd@.service"
+    install -D -m 644 "$here/udev/70-armd.rules" "$rules/70-armd.rules"
+    install -D -m 644 "$here/network/80-armd-can.network" "$networks/80-armd-can.network"
+    systemctl daemon-reload
+    udevadm control --reload
+    udevadm trigger --subsystem-match=tty --subsystem-match=usb-serial --action=add
+    systemctl enable --quiet armd.service
+}
+
+start() {
+    if [ ! -e /etc/armd/armd.toml ] && [ -z "$(running)" ]; then
+        say "installed; describe the arm in /etc/armd/armd.toml, then: systemctl start armd"
+        return
+    fi
+    for unit in $(running) armd.service; do systemctl restart "$unit"; done
+    say "installed and started; see: armd status"
+}
+
+wheelhouse='' action=install purge=no
+while [ $# -gt 0 ]; do
+    case $1 in
+        --wheelhouse) [ $# -gt 1 ] || fail "--wheelhouse: found nothing, expected a folder"
+            wheelhouse=$2; shift ;;
+        --uninstall) action=uninstall ;;
+        --purge) purge=yes ;;
+        -h | --help) usage; exit 0 ;;
+        *) usage >&2; fail "found $1, expected one of the options above" ;;
+    esac
+    shift
+done
+[ "$(id -u)" = 0 ] || fail "run it as root: it makes a user and installs a service"
+command -v systemctl >/dev/null || fail "found no systemctl, expected a machine with systemd"
+if [ "$action" = uninstall ]; then uninstall; exit; fi
+[ -z "$wheelhouse" ] || [ -d "$wheelhouse" ] || fail "$wheelhouse: found no such folder"
+python=${PYTHON:-python3}
+"$python" -c 'import ensurepip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null ||
+    fail "$python: expected Python 3.11 or newer with venv (Debian: apt install python3-venv)"
+umask 022
+install_program
+install_system
+start
