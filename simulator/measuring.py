@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +60,7 @@ class Measured:
     encoder: F64  # (n, N) recorded, rad
     sensor_c: F64  # (n, S) recorded
     artefact_c: F64  # recorded
+    felt_c: F64  # (n, S) what the sensors felt
     conditions: Conditions  # true
     phi: F64  # (n, N) true axis angles
     tip_mm: F64  # (n, 3) true tip, base frame
@@ -73,6 +74,14 @@ class Measured:
     @property
     def session_time_s(self) -> F64:
         return self.conditions.time_s - 3600 * self.plan.start_h
+
+    def to_base(self, local: F64) -> F64:
+        """Vectors (n, 3) of each reading's placement frame in the base frame."""
+        turned = np.empty_like(local)
+        for i, where in enumerate(self.placements):
+            rows = self.placement == i
+            turned[rows] = local[rows] @ where.rotation.T
+        return turned
 
 
 def measure(rig: Rig, plan: Plan, reach: Reach, rng: np.random.Generator) -> Measured:
@@ -109,7 +118,7 @@ def take_readings(
 ) -> Measured:
     """One reading per row, in time order, the tip at its target, the arm close to *phi* (n, N)."""
     n = len(target)
-    arm = replace(rig.arm, masses=replace(rig.arm.masses, payload_kg=plan.payload_kg))
+    arm = rig.arm.carrying(plan.payload_kg)
     time_s = plan.interval_s * (np.arange(n) + rng.uniform(0.0, 0.3, n))
     air_c = plan.climate.air_c(time_s)
     link_c, felt_c = _temperatures(plan.climate, time_s, rig.core_lag_s)
@@ -142,6 +151,7 @@ def take_readings(
         encoder=arm.encoder_angles(phi, conditions) + encoder_noise,
         sensor_c=rig.noise.sensors(rng, rig.read_sensors(felt_c)),
         artefact_c=rig.noise.sensors(rng, artefact_c),
+        felt_c=felt_c,
         conditions=conditions,
         phi=phi,
         tip_mm=goal + moved,

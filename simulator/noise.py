@@ -8,9 +8,10 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from armd.simulator.truth.rotations import ARC_SECOND
+
 F64 = npt.NDArray[np.float64]
 
-ARC_SECOND = np.pi / 180 / 3600
 #: Degrees of freedom of the heavy-tailed noise (Student's t): excess kurtosis without end.
 HEAVY_TAILS = 4
 #: Over which the stand wanders, s.

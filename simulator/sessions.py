@@ -16,11 +16,13 @@ import numpy as np
 
 from armd.errors import ArmdError, BadInput
 from armd.files import write_whole
+from armd.simulator.answers import true_constants, true_expansion
 from armd.simulator.campaigns import calibration, paper, verification
 from armd.simulator.campaigns.campaign import Campaign
 from armd.simulator.measuring import Measured, write_session
 from armd.simulator.noise import Noise
-from armd.simulator.truth.arm import TrueArm
+from armd.simulator.plants.causes import plant_all
+from armd.simulator.plants.plant import Plant, parse_plant
 
 KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
     "paper": paper.campaign,
@@ -41,6 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--noise", type=float, default=1.0, metavar="FACTOR", help="0: readings without noise"
     )
     parser.add_argument(
+        "--plant",
+        metavar="CAUSE@LOCATION=SIZE",
+        type=parse_plant,
+        action="append",
+        default=[],
+        help="something wrong with the arm, such as 'encoder_eccentricity@joint 3=0.8'",
+    )
+    parser.add_argument(
         "--truth-out", metavar="FILE", type=Path, help="write the true settings to a JSON file"
     )
 
@@ -53,9 +63,12 @@ def run(args: argparse.Namespace) -> int:
         )
     noise = Noise().scaled(args.noise)
     campaign = KINDS[args.session](args.seed, noise)
+    campaign = plant_all(campaign, args.plant, np.random.default_rng([args.seed, 0x9147]))
     measured = write_campaign(folder, campaign, args.seed)
     if args.truth_out is not None:
-        write_whole(args.truth_out, json.dumps(truth_of(campaign, measured), indent=1) + "\n")
+        write_whole(
+            args.truth_out, json.dumps(truth_of(campaign, args.plant, measured), indent=1) + "\n"
+        )
     print(f"{len(measured)} sessions, {sum(m.n for m in measured)} readings in {folder}")
     return 0
 
@@ -70,20 +83,22 @@ def write_campaign(folder: Path, campaign: Campaign, seed: int) -> list[Measured
     return measured
 
 
-def truth_of(campaign: Campaign, measured: Sequence[Measured]) -> dict[str, Any]:
+def truth_of(
+    campaign: Campaign, plants: Sequence[Plant], measured: Sequence[Measured]
+) -> dict[str, Any]:
     """The true settings as plain data: constants at the reference temperature, expansion, poses.
 
     Constants carry the names of arm.toml's parameters with the joint's number (rad, mm).
     """
     arm = campaign.rig.arm
     return {
+        "plants": [f"{plant.cause}@{plant.location}={plant.size}" for plant in plants],
         "constants": true_constants(arm),
-        "expansion": {
-            "along_d_per_k": arm.materials.along_d.tolist(),
-            "along_a_per_k": arm.materials.along_a.tolist(),
-            "tip_per_k": arm.materials.tip,
-            "growth_per_k2": arm.materials.growth.tolist(),
-        },
+        "expansion_per_k": [
+            {"parameter": name, "sensor": sensor, "mm_per_k": rate}
+            for name, sensor, rate in true_expansion(arm)
+        ],
+        "growth_per_k2": arm.materials.growth.tolist(),
         "sessions": {
             session.plan.name: {
                 "placements": {
@@ -99,18 +114,6 @@ def truth_of(campaign: Campaign, measured: Sequence[Measured]) -> dict[str, Any]
             for session in measured
         },
     }
-
-
-def true_constants(arm: TrueArm) -> dict[str, float]:
-    """True geometry at the reference temperature, by name: theta_1 … tip_z, rad and mm."""
-    names = ("theta", "d", "a", "alpha", "beta")
-    constants = {
-        f"{name}_{k}": float(value)
-        for k, row in enumerate(arm.rows, 1)
-        for name, value in zip(names, row, strict=True)
-    }
-    tip = zip("xyz", arm.tip_offset, strict=True)
-    return constants | {f"tip_{axis}": float(value) for axis, value in tip}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -15,10 +15,11 @@ import numpy as np
 from armd.simulator.artefact import ball_beam
 from armd.simulator.campaigns.campaign import Campaign
 from armd.simulator.measuring import Rig
-from armd.simulator.noise import ARC_SECOND, Noise
+from armd.simulator.noise import Noise
 from armd.simulator.plan import Climate, Plan, rounds
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.rotations import ARC_SECOND
 
 TEMPERATURES_C = (16, 18, 20, 22, 24, 26, 28, 30)
 #: How far the arm has moved since the calibration that its arm.toml states.

@@ -22,11 +22,11 @@ import numpy.typing as npt
 from armd.simulator.artefact import Artefact, Length
 from armd.simulator.campaigns.campaign import Campaign
 from armd.simulator.measuring import Rig
-from armd.simulator.noise import ARC_SECOND, Noise
+from armd.simulator.noise import Noise
 from armd.simulator.plan import Climate, Plan, Visit
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.rotations import random_unit
+from armd.simulator.truth.rotations import ARC_SECOND, random_unit
 
 F64 = npt.NDArray[np.float64]
 

@@ -86,6 +86,10 @@ class TrueArm:
         """The same arm with these imperfections and no others."""
         return replace(self, effects=effects)
 
+    def carrying(self, payload_kg: float) -> TrueArm:
+        """The same arm with a weight hung at its tip."""
+        return replace(self, masses=replace(self.masses, payload_kg=payload_kg))
+
     def encoder_angles(self, phi: F64, conditions: Conditions) -> F64:
         """What encoders of ideal resolution show (n, N), rad, for true axis angles phi (n, N)."""
         angles = phi.copy()

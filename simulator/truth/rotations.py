@@ -9,6 +9,8 @@ import numpy.typing as npt
 
 F64 = npt.NDArray[np.float64]
 
+ARC_SECOND = np.pi / 180 / 3600  # rad
+
 
 class Motion(NamedTuple):
     """A small rigid motion of each row: turn by a rotation vector, then shift, in one frame."""

@@ -1,0 +1,143 @@
+"""Cases that hide an effect: sessions with a planted cause, and the truth kept apart from them.
+
+For tests and `make hidden`: `generate_case` writes a folder that an operator could have measured
+and returns what only nature knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.files import write_whole
+from armd.simulator.answers import true_constants, true_expansion
+from armd.simulator.artefact import Artefact
+from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.campaigns.hidden import NOISE, Design, campaigns
+from armd.simulator.measuring import Measured, Rig, write_session
+from armd.simulator.noise import Noise
+from armd.simulator.plants.causes import plant_all
+from armd.simulator.plants.plant import Plant, depends_on
+
+F64 = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HiddenEffect:
+    """A planted cause and what it does to the readings."""
+
+    plant: Plant
+    depends_on: list[str]  # columns it acts through
+    error_mm: dict[str, F64]  # by session: (n, 3) what a model without it errs by, base frame
+    rms_um: float  # of that, over the sessions to diagnose (3-D, before anything is fitted)
+
+
+@dataclass(frozen=True)
+class HiddenCase:
+    """Paths of what was written, and the truth."""
+
+    arm: Path
+    sessions: list[Path]
+    holdout: list[Path]
+    before: list[Path]  # of the arm when nothing was wrong yet
+    effects: list[HiddenEffect]
+    noise_mm: dict[str, F64]  # by session: (n, 3) what remains for a model that knows everything
+    constants: dict[str, float]  # true geometry at the reference temperature, rad and mm
+    expansion: list[tuple[str, str, float]]  # parameter, sensor, change per kelvin, mm/K
+    measured: dict[str, Measured]
+
+    def oracle_rms_um(self, sessions: Sequence[Path]) -> float:
+        """3-D RMS of the noise alone over *sessions*: no model does better for long."""
+        noise = np.concatenate([self.noise_mm[path.name] for path in sessions])
+        return 1e3 * float(np.sqrt(np.mean(np.sum(noise**2, axis=1))))
+
+
+def generate_case(
+    folder: Path,
+    seed: int,
+    plants: Sequence[Plant] = (),
+    design: Design | None = None,
+    noise: Noise = NOISE,
+) -> HiddenCase:
+    """Write a case under *folder*: arm.toml and one folder per session; return its truth.
+
+    *design* None is the standard one: eight sessions of a hundred readings, 16–28 °C.
+    """
+    design = design or Design()
+    healthy, later = campaigns(seed, design, noise)
+    rng = np.random.default_rng([seed, 0xCA5E])
+
+    def own(i: int) -> np.random.Generator:
+        return np.random.default_rng([seed, 0x9147, i])
+
+    # What a plant draws of its own must not depend on how many others there are.
+    alone = [plant_all(later, [plant], own(i)) for i, plant in enumerate(plants)]
+    sick = later
+    for i, plant in enumerate(plants):
+        sick = plant_all(sick, [plant], own(i))
+    measured = [*healthy.carry_out(rng), *sick.carry_out(rng)]
+    folder.mkdir(parents=True, exist_ok=True)
+    write_whole(folder / "arm.toml", later.arm_toml)
+    for session in measured:
+        write_session(folder / session.plan.name, session)
+
+    def starting(prefix: str) -> list[Path]:
+        return [folder / m.plan.name for m in measured if m.plan.name.startswith(prefix)]
+
+    effects = [
+        _effect(
+            plant, campaign, later, [m for m in measured if not m.plan.name.startswith("before")]
+        )
+        for plant, campaign in zip(plants, alone, strict=True)
+    ]
+    return HiddenCase(
+        arm=folder / "arm.toml",
+        sessions=starting("session"),
+        holdout=starting("holdout"),
+        before=starting("before"),
+        effects=effects,
+        noise_mm={
+            m.plan.name: m.noise_mm + _certificate_error(m, later.rig.artefact) for m in measured
+        },
+        constants=true_constants(later.rig.arm),
+        expansion=true_expansion(later.rig.arm),
+        measured={m.plan.name: m for m in measured},
+    )
+
+
+def _certificate_error(measured: Measured, healthy: Artefact) -> F64:
+    """What the certificate of the *healthy* artefact errs by at each reading (n, 3), mm."""
+    local = np.nan_to_num(healthy.true_mm - healthy.certified_mm)[measured.target]
+    return measured.to_base(local)
+
+
+def _effect(
+    plant: Plant, alone: Campaign, healthy: Campaign, measured: list[Measured]
+) -> HiddenEffect:
+    error = {m.plan.name: _error(alone.rig, healthy.rig, m) for m in measured}
+    rows = np.concatenate([v for name, v in error.items() if name.startswith("session")])
+    rms_um = 1e3 * float(np.sqrt(np.mean(np.sum(rows**2, axis=1))))
+    return HiddenEffect(plant, depends_on(plant), error, rms_um)
+
+
+def _error(alone: Rig, healthy: Rig, measured: Measured) -> F64:
+    """What a model that knows the *healthy* rig errs by where it is as in *alone*: (n, 3) mm.
+
+    Its prediction, from what encoders show and sensors tell, minus where it believes the target.
+    """
+    conditions, phi = measured.conditions, measured.phi
+    arm = alone.arm.carrying(measured.plan.payload_kg)
+    told = alone.read_sensors(measured.felt_c) - measured.felt_c
+    believed = replace(conditions, link_c=conditions.link_c + told)
+    error = healthy.arm.tip(arm.encoder_angles(phi, conditions), believed)
+    error -= arm.tip(phi, conditions)
+    if alone.core_lag_s is not None:
+        felt = replace(conditions, link_c=measured.felt_c)
+        error += healthy.arm.tip(phi, felt) - healthy.arm.tip(phi, conditions)
+    where = (measured.target, measured.artefact_c)
+    moved = alone.artefact.positions(*where) - healthy.artefact.positions(*where)
+    return error + measured.to_base(moved)

@@ -1,0 +1,1 @@
+"""Planting causes in a simulated arm: each by physics of its own."""

@@ -1,0 +1,151 @@
+"""Planting imperfections of the arm itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.plants.plant import How, Plant
+from armd.simulator.truth.effects import (
+    BowingLink,
+    CablePull,
+    CoupledHysteresis,
+    DrivenByRate,
+    Effect,
+    Interpolation,
+    KnockedJoint,
+    MovingMount,
+    RefittedTip,
+    SquareWave,
+    SwellingLink,
+    ThermalEccentricity,
+    TrackCurve,
+    WarmHousing,
+    WobblingAxis,
+)
+from armd.simulator.truth.rotations import ARC_SECOND, random_unit
+
+
+def imperfection(
+    make: Callable[[Plant, np.random.Generator, Campaign], Effect],
+) -> How:
+    """Planting an imperfection of the arm itself."""
+
+    def plant(campaign: Campaign, wanted: Plant, rng: np.random.Generator) -> Campaign:
+        arm = campaign.rig.arm
+        arm = arm.with_effects(*arm.effects, make(wanted, rng, campaign))
+        return replace(campaign, rig=replace(campaign.rig, arm=arm))
+
+    return plant
+
+
+def angle(plant: Plant, rng: np.random.Generator, name: str = "direction") -> float:
+    return float(plant.detail.get(name, rng.uniform(0, 2 * np.pi)))
+
+
+def instant(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> float:
+    """An instant in the middle of one of the sessions, seconds since mounting."""
+    if "instant_s" in plant.detail:
+        return float(plant.detail["instant_s"])
+    spans = campaign.span_s()
+    start, end = spans[int(rng.integers(len(spans)))]
+    return float(rng.uniform(0.7 * start + 0.3 * end, 0.3 * start + 0.7 * end))
+
+
+def periodic(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
+    kind = str(plant.detail.get("kind", "interpolation"))
+    order = int(plant.detail.get("order", rng.integers(3, 13)))
+    match kind:
+        case "interpolation":
+            return Interpolation(plant.number, order, plant.size, angle(plant, rng))
+        case "square wave":
+            return SquareWave(plant.number, order, plant.size, angle(plant, rng))
+        case _:
+            heights = plant.size * np.array([1.0, -0.7, 0.8]) * rng.uniform(1.0, 1.6, 3)
+            centres = angle(plant, rng) + np.array([0.0, 1.7, 3.9]) + rng.uniform(-0.4, 0.4, 3)
+            return TrackCurve(plant.number, tuple(heights), tuple(centres), width=0.45)
+
+
+def wobble(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
+    """`kind` "tilt" (size in ″) or "run-out" (size in µm)."""
+    order = int(plant.detail.get("order", rng.integers(1, 3)))
+    tilt = plant.detail.get("kind", "tilt") == "tilt"
+    return WobblingAxis(
+        plant.number,
+        plant.size if tilt else 0.0,
+        0.0 if tilt else plant.size,
+        order,
+        angle(plant, rng),
+        angle(plant, rng, "line"),
+    )
+
+
+def knock(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
+    """`parameter`: theta, alpha (size in ″), d or a (size in µm)."""
+    parameter = str(plant.detail.get("parameter", rng.choice(["theta", "alpha", "d", "a"])))
+    angle, length = plant.size * ARC_SECOND, 1e-3 * plant.size
+    still = (0.0, 0.0, 0.0)
+    match parameter:
+        case "theta":
+            return KnockedJoint(plant.number, (0.0, 0.0, angle), still)
+        case "alpha":
+            return KnockedJoint(plant.number, (angle, 0.0, 0.0), still)
+        case "d":
+            return KnockedJoint(plant.number, still, (0.0, 0.0, length))
+        case _:
+            return KnockedJoint(plant.number, still, (length, 0.0, 0.0))
+
+
+def bow(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+    link = plant.number
+    neighbour = link + 1 if link < campaign.rig.arm.n_joints else link - 1
+    neighbour = int(plant.detail.get("neighbour", neighbour))
+    return BowingLink(link, neighbour, 1e-6 * plant.size, angle(plant, rng))
+
+
+def warm(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
+    """`order` 1: ″/K; 2: ″/K²."""
+    if int(plant.detail.get("order", 1)) == 2:
+        return WarmHousing(plant.number, 0.0, plant.size)
+    return WarmHousing(plant.number, plant.size)
+
+
+def mount(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+    """`kind` "drift" (size × 3″ and 5 µm an hour) or "step" (size × 4″ and 5 µm at once)."""
+    step = plant.detail.get("kind", "drift") == "step"
+    turn = plant.size * (4.0 if step else 3.0) * random_unit(rng, 1)[0]
+    shift = plant.size * 5.0 * random_unit(rng, 1)[0]
+    since = campaign.span_s()[0][0]
+    at = instant(plant, rng, campaign) if step else None
+    return MovingMount(tuple(turn), tuple(shift), since, at)
+
+
+def tip(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+    """`kind` "refit" (from an instant on) or "once" (all along)."""
+    shift = tuple(plant.size * random_unit(rng, 1)[0])
+    if plant.detail.get("kind", "refit") == "once":
+        return RefittedTip(shift)
+    return RefittedTip(shift, instant(plant, rng, campaign))
+
+
+FOREIGN_KINDS = ("cable", "hysteresis", "swelling", "thermal eccentricity", "drag")
+
+
+def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+    """What is in no catalogue; `kind` one of FOREIGN_KINDS, `joint` and `other` its places."""
+    joint = int(plant.detail.get("joint", 2))
+    other = int(plant.detail.get("other", 3))
+    match str(plant.detail.get("kind", "cable")):
+        case "cable":
+            return CablePull(joint, other, plant.size)
+        case "hysteresis":
+            return CoupledHysteresis(joint, other, plant.size)
+        case "swelling":
+            return SwellingLink(joint, plant.size, campaign.span_s()[0][0])
+        case "thermal eccentricity":
+            return ThermalEccentricity(joint, plant.size, angle(plant, rng))
+        case _:
+            return DrivenByRate(joint, plant.size)

@@ -1,0 +1,82 @@
+"""What to plant: a cause, its place and its size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from armd.errors import BadInput
+from armd.simulator.campaigns.campaign import Campaign
+
+Detail = Mapping[str, float | str]
+How = Callable[[Campaign, "Plant", np.random.Generator], Campaign]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A cause to plant: "joint 3", "link 2", "sensor t4", …; size in the cause's unit.
+
+    `detail` fixes what is otherwise drawn at random: `order`, `direction`, `parameter`, …
+    """
+
+    cause: str
+    location: str
+    size: float
+    detail: Detail = field(default_factory=dict)
+
+    @property
+    def number(self) -> int:
+        """The joint or link of the location."""
+        return int(self.location.split()[-1])
+
+
+@dataclass(frozen=True)
+class Cause:
+    """How a cause is planted; `plant` gets the campaign, what to plant, and a generator."""
+
+    unit: str
+    typical: float
+    places: str  # "joint", "link", "sensor", "sensors", "target", or the location itself
+    plant: How
+
+
+def parse_plant(text: str) -> Plant:
+    """`cause@location=size`, such as ``encoder_eccentricity@joint 3=0.8``."""
+    cause, at, rest = text.partition("@")
+    location, equals, size = rest.rpartition("=")
+    try:
+        if not (at and equals):
+            raise ValueError
+        return Plant(cause, location, float(size))
+    except ValueError:
+        raise BadInput("--plant", text, "this text", "cause@location=size") from None
+
+
+def depends_on(plant: Plant) -> list[str]:
+    """The columns of a session that a planted cause acts through."""
+    place = plant.location.split()[-1]
+    if plant.cause == "unknown":
+        joint, other = (plant.detail.get(k, v) for k, v in (("joint", 2), ("other", 3)))
+        return {
+            "cable": [f"q{joint}", f"q{other}"],
+            "hysteresis": [f"w{joint}", f"q{other}"],
+            "swelling": ["time_s"],
+            "thermal eccentricity": [f"q{joint}", f"t{joint}"],
+            "drag": [f"w{joint}"],
+        }[str(plant.detail.get("kind", "cable"))]
+    match plant.cause:
+        case "joint_backlash" | "time_skew":
+            return [f"w{place}"]
+        case "encoder_slip" | "mount_drift":
+            return ["time_s"]
+        case "joint_thermal" | "link_expansion" | "nonlinear_expansion" | "thermal_lag":
+            return [f"t{place}"]
+        case "sensor_offset" | "sensor_swapped":
+            return plant.location.removeprefix("sensors ").removeprefix("sensor ").split(", ")
+        case "artefact_expansion":
+            return ["artefact_c"]
+        case "artefact_length":
+            return ["target"]
+    return [f"q{place}"] if plant.location.startswith("joint") else []

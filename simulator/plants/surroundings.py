@@ -1,0 +1,83 @@
+"""Planting what is wrong around the arm: its heat, its sensors, the artefact, single readings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from armd.simulator.artefact import Artefact
+from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.plants.plant import Plant
+from armd.simulator.truth.nominal import sensor_names
+from armd.simulator.truth.rotations import F64, random_unit
+
+
+def lag(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
+    rig = campaign.rig
+    lag = np.zeros(rig.arm.n_joints) if rig.core_lag_s is None else rig.core_lag_s.copy()
+    lag[plant.number - 1] = plant.size
+    return replace(campaign, rig=replace(rig, core_lag_s=lag))
+
+
+def _sensors(campaign: Campaign, told: Callable[[F64], F64]) -> Campaign:
+    before = campaign.rig.read_sensors
+    rig = replace(campaign.rig, read_sensors=lambda felt: told(before(felt)))
+    return replace(campaign, rig=rig)
+
+
+def sensor_offset(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
+    shift = np.zeros(len(sensor_names()))
+    shift[sensor_names().index(plant.location.split()[-1])] = plant.size
+    return _sensors(campaign, lambda celsius: celsius + shift)
+
+
+def sensor_swap(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
+    names = plant.location.removeprefix("sensors ").split(", ")
+    order = list(range(len(sensor_names())))
+    a, b = (sensor_names().index(name) for name in names)
+    order[a], order[b] = b, a
+    return _sensors(campaign, lambda celsius: celsius[:, order])
+
+
+def _artefacts(campaign: Campaign, change: Callable[[Artefact], Artefact]) -> Campaign:
+    sessions = [(plan, change(artefact)) for plan, artefact in campaign.sessions]
+    rig = replace(campaign.rig, artefact=change(campaign.rig.artefact))
+    return replace(campaign, rig=rig, sessions=sessions)
+
+
+def artefact_expansion(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
+    def change(artefact: Artefact) -> Artefact:
+        per_k = artefact.true_expansion_per_k + 1e-6 * plant.size
+        return replace(artefact, true_expansion_per_k=per_k)
+
+    return _artefacts(campaign, change)
+
+
+def artefact_length(campaign: Campaign, plant: Plant, rng: np.random.Generator) -> Campaign:
+    """One ball moved since its certificate (µm), or everything grown ("artefact", µm/m)."""
+    direction = random_unit(rng, 1)[0]
+
+    def change(artefact: Artefact) -> Artefact:
+        true = artefact.true_mm.copy()
+        if plant.location == "artefact":
+            true *= 1 + 1e-6 * plant.size
+        else:
+            true[artefact.targets.index(plant.location.split()[-1])] += (
+                1e-3 * plant.size * direction
+            )
+        return replace(artefact, true_mm=true)
+
+    return _artefacts(campaign, change)
+
+
+def outliers(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
+    """A share of the readings (`fraction`) taken with the tip not in its seat."""
+    fraction = float(plant.detail.get("fraction", 0.015))
+
+    def spoil(rng: np.random.Generator, n: int) -> F64:
+        far = 1e-3 * plant.size * rng.uniform(0.7, 1.5, (n, 1)) * random_unit(rng, n)
+        return np.where(rng.uniform(size=(n, 1)) < fraction, far, 0.0)
+
+    return replace(campaign, rig=replace(campaign.rig, spoil=spoil))
