@@ -289,8 +289,9 @@ class _Descent:
                 if trial[1].cost <= elimination.cost or damping > 1e3:
                     break
                 damping = max(10.0 * damping, 1e-6)
-            if trial[1].cost > elimination.cost:
-                break  # rounding: no step gains anything
+            if trial[1].cost > elimination.cost:  # no step gains anything
+                converged = solution.gain < 1e-3
+                break
             x = x + damped.step
             at, elimination = trial
             damping = damping / 10.0 if damping > 1e-8 else 0.0

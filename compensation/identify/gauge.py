@@ -48,11 +48,12 @@ def unidentifiable(null: F64, names: Sequence[str], arm: Arm) -> list[str]:
 
     *null* (C, k): a basis, in units of plausible departures; *names* (C,) of the unknowns.
     """
-    return [_in_words(vector, names, arm) for vector in _sparse_basis(null, names, arm)]
+    return [_in_words(vector, lead, names, arm) for vector, lead in _sparse(null, names, arm)]
 
 
-def _sparse_basis(null: F64, names: Sequence[str], arm: Arm) -> list[F64]:
-    """The same space by vectors with few entries: reduced row echelon form.
+def _sparse(null: F64, names: Sequence[str], arm: Arm) -> list[tuple[F64, int]]:
+    """The same space by vectors with few entries, each with its leading entry: reduced row
+    echelon form.
 
     Pivots are sought among the constants a reader would give up first: those of the last joint,
     which only place the tip, then of the first, which only place the arm.
@@ -61,8 +62,9 @@ def _sparse_basis(null: F64, names: Sequence[str], arm: Arm) -> list[F64]:
     last, first = f"_{arm.n_joints}", "_1"
     rank = [0 if n.endswith(last) else 1 if n.endswith(first) else 2 for n in names]
     order = sorted(range(len(names)), key=lambda i: (rank[i], i))
-    done = 0
+    leads: list[int] = []
     for column in order:
+        done = len(leads)
         if done == len(rows):
             break
         pivot = done + int(np.argmax(np.abs(rows[done:, column])))
@@ -72,14 +74,15 @@ def _sparse_basis(null: F64, names: Sequence[str], arm: Arm) -> list[F64]:
         rows[done] /= rows[done, column]
         others = np.arange(len(rows)) != done
         rows[others] -= rows[others, column][:, None] * rows[done]
-        done += 1
-    return list(rows[:done])
+        leads.append(column)
+    return list(zip(rows, leads, strict=False))
 
 
-def _in_words(vector: F64, names: Sequence[str], arm: Arm) -> str:
+def _in_words(vector: F64, lead: int, names: Sequence[str], arm: Arm) -> str:
     size = np.abs(vector)
-    lead = int(np.argmax(np.isclose(size, 1.0) & (size > 0.02 * size.max())))
-    involved = [i for i in np.argsort(-size) if size[i] > 0.02 * size.max() and i != lead]
+    largest = int(np.argmax(size))
+    lead = lead if size[lead] > 0.02 * size[largest] else largest
+    involved = [i for i in np.argsort(-size) if size[i] > 0.02 * size[largest] and i != lead]
     together = [names[lead], *(names[i] for i in involved)]
     text = names[lead]
     if involved:

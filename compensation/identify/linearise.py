@@ -9,7 +9,7 @@ readings really say about the arm (variable projection, Golub and Pereyra 1973).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,20 @@ class Linearisation:
     pose_columns: F64  # (n, 3, 6)
     target_columns: F64  # (n, 3, 3); zero where the row's own truth counts
     free_targets: I64  # targets that move: unknown seats, and positions with an uncertainty
+
+    def rows(self, mask: npt.NDArray[np.bool_]) -> Linearisation:
+        """The same linearisation with some readings only."""
+        return replace(
+            self,
+            observations=(chosen := self.observations.rows(mask)),
+            position_mm=self.position_mm[mask],
+            residual_mm=self.residual_mm[mask],
+            jacobian=self.jacobian[mask],
+            basis=self.basis[mask],
+            pose_columns=self.pose_columns[mask],
+            target_columns=self.target_columns[mask],
+            free_targets=_free_targets(chosen),
+        )
 
     def constant_columns(self, names: Sequence[str]) -> F64:
         """d residual / d constant (n, 3, len(names))."""
@@ -127,6 +141,15 @@ class Elimination:
     def rank(self) -> int:
         """Degrees of freedom that the nuisances took."""
         return sum(piece.rank for piece in self._pieces)
+
+    @property
+    def reading_rows(self) -> npt.NDArray[np.bool_]:
+        """(m,) which rows belong to readings."""
+        kinds = [
+            (np.ones(3 * len(piece.rows), dtype=bool), np.zeros(len(piece.extra_residual), bool))
+            for piece in self._pieces
+        ]
+        return np.concatenate([part for pair in kinds for part in pair])
 
     @property
     def n_certified(self) -> int:

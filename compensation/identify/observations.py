@@ -42,6 +42,7 @@ class Observations:
     target_names: list[str]
     states: States
     session: I64  # (n,)
+    row: I64  # (n,) of its session's table, from 0
     placement: I64  # (n,)
     target: I64  # (n,)
     truth_mm: F64  # (n, 3), NaN where the target counts
@@ -80,6 +81,7 @@ class Observations:
             self,
             states=self.states.rows(mask),
             session=self.session[mask],
+            row=self.row[mask],
             placement=self.placement[mask],
             target=self.target[mask],
             truth_mm=self.truth_mm[mask],
@@ -111,6 +113,7 @@ def gather(
             series=np.concatenate([np.full(s.n, i) for i, s in enumerate(sessions)]),
         ),
         session=np.concatenate([np.full(s.n, i) for i, s in enumerate(sessions)]),
+        row=np.concatenate([np.arange(s.n) for s in sessions]),
         placement=np.concatenate(
             [s.placement + first for s, first in zip(sessions, first_placement, strict=False)]
         ),

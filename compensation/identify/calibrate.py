@@ -1,0 +1,304 @@
+"""From sessions to a calibration: geometry, thermal model, noise, uncertainty, and what is left."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from armd import __version__
+from armd.compensation.arm import Arm
+from armd.compensation.calibration import Calibration, Noise, constants_of
+from armd.compensation.identify.fit import Fit, Unknowns, fit
+from armd.compensation.identify.gauge import free_constants, unidentifiable
+from armd.compensation.identify.heldout import HeldOut, placement_folds
+from armd.compensation.identify.observations import Observations, gather
+from armd.compensation.identify.thermal import (
+    Comparison,
+    Trial,
+    length_terms,
+    temperature_groups,
+)
+from armd.compensation.session import Session
+from armd.compensation.terms import Term
+from armd.errors import BadInput
+
+Mask = npt.NDArray[np.bool_]
+Progress = Callable[[str], None]
+Method = Literal["polynomial", "zones", "components"]
+
+#: Residuals beyond this are not an arm's: another unit, another arm, a wrong direction.
+ABSURD_RMS_MM = 20.0
+#: Least rank, as a share of what ideal readings would give, that is worth a calibration.
+LEAST_RANK = 0.5
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to calibrate; the defaults decide from the data."""
+
+    thermal_order: int | None = None  # None: chosen by the error at temperatures left out
+    thermal_method: Method = "polynomial"
+    command: str = ""  # for the provenance
+
+
+@dataclass(frozen=True)
+class Result:
+    """A calibration, and what a report tells of how it came about."""
+
+    calibration: Calibration
+    fit: Fit
+    heldout_rms_um: float
+    heldout_by: str  # "placement" or "reading"
+    thermal_order: int
+    thermal_method: str
+    trials: list[Trial]
+    unidentifiable: list[str]
+    notes: list[str] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        """As `armd calibrate --json` writes it."""
+        observations = self.fit.observations
+        ranges = list(self.calibration.temperature_range_c.values())
+        return {
+            "rms_um": self.fit.rms_um,
+            "heldout_rms_um": self.heldout_rms_um,
+            "heldout_by": self.heldout_by,
+            "rank": self.fit.solution.rank,
+            "unknowns": len(self.fit.unknowns.names),
+            "unidentifiable": self.unidentifiable,
+            "thermal_order": self.thermal_order,
+            "thermal_method": self.thermal_method,
+            "temperature_range_c": (
+                [min(low for low, _ in ranges), max(high for _, high in ranges)] if ranges else []
+            ),
+            "n": observations.n,
+            "placements": len(np.unique(observations.placement)),
+            "noise": self.calibration.noise.model_dump(),
+            "outliers": self.outliers(),
+            "thermal_trials": [
+                {"model": trial.name, "heldout_rms_um": trial.heldout_rms_um}
+                for trial in self.trials
+            ],
+            "steps": self.fit.steps,
+            "converged": self.fit.converged,
+            "notes": self.notes,
+        }
+
+    def outliers(self) -> list[dict[str, Any]]:
+        """Readings that the robust loss weighs down, by session and row (counted from 1)."""
+        observations = self.fit.observations
+        return [
+            {
+                "session": observations.session_names[observations.session[i]],
+                "row": int(observations.row[i]) + 1,
+                "error_um": 1e3 * float(np.linalg.norm(self.fit.at.residual_mm[i])),
+                "sigma": float(np.sqrt(self.fit.distance2[i])),
+            }
+            for i in self.fit.outliers
+        ]
+
+
+def calibrate(
+    sessions: Sequence[Session],
+    arm: Arm,
+    options: Options = Options(),
+    progress: Progress | None = None,
+) -> Result:
+    """Identify geometry and, where the temperatures allow it, the thermal model.
+
+    Raises `BadInput` where the sessions cannot give what is asked for.
+    """
+    files = ", ".join(str(session.path) for session in sessions)
+    unknown = free_constants(arm)
+    notes: list[str] = []
+    observations, groups = _readings(gather(sessions, arm), files, options, notes)
+    _enough(observations, unknown, files)
+    thermal = len(groups) > 1 and options.thermal_order != 0
+    terms = length_terms(arm, [1]) if thermal else []
+    first = _fit(observations, arm, unknown, terms, progress)
+    _plausible(first, arm, files)
+    trials: list[Trial] = []
+    order, final = 0, first
+    if thermal:
+        comparison = Comparison(first, groups)
+        trials = comparison.trials()
+        order, terms = _choose(comparison, trials, arm, options, notes)
+        start = first if terms else None
+        final = _fit(observations, arm, unknown, terms, progress, start)
+    folds, by = placement_folds(observations)
+    columns = final.unknowns.columns(final.at, final.terms)
+    scale = final.solution.scale
+    heldout = HeldOut(final, columns, scale, final.at.residual_mm, folds)
+    heldout_rms_um = heldout.rms_um(np.arange(len(scale)))
+    provenance = {
+        "command": options.command,
+        "version": __version__,
+        "sessions": [
+            {"name": s.name, "started_unix_s": s.started_unix_s, "sha256": s.fingerprint()}
+            for s in sessions
+        ],
+        "readings": observations.n,
+        "rms_um": final.rms_um,
+        "heldout_rms_um": heldout_rms_um,
+        "heldout_by": by,
+        "thermal_order": order,
+        "thermal_offset": "in the constants",
+    }
+    return Result(
+        calibration=as_calibration(final, provenance),
+        fit=final,
+        heldout_rms_um=heldout_rms_um,
+        heldout_by=by,
+        thermal_order=order,
+        thermal_method=options.thermal_method if order else "none",
+        trials=trials,
+        unidentifiable=unidentifiable(final.solution.null, final.unknowns.names, arm),
+        notes=notes,
+    )
+
+
+def as_calibration(found: Fit, provenance: dict[str, Any]) -> Calibration:
+    """A fit as the file the daemon runs."""
+    arm, states = found.observations.arm, found.observations.states
+    used = {
+        name
+        for term in found.terms
+        for factor in term.basis
+        for name in getattr(factor, "weights", {})
+    }
+    ranges = {}
+    for name in arm.sensors:
+        column = states.temperature_c[:, arm.sensors.index(name)]
+        if name in used:
+            ranges[name] = (float(np.nanmin(column)), float(np.nanmax(column)))
+    return Calibration(
+        arm=arm.serial_number,
+        created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        reference_temperature_c=found.reference_c,
+        temperature_range_c=ranges,
+        constants=constants_of(found.constants, arm.n_joints),
+        terms=found.terms,
+        covariance_of=found.unknowns.names,
+        covariance=found.covariance.tolist(),
+        noise=Noise(
+            encoder_rad=[found.noise.encoder_rad] * arm.n_joints,
+            reading_mm=found.noise.reading_mm,
+        ),
+        provenance=provenance,
+    )
+
+
+def _readings(
+    observations: Observations, files: str, options: Options, notes: list[str]
+) -> tuple[Observations, list[tuple[float, Mask]]]:
+    """The readings to use, and their groups by temperature where a thermal model is possible."""
+    arm, wanted = observations.arm, options.thermal_order
+    if wanted == 0:
+        return observations, []
+    sensors = [s for s in arm.sensors if any(joint.weights.get(s) for joint in arm.joint)]
+    temperature_c = observations.states.temperature_c[:, [arm.sensors.index(s) for s in sensors]]
+    complete: Mask = np.isfinite(temperature_c).all(axis=1)
+    if not sensors or not complete.any():
+        if wanted:
+            found = "no readings that have them all" if sensors else "no joint with a temperature"
+            raise BadInput(files, "temperatures", found, "the sensors that arm.toml names")
+        notes.append("no temperatures: geometry only")
+        return observations, []
+    if not complete.all():
+        notes.append(f"{int((~complete).sum())} readings lack a temperature and are not used")
+        observations = observations.rows(complete)
+    groups = temperature_groups(observations)
+    needed = 2 if wanted is None else wanted + 1
+    if len(groups) < needed:
+        found = f"{len(groups)} ({', '.join(f'{mean:.1f} °C' for mean, _ in groups)})"
+        if wanted:
+            expected = f"at least {needed} for a thermal model of order {wanted}"
+            raise BadInput(files, "temperatures", found, expected)
+        notes.append(f"one temperature only, {groups[0][0]:.1f} °C: no thermal model (order 0)")
+    return observations, groups
+
+
+def _enough(observations: Observations, unknown: Sequence[str], files: str) -> None:
+    """Refuse readings that are fewer than the unknowns, whatever their poses."""
+    placements = len(np.unique(observations.placement))
+    touched = np.unique(observations.target[~observations.has_truth])
+    seats = int(observations.unknown[touched].sum())
+    identifiable = 4 * observations.arm.n_joints - 3
+    needed = -(-(identifiable + 6 * placements + 3 * seats) // 3) + 1
+    if observations.n < needed:
+        expected = (
+            f"at least {needed} for {len(unknown)} constants, {placements} placements"
+            f" and {seats} unknown points"
+        )
+        raise BadInput(files, "readings", f"{observations.n} poses", expected)
+
+
+def _fit(
+    observations: Observations,
+    arm: Arm,
+    unknown: Sequence[str],
+    terms: Sequence[Term],
+    progress: Progress | None,
+    start: Fit | None = None,
+) -> Fit:
+    unknowns = Unknowns(unknown, range(len(terms)))
+    return fit(
+        observations,
+        arm.nominal(),
+        terms,
+        unknowns,
+        arm.reference_temperature_c,
+        noise=start.noise if start else None,
+        progress=progress,
+    )
+
+
+def _plausible(found: Fit, arm: Arm, files: str) -> None:
+    """Refuse a fit that is none: residuals beyond any arm's, or poses that say next to nothing."""
+    if found.rms_um > 1e3 * ABSURD_RMS_MM:
+        raise BadInput(
+            files,
+            "readings",
+            f"residuals of {found.rms_um / 1e3:.0f} mm after fitting",
+            "readings of this arm (units of angles and lengths, directions, targets?)",
+        )
+    ideal = 4 * arm.n_joints - 3
+    constants = Unknowns(found.unknowns.constants)
+    rank = found.solution.rank - len(found.unknowns.terms)
+    if rank < LEAST_RANK * ideal:
+        words = "; ".join(unidentifiable(found.solution.null, found.unknowns.names, arm)[:4])
+        raise BadInput(
+            files,
+            "poses",
+            f"rank {max(rank, 0)} of {len(constants.names)} constants ({words}; …)",
+            f"poses that tell at least {int(LEAST_RANK * ideal) + 1} of {ideal} apart",
+        )
+
+
+def _choose(
+    comparison: Comparison,
+    trials: Sequence[Trial],
+    arm: Arm,
+    options: Options,
+    notes: list[str],
+) -> tuple[int, list[Term]]:
+    """Thermal order and terms: as told, otherwise by the error at temperatures left out."""
+    if options.thermal_method != "polynomial":
+        name = {"zones": "two zones", "components": "principal components"}[options.thermal_method]
+        return 1, comparison.models[name]
+    if options.thermal_order is not None:
+        return options.thermal_order, length_terms(arm, range(1, options.thermal_order + 1))
+    order = comparison.best_order(trials)
+    if order == 0:
+        notes.append("no thermal order lowers the error at temperatures left out")
+        return 0, []
+    terms = length_terms(arm, range(1, order + 1))
+    for extension in comparison.extended(terms):
+        notes.append(f"{extension.name}: {extension.heldout_rms_um:.2f} µm held out, taken")
+        terms = extension.terms
+    return order, terms

@@ -1,0 +1,126 @@
+"""Residuals of sessions under a model: only placements and unknown seats are fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.basis import basis_values, parameter_rows
+from armd.compensation.calibration import Calibration
+from armd.compensation.identify.observations import Observations, gather
+from armd.compensation.identify.poses import Poses, fit_poses
+from armd.compensation.kinematics import forward
+from armd.compensation.session import Session
+from armd.compensation.terms import Term
+from armd.errors import ArmdError
+
+F64 = npt.NDArray[np.float64]
+Progress = Callable[[str], None]
+
+#: Rows whose parameters are held in memory at once.
+CHUNK = 1 << 16
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Residuals of the readings that could be evaluated."""
+
+    observations: Observations  # of those readings
+    poses: Poses
+    position_mm: F64  # (n, 3) base frame
+    residual_mm: F64  # (n, 3) tip minus target, base frame
+    n_unused: int  # readings that lack a temperature the model needs
+
+    @property
+    def distance_um(self) -> F64:
+        """3-D distances (n,) of tip from target."""
+        distance: F64 = 1e3 * np.linalg.norm(self.residual_mm, axis=1)
+        return distance
+
+    def as_json(self) -> dict[str, Any]:
+        """As `armd evaluate --json` writes it."""
+        distance, observations = self.distance_um, self.observations
+        names = observations.session_names
+        return {
+            **_statistics(distance),
+            "n_unused": self.n_unused,
+            "by_session": {
+                name: _statistics(distance[observations.session == i])
+                for i, name in enumerate(names)
+            },
+            "distances": self._distances(),
+        }
+
+    def _distances(self) -> list[dict[str, Any]]:
+        """Certified lengths against the fitted seats."""
+        observations, targets = self.observations, self.poses.target_mm
+        certified = observations.distances
+        return [
+            {
+                "between": [observations.target_names[k] for k in (a, b)],
+                "error_um": 1e3 * float(np.linalg.norm(targets[a] - targets[b]) - length),
+            }
+            for (a, b), length in zip(certified.between, certified.length_mm, strict=True)
+        ]
+
+
+def evaluate(
+    sessions: Sequence[Session],
+    arm: Arm,
+    calibration: Calibration | None,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Residuals under a calibration, or under the drawing of arm.toml without one."""
+    observations = gather(sessions, arm, calibration.artefact if calibration else None)
+    if calibration is None:
+        return evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
+    return evaluate_model(
+        observations,
+        calibration.vector(arm.n_joints),
+        calibration.terms,
+        calibration.reference_temperature_c,
+        progress,
+    )
+
+
+def evaluate_model(
+    observations: Observations,
+    constants: F64,
+    terms: Sequence[Term],
+    reference_c: float,
+    progress: Progress | None = None,
+) -> Evaluation:
+    """Residuals under constants (P,) and terms; memory stays bounded for millions of readings."""
+    states, arm = observations.states, observations.arm
+    basis = basis_values(terms, states, arm, reference_c, constants)
+    position = np.empty((observations.n, 3))
+    for first in range(0, observations.n, CHUNK):
+        chunk = slice(first, first + CHUNK)
+        parameters = parameter_rows(constants, terms, basis[chunk])
+        position[chunk] = forward(states.q[chunk], parameters)[0]
+        if progress:
+            progress(f"{min(first + CHUNK, observations.n)} of {observations.n} readings")
+    usable = np.isfinite(position[:, 0])
+    if not usable.any():
+        raise ArmdError("no reading has the temperatures that the calibration needs")
+    if not usable.all():
+        observations, position = observations.rows(usable), position[usable]
+    poses = fit_poses(observations, position)
+    residual = poses.residual(observations, position)
+    return Evaluation(observations, poses, position, residual, int((~usable).sum()))
+
+
+def _statistics(distance_um: F64) -> dict[str, Any]:
+    if not len(distance_um):
+        return {"rms_um": None, "max_um": None, "median_um": None, "n": 0}
+    return {
+        "rms_um": float(np.sqrt(np.mean(distance_um**2))),
+        "max_um": float(distance_um.max()),
+        "median_um": float(np.median(distance_um)),
+        "n": len(distance_um),
+    }

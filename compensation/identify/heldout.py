@@ -1,0 +1,100 @@
+"""Errors on readings that took no part: placements or temperatures left out, one set at a time.
+
+About the solution the model is linear far beyond the noise, so a fit without some readings is one
+small linear problem. Of the readings left out only placements and seats are fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.identify.fit import Fit, rms_um, solve
+from armd.compensation.identify.linearise import Elimination, Linearisation
+from armd.compensation.identify.noise import robust_weights, whitening
+from armd.compensation.identify.observations import Observations
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+MOST_FOLDS = 8
+
+
+class HeldOut:
+    """A linear model around a fit, fitted without a fold's readings and tried on these.
+
+    *columns* (n, 3, C) mm and *scale* (C,): the unknowns any of the models to compare may use;
+    *residual* (n, 3) mm where all of these stand at their start.
+    """
+
+    def __init__(
+        self, fit: Fit, columns: F64, scale: F64, residual: F64, folds: Sequence[Mask]
+    ) -> None:
+        joints = fit.at.jacobian[:, :, 0 : 5 * fit.observations.arm.n_joints : 5]
+        whiten = whitening(fit.noise.covariance(joints), robust_weights(fit.distance2))
+        good = np.ones(fit.observations.n, dtype=bool)
+        good[fit.outliers] = False
+        self.scale = scale
+        self.folds = [
+            _Fold(fit.at, whiten, columns, residual, fold, good)
+            for fold in folds
+            if (fold & good).any()
+        ]
+
+    def solve(self, fold: int, chosen: I64) -> F64:
+        """Changes (len(chosen),) of the chosen unknowns, fitted without the fold."""
+        triangle = self.folds[fold].triangle[:, [*chosen, -1]]
+        scale = self.scale[chosen]
+        triangle = np.asarray(np.linalg.qr(triangle * [*scale, 1.0], mode="r"))
+        return solve(triangle, scale, np.zeros(len(chosen))).step
+
+    def residuals(self, chosen: I64) -> list[F64]:
+        """Residuals (m, 3) mm of each fold's readings, of a fit of *chosen* without them."""
+        return [fold.tried(chosen, self.solve(i, chosen)) for i, fold in enumerate(self.folds)]
+
+    def rms_um(self, chosen: I64) -> float:
+        """3-D RMS over all folds."""
+        return rms_um(np.concatenate(self.residuals(chosen)))
+
+
+class _Fold:
+    def __init__(
+        self, at: Linearisation, whiten: F64, columns: F64, residual: F64, out: Mask, good: Mask
+    ) -> None:
+        kept = ~out
+        base = replace(at, residual_mm=residual)
+        training = Elimination(base.rows(kept), whiten[kept])
+        clear = np.column_stack([training.columns(columns[kept]), training.residual()])
+        self.triangle = np.asarray(np.linalg.qr(clear, mode="r"))
+        # Rows the robust loss set aside say nothing about the model's error.
+        test = out & good
+        n = int(test.sum())
+        trial = Elimination(base.rows(test), np.tile(np.eye(3), (n, 1, 1)), length_floor_mm=np.inf)
+        self._rows = trial.reading_rows
+        self._columns = trial.columns(columns[test])
+        self._residual = trial.residual()
+
+    def tried(self, chosen: I64, change: F64) -> F64:
+        rows = self._residual + self._columns[:, chosen] @ change
+        return rows[self._rows].reshape(-1, 3)
+
+
+def placement_folds(observations: Observations) -> tuple[list[Mask], str]:
+    """Sets of whole placements to leave out, and by what they are told apart.
+
+    With one placement only, every eighth reading is left out instead, its pose being fitted to
+    these: weaker, and said so.
+    """
+    used = np.unique(observations.placement)
+    if len(used) > 1:
+        fold_of = {int(p): i % min(MOST_FOLDS, len(used)) for i, p in enumerate(used)}
+        fold = np.array([fold_of[int(p)] for p in observations.placement])
+        by = "placement"
+    else:
+        fold = np.arange(observations.n) % MOST_FOLDS
+        by = "reading"
+    return [fold == i for i in np.unique(fold)], by

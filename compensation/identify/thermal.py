@@ -1,0 +1,256 @@
+"""The thermal model (eqs. 12–15): which terms to ask for, and which of them prove themselves.
+
+A length that matters grows with the temperature of its joint: d, a and the tip's offset as
+polynomials of ΔT, all coefficients at once from all sessions. How high the order, and whether
+angles move with temperature too, is decided by the error at temperatures left out. The paper's
+own way (identify at each temperature, then regress), temperature zones and principal components
+of the sensors are tried on the same data, for comparison or by choice.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation import parameters
+from armd.compensation.arm import Arm
+from armd.compensation.basis import basis_values
+from armd.compensation.identify.fit import Fit, rms_um
+from armd.compensation.identify.heldout import HeldOut, placement_folds
+from armd.compensation.identify.observations import Observations
+from armd.compensation.terms import Temperature, Term
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+MOST_ORDER = 4
+#: Placements closer than this in temperature count as one temperature.
+SAME_TEMPERATURE_K = 0.75
+#: A length shorter than this does not matter thermally: 1 mm of aluminium grows 0.02 µm/K.
+LEAST_LENGTH_MM = 1.0
+#: A larger model must lower the held-out error by this much to be worth it.
+WORTH = 0.99
+#: Principal components are added until they explain this share of the variance.
+EXPLAINED = 0.995
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One way to model temperature, tried on temperatures left out."""
+
+    name: str
+    terms: list[Term]
+    heldout_rms_um: float
+
+
+def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
+    """Temperatures measured at, ascending: mean in °C, and its readings (n,)."""
+    used = [s for s in observations.arm.sensors if _weighs(observations.arm, s)]
+    if not used:
+        return []
+    columns = [observations.arm.sensors.index(name) for name in used]
+    row_c = observations.states.temperature_c[:, columns].mean(axis=1)
+    counts = np.bincount(observations.placement, minlength=len(observations.placement_names))
+    mean = np.bincount(observations.placement, row_c, len(counts)) / np.maximum(counts, 1)
+    order = [p for p in np.argsort(mean) if counts[p]]
+    groups: list[list[int]] = []
+    for p in order:
+        if groups and mean[p] - mean[groups[-1][-1]] < SAME_TEMPERATURE_K:
+            groups[-1].append(int(p))
+        else:
+            groups.append([int(p)])
+    masks = [np.isin(observations.placement, group) for group in groups]
+    return [(float(row_c[mask].mean()), mask) for mask in masks]
+
+
+def length_terms(arm: Arm, orders: Sequence[int]) -> list[Term]:
+    """Terms ΔT^m on every length that matters, by its joint's own temperature."""
+    return [
+        Term(parameter=name, basis=[Temperature(weights=weights, order=m)])
+        for name, weights in _lengths(arm)
+        for m in orders
+    ]
+
+
+def angle_terms(arm: Arm, stem: str) -> list[Term]:
+    """Terms ΔT on θ ("theta") or α ("alpha") of every joint with a temperature."""
+    return [
+        Term(parameter=f"{stem}_{k}", basis=[Temperature(weights=joint.weights)])
+        for k, joint in enumerate(arm.joint, 1)
+        if joint.weights
+    ]
+
+
+def zone_terms(arm: Arm, edges_c: Sequence[float]) -> list[Term]:
+    """The paper's temperature zones: a broken line, one slope per zone of *edges_c*."""
+    return [
+        Term(parameter=name, basis=[Temperature(weights=weights, zone_c=(low, high))])
+        for name, weights in _lengths(arm)
+        for low, high in itertools.pairwise(edges_c)
+    ]
+
+
+def component_terms(arm: Arm, observations: Observations) -> list[Term]:
+    """Principal components of the sensors in place of each joint's own temperature.
+
+    The mean temperature is the first direction of sensors that move together; as many components
+    as explain 99.5 % of the variance.
+    """
+    names = [s for s in arm.sensors if _weighs(arm, s)]
+    columns = [arm.sensors.index(name) for name in names]
+    values = observations.states.temperature_c[:, columns]
+    _, s, vt = np.linalg.svd(values - values.mean(axis=0), full_matrices=False)
+    share = np.cumsum(s**2) / max(float(np.sum(s**2)), 1e-300)
+    count = int(np.searchsorted(share, EXPLAINED)) + 1
+    terms = []
+    for name, _ in _lengths(arm):
+        for direction in vt[:count]:
+            weights = dict(zip(names, (direction / np.abs(direction).sum()).tolist(), strict=True))
+            reference = arm.reference_temperature_c * sum(weights.values())
+            basis = Temperature(weights=weights, reference_c=reference)
+            terms.append(Term(parameter=name, basis=[basis]))
+    return terms
+
+
+class Comparison:
+    """Tries thermal models on temperatures left out, around one fit."""
+
+    def __init__(self, fit: Fit, groups: Sequence[tuple[float, Mask]]) -> None:
+        observations, arm = fit.observations, fit.observations.arm
+        self.fit = fit
+        self.groups = groups
+        self.most_order = min(MOST_ORDER, len(groups) - 1)
+        orders = range(1, self.most_order + 1)
+        inner = len(groups) // 2
+        edges = [groups[0][0] - 5.0, groups[inner][0], groups[-1][0] + 5.0]
+        self.models = {f"all at once, order {m}": length_terms(arm, orders[:m]) for m in orders}
+        if len(groups) > 2:
+            self.models["two zones"] = zone_terms(arm, edges)
+        self.models["principal components"] = component_terms(arm, observations)
+        best = length_terms(arm, orders)
+        self.extensions = {
+            "θ with temperature": angle_terms(arm, "theta"),
+            "α with temperature": angle_terms(arm, "alpha"),
+        }
+        everything = [*best, *self.models.get("two zones", [])]
+        everything += self.models["principal components"]
+        everything += [term for terms in self.extensions.values() for term in terms]
+        self._place = {term.model_dump_json(): i for i, term in enumerate(everything)}
+        self._n_constants = len(fit.unknowns.constants)
+        basis = basis_values(everything, observations.states, arm, fit.reference_c, fit.constants)
+        columns = np.concatenate(
+            [
+                fit.at.constant_columns(fit.unknowns.constants),
+                fit.at.term_columns(everything, basis),
+            ],
+            axis=2,
+        )
+        fitted = fit.at.term_columns(fit.terms, fit.at.basis)
+        coefficients = np.array([term.coefficient for term in fit.terms])
+        self._residual = fit.at.residual_mm - fitted @ coefficients
+        self._columns = columns
+        typical = np.sqrt(np.mean(basis**2, axis=0))
+        sizes = [0.1 * (1.0 if parameters.unit(t.parameter) == "mm" else 0.002) for t in everything]
+        scale = np.concatenate(
+            [fit.solution.scale[: self._n_constants], sizes / np.maximum(typical, 1e-12)]
+        )
+        # The lowest and the highest temperature are never left out when there are others: the
+        # daemon flags what lies beyond them, so extrapolation is not what to choose by. Two
+        # temperatures cannot spare one: then placements are left out.
+        self._out = list(groups[1:-1])
+        folds = [mask for _, mask in self._out] or placement_folds(observations)[0]
+        self._heldout = HeldOut(fit, columns, scale, self._residual, folds)
+
+    def heldout_rms_um(self, terms: Sequence[Term]) -> float:
+        """3-D RMS at temperatures left out, all coefficients fitted at once."""
+        return self._heldout.rms_um(self._chosen(terms))
+
+    def trials(self) -> list[Trial]:
+        """Every model on the same data, the one without temperature first."""
+        rows = [Trial("no thermal model", [], self.heldout_rms_um([]))]
+        rows += [Trial(n, terms, self.heldout_rms_um(terms)) for n, terms in self.models.items()]
+        rows += [
+            Trial(f"per temperature, order {m} and offset", [], self._per_temperature_rms_um(m))
+            for m in range(1, min(MOST_ORDER, len(self.groups) - 2) + 1)
+        ]
+        return rows
+
+    def best_order(self, trials: Sequence[Trial]) -> int:
+        """The lowest order that a higher one does not clearly beat."""
+        by_name = {trial.name: trial.heldout_rms_um for trial in trials}
+        best, chosen = by_name["no thermal model"], 0
+        for m in range(1, self.most_order + 1):
+            error = by_name[f"all at once, order {m}"]
+            if error < WORTH * best:
+                best, chosen = error, m
+        return chosen
+
+    def extended(self, terms: Sequence[Term]) -> list[Trial]:
+        """Angles that move with temperature, added where they lower the held-out error."""
+        chosen, best = list(terms), self.heldout_rms_um(terms)
+        accepted = []
+        for name, more in self.extensions.items():
+            error = self.heldout_rms_um([*chosen, *more])
+            if error < WORTH * best:
+                chosen, best = [*chosen, *more], error
+                accepted.append(Trial(name, chosen, best))
+        return accepted
+
+    def _chosen(self, terms: Sequence[Term]) -> I64:
+        places = [self._n_constants + self._place[_plain(term)] for term in terms]
+        return np.array([*range(self._n_constants), *places], dtype=np.int64)
+
+    def _per_temperature_rms_um(self, order: int) -> float:
+        """The paper's way: constants at each temperature, then a polynomial through each."""
+        constants = np.arange(self._n_constants)
+        others = [~mask for _, mask in self.groups]
+        alone = HeldOut(
+            self.fit, self._columns[:, :, constants], self._heldout.scale[constants],
+            self._residual, others,
+        )  # fmt: skip
+        identified = np.array([alone.solve(i, constants) for i in range(len(self.groups))])
+        reference = self.fit.reference_c
+        rises = np.array([temperature for temperature, _ in self.groups]) - reference
+        rows = []
+        for fold, (temperature, _) in zip(self._heldout.folds, self._out, strict=True):
+            kept = rises != temperature - reference
+            powers = np.vander(rises[kept], order + 1)
+            polynomial = np.linalg.lstsq(powers, identified[kept], rcond=None)[0]
+            change = np.vander([temperature - reference], order + 1)[0] @ polynomial
+            rows.append(fold.tried(constants, change))
+        return rms_um(np.concatenate(rows))
+
+
+def _plain(term: Term) -> str:
+    return term.model_copy(
+        update={"coefficient": 0.0, "standard_uncertainty": None}
+    ).model_dump_json()
+
+
+def _lengths(arm: Arm) -> list[tuple[str, dict[str, float]]]:
+    """Lengths that matter, with the weights of their temperature; the tip goes by the last.
+
+    Not d of joint 1: the base's own growth moves every placement alike.
+    """
+    nominal = dict(zip(parameters.names(arm.n_joints), arm.nominal().tolist(), strict=True))
+    found = [
+        (f"{stem}_{k}", joint.weights)
+        for k, joint in enumerate(arm.joint, 1)
+        if joint.weights
+        for stem in ("d", "a")
+    ]
+    found += [(name, arm.joint[-1].weights) for name in parameters.TIP_PARAMETERS]
+    return [
+        (name, weights)
+        for name, weights in found
+        if weights and name != "d_1" and abs(nominal[name]) > LEAST_LENGTH_MM
+    ]
+
+
+def _weighs(arm: Arm, sensor: str) -> bool:
+    return any(joint.weights.get(sensor, 0.0) != 0.0 for joint in arm.joint)

@@ -1,0 +1,88 @@
+"""`armd calibrate`: identify geometry and thermal model from sessions."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+
+from rich.console import Console
+from rich.table import Table
+
+from armd.compensation.arm import load_arm
+from armd.compensation.calibration import save_calibration
+from armd.compensation.identify.calibrate import Options, Result, calibrate
+from armd.compensation.session import load_session
+from armd.files import write_whole
+
+ORDERS = {"auto": None, "off": 0, "1": 1, "2": 2, "3": 3, "4": 4}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", nargs="+", help="session folders, at one or more temperatures")
+    parser.add_argument("--arm", required=True, metavar="ARM.toml", help="what the arm is")
+    parser.add_argument("-o", "--output", required=True, metavar="CAL.json")
+    parser.add_argument("--json", metavar="RESULT.json", help="figures of the identification")
+    parser.add_argument("--report", metavar="R.html", help="a report that opens offline")
+    parser.add_argument(
+        "--thermal",
+        choices=list(ORDERS),
+        default="auto",
+        help="order of the thermal model; auto decides by the error at temperatures left out",
+    )
+    parser.add_argument(
+        "--thermal-method",
+        choices=["polynomial", "zones", "components"],
+        default="polynomial",
+        help="polynomials of each joint's temperature, temperature zones, or principal components",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    arm = load_arm(args.arm)
+    sessions = [load_session(path, arm) for path in args.session]
+    options = Options(
+        thermal_order=ORDERS[args.thermal],
+        thermal_method=args.thermal_method,
+        command=shlex.join(["armd", *sys.argv[1:]]),
+    )
+    console = Console(stderr=True)
+    with console.status("identifying …") as status:
+        result = calibrate(sessions, arm, options, status.update)
+    for session in sessions:
+        if session.unused_columns:
+            names = ", ".join(session.unused_columns)
+            console.print(f"{session.path}: columns not used: {names}")
+    save_calibration(args.output, result.calibration)
+    if args.json:
+        write_whole(args.json, json.dumps(result.as_json(), indent=1) + "\n")
+    if args.report:
+        from armd.compensation.report.calibration import calibration_report
+
+        write_whole(args.report, calibration_report(result, sessions))
+    _print(result, args.output)
+    return 0
+
+
+def _print(result: Result, output: str) -> None:
+    console = Console()
+    found = result.fit
+    console.print(
+        f"{found.observations.n} readings, {found.rms_um:.2f} µm 3-D RMS,"
+        f" {result.heldout_rms_um:.2f} µm by leaving out each {result.heldout_by};"
+        f" rank {found.solution.rank} of {len(found.unknowns.names)}"
+    )
+    if result.trials:
+        table = Table("thermal model", "µm at temperatures left out")
+        for trial in result.trials:
+            table.add_row(trial.name, f"{trial.heldout_rms_um:.2f}")
+        console.print(table)
+        console.print(f"thermal order {result.thermal_order}")
+    for line in result.unidentifiable:
+        console.print(f"not identifiable: {line}")
+    if len(found.outliers):
+        console.print(f"{len(found.outliers)} outliers weighed down")
+    for note in result.notes:
+        console.print(note)
+    console.print(f"written: {output}")
