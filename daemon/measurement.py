@@ -39,20 +39,22 @@ class Measurement:
     monotonic_ns: int
     position_mm: list[float] | None  # None: the point of the press is invalid
     standard_deviation_mm: list[float] | None  # per axis; None for a single point
-    covariance_mm2: list[float] | None  # of one point, as the last point states it
+    covariance_mm2: list[float] | None  # as the last point states it; None: not calibrated
     orientation: list[float] | None
     count: int
     duration_s: float
     flags: Flag
     buttons: int
-    calibration: int
+    calibration: int  # 0: none
 
     def as_json(self) -> dict[str, Any]:
         return {
             **self.__dict__,
             "flags": int(self.flags),
             "flag_names": [flag.name for flag in self.flags],
-            "calibration": self.calibration.to_bytes(8, "little").hex(),
+            "calibration": self.calibration.to_bytes(8, "little").hex()
+            if self.calibration
+            else None,
         }
 
 
@@ -113,7 +115,7 @@ class Averager:
             monotonic_ns=end_ns,
             position_mm=mean,
             standard_deviation_mm=deviation,
-            covariance_mm2=point["covariance_mm2"].tolist() if usable else None,
+            covariance_mm2=_known(point["covariance_mm2"]) if usable else None,
             orientation=point["orientation"].tolist() if usable else None,
             count=len(valid) if usable else 0,
             duration_s=float(valid["monotonic_ns"][-1] - valid["monotonic_ns"][0]) * 1e-9
@@ -129,3 +131,7 @@ class Averager:
             return self._past[: self._written]
         start = self._written % REMEMBERED
         return np.concatenate([self._past[start:], self._past[:start]])
+
+
+def _known(values: npt.NDArray[np.floating[Any]]) -> list[float] | None:
+    return values.tolist() if np.isfinite(values).all() else None

@@ -59,8 +59,8 @@ class Motion:
         """Joint angles (n, N) rad and tip (n, 3) mm at (n,) ns, and which rows hold.
 
         Returns rate (n, N) rad/s whose sign is the side of approach (at rest it stays, on a value
-        that is nearly 0; NaN while unknown), approach (n, 3) unit vectors (NaN while unknown) and
-        the instant (n,) ns since which the tip has been still.
+        of almost 0; NaN while unknown), approach (n, 3) unit vectors (NaN while unknown) and the
+        instant (n,) ns since which the tip has been still.
         """
         rate = np.empty_like(q)
         approach = np.empty((len(q), 3))
@@ -103,9 +103,9 @@ def _follow(
                 turned_q[k] = q[i, k]
             _turn(k, q[i, k], turned_q, sides)
             measured = (q[i, k] - last_q[k]) / dt if seen > 0 else 0.0
-            rate[i, k] = (
-                math.nan if sides[k] == 0.0 else sides[k] * max(measured * sides[k], NO_RATE_RAD_S)
-            )
+            rate[i, k] = math.nan
+            if sides[k] != 0.0:
+                rate[i, k] = sides[k] * max(measured * sides[k], NO_RATE_RAD_S)
             last_q[k] = q[i, k]
 
         step = 0.0

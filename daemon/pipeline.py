@@ -81,9 +81,9 @@ class Pipeline:
 
     def _angles(self, counts: npt.NDArray[np.int64]) -> F64:
         """Angles (n, N) rad; a joint that turns at most once is in the turn of its limits."""
-        q = counts * self._radians
+        q: F64 = counts * self._radians
         turns = np.round((q - self._middle) / (2 * math.pi))
-        return q - 2 * math.pi * np.where(self._one_turn, turns, 0.0)
+        return np.asarray(q - 2 * math.pi * np.where(self._one_turn, turns, 0.0))
 
 
 def _ranges(arm: Arm) -> tuple[F64, npt.NDArray[np.bool_]]:

@@ -56,11 +56,11 @@ class Publisher:
 
     def put_health(self, health: dict[str, Any]) -> None:
         self.health = health
-        self._health.put(json.dumps(health))
+        self._health.put(json.dumps(health, allow_nan=False))
 
     def close(self) -> None:
         """Take the token away first: who watches it learns at once that the arm is gone."""
-        self._alive.undeclare()
+        self._alive.undeclare()  # type: ignore[no-untyped-call]
 
 
 class Kept:
@@ -83,7 +83,7 @@ class Kept:
         self.past: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=KEPT)
 
     def put(self, content: dict[str, Any]) -> None:
-        text = json.dumps(content)
+        text = json.dumps(content, allow_nan=False)
         timestamp = self._session.new_timestamp()
         self.past.append((text, timestamp))
         self._publisher.put(text, timestamp=timestamp)

@@ -16,7 +16,7 @@ from armd import keys
 from armd.daemon.publisher import JSON, Kept, Publisher
 from armd.errors import ArmdError
 
-Command = Callable[[Mapping[str, str]], str]
+Command = Callable[[zenoh.Parameters], str]
 """Does one command with its parameters; returns what was done, raises `ArmdError` if it was not."""
 
 _Answer = Callable[[zenoh.Query], None]
@@ -75,7 +75,7 @@ class Queries:
             query.reply_err(f"no such command; there are: {', '.join(self._commands)}")
             return
         try:
-            done = command(dict(query.parameters))
+            done = command(query.parameters)
         except ArmdError as error:
             query.reply_err(str(error))
         else:

@@ -7,7 +7,6 @@ between two reads.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
 
@@ -144,7 +143,7 @@ class Service:
             self._reload_asked = False
             self._systemd.reloading()
             with suppress(ArmdError):  # it has been told as an event
-                self._reload({})
+                self._reload(zenoh.Parameters())
             self._systemd.ready()
         second_over = self._supervisor.close_second(now_ns)
         if self._supervisor.assess(now_ns):
@@ -156,7 +155,7 @@ class Service:
         # This thread runs, and the supervisor has a reason for every silence.
         self._systemd.feed_watchdog(now_ns * 1e-9)
 
-    def _reload(self, _parameters: Mapping[str, str]) -> str:
+    def _reload(self, _parameters: zenoh.Parameters) -> str:
         """Raises `BadInput` for a bad calibration; the old one stays in force."""
         try:
             warning = self._arm.reload()
@@ -169,9 +168,9 @@ class Service:
         self._warn_of_tip(warning)
         return text
 
-    def _select_tip(self, parameters: Mapping[str, str]) -> str:
+    def _select_tip(self, parameters: zenoh.Parameters) -> str:
         """`command/tip?name=NAME`; without a name the calibration's own tip."""
-        name = parameters.get("name", "")
+        name = parameters.get("name") or ""
         warning = self._arm.select_tip(name)
         text = f"tip {name}" if name else "the calibration's tip"
         self._tell_now("tip", f"now measuring with {text}", "info")

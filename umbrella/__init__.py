@@ -1,7 +1,19 @@
 """armd, the open driver for articulated measuring arms: the subscriber's public face."""
 
+from armd.client import ENDPOINT, Arm, connect
 from armd.errors import ArmdError, BadInput
-from armd.point import POINT, POINT_ENCODING, Flag
+from armd.point import POINT, POINT_ENCODING, Flag, Lost, Point
 
-__all__ = ["POINT", "POINT_ENCODING", "ArmdError", "BadInput", "Flag"]
+__all__ = [
+    "ENDPOINT",
+    "POINT",
+    "POINT_ENCODING",
+    "Arm",
+    "ArmdError",
+    "BadInput",
+    "Flag",
+    "Lost",
+    "Point",
+    "connect",
+]
 __version__ = "0.1.0"

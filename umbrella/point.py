@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntFlag
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 POINT_ENCODING = "application/octet-stream;armd.point.v1"
 
@@ -51,3 +54,77 @@ class Flag(IntFlag):
     """The device clock is not yet mapped to the host's."""
     AT_REST = 1 << 9
     """The tip has rested for at least 0.5 s."""
+
+
+class Point(NamedTuple):
+    """One point as Python objects; lengths in mm in the arm's base frame."""
+
+    seq: int
+    stamp_ns: int
+    """Instant of the latch, Unix time."""
+    monotonic_ns: int
+    """The same instant on the controller's CLOCK_MONOTONIC."""
+    position_mm: tuple[float, float, float]
+    """Centre of the tip; NaN if flag INVALID stands."""
+    orientation: tuple[float, float, float, float]
+    """Quaternion x y z w of the last frame."""
+    covariance_mm2: tuple[float, float, float, float, float, float]
+    """xx xy xz yy yz zz."""
+    correction_mm: tuple[float, float, float]
+    """Corrected minus uncorrected."""
+    flags: Flag
+    calibration: int
+    """First eight bytes of the calibration file's SHA-256, little-endian; 0: none."""
+    buttons: int
+
+    @property
+    def valid(self) -> bool:
+        return not self.flags & Flag.INVALID
+
+    @classmethod
+    def from_row(cls, row: tuple[Any, ...]) -> Point:
+        """From one row of `points.tolist()`, *points* being an array of `POINT`."""
+        *head, orientation, covariance, correction, flags, calibration, buttons, _ = row
+        seq, stamp_ns, monotonic_ns, position = head
+        return cls(
+            seq,
+            stamp_ns,
+            monotonic_ns,
+            tuple(position),
+            tuple(orientation),
+            tuple(covariance),
+            tuple(correction),
+            Flag(flags),
+            calibration,
+            buttons,
+        )
+
+
+@dataclass
+class Lost:
+    """Points missing from a stream, by where they went."""
+
+    upstream: int = 0
+    """Never reached the daemon; flag SAMPLES_LOST tells of them."""
+    here: int = 0
+    """Published, but lost between the daemon and this reader."""
+    restarts: int = 0
+    """New streams: the arm rebooted, its counter wrapped, or the daemon started anew."""
+    _last_seq: int | None = None
+
+    @property
+    def total(self) -> int:
+        return self.upstream + self.here
+
+    def count(self, points: npt.NDArray[np.void]) -> None:
+        """Follow the next points (n,) of the stream by their `seq`."""
+        seq = points["seq"].astype(np.int64)
+        last = seq[0] - 1 if self._last_seq is None else self._last_seq
+        missing = np.diff(seq, prepend=last) - 1
+        epoch = np.diff(seq >> 32, prepend=last >> 32)
+        same = (epoch == 0) & (missing >= 0)
+        flagged = (points["flags"] & Flag.SAMPLES_LOST) != 0
+        self.upstream += int(missing[same & flagged].sum())
+        self.here += int(missing[same & ~flagged].sum())
+        self.restarts += int((~same).sum())
+        self._last_seq = int(seq[-1])

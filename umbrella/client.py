@@ -1,0 +1,202 @@
+"""A subscriber's view of an arm: connect, iterate points. Needs no configuration of armd.
+
+with armd.connect() as arm:
+    for point in arm.points():
+        print(point.seq, point.position_mm)
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Any, Self, cast
+
+import numpy as np
+import numpy.typing as npt
+import zenoh
+from zenoh import ext
+
+from armd import keys
+from armd.errors import ArmdError
+from armd.point import POINT, Lost, Point
+
+ENDPOINT = "tcp/127.0.0.1:7447"
+#: What waits for a slow reader; beyond that the oldest goes, and points count as lost.
+WAITING_POINTS = 1 << 14
+WAITING_MESSAGES = 1024
+POLL_S = 0.002
+
+
+class _Closing:
+    """`with`, for what has a `close`."""
+
+    def close(self) -> None:
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class Stream(_Closing):
+    """One subscription. A reader that stands still delays nobody else: what waits too long is
+    dropped here, the oldest first."""
+
+    def __init__(self, session: zenoh.Session, serial: str, what: str) -> None:
+        key = keys.key(serial, what)
+        self._subscriber: zenoh.Subscriber[Any] | ext.AdvancedSubscriber[Any]
+        if what in (keys.EVENT, keys.MEASUREMENT):
+            self._subscriber = ext.declare_advanced_subscriber(
+                session,
+                key,
+                zenoh.handlers.RingChannel(WAITING_MESSAGES),
+                history=ext.HistoryConfig(detect_late_publishers=True),
+            )
+        else:
+            waiting = WAITING_POINTS if what == keys.POINT else WAITING_MESSAGES
+            self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
+
+    def close(self) -> None:
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+    def take(self) -> list[bytes]:
+        """The payloads that wait, maybe none."""
+        payloads = []
+        while (sample := self._subscriber.try_recv()) is not None:
+            payloads.append(sample.payload.to_bytes())
+        return payloads
+
+    def follow(self, seconds: float | None) -> Iterator[list[bytes]]:
+        """All that waits, again and again, for ever or for *seconds*."""
+        if seconds is None:
+            while True:
+                first = self._subscriber.recv().payload.to_bytes()
+                yield [first, *self.take()]
+        end_s = time.monotonic() + seconds
+        while time.monotonic() < end_s:
+            if payloads := self.take():
+                yield payloads
+            else:
+                time.sleep(POLL_S)
+
+
+class Arm(_Closing):
+    """A connection to one arm's streams; close it, or use it in a `with`.
+
+    Iterators go on for ever, or for *seconds*. Use an `Arm` from one thread.
+    """
+
+    def __init__(self, session: zenoh.Session, serial: str) -> None:
+        self._session = session
+        self.serial = serial
+        self.lost = Lost()
+
+    def close(self) -> None:
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def points(self, seconds: float | None = None) -> Iterator[Point]:
+        """Every point from now on, in order."""
+        for batch in self.batches(seconds):
+            yield from map(Point.from_row, batch.tolist())
+
+    def batches(self, seconds: float | None = None) -> Iterator[npt.NDArray[np.void]]:
+        """Arrays of `armd.POINT`: whatever has come since the last one, at least one point."""
+        with self.stream(keys.POINT) as stream:
+            for payloads in stream.follow(seconds):
+                yield self.decode(payloads)
+
+    def health(self, seconds: float | None = None) -> Iterator[dict[str, Any]]:
+        """Once a second: state, reason, rates, drops, temperatures, latency."""
+        return self._messages(keys.HEALTH, seconds)
+
+    def events(self, seconds: float | None = None) -> Iterator[dict[str, Any]]:
+        """Faults, recoveries, buttons, changes; those of the past first."""
+        return self._messages(keys.EVENT, seconds)
+
+    def measurements(self, seconds: float | None = None) -> Iterator[dict[str, Any]]:
+        """Averaged points, one per button press or rest; those of the past first."""
+        return self._messages(keys.MEASUREMENT, seconds)
+
+    def info(self) -> dict[str, Any]:
+        """Arm, calibration, units, payload layout."""
+        return self._ask(keys.INFO)
+
+    def command(self, name: str, **parameters: str) -> str:
+        """`command("reload")`, `command("tip", name="ruby 3")`; returns what was done.
+
+        Raises `ArmdError` if the daemon refuses it, or does not answer.
+        """
+        selector = ";".join(f"{key}={value}" for key, value in parameters.items())
+        return cast(str, self._ask(f"{keys.COMMAND}/{name}", selector)["done"])
+
+    def stream(self, what: str) -> Stream:
+        """A subscription to poll, for a program with a loop of its own."""
+        return Stream(self._session, self.serial, what)
+
+    def decode(self, payloads: list[bytes]) -> npt.NDArray[np.void]:
+        """The next points of the stream, (n,) of `armd.POINT`; counts those lost before them."""
+        points = np.frombuffer(b"".join(payloads), POINT)
+        self.lost.count(points)
+        return points
+
+    def _messages(self, what: str, seconds: float | None) -> Iterator[dict[str, Any]]:
+        with self.stream(what) as stream:
+            for payloads in stream.follow(seconds):
+                yield from map(json.loads, payloads)
+
+    def _ask(self, what: str, parameters: str = "") -> dict[str, Any]:
+        key = keys.key(self.serial, what)
+        for reply in self._session.get(f"{key}?{parameters}" if parameters else key):
+            if reply.ok is not None:
+                return cast(dict[str, Any], json.loads(reply.ok.payload.to_bytes()))
+            if reply.err is not None:
+                raise ArmdError(f"{key}: {reply.err.payload.to_string()}")
+        raise ArmdError(f"{key}: no answer; is the daemon running?")
+
+
+def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Arm:
+    """Connect to a daemon; *serial* None takes the one arm that is there.
+
+    Raises `ArmdError` if no arm (or none of that serial number) shows up in *timeout_s*, or if
+    there are several and none was named.
+    """
+    config = zenoh.Config()
+    for key, value in {
+        "mode": "client",
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": round(timeout_s * 1000),
+        "scouting/multicast/enabled": False,
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        raise ArmdError(f"{endpoint}: no daemon answers within {timeout_s:g} s") from error
+    try:
+        return Arm(session, _find(session, serial, endpoint, timeout_s))
+    except BaseException:
+        session.close()  # type: ignore[no-untyped-call]
+        raise
+
+
+def _find(session: zenoh.Session, serial: str | None, endpoint: str, timeout_s: float) -> str:
+    end_s = time.monotonic() + timeout_s
+    while True:
+        replies = session.liveliness().get(keys.key(serial or "*", keys.ALIVE))
+        found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
+        if len(found) == 1:
+            return found.pop()
+        if found:
+            raise ArmdError(f"{endpoint}: several arms, name one: {', '.join(sorted(found))}")
+        if time.monotonic() > end_s:
+            raise ArmdError(f"{endpoint}: no arm {serial or ''} within {timeout_s:g} s")
+        time.sleep(0.1)
