@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
 
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
@@ -36,6 +36,9 @@ from armd.compensation.terms import (
     Time,
 )
 
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
 __all__ = ["basis_values", "curve_spline", "gravity_torques", "parameter_rows"]
 
 F64 = npt.NDArray[np.float64]
@@ -43,15 +46,25 @@ F64 = npt.NDArray[np.float64]
 AXES = "xyz"
 
 
+#: (name, temperature (n,), time (n,) s, lag s) → the temperature delayed (n,)
+Delay = Callable[[str, F64, F64, float], F64]
+
+
 def basis_values(
-    terms: Sequence[Term], states: States, arm: Arm, reference_c: float, constants: F64
+    terms: Sequence[Term],
+    states: States,
+    arm: Arm,
+    reference_c: float,
+    constants: F64,
+    delay: Delay | None = None,
 ) -> F64:
     """The product of each term's factors at each row, (n, T).
 
     *constants* (P,) pose the gravity factors and the tip's frame. A missing rate or approach
-    contributes nothing (0); a missing temperature gives NaN.
+    contributes nothing (0); a missing temperature gives NaN. Lags are followed within each series
+    of *states*, unless the live path brings its own *delay*.
     """
-    basis = _Basis(states, arm, reference_c, constants)
+    basis = _Basis(states, arm, reference_c, constants, delay)
     values = np.ones((states.n, len(terms)))
     for t, term in enumerate(terms):
         for factor in term.basis:
@@ -71,6 +84,8 @@ def parameter_rows(constants: F64, terms: Sequence[Term], values: F64) -> F64:
 
 def curve_spline(values: Sequence[float]) -> CubicSpline[np.float64]:
     """The periodic cubic spline through values at 0, 1/n, … of a turn; argument in rad."""
+    from scipy.interpolate import CubicSpline  # slow to import, and only curves need it
+
     turn = np.linspace(0.0, math.tau, len(values) + 1)
     return CubicSpline(turn, [*values, values[0]], bc_type="periodic")
 
@@ -78,8 +93,11 @@ def curve_spline(values: Sequence[float]) -> CubicSpline[np.float64]:
 class _Basis:
     """Values of factors over one set of states, each distinct factor evaluated once."""
 
-    def __init__(self, states: States, arm: Arm, reference_c: float, constants: F64) -> None:
+    def __init__(
+        self, states: States, arm: Arm, reference_c: float, constants: F64, delay: Delay | None
+    ) -> None:
         self._states = states
+        self._delay = delay or self._by_series
         self._arm = arm
         self._reference_c = reference_c
         self._constants = constants
@@ -100,8 +118,10 @@ class _Basis:
             case Temperature():
                 return self._temperature(factor)
             case TemperatureRate():
-                value = self._weighted(factor.weights)
-                return (value - self._delayed(value, factor.smoothing_s)) / factor.smoothing_s
+                value = self._delayed(factor.weights, 0.0)
+                return (value - self._delayed(factor.weights, factor.smoothing_s)) / (
+                    factor.smoothing_s
+                )
             case Time():
                 return ((states.time_s - factor.since_unix_s) / 3600) ** factor.power
             case After():
@@ -132,24 +152,27 @@ class _Basis:
         return self._once(function.__name__, lambda: function(*pose))
 
     def _temperature(self, factor: Temperature) -> F64:
-        value = self._delayed(self._weighted(factor.weights), factor.lag_s)
+        value = self._delayed(factor.weights, factor.lag_s)
         if factor.zone_c is not None:
             low, high = factor.zone_c
             return (np.clip(value, low, high) - low) ** factor.order
         reference = self._reference_c if factor.reference_c is None else factor.reference_c
         return (value - reference) ** factor.order
 
-    def _weighted(self, weights: dict[str, float]) -> F64:
-        """Σ weight·T: a sensor without weight may be missing."""
+    def _delayed(self, weights: dict[str, float], lag_s: float) -> F64:
+        """Σ weight·T, delayed; a sensor without weight may be missing."""
         column = {name: s for s, name in enumerate(self._arm.sensors)}
         value = np.zeros(self._states.n)
         for name, weight in weights.items():
             if weight != 0:
                 value += weight * self._states.temperature_c[:, column[name]]
-        return value
+        if lag_s == 0:
+            return value
+        name = f"{weights} {lag_s}"
+        return self._once(name, lambda: self._delay(name, value, self._states.time_s, lag_s))
 
-    def _delayed(self, value: F64, lag_s: float) -> F64:
-        return lagged(self._states.time_s, value[:, None], self._states.series, lag_s)[:, 0]
+    def _by_series(self, _: str, value: F64, time_s: F64, lag_s: float) -> F64:
+        return lagged(time_s, value[:, None], self._states.series, lag_s)[:, 0]
 
     def _approach(self, factor: Approach) -> F64:
         approach = np.nan_to_num(self._states.approach)

@@ -45,7 +45,7 @@ def jacobian(q: F64, p: F64) -> tuple[F64, F64]:
     q, p = _rows(q, p)
     position = np.empty((len(q), 3))
     derivatives = np.empty((len(q), 3, p.shape[1]))
-    _jacobian(q, p, position, derivatives)
+    compiled_jacobian(q, p, position, derivatives)
     return position, derivatives
 
 
@@ -118,7 +118,7 @@ def _turn(axis_x: float, axis_y: float, axis_z: float, arm: F64, out: F64) -> No
 
 
 @jit
-def _jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
+def compiled_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
     n, n_joints = q.shape
     origins = np.empty((n_joints + 1, 3))
     rotations = np.empty((n_joints + 1, 3, 3))

@@ -1,0 +1,174 @@
+"""An arm and its calibration, ready to correct: what the daemon runs live and `correct` offline."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation import kernel, parameters
+from armd.compensation.arm import Arm
+from armd.compensation.basis import Delay, basis_values
+from armd.compensation.calibration import LoadedCalibration
+from armd.compensation.kernel import BLOCK, Amounts, Folded, Inputs, Outputs
+from armd.compensation.program import by_parameter, compile_terms, work_for
+from armd.compensation.state import Lag, States
+from armd.compensation.terms import SLOW_FACTORS, Term
+from armd.compensation.uncertainty import Uncertainty
+from armd.point import POINT
+
+F64 = npt.NDArray[np.float64]
+
+NONE = np.zeros((0, 0))
+
+
+class Model:
+    """Corrects angles of one arm; without a calibration by the nominal geometry of arm.toml.
+
+    "Uncorrected" everywhere means: the same angles through the calibration's constants alone,
+    without any of its terms. The correction is what the terms do.
+    """
+
+    def __init__(self, arm: Arm, calibration: LoadedCalibration | None) -> None:
+        content = calibration.content if calibration else None
+        n = arm.n_joints
+        self.arm = arm
+        self.constants = arm.nominal() if content is None else content.vector(n)
+        self._reference_c = (
+            arm.reference_temperature_c if content is None else content.reference_temperature_c
+        )
+        terms = [] if content is None else content.terms
+        slow = [term for term in terms if term.slow]
+        pose = by_parameter([term for term in terms if not term.slow], n)
+        self._slow_parts = [_slow_part(term) for term in (*slow, *pose)]
+        self._amounts = Amounts(
+            slow_parameter=np.array(
+                [parameters.index(term.parameter, n) for term in slow], dtype=np.int64
+            ),
+            slow=np.array([term.coefficient for term in slow]),
+            pose=np.array([term.coefficient for term in pose]),
+        )
+        self._program = compile_terms(pose, arm)
+        self._work = work_for(self._program, n)
+        self._folded = _folded(self.constants, len(pose))
+        self._uncertainty = Uncertainty(arm, content, slow, pose)
+        self._lags: dict[str, Lag] = {}
+        self._outputs = _outputs(BLOCK, len(pose))
+        # Without terms: what "uncorrected" means, and what it costs.
+        self._plain = _folded(self.constants, 0)
+        self._plain_program = compile_terms([], arm)
+        self._plain_work = work_for(self._plain_program, n)
+        self._plain_position = np.zeros((BLOCK, 3))
+        self.fold(np.full(len(arm.sensors), self._reference_c), 0.0)
+        self._lags.clear()  # the first measured temperature starts them
+
+    def fold(self, celsius: F64, unix_s: float) -> None:
+        """From here on samples are corrected for these temperatures (S,) °C at this time.
+
+        Called at the rate of the temperatures, in ascending time: lags are followed from call to
+        call. A sensor that a term uses must have a value.
+        """
+        values = self._values(_instants(celsius[None, :], unix_s, self.arm), self._lagged)[0]
+        kernel.fold(values, self._amounts, self._folded)
+        if self._uncertainty.known:
+            # One row per sensor that reads one standard deviation too high.
+            each = celsius + self._uncertainty.temperature_c * np.eye(len(celsius))
+            bumped = self._values(_instants(np.vstack([celsius, each]), unix_s, self.arm), None)
+            self._uncertainty.fold(self._folded.parameters, values, bumped[1:] - bumped[0])
+
+    def uncorrected(self, q: F64) -> F64:
+        """Tip positions (n, 3) mm of angles (n, N) rad by the constants alone.
+
+        The array is the model's own: the next call overwrites it.
+        """
+        n = len(q)
+        if n > len(self._plain_position):
+            self._plain_position = np.zeros((2 * n, 3))
+        out = Outputs(self._plain_position[:n], NONE, NONE, NONE)
+        inputs = Inputs(np.ascontiguousarray(q), NONE, NONE)
+        kernel.correct(inputs, self._plain, self._plain_program, self._plain_work, out)
+        return out.position
+
+    def correct(self, q: F64, rate: F64, approach: F64, points: npt.NDArray[np.void]) -> None:
+        """Fill position, orientation, covariance and correction of *points* (n,), dtype `POINT`.
+
+        *q* (n, N) rad; *rate* (n, N) rad/s, its sign the side of approach; *approach* (n, 3) unit
+        vectors, base frame; NaN where unknown, which leaves the terms concerned without effect.
+        """
+        n = len(q)
+        if n > len(self._outputs.position):
+            self._outputs = _outputs(2 * n, len(self._amounts.pose))
+        out = Outputs(*(array[:n] for array in self._outputs))
+        inputs = Inputs(
+            np.ascontiguousarray(q), np.ascontiguousarray(rate), np.ascontiguousarray(approach)
+        )
+        kernel.correct(inputs, self._folded, self._program, self._work, out)
+        points["position_mm"] = out.position
+        points["orientation"] = out.orientation
+        points["correction_mm"] = out.correction
+        points["covariance_mm2"] = self._uncertainty.covariance(inputs.q, out.basis)
+
+    def correct_states(self, states: States) -> tuple[F64, F64]:
+        """Positions (n, 3) mm and corrections (n, 3), each row at its own temperatures and time.
+
+        Rows in which a temperature that a term uses is missing come out NaN. What `fold` has set
+        for the live path stays.
+        """
+        n = states.n
+        position, correction = np.empty((n, 3)), np.empty((n, 3))
+        kernel.correct_runs(
+            self._values(states, None),
+            self._amounts,
+            Inputs(
+                np.ascontiguousarray(states.q),
+                np.ascontiguousarray(states.rate),
+                np.ascontiguousarray(states.approach),
+            ),
+            _folded(self.constants, len(self._amounts.pose)),
+            self._program,
+            self._work,
+            Outputs(position, NONE, correction, NONE),
+        )
+        return position, correction
+
+    def compile(self) -> None:
+        """Compile (or load from the cache) all that the live path calls."""
+        q = np.zeros((1, self.arm.n_joints))
+        self.uncorrected(q)
+        self.correct(q, q, np.zeros((1, 3)), np.zeros(1, POINT))
+
+    def _values(self, states: States, delay: Delay | None) -> F64:
+        """Slow factors' values (n, L+T) of slow terms, then pose terms."""
+        return basis_values(
+            self._slow_parts, states, self.arm, self._reference_c, self.constants, delay
+        )
+
+    def _lagged(self, name: str, value: F64, time_s: F64, lag_s: float) -> F64:
+        """The live path's `Delay`."""
+        lag = self._lags.setdefault(name, Lag(lag_s, 1))
+        return lag.follow(time_s, value[:, None])[:, 0]
+
+
+def _slow_part(term: Term) -> Term:
+    """The term without its pose factors."""
+    factors = [factor for factor in term.basis if isinstance(factor, SLOW_FACTORS)]
+    return term.model_copy(update={"basis": factors})
+
+
+def _folded(constants: F64, n_pose_terms: int) -> Folded:
+    """Constants alone; terms come with `kernel.fold`."""
+    plain = np.zeros(((len(constants) - 9) // 5 + 1, 3, 4))
+    kernel.set_matrices(constants, plain)
+    return Folded(plain, plain.copy(), constants.copy(), constants, np.zeros(n_pose_terms))
+
+
+def _outputs(n: int, n_pose_terms: int) -> Outputs:
+    return Outputs(
+        np.zeros((n, 3)), np.zeros((n, 4)), np.zeros((n, 3)), np.zeros((n, n_pose_terms))
+    )
+
+
+def _instants(celsius: F64, unix_s: float, arm: Arm) -> States:
+    """States (n,) of which temperatures (n, S) and time matter, each a run of its own."""
+    n = len(celsius)
+    nothing = np.zeros((n, arm.n_joints))
+    return States(nothing, nothing, celsius, np.full(n, unix_s), np.zeros((n, 3)), np.arange(n))

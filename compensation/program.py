@@ -1,0 +1,129 @@
+"""A calibration's terms, translated for the kernel: index, coefficient, factor codes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armd.compensation import kernel, parameters
+from armd.compensation.arm import Arm
+from armd.compensation.basis import AXES, curve_spline
+from armd.compensation.gravity import STANDARD_GRAVITY, link_masses
+from armd.compensation.kernel import BLOCK, Program, Work
+from armd.compensation.terms import (
+    SLOW_FACTORS,
+    Angle,
+    Approach,
+    Curve,
+    Factor,
+    GravityDirection,
+    GravityMoment,
+    GravityTorque,
+    Harmonic,
+    Rate,
+    Side,
+    Term,
+)
+
+
+def by_parameter(terms: Sequence[Term], n_joints: int) -> list[Term]:
+    """Terms in the order of the parameters they change, as a `Program` wants its pose terms."""
+    return sorted(terms, key=lambda term: parameters.index(term.parameter, n_joints))
+
+
+def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
+    """The program of pose terms, which stand in the order of `by_parameter`."""
+    n = arm.n_joints
+    parameter = np.array([parameters.index(term.parameter, n) for term in terms], dtype=np.int64)
+    groups = [*range(0, 5 * n + 1, 5), 5 * n + 3, 5 * n + 9]
+    distinct: dict[str, int] = {}
+    rows: list[tuple[int, int, int]] = []
+    pieces: list[int] = []
+    curves: list[np.ndarray[tuple[int, int], np.dtype[np.float64]]] = [np.zeros((0, 4))]
+    factor_first, term_factors = [0], []
+    for term in terms:
+        for factor in term.basis:
+            if isinstance(factor, SLOW_FACTORS):
+                continue
+            key = factor.model_dump_json()
+            if key not in distinct:
+                distinct[key] = len(rows)
+                rows.append(_code(factor, sum(map(len, curves))))
+                pieces.append(len(factor.values) if isinstance(factor, Curve) else 0)
+                if isinstance(factor, Curve):
+                    curves.append(curve_spline(factor.values).c[::-1].T)
+            term_factors.append(distinct[key])
+        factor_first.append(len(term_factors))
+    kinds = {kind for kind, _, _ in rows}
+    levers = bool(kinds & {kernel.TORQUE, kernel.MOMENT})
+    down = levers or kernel.DIRECTION in kinds
+    toward = kernel.APPROACH_TIP in kinds
+    return Program(
+        parameter=parameter,
+        first=np.searchsorted(parameter, groups).astype(np.int64),
+        factor_first=np.array(factor_first, dtype=np.int64),
+        term_factors=np.array(term_factors, dtype=np.int64),
+        factors=np.array(rows, dtype=np.int64).reshape(-1, 3),
+        curves=np.ascontiguousarray(np.vstack(curves)),
+        curve_pieces=np.array(pieces, dtype=np.int64),
+        gravity=_gravity(arm),
+        needs=np.array([levers, down, toward], dtype=np.int64),
+    )
+
+
+def work_for(program: Program, n_joints: int) -> Work:
+    """Scratch for a program."""
+    frames = np.zeros((3, 3 * n_joints + 3, BLOCK))
+    return Work(
+        angle=np.zeros((n_joints, BLOCK)),
+        trig=np.zeros((2 * n_joints, BLOCK)),
+        vectors=np.zeros((9, BLOCK)),
+        posed=np.zeros((12, BLOCK)),
+        factors=np.zeros((len(program.factors), BLOCK)),
+        product=np.zeros((1, BLOCK)),
+        down=frames[0],
+        lever=frames[1],
+        toward=frames[2],
+    )
+
+
+def _code(factor: Factor, curve_at: int) -> tuple[int, int, int]:
+    """Kind, joint or link from 0, and detail of a pose factor."""
+    match factor:
+        case Harmonic():
+            return (
+                kernel.SIN if factor.kind == "sin" else kernel.COS,
+                factor.joint - 1,
+                factor.order,
+            )
+        case Angle():
+            return kernel.ANGLE, factor.joint - 1, factor.power
+        case Curve():
+            return kernel.CURVE, factor.joint - 1, curve_at
+        case GravityTorque():
+            return kernel.TORQUE, factor.joint - 1, 0
+        case GravityDirection():
+            return kernel.DIRECTION, factor.link - 1, AXES.index(factor.axis)
+        case GravityMoment():
+            return kernel.MOMENT, factor.link - 1, AXES.index(factor.axis)
+        case Side():
+            return kernel.SIDE, factor.joint - 1, 0
+        case Rate():
+            return kernel.RATE, factor.joint - 1, 0
+        case Approach():
+            kind = kernel.APPROACH if factor.frame == "base" else kernel.APPROACH_TIP
+            return kind, 0, AXES.index(factor.axis)
+        case _:
+            raise AssertionError(f"{factor.kind} is no pose factor")
+
+
+def _gravity(arm: Arm) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+    """`Program.gravity`, masses scaled so that mass moment × unit gravity is in Nm."""
+    kg, centre_mm = link_masses(arm)
+    newton_per_mm = STANDARD_GRAVITY / 1000
+    table = np.zeros((arm.n_joints + 1, 4))
+    table[0, :3] = arm.gravity
+    table[1:, :3] = kg[:, None] * centre_mm * newton_per_mm
+    table[1:, 3] = np.cumsum(kg[::-1])[::-1] * newton_per_mm
+    return table
