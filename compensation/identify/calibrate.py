@@ -157,9 +157,15 @@ def calibrate(
         thermal_order=order,
         thermal_method=options.thermal_method if order else "none",
         trials=trials,
-        unidentifiable=unidentifiable(final.solution.null, final.unknowns.names, arm),
+        unidentifiable=not_known(final),
         notes=notes,
     )
+
+
+def not_known(found: Fit) -> list[str]:
+    """What the readings cannot tell apart, in words."""
+    names = found.unknowns.words(found.terms)
+    return unidentifiable(found.solution.null, names, found.observations.arm)
 
 
 def as_calibration(found: Fit, provenance: dict[str, Any]) -> Calibration:
@@ -202,7 +208,7 @@ def _readings(
         return observations, []
     sensors = [s for s in arm.sensors if any(joint.weights.get(s) for joint in arm.joint)]
     temperature_c = observations.states.temperature_c[:, [arm.sensors.index(s) for s in sensors]]
-    complete: Mask = np.isfinite(temperature_c).all(axis=1)
+    complete: Mask = np.all(np.isfinite(temperature_c), axis=1)
     if not sensors or not complete.any():
         if wanted:
             found = "no readings that have them all" if sensors else "no joint with a temperature"
@@ -271,7 +277,7 @@ def _plausible(found: Fit, arm: Arm, files: str) -> None:
     constants = Unknowns(found.unknowns.constants)
     rank = found.solution.rank - len(found.unknowns.terms)
     if rank < LEAST_RANK * ideal:
-        words = "; ".join(unidentifiable(found.solution.null, found.unknowns.names, arm)[:4])
+        words = "; ".join(not_known(found)[:4])
         raise BadInput(
             files,
             "poses",

@@ -31,7 +31,7 @@ from armd.compensation.identify.noise import (
 from armd.compensation.identify.observations import Observations
 from armd.compensation.identify.poses import Poses, fit_poses
 from armd.compensation.kinematics import forward, joint_jacobian
-from armd.compensation.terms import Term
+from armd.compensation.terms import Temperature, Term
 
 F64 = npt.NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -57,6 +57,10 @@ class Unknowns:
     def names(self) -> list[str]:
         """As `covariance_of` in a calibration has it: names, then "term I"."""
         return [*self.constants, *(f"term {i}" for i in self.terms)]
+
+    def words(self, terms: Sequence[Term]) -> list[str]:
+        """As a person reads them: a term by its parameter and basis."""
+        return [*self.constants, *(in_words(terms[i]) for i in self.terms)]
 
     def values(self, constants: F64, terms: Sequence[Term]) -> F64:
         """(C,) where the unknowns stand in constants (P,) and terms."""
@@ -147,6 +151,20 @@ class Fit:
     def rms_um(self) -> float:
         """3-D RMS of all readings' residuals."""
         return rms_um(self.at.residual_mm)
+
+
+def in_words(term: Term) -> str:
+    """A term as a person reads it: d_2·ΔT²(t2)."""
+    factors = []
+    for factor in term.basis:
+        if isinstance(factor, Temperature):
+            power = "⁰¹²³⁴"[factor.order] if factor.order > 1 else ""
+            zone = f", {factor.zone_c[0]:.0f}…{factor.zone_c[1]:.0f} °C" if factor.zone_c else ""
+            factors.append(f"ΔT{power}({'+'.join(factor.weights)}{zone})")
+        else:
+            joint = getattr(factor, "joint", getattr(factor, "link", ""))
+            factors.append(f"{factor.kind}({joint})")
+    return "·".join([term.parameter, *factors])
 
 
 def rms_um(residual_mm: F64) -> float:

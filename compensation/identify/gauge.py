@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import qr
 
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
@@ -52,30 +53,18 @@ def unidentifiable(null: F64, names: Sequence[str], arm: Arm) -> list[str]:
 
 
 def _sparse(null: F64, names: Sequence[str], arm: Arm) -> list[tuple[F64, int]]:
-    """The same space by vectors with few entries, each with its leading entry: reduced row
-    echelon form.
+    """The same space by vectors with few entries, each with its leading entry.
 
-    Pivots are sought among the constants a reader would give up first: those of the last joint,
-    which only place the tip, then of the first, which only place the arm.
+    Leads are chosen by a pivoted QR that prefers the constants a reader would give up first:
+    those of the last joint, which only place the tip, then of the first, which place the arm.
     """
-    rows = null.T.copy()
-    last, first = f"_{arm.n_joints}", "_1"
-    rank = [0 if n.endswith(last) else 1 if n.endswith(first) else 2 for n in names]
-    order = sorted(range(len(names)), key=lambda i: (rank[i], i))
-    leads: list[int] = []
-    for column in order:
-        done = len(leads)
-        if done == len(rows):
-            break
-        pivot = done + int(np.argmax(np.abs(rows[done:, column])))
-        if abs(rows[pivot, column]) < 1e-5:
-            continue
-        rows[[done, pivot]] = rows[[pivot, done]]
-        rows[done] /= rows[done, column]
-        others = np.arange(len(rows)) != done
-        rows[others] -= rows[others, column][:, None] * rows[done]
-        leads.append(column)
-    return list(zip(rows, leads, strict=False))
+    if null.shape[1] == 0:
+        return []
+    last = f"_{arm.n_joints}"
+    prefer = [100.0 if n.endswith(last) else 10.0 if n.endswith("_1") else 1.0 for n in names]
+    pivots = qr(null.T * prefer, mode="r", pivoting=True)[1][: null.shape[1]]
+    rows = np.linalg.solve(null.T[:, pivots], null.T)
+    return sorted(zip(rows, map(int, pivots), strict=True), key=lambda found: found[1])
 
 
 def _in_words(vector: F64, lead: int, names: Sequence[str], arm: Arm) -> str:
@@ -101,6 +90,6 @@ def _reason(together: Sequence[str], arm: Arm) -> str:
     stems = {name.split("_")[0] for name in together}
     if len(together) > arm.n_joints and stems <= {"d", "a", "tip"}:
         return "no certified length tells the scale of the arm"
-    if any(name.startswith("term") for name in together):
+    if any("ΔT" in name for name in together):
         return "these temperatures and poses do not tell them apart"
     return "these poses do not tell them apart"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -39,10 +40,10 @@ class HeldOut:
         good = np.ones(fit.observations.n, dtype=bool)
         good[fit.outliers] = False
         self.scale = scale
+        # Rows the robust loss set aside say nothing about the model's error: never a test.
+        base = replace(fit.at, residual_mm=residual)
         self.folds = [
-            _Fold(fit.at, whiten, columns, residual, fold, good)
-            for fold in folds
-            if (fold & good).any()
+            _Fold(base, whiten, columns, ~out, out & good) for out in folds if (out & good).any()
         ]
 
     def solve(self, fold: int, chosen: I64) -> F64:
@@ -62,25 +63,29 @@ class HeldOut:
 
 
 class _Fold:
+    """One set of readings left out; *kept* and *test* are rows, *base* stands at the start."""
+
     def __init__(
-        self, at: Linearisation, whiten: F64, columns: F64, residual: F64, out: Mask, good: Mask
+        self, base: Linearisation, whiten: F64, columns: F64, kept: Mask, test: Mask
     ) -> None:
-        kept = ~out
-        base = replace(at, residual_mm=residual)
+        self._base, self._all_columns, self._test = base, columns, test
         training = Elimination(base.rows(kept), whiten[kept])
         clear = np.column_stack([training.columns(columns[kept]), training.residual()])
         self.triangle = np.asarray(np.linalg.qr(clear, mode="r"))
-        # Rows the robust loss set aside say nothing about the model's error.
-        test = out & good
-        n = int(test.sum())
-        trial = Elimination(base.rows(test), np.tile(np.eye(3), (n, 1, 1)), length_floor_mm=np.inf)
-        self._rows = trial.reading_rows
-        self._columns = trial.columns(columns[test])
-        self._residual = trial.residual()
+
+    @cached_property
+    def _trial(self) -> tuple[F64, F64]:
+        """Columns (3 m, C) and residuals (3 m,) of the test readings, at their best poses."""
+        at = self._base.rows(self._test)
+        alike = np.tile(np.eye(3), (at.observations.n, 1, 1))
+        trial = Elimination(at, alike, length_floor_mm=np.inf)
+        columns = trial.columns(self._all_columns[self._test])
+        return columns[trial.reading_rows], trial.residual()[trial.reading_rows]
 
     def tried(self, chosen: I64, change: F64) -> F64:
-        rows = self._residual + self._columns[:, chosen] @ change
-        return rows[self._rows].reshape(-1, 3)
+        """Residuals (m, 3) mm of the test readings after a change of the chosen unknowns."""
+        columns, residual = self._trial
+        return (residual + columns[:, chosen] @ change).reshape(-1, 3)
 
 
 def placement_folds(observations: Observations) -> tuple[list[Mask], str]:

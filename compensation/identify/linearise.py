@@ -247,9 +247,10 @@ class _Range:
     """The range of a matrix, by singular values: projection and minimum-norm solution."""
 
     def __init__(self, matrix: F64, yardstick: F64) -> None:
-        u, s, vt = np.linalg.svd(matrix, full_matrices=False)
+        orthonormal, triangle = np.linalg.qr(matrix)  # first: tall matrices are slow to decompose
+        u, s, vt = np.linalg.svd(triangle, full_matrices=False)
         keep = s > NUISANCE_RANK * yardstick.max(initial=0.0)
-        self.u, self.s, self.v = u[:, keep], s[keep], vt[keep].T
+        self.u, self.s, self.v = orthonormal @ u[:, keep], s[keep], vt[keep].T
 
     @property
     def rank(self) -> int:

@@ -15,13 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-OUTLIER_D2 = float(chi2.ppf(1 - 1e-4, df=3))
-MEDIAN_D2 = float(chi2.median(df=3))
+# Quantiles of χ² with three degrees of freedom: one in 10 000 above, and one in two.
+OUTLIER_D2 = 2.0 * float(gammaincinv(1.5, 1 - 1e-4))
+MEDIAN_D2 = 2.0 * float(gammaincinv(1.5, 0.5))
 #: Below this a reading's noise is rounding (mm).
 LEAST_MM = 1e-9
 

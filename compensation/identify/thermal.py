@@ -12,9 +12,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
@@ -208,12 +210,7 @@ class Comparison:
     def _per_temperature_rms_um(self, order: int) -> float:
         """The paper's way: constants at each temperature, then a polynomial through each."""
         constants = np.arange(self._n_constants)
-        others = [~mask for _, mask in self.groups]
-        alone = HeldOut(
-            self.fit, self._columns[:, :, constants], self._heldout.scale[constants],
-            self._residual, others,
-        )  # fmt: skip
-        identified = np.array([alone.solve(i, constants) for i in range(len(self.groups))])
+        identified = self._identified_alone
         reference = self.fit.reference_c
         rises = np.array([temperature for temperature, _ in self.groups]) - reference
         rows = []
@@ -225,6 +222,16 @@ class Comparison:
             rows.append(fold.tried(constants, change))
         return rms_um(np.concatenate(rows))
 
+    @cached_property
+    def _identified_alone(self) -> F64:
+        """Constants (groups, C) identified from each temperature's readings only."""
+        constants = np.arange(self._n_constants)
+        alone = HeldOut(
+            self.fit, self._columns[:, :, constants], self._heldout.scale[constants],
+            self._residual, [~mask for _, mask in self.groups],
+        )  # fmt: skip
+        return np.array([alone.solve(i, constants) for i in range(len(self.groups))])
+
 
 def _plain(term: Term) -> str:
     return term.model_copy(
@@ -233,22 +240,27 @@ def _plain(term: Term) -> str:
 
 
 def _lengths(arm: Arm) -> list[tuple[str, dict[str, float]]]:
-    """Lengths that matter, with the weights of their temperature; the tip goes by the last.
+    """Lengths that matter, with the weights of their temperature.
 
-    Not d of joint 1: the base's own growth moves every placement alike.
+    Not d of joint 1: the base's own growth moves every placement alike. What the last link adds
+    to the tip's offset grows with it, all by the last joint's temperature.
     """
-    nominal = dict(zip(parameters.names(arm.n_joints), arm.nominal().tolist(), strict=True))
-    found = [
-        (f"{stem}_{k}", joint.weights)
-        for k, joint in enumerate(arm.joint, 1)
-        if joint.weights
-        for stem in ("d", "a")
+    lengths = [
+        (f"{stem}_{k}", joint.weights, length)
+        for k, joint in enumerate(arm.joint[:-1], 1)
+        for stem, length in (("d", joint.d_mm), ("a", joint.a_mm))
     ]
-    found += [(name, arm.joint[-1].weights) for name in parameters.TIP_PARAMETERS]
+    last = arm.joint[-1]
+    link = Rotation.from_euler("XY", [last.alpha_deg, last.beta_deg], degrees=True)
+    lever = link.inv().apply([last.a_mm, 0.0, last.d_mm]) + arm.tip.offset_mm
+    lengths += [
+        (name, last.weights, float(length))
+        for name, length in zip(parameters.TIP_PARAMETERS, lever, strict=True)
+    ]
     return [
         (name, weights)
-        for name, weights in found
-        if weights and name != "d_1" and abs(nominal[name]) > LEAST_LENGTH_MM
+        for name, weights, length in lengths
+        if weights and name != "d_1" and abs(length) > LEAST_LENGTH_MM
     ]
 
 
