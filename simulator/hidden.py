@@ -79,7 +79,8 @@ def generate_case(
     sick = later
     for i, plant in enumerate(plants):
         sick = plant_all(sick, [plant], own(i))
-    measured = [*healthy.carry_out(rng), *sick.carry_out(rng)]
+    earlier, present = list(healthy.carry_out(rng)), list(sick.carry_out(rng))
+    measured = earlier + present
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "arm.toml", later.arm_toml)
     for session in measured:
@@ -89,9 +90,7 @@ def generate_case(
         return [folder / m.plan.name for m in measured if m.plan.name.startswith(prefix)]
 
     effects = [
-        _effect(
-            plant, campaign, later, [m for m in measured if not m.plan.name.startswith("before")]
-        )
+        _effect(plant, campaign, later, present)
         for plant, campaign in zip(plants, alone, strict=True)
     ]
     return HiddenCase(

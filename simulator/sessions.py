@@ -66,9 +66,8 @@ def run(args: argparse.Namespace) -> int:
     campaign = plant_all(campaign, args.plant, np.random.default_rng([args.seed, 0x9147]))
     measured = write_campaign(folder, campaign, args.seed)
     if args.truth_out is not None:
-        write_whole(
-            args.truth_out, json.dumps(truth_of(campaign, args.plant, measured), indent=1) + "\n"
-        )
+        truth = truth_of(campaign, args.plant, measured)
+        write_whole(args.truth_out, json.dumps(truth, indent=1) + "\n")
     print(f"{len(measured)} sessions, {sum(m.n for m in measured)} readings in {folder}")
     return 0
 
