@@ -1,0 +1,216 @@
+"""One model with the findings so far, fitted to the rests with their real noise."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation import parameters
+from armd.compensation.arm import Arm
+from armd.compensation.diagnose import noise as noise_model
+from armd.compensation.diagnose.baseline import Baseline, moved, scaled
+from armd.compensation.diagnose.evidence import inverse_factor
+from armd.compensation.diagnose.noise import Absorbing, Noise
+from armd.compensation.diagnose.problem import Linear, ModelState, Rests, linearise
+from armd.compensation.diagnose.signatures import compile_candidates
+from armd.compensation.effects.effect import Candidate
+
+F64 = npt.NDArray[np.float64]
+
+#: A step that moves no point by more than this needs no second linearisation.
+SMALL_STEP_MM = 0.02
+MOST_STEPS = 6
+#: Findings of more columns than this are curves, held together by the catalogue's sizes.
+MOST_FREE_COLUMNS = 6
+CURVE_SCALE = 10.0
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which of the absorbing columns belong to whom."""
+
+    identified: slice  # constants and terms (when held: the directions of their covariance)
+    findings: tuple[slice, ...]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Everything known after fitting: where the model stands, what is left, what absorbs."""
+
+    linear: Linear
+    model: ModelState  # constants and own terms, findings not included
+    findings: tuple[Candidate, ...]
+    amplitudes: tuple[F64, ...]  # per finding
+    covariances: tuple[F64, ...]
+    noise: Noise
+    absorbing: Absorbing
+    layout: Layout
+    residual: F64  # (N,) before anything absorbs, winsorised about the fit
+    fitted: F64  # (N,) of it what the absorbing columns explain
+    solution: F64  # (b,)
+    inverse: F64  # (b, b) covariance of the solution
+
+
+def with_findings(
+    model: ModelState, findings: Sequence[Candidate], amplitudes: Sequence[F64]
+) -> ModelState:
+    """The model with the findings' terms appended."""
+    terms = [
+        term
+        for candidate, values in zip(findings, amplitudes, strict=True)
+        for column, value in zip(candidate.columns, values, strict=True)
+        for term in scaled(column.terms, float(value))
+    ]
+    return replace(model, terms=(*model.terms, *terms))
+
+
+def finding_columns(linear: Linear, findings: Sequence[Candidate], arm: Arm) -> list[F64]:
+    """Columns (N, m) of each finding, in mm."""
+    signatures = compile_candidates(findings, linear, arm)
+    return [
+        signatures.block(linear, linear.jacobian, signatures.columns_of(i))
+        for i in range(len(findings))
+    ]
+
+
+def fit(
+    rests: Rests,
+    arm: Arm,
+    baseline: Baseline,
+    model: ModelState,
+    findings: Sequence[Candidate] = (),
+    amplitudes: Sequence[F64] = (),
+    noise_extra: Sequence[Candidate] = (),
+    noise: Noise | None = None,
+) -> Fit:
+    """Gauss–Newton with the noise estimated along the way (from *noise*, where it is known).
+
+    *noise_extra* absorbs while the noise is estimated, and only then: effects that look like
+    noise (a steady drift) must not be counted as noise before they had their chance.
+    """
+    amplitudes = [values.copy() for values in amplitudes]
+    clipped: F64 | None = None
+    for _ in range(MOST_STEPS):
+        linear = linearise(rests, with_findings(model, findings, amplitudes), arm)
+        columns = finding_columns(linear, findings, arm)
+        # Without the findings' own part, so that the solution is the whole amplitude.
+        residual = linear.residual - _kinematic_part(findings, columns, amplitudes)
+        absorbing, layout = _absorbing(linear, arm, baseline, findings, columns)
+        extra = finding_columns(linear, noise_extra, arm)
+        for_noise = absorbing.joined(np.hstack([np.zeros((len(residual), 0)), *extra]))
+        for _ in range(2 if noise is None else 1):
+            at_hand = residual if clipped is None else clipped
+            noise = noise_model.estimate(linear, at_hand, for_noise, noise)
+            solution, inverse = solve(absorbing.ridged(noise), noise, at_hand)
+            fitted = absorbing.columns @ solution
+            clipped = noise_model.winsorise(residual, fitted, noise)
+        solution, inverse = solve(absorbing.ridged(noise), noise, clipped)
+        fitted = absorbing.columns @ solution
+        before = amplitudes
+        amplitudes = [-solution[at] for at in layout.findings]
+        shift = [
+            block @ (new - old) for block, new, old in zip(columns, amplitudes, before, strict=True)
+        ]
+        if not baseline.held:
+            step = -solution[layout.identified]
+            shift.append(absorbing.columns[:, layout.identified] @ step)
+        if max((np.abs(part).max() for part in shift), default=0.0) < SMALL_STEP_MM:
+            break
+        if not baseline.held:
+            model = moved(model, baseline, step)
+    return Fit(
+        linear,
+        model,
+        tuple(findings),
+        tuple(amplitudes),
+        tuple(inverse[at, at] for at in layout.findings),
+        noise,
+        absorbing.ridged(noise),
+        layout,
+        clipped,
+        fitted,
+        solution,
+        inverse,
+    )
+
+
+def _kinematic_part(
+    findings: Sequence[Candidate], columns: Sequence[F64], amplitudes: Sequence[F64]
+) -> F64 | float:
+    """What the findings' terms add to the linearised residual; the artefact's are not in it."""
+    total: F64 | float = 0.0
+    for candidate, block, values in zip(findings, columns, amplitudes, strict=True):
+        terms = np.array([float(column.artefact is None) for column in candidate.columns])
+        total = total + block @ (values * terms)
+    return total
+
+
+def _absorbing(
+    linear: Linear,
+    arm: Arm,
+    baseline: Baseline,
+    findings: Sequence[Candidate],
+    columns: Sequence[F64],
+) -> tuple[Absorbing, Layout]:
+    own = baseline.columns(linear, arm)
+    if baseline.held:
+        own = own @ baseline.root
+    targets = noise_model.target_columns(linear)
+    drift = noise_model.drift_columns(linear)
+    blocks = [
+        Absorbing(linear.nuisance, np.full(linear.nuisance.shape[1], np.inf)),
+        Absorbing(own, np.full(own.shape[1], 1.0 if baseline.held else np.inf)),
+        *(
+            Absorbing(block, _variance(candidate))
+            for candidate, block in zip(findings, columns, strict=True)
+        ),
+        _column_of_the_mount(linear, arm),
+        targets,
+        drift,
+    ]
+    edges = np.cumsum([0, *(block.columns.shape[1] for block in blocks)])
+    places = [slice(low, high) for low, high in itertools.pairwise(edges)]
+    joined = Absorbing(
+        np.hstack([block.columns for block in blocks]),
+        np.concatenate([block.variance for block in blocks]),
+    )
+    return joined, Layout(places[1], tuple(places[2:-3]))
+
+
+def _column_of_the_mount(linear: Linear, arm: Arm) -> Absorbing:
+    """How the first link grows with its temperature, where the model under test is silent on it.
+
+    Within one temperature that is the placement's, so a calibration leaves it out; a ramp during
+    one placement shows it, and no cause is to be found in that.
+    """
+    silent = not any(term.parameter == "d_1" and term.basis for term in linear.model.terms)
+    states = linear.rests.observations.states
+    weights = arm.joint[0].weights
+    if not (silent and weights):
+        return Absorbing(np.zeros((len(linear.residual), 0)), np.zeros(0))
+    temperature = sum(w * states.temperature_c[:, arm.sensors.index(s)] for s, w in weights.items())
+    rise = np.nan_to_num(temperature - linear.model.reference_c)
+    column = linear.signature(parameters.index("d_1", arm.n_joints), rise)
+    return Absorbing(column[:, None], np.array([np.inf]))
+
+
+def _variance(candidate: Candidate) -> F64:
+    """Amplitudes are free, those of a curve as large as the catalogue allows."""
+    if len(candidate.columns) <= MOST_FREE_COLUMNS:
+        return np.full(len(candidate.columns), np.inf)
+    return np.array([(CURVE_SCALE * column.typical) ** 2 for column in candidate.columns])
+
+
+def solve(absorbing: Absorbing, noise: Noise, residual: F64) -> tuple[F64, F64]:
+    """Generalised least squares: solution (b,) with B x ≈ residual, and its covariance (b, b)."""
+    white = noise.whiten(absorbing.columns)
+    scale = np.sqrt((white**2).sum(axis=0))
+    scale[scale == 0.0] = 1.0
+    white /= scale
+    factor = inverse_factor(white.T @ white + np.diag(1.0 / (absorbing.variance * scale**2)))
+    inverse = factor @ factor.T / np.outer(scale, scale)
+    return inverse @ (scale * (white.T @ noise.whiten(residual))), inverse

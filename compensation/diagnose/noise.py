@@ -1,0 +1,242 @@
+"""The real noise of a set of rests: variances by restricted maximum likelihood, and whitening.
+
+V = s² (ρ J_q J_qᵀ L⁻² + (1 − ρ) I) + Z diag(a) Zᵀ. The first part is independent between rests:
+the encoders' noise through the joint Jacobian (L a lever that makes ρ a share) and the repeat of
+a point. Z holds what rests share: certified targets that are not quite where they should be, a
+slow wandering of the base, and constants known only as well as their calibration says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize, minimize_scalar
+
+from armd.compensation.diagnose.problem import Linear
+
+F64 = npt.NDArray[np.float64]
+
+LEVER_MM = 500.0
+#: Slow drift is a random path through knots this far apart (and at most so many per session).
+KNOT_S = 900.0
+MOST_KNOTS = 8
+#: Beyond this many standard deviations of a rest's three components a residual counts as its edge.
+WINSOR_AT = 3.8
+_TINY = 1e-10
+
+
+@dataclass(frozen=True)
+class Absorbing:
+    """Columns (N, b) that explain for themselves, each amplitude normal with a variance.
+
+    Infinite: it absorbs freely. NaN: the slow drift's, which the noise estimate fills in.
+    """
+
+    columns: F64
+    variance: F64
+
+    def joined(self, free: F64) -> Absorbing:
+        """With more columns that absorb freely."""
+        variance = np.concatenate([self.variance, np.full(free.shape[1], np.inf)])
+        return Absorbing(np.hstack([self.columns, free]), variance)
+
+    def ridged(self, noise: Noise) -> Absorbing:
+        """With the drift's variance filled in."""
+        variance = np.where(np.isnan(self.variance), noise.drift_mm**2, self.variance)
+        return Absorbing(self.columns, np.maximum(variance, 1e-14))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Estimated variances, and a whitening of the part that is independent between rests."""
+
+    scale_mm: float  # s
+    encoder_share: float  # ρ
+    drift_mm: float  # standard deviation of the slow drift
+    encoder_rad: float
+    repeat_mm: float
+    whitener: F64  # (n, 3, 3): applied to a rest's residual gives unit variance
+    distance_mm: F64  # (D,) standard uncertainties of the certified lengths
+
+    def whiten(self, columns: F64) -> F64:
+        """Rows (N,) or (N, m) in units of their own noise."""
+        n = len(self.whitener)
+        flat = columns.reshape(len(columns), -1)
+        white = np.empty_like(flat)
+        white[: 3 * n] = (self.whitener @ flat[: 3 * n].reshape(n, 3, -1)).reshape(3 * n, -1)
+        white[3 * n :] = flat[3 * n :] / self.distance_mm[:, None]
+        return white.reshape(columns.shape)
+
+
+def target_columns(linear: Linear) -> Absorbing:
+    """What certified positions do not know: three columns per target, shared by its rests."""
+    observations = linear.rests.observations
+    uncertainty = observations.uncertainty_mm
+    labels = np.array(linear.rests.target_label)
+    certified = (uncertainty > 0) & ~observations.unknown
+    used = np.zeros(len(labels), dtype=bool)
+    used[observations.target[~observations.has_truth]] = True
+    columns, variance = [], []
+    rotation = linear.poses.rotation[observations.placement]
+    for label in dict.fromkeys(labels[certified & used]):
+        rows = (labels[observations.target] == label) & ~observations.has_truth
+        sigma = float(uncertainty[labels == label].max())
+        for axis in range(3):
+            column = np.zeros(len(linear.residual))
+            column[: 3 * linear.rests.n] = (rotation[:, :, axis] * rows[:, None]).ravel()
+            columns.append(column)
+            variance.append(sigma**2)
+    return Absorbing(_stack(columns, linear), np.array(variance))
+
+
+def drift_columns(linear: Linear) -> Absorbing:
+    """A wandering base: hats over time in each session, three directions each."""
+    observations = linear.rests.observations
+    columns = []
+    for session in np.unique(observations.session):
+        rows = np.flatnonzero(observations.session == session)
+        time = observations.states.time_s[rows]
+        span = float(np.ptp(time))
+        if len(rows) < 6 or span <= 0:
+            continue
+        knots = np.linspace(time.min(), time.max(), min(MOST_KNOTS, 2 + int(span / KNOT_S)))
+        for knot in knots:
+            hat = np.clip(1.0 - np.abs(time - knot) / (knots[1] - knots[0]), 0.0, None)
+            for axis in range(3):
+                column = np.zeros(len(linear.residual))
+                column[3 * rows + axis] = hat
+                columns.append(column)
+    return Absorbing(_stack(columns, linear), np.full(len(columns), np.nan))
+
+
+def _stack(columns: list[F64], linear: Linear) -> F64:
+    return np.stack(columns, axis=1) if columns else np.zeros((len(linear.residual), 0))
+
+
+def _blocks(linear: Linear, share: float) -> F64:
+    """(n, 3, 3) covariance of a rest for s = 1."""
+    jq = linear.joints / LEVER_MM
+    blocks: F64 = share * np.einsum("nij,nkj->nik", jq, jq) + (1.0 - share) * np.eye(3)
+    return blocks
+
+
+@dataclass(frozen=True)
+class _Gram:
+    """Sums of products for one share ρ, clear of what absorbs freely: scale and drift are then
+    searched without the rows."""
+
+    log_det: float
+    matrix: F64  # (z, z) of the columns that rests share
+    side: F64  # (z,)
+    square: float
+    freedom: int  # rows less the rank of what absorbs freely
+
+
+def estimate(
+    linear: Linear, residual: F64, absorbing: Absorbing, before: Noise | None = None
+) -> Noise:
+    """Variances by REML from *residual* (N,), given what absorbs.
+
+    A winsorised residual keeps heavy tails from widening the noise of all the others. An estimate
+    from *before* shortens the search.
+    """
+    free = np.isinf(absorbing.variance)
+    fixed, shared = absorbing.columns[:, free], absorbing.columns[:, ~free]
+    variance = absorbing.variance[~free]
+    distance = np.maximum(linear.rests.observations.distances.standard_uncertainty_mm, 1e-6)
+
+    def at_share(share: float) -> tuple[float, float, float]:
+        white = _unit_noise(linear, share, distance)
+        return _best_scale(_sums(white, residual, fixed, shared), variance)
+
+    low, high, steps = 0.01, 0.99, 7
+    if before is not None:
+        low, high = max(low, before.encoder_share - 0.15), min(high, before.encoder_share + 0.15)
+        steps = 3
+    found = minimize_scalar(
+        lambda share: at_share(share)[0],
+        bounds=(low, high),
+        method="bounded",
+        options={"maxiter": steps, "xatol": 0.03},
+    )
+    share = float(found.x)
+    _, scale, drift = at_share(share)
+    return Noise(
+        scale_mm=scale,
+        encoder_share=share,
+        drift_mm=drift,
+        encoder_rad=scale * np.sqrt(share) / LEVER_MM,
+        repeat_mm=scale * np.sqrt(1.0 - share),
+        whitener=_unit_noise(linear, share, distance).whitener / scale,
+        distance_mm=distance,
+    )
+
+
+def _unit_noise(linear: Linear, share: float, distance: F64) -> Noise:
+    whitener = np.linalg.inv(np.linalg.cholesky(_blocks(linear, share)))
+    return Noise(1.0, share, 0.0, 0.0, 0.0, whitener, distance)
+
+
+def _sums(noise: Noise, residual: F64, fixed: F64, shared: F64) -> _Gram:
+    both = noise.whiten(np.hstack([fixed, shared, residual[:, None]]))
+    f = fixed.shape[1]
+    gram = both.T @ both
+    size = np.sqrt(np.diag(gram)[:f])
+    size[size == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(gram[:f, :f] / np.outer(size, size))
+    kept = values > _TINY * max(float(values.max(initial=0.0)), 1.0)
+    # A gauge among what absorbs freely leaves no trace.
+    root = vectors[:, kept] / np.sqrt(values[kept])
+    across = root.T @ (gram[:f, f:] / size[:, None])
+    clear = gram[f:, f:] - across.T @ across
+    log_det = -2.0 * float(np.log(np.einsum("nii->ni", noise.whitener)).sum())
+    freedom = len(residual) - int(kept.sum())
+    return _Gram(log_det, clear[:-1, :-1], clear[:-1, -1], float(clear[-1, -1]), freedom)
+
+
+def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
+    """(−2 log likelihood, s, drift) at the best scale and drift for a share."""
+    drifting = np.isnan(variance)
+    first = float(np.sqrt(max(gram.square, 1e-12) / max(gram.freedom, 1)))
+
+    def cost(log_values: F64) -> float:
+        scale, drift = np.exp(log_values[0]), np.exp(log_values[-1])
+        relative = np.where(drifting, drift**2, variance) / scale**2
+        return _likelihood(gram, scale, np.maximum(relative, 1e-8))
+
+    drifts = bool(drifting.any())
+    # 0.3 of the noise to begin with; a path of no drift is the lower edge of the search
+    start = np.array([np.log(first), np.log(0.3 * first)]) if drifts else np.array([np.log(first)])
+    options = {"xatol": 0.02, "fatol": 0.02, "maxfev": 40}
+    best = minimize(cost, start, method="Nelder-Mead", options=options)
+    return float(best.fun), float(np.exp(best.x[0])), float(np.exp(best.x[-1])) if drifts else 0.0
+
+
+def _likelihood(gram: _Gram, scale: float, relative: F64) -> float:
+    """−2 × restricted log likelihood, up to a constant."""
+    root = np.sqrt(relative)
+    matrix = gram.matrix * np.outer(root, root) + np.eye(len(root))
+    factor = np.linalg.cholesky(matrix)
+    towards = solve_triangular(factor, root * gram.side, lower=True, check_finite=False)
+    return float(
+        gram.freedom * 2.0 * np.log(scale)
+        + gram.log_det
+        + 2.0 * np.log(np.diag(factor)).sum()
+        + (gram.square - towards @ towards) / scale**2
+    )
+
+
+def winsorise(residual: F64, fitted: F64, noise: Noise, at: float = WINSOR_AT) -> F64:
+    """Residual (N,) with every rest's distance from *fitted* at most *at* standard deviations."""
+    n = len(noise.whitener)
+    apart = (residual - fitted)[: 3 * n].reshape(n, 3)
+    white = np.einsum("nij,nj->ni", noise.whitener, apart)
+    size = np.linalg.norm(white, axis=1)
+    clipped = residual.copy()
+    clipped[: 3 * n] = (
+        fitted[: 3 * n] + (apart * np.minimum(1.0, at / np.maximum(size, 1e-12))[:, None]).ravel()
+    )
+    return clipped

@@ -1,0 +1,214 @@
+"""The sessions as one linear problem around a model: residuals, and what may absorb them.
+
+Rows are flat: x, y, z of every rest in mm, then one row per certified distance. Readings taken
+one after another at one rest are not independent; they enter as their mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.basis import basis_values, parameter_rows
+from armd.compensation.calibration import ArtefactCorrection
+from armd.compensation.effects.effect import ArtefactChange
+from armd.compensation.identify.observations import Observations, gather
+from armd.compensation.identify.poses import (
+    Poses,
+    centres,
+    fit_poses,
+    pose_columns,
+    target_columns,
+)
+from armd.compensation.kinematics import jacobian, joint_jacobian
+from armd.compensation.session import Session
+from armd.compensation.state import States
+from armd.compensation.terms import Term
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+#: Readings closer than this in every joint, in sequence at one target, are one rest.
+REST_RAD = 1e-4
+
+
+@dataclass(frozen=True)
+class ModelState:
+    """A model at one point of the search: constants, terms, corrections of the artefact."""
+
+    constants: F64  # (P,)
+    terms: tuple[Term, ...]
+    reference_c: float
+    artefact: ArtefactCorrection
+
+
+@dataclass(frozen=True)
+class Rests:
+    """What was measured, one row per rest, and which readings made each."""
+
+    sessions: tuple[Session, ...]
+    observations: Observations  # n rests
+    artefact_rise_c: F64  # (n,) artefact temperature − its reference, 0 missing
+    rest_of: I64  # (readings,) rest of each reading, counted through all sessions
+    target_label: tuple[str, ...]  # per target: its name within the artefact
+
+    @property
+    def n(self) -> int:
+        return self.observations.n
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Residuals and columns around a model; N = 3 n + distances rows."""
+
+    rests: Rests
+    model: ModelState
+    poses: Poses
+    residual: F64  # (N,) mm
+    jacobian: F64  # (P, N) mm per parameter
+    joints: F64  # (n, 3, joints) mm/rad, for the encoders' noise
+    nuisance: F64  # (N, m) placements, unknown seats
+
+    def signature(self, parameter: int, values: F64) -> F64:
+        """Column (N,) of a parameter times basis values (n,)."""
+        column: F64 = self.jacobian[parameter].copy()
+        column[: 3 * self.rests.n] *= np.repeat(values, 3)
+        return column
+
+    def artefact_column(self, change: ArtefactChange) -> F64:
+        """Column (N,) of a change of the artefact: the residual is tip minus target."""
+        observations = self.rests.observations
+        column = np.zeros(len(self.residual))
+        if change.kind == "distance":
+            column[3 * self.rests.n + change.index] = -1.0
+            return column
+        at = observations.known_mm(self.poses.target_mm)
+        if change.kind == "expansion":
+            move = at * self.rests.artefact_rise_c[:, None]
+        elif change.kind == "scale":
+            move = at
+        else:
+            label = np.array(self.rests.target_label)[observations.target]
+            move = np.zeros((self.rests.n, 3))
+            move[(label == change.target) & ~observations.has_truth, change.axis] = 1.0
+        rotation = self.poses.rotation[observations.placement]
+        column[: 3 * self.rests.n] = -np.einsum("nij,nj->ni", rotation, move).ravel()
+        return column
+
+
+def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
+    """Join sessions and average the readings of each rest."""
+    raw = gather(sessions, arm)
+    rise = np.concatenate([s.artefact_c - s.artefact.reference_temperature_c for s in sessions])
+    rest_of = _rests(raw)
+    first = np.unique(rest_of, return_index=True)[1]
+    states = raw.states
+
+    def mean(values: F64) -> F64:
+        flat = values.reshape(len(values), -1)
+        sums = np.stack([np.bincount(rest_of, column) for column in flat.T], axis=1)
+        average: F64 = (sums / np.bincount(rest_of)[:, None]).reshape(-1, *values.shape[1:])
+        return average
+
+    observations = replace(
+        raw,
+        states=States(
+            q=mean(states.q),
+            rate=mean(states.rate),
+            temperature_c=mean(states.temperature_c),
+            time_s=mean(states.time_s),
+            approach=states.approach[first],
+            series=states.series[first],
+        ),
+        session=raw.session[first],
+        placement=raw.placement[first],
+        target=raw.target[first],
+        truth_mm=mean(raw.truth_mm),
+        stretch=mean(raw.stretch),
+    )
+    labels = tuple(name for s in sessions for name in s.artefact.target_names)
+    return Rests(tuple(sessions), observations, np.nan_to_num(mean(rise)), rest_of, labels)
+
+
+def _rests(raw: Observations) -> I64:
+    """Number of the rest of every reading."""
+    if raw.n == 0:
+        return np.zeros(0, dtype=np.int64)
+    q, side = raw.states.q, np.sign(np.nan_to_num(raw.states.rate))
+    new = np.ones(raw.n, dtype=bool)
+    new[1:] = (
+        (np.abs(np.diff(q, axis=0)).max(axis=1) > REST_RAD)
+        | (np.diff(raw.placement) != 0)
+        | (np.diff(raw.target) != 0)
+        | (np.diff(raw.session) != 0)
+        | (np.diff(side, axis=0) != 0).any(axis=1)
+        | raw.has_truth[1:]
+    )
+    return np.cumsum(new) - 1
+
+
+def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
+    """Fit placements and unknown seats under *model*; everything else becomes columns."""
+    observations = _corrected(rests, model.artefact)
+    values = basis_values(model.terms, observations.states, arm, model.reference_c, model.constants)
+    rows = parameter_rows(model.constants, model.terms, values)
+    position, columns = jacobian(observations.states.q, rows)
+    poses = fit_poses(observations, position)
+    distances = observations.distances
+    n, n_distances = observations.n, len(distances.length_mm)
+    size = 3 * n + n_distances
+    parameters = np.zeros((columns.shape[2], size))
+    parameters[:, : 3 * n] = columns.reshape(3 * n, -1).T
+    residual = np.zeros(size)
+    residual[: 3 * n] = poses.residual(observations, position).ravel()
+    apart = poses.target_mm[distances.between[:, 0]] - poses.target_mm[distances.between[:, 1]]
+    length = np.linalg.norm(apart, axis=1)
+    residual[3 * n :] = length - distances.length_mm
+    direction = apart / np.maximum(length, 1e-12)[:, None]
+    return Linear(
+        rests=replace(rests, observations=observations),
+        model=model,
+        poses=poses,
+        residual=residual,
+        jacobian=parameters,
+        joints=joint_jacobian(observations.states.q, rows),
+        nuisance=_nuisance(observations, poses, position, direction, size),
+    )
+
+
+def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
+    """The observations under a correction of the artefact, as `identify` applies it."""
+    observations = rests.observations
+    corrected = gather(rests.sessions, observations.arm, correction)
+    first = np.unique(rests.rest_of, return_index=True)[1]
+    return replace(
+        observations,
+        stretch=corrected.stretch[first],
+        position_mm=corrected.position_mm,
+    )
+
+
+def _nuisance(
+    observations: Observations, poses: Poses, position: F64, direction: F64, size: int
+) -> F64:
+    """Columns (N, m) of every placement's pose and every unknown seat's position."""
+    n, n_placements = observations.n, len(observations.placement_names)
+    columns = np.zeros((size, 6 * n_placements + 3 * len(observations.target_names)))
+    rows = 3 * np.arange(n)[:, None] + np.arange(3)
+    pose_block = pose_columns(observations, position, centres(observations, position))
+    for j in range(6):
+        columns[rows, (6 * observations.placement + j)[:, None]] = pose_block[:, :, j]
+    target_block = target_columns(observations, poses)
+    first = 6 * n_placements
+    for j in range(3):
+        columns[rows, (first + 3 * observations.target + j)[:, None]] = target_block[:, :, j]
+    for i, (a, b) in enumerate(observations.distances.between):
+        columns[3 * n + i, first + 3 * a : first + 3 * a + 3] = direction[i]
+        columns[3 * n + i, first + 3 * b : first + 3 * b + 3] = -direction[i]
+    columns[:, first:][:, np.repeat(~observations.unknown, 3)] = 0.0
+    kept: F64 = columns[:, np.abs(columns).max(axis=0) > 0.0]
+    return kept

@@ -1,0 +1,61 @@
+"""What the catalogue may assume of these sessions: which data there are, and when."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.diagnose.baseline import Baseline
+from armd.compensation.diagnose.problem import Rests
+from armd.compensation.effects.effect import Scene
+
+F64 = npt.NDArray[np.float64]
+
+#: Moments at which something may have stepped, on the first, coarse grid.
+MOST_INSTANTS = 40
+
+
+def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
+    """The scene of these rests under the model to test."""
+    observations = rests.observations
+    states = observations.states
+    temperatures = states.temperature_c
+    varied = np.isfinite(temperatures).all(axis=0) & (np.ptp(temperatures, axis=0) > 0.05)
+    moments = _moments(states.time_s)
+    labels = np.array(rests.target_label)
+    distances = observations.distances
+    certified = np.unique(labels[observations.target[~observations.has_truth]])
+    certified = [name for name in certified if not observations.unknown[labels == name].any()]
+    rate = states.rate[np.isfinite(states.rate)]
+    return Scene(
+        arm=arm,
+        constants=baseline.model.constants,
+        terms=baseline.model.terms,
+        reference_c=baseline.model.reference_c,
+        held=baseline.held,
+        sensors=tuple(name for name, ok in zip(arm.sensors, varied, strict=True) if ok),
+        rates=bool(rate.size and np.any(rate != 0.0)),
+        approach=bool(np.isfinite(states.approach).all(axis=1).mean() > 0.5),
+        artefact_c=bool(np.ptp(rests.artefact_rise_c) > 0.05),
+        targets=tuple(map(str, certified)) if len(certified) > 3 else (),
+        distances=tuple(f"{labels[a]}, {labels[b]}" for a, b in distances.between),
+        start_unix_s=float(states.time_s.min()),
+        instants_unix_s=_grid(moments),
+        all_instants_unix_s=moments,
+    )
+
+
+def _moments(time_s: F64) -> F64:
+    """Halfway between one rest and the next."""
+    times = np.unique(time_s)
+    halfway: F64 = (times[1:] + times[:-1]) / 2
+    return halfway
+
+
+def _grid(moments: F64) -> tuple[float, ...]:
+    """Evenly spread over the readings, not over the hours."""
+    if len(moments) <= MOST_INSTANTS:
+        return tuple(map(float, moments))
+    picked = np.linspace(0, len(moments) - 1, MOST_INSTANTS + 2).round().astype(int)[1:-1]
+    return tuple(map(float, moments[np.unique(picked)]))

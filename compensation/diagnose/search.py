@@ -1,0 +1,276 @@
+"""The search: one cause after another, each time the most probable, until nothing is wanted.
+
+Forward by posterior among all candidates, admitted by a family-wise threshold on the score;
+then a look back whether every finding is still needed and still the best name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.diagnose.baseline import Baseline
+from armd.compensation.diagnose.evidence import (
+    Scores,
+    Sums,
+    add_up,
+    effective_tests,
+    family_wise,
+    score,
+)
+from armd.compensation.diagnose.fit import Fit, fit
+from armd.compensation.diagnose.problem import Rests
+from armd.compensation.diagnose.scene import make_scene
+from armd.compensation.diagnose.signatures import Signatures, compile_candidates
+from armd.compensation.effects import catalogue, unknown
+from armd.compensation.effects.effect import Candidate, Scene
+from armd.compensation.effects.mount_drift import steady_drift
+
+F64 = npt.NDArray[np.float64]
+
+ALPHA = 0.01  # family-wise false-alarm rate on clean data
+DRAWS = 300
+MOST_FINDINGS = 10
+MOST_STEPS = 16
+#: A finding is renamed when another name is so many times as probable.
+CLEARLY = 10.0
+#: A place this much less probable than the best is still told as an alternative.
+LEAST_PROBABILITY = 0.01
+#: A rival that leaves the finding nothing to add (p above this) cannot be told from it.
+INDISTINGUISHABLE_P = 0.01
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another cause that these data would also bear."""
+
+    candidate: Candidate
+    probability: float
+    angle_deg: float  # between the projected signatures
+
+
+@dataclass(frozen=True)
+class Found:
+    """A finding of the search, before its gain is measured."""
+
+    candidate: Candidate
+    p_value: float  # family-wise
+    statistic: float
+    probability: float
+    rivals: tuple[Rival, ...]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What the search ends with."""
+
+    scene: Scene
+    first: Fit  # without findings
+    last: Fit  # with all
+    found: tuple[Found, ...]
+    tests: float
+    remaining_p: float  # family-wise p of the strongest candidate left out
+
+
+class Search:
+    """One search over one set of rests."""
+
+    def __init__(
+        self,
+        rests: Rests,
+        arm: Arm,
+        baseline: Baseline,
+        progress: Progress = lambda _text, _share: None,
+        seed: int = 1,
+    ) -> None:
+        self.rests = rests
+        self.arm = arm
+        self.baseline = baseline
+        self.scene = make_scene(rests, arm, baseline)
+        self._candidates = [*catalogue.candidates(self.scene), *unknown.candidates(self.scene)]
+        self._steady = [steady_drift(self.scene)]
+        self._progress = progress
+        self._seed = seed
+        self._tests = 1.0
+        self._signatures: Signatures | None = None
+
+    def run(self) -> Result:
+        """Search forward, looking back after every step."""
+        first = current = self._fit([])
+        sums, scores = self._survey(current)
+        seen: set[str] = set()
+        for step in range(MOST_STEPS):
+            self._progress(f"{len(current.findings)} found", step / MOST_STEPS)
+            best = self._best(scores)
+            if best is None or len(current.findings) >= MOST_FINDINGS:
+                break
+            findings = [*current.findings, self._refined(best, current)]
+            key = "".join(sorted(repr((c.place, c.setting)) for c in findings))
+            if key in seen:  # a circle: the search stays where it stands
+                break
+            seen.add(key)
+            current = self._pruned(self._fit(findings, current))
+            sums, scores = self._survey(current)
+            current, sums, scores = self._swapped(current, sums, scores)
+        remaining = family_wise(float(scores.log_p.min(initial=0.0)), self._tests)
+        found = tuple(self._account(i, current, sums) for i in range(len(current.findings)))
+        return Result(self.scene, first, current, found, self._tests, remaining)
+
+    def _fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
+        """A fit that starts where *before* ended."""
+        known = {}
+        if before is not None:
+            known = dict(zip(map(id, before.findings), before.amplitudes, strict=True))
+        start = [known.get(id(c), np.zeros(len(c.columns))) for c in findings]
+        model = self.baseline.model if before is None else before.model
+        noise = None if before is None else before.noise
+        return fit(self.rests, self.arm, self.baseline, model, findings, start, self._steady, noise)
+
+    def _pruned(self, current: Fit) -> Fit:
+        """Without findings that are not significant any more, the weakest first."""
+        while len(current.findings) > 1:
+            sums = self._own_sums(current)
+            log_p = [
+                float(score(sums, range(at.start, at.stop)).log_p[i])
+                for i, at in enumerate(current.layout.findings)
+            ]
+            weakest = int(np.argmax(log_p))
+            if family_wise(log_p[weakest], self._tests) < ALPHA:
+                break
+            kept = [c for i, c in enumerate(current.findings) if i != weakest]
+            current = self._fit(kept, current)
+        return current
+
+    def _swapped(self, current: Fit, sums: Sums, scores: Scores) -> tuple[Fit, Sums, Scores]:
+        """With a finding renamed where, all others given, another name is clearly likelier."""
+        if len(current.findings) < 2:
+            return current, sums, scores
+        for i, candidate in enumerate(current.findings):
+            at = current.layout.findings[i]
+            alone = score(sums, range(at.start, at.stop))
+            places = alone.places()
+            own = self._posterior_of(candidate, i, current, alone)
+            best = max(places, key=lambda key: places[key])
+            if best != candidate.place and places[best] > CLEARLY * own:
+                rival = self._best(alone)
+                if rival is None:
+                    continue
+                findings = [c for j, c in enumerate(current.findings) if j != i]
+                without = self._fit(findings, current)
+                current = self._pruned(
+                    self._fit([*findings, self._refined(rival, without)], without)
+                )
+                return current, *self._survey(current)
+        return current, sums, scores
+
+    def _survey(self, current: Fit) -> tuple[Sums, Scores]:
+        """All candidates against what is left; the threshold is simulated the first time."""
+        if self._signatures is None:
+            self._signatures = compile_candidates(self._candidates, current.linear, self.arm)
+            draws = _draws(current, self._seed)
+        else:
+            draws = None
+        sums = add_up(
+            current.linear,
+            current.noise,
+            current.residual,
+            current.absorbing,
+            self._signatures,
+            draws,
+        )
+        scores = score(sums)
+        if draws is not None:
+            self._tests = effective_tests(scores.least_log_p)
+        return sums, scores
+
+    def _best(self, scores: Scores) -> Candidate | None:
+        """The most probable place among all, if anything is significant; there its best value."""
+        significant = family_wise(float(scores.log_p.min(initial=0.0)), self._tests) < ALPHA
+        if not significant:
+            return None
+        posterior = scores.log_posterior()
+        places = scores.places()
+        place = max(places, key=lambda key: places[key])
+        of_place = [c.place == place for c in scores.signatures.candidates]
+        return scores.signatures.candidates[int(np.argmax(np.where(of_place, posterior, -np.inf)))]
+
+    def _refined(self, candidate: Candidate, current: Fit) -> Candidate:
+        """The best value of the non-linear parameters on a finer grid."""
+        if candidate.refine is None:
+            return candidate
+        finer = [candidate, *candidate.refine()]
+        signatures = compile_candidates(finer, current.linear, self.arm)
+        scores = score(
+            add_up(current.linear, current.noise, current.residual, current.absorbing, signatures)
+        )
+        return finer[int(np.argmax(scores.log_evidence))]
+
+    def _own_sums(self, current: Fit) -> Sums:
+        """Sums for the findings themselves as candidates."""
+        signatures = compile_candidates(current.findings, current.linear, self.arm)
+        return add_up(
+            current.linear, current.noise, current.residual, current.absorbing, signatures
+        )
+
+    def _posterior_of(
+        self, candidate: Candidate, index: int, current: Fit, scores: Scores
+    ) -> float:
+        """Posterior weight of a finding's place; a refined value may be better than its grid."""
+        of_place = np.array([c.place == candidate.place for c in scores.signatures.candidates])
+        weight = float(np.exp(scores.log_posterior())[of_place].sum())
+        if candidate.refine is not None or candidate in scores.signatures.candidates:
+            return weight
+        at = current.layout.findings[index]
+        own = score(self._own_sums(current), range(at.start, at.stop))
+        best = scores.log_evidence[of_place].max(initial=-np.inf)
+        if not np.isfinite(best):
+            return weight
+        return weight * float(np.exp(np.clip(own.log_evidence[index] - best, 0.0, 500.0)))
+
+    def _account(self, index: int, current: Fit, sums: Sums) -> Found:
+        """Significance, probability and rivals of one finding, given all the others."""
+        candidate = current.findings[index]
+        at = current.layout.findings[index]
+        without = range(at.start, at.stop)
+        own = score(self._own_sums(current), without)
+        scores = score(sums, without)
+        weights = scores.places()
+        weights[candidate.place] = self._posterior_of(candidate, index, current, scores)
+        total = sum(weights.values())
+        probability = {place: weight / total for place, weight in weights.items()}
+        return Found(
+            candidate,
+            family_wise(float(own.log_p[index]), self._tests),
+            float(own.statistic[index]),
+            probability[candidate.place],
+            self._rivals(candidate, probability, scores),
+        )
+
+    def _rivals(
+        self, candidate: Candidate, probability: dict[tuple[str, str], float], scores: Scores
+    ) -> tuple[Rival, ...]:
+        posterior = scores.log_posterior()
+        rivals = []
+        for place in sorted(probability, key=lambda key: -probability[key]):
+            if place == candidate.place or probability[place] < LEAST_PROBABILITY:
+                continue
+            of_place = [c.place == place for c in scores.signatures.candidates]
+            best = int(np.argmax(np.where(of_place, posterior, -np.inf)))
+            rivals.append(Rival(scores.signatures.candidates[best], probability[place], np.nan))
+        return tuple(rivals[:8])
+
+
+def _draws(current: Fit, seed: int) -> F64:
+    """Whitened noise (N, R) as the fitted noise would make it, shared parts included."""
+    rng = np.random.default_rng(seed)
+    draws = rng.standard_normal((len(current.residual), DRAWS))
+    finite = np.isfinite(current.absorbing.variance)
+    columns = current.noise.whiten(current.absorbing.columns[:, finite])
+    spread = np.sqrt(current.absorbing.variance[finite])
+    return draws + columns @ (spread[:, None] * rng.standard_normal((finite.sum(), DRAWS)))

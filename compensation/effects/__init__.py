@@ -1,0 +1,1 @@
+"""The catalogue of causes: what can be wrong with an arm, one small file per effect."""

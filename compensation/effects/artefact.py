@@ -1,0 +1,65 @@
+"""The artefact is not what its certificate says: its expansion, its lengths, one target."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armd.compensation.effects.effect import (
+    F64,
+    ArtefactChange,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+)
+
+
+def expansion(scene: Scene) -> Iterator[Candidate]:
+    if scene.artefact_c:
+        column = Column("per kelvin", "1/K", 2.5e-6, artefact=ArtefactChange("expansion"))
+        yield Candidate("artefact_expansion", "artefact", (column,), ("artefact_c",))
+
+
+def length(scene: Scene) -> Iterator[Candidate]:
+    scale = Column("scale", "1", 20e-6, artefact=ArtefactChange("scale"))
+    yield Candidate("artefact_length", "artefact", (scale,), ("target",))
+    for name in scene.targets:
+        columns = tuple(
+            Column("xyz"[axis], "mm", 10e-3, artefact=ArtefactChange("target", name, axis))
+            for axis in range(3)
+        )
+        yield Candidate("artefact_length", f"target {name}", columns, ("target",))
+    for index, name in enumerate(scene.distances):
+        change = ArtefactChange("distance", name, index=index)
+        column = Column(f"distance {name}", "mm", 50e-3, artefact=change)
+        yield Candidate("artefact_length", "artefact", (column,), ("target",))
+
+
+def read_expansion(_: Candidate, amplitudes: F64) -> str:
+    return f"the artefact expands by {amplitudes[0] * 1e6:+.2g} µm per metre and kelvin more"
+
+
+def read_length(candidate: Candidate, amplitudes: F64) -> str:
+    if candidate.columns[0].name == "scale":
+        return f"all certified positions are {amplitudes[0] * 1e6:+.2g} µm per metre off"
+    size = float(np.linalg.norm(amplitudes)) * 1e3
+    what = candidate.location if len(amplitudes) == 3 else candidate.columns[0].name
+    return f"{what} is {size:.2g} µm from its certificate"
+
+
+EXPANSION = Effect(
+    "artefact_expansion",
+    "the artefact is of another material, or warmer than its sensor says",
+    "the expansion of all links together; lag",
+    "measure a second artefact of another material at the same temperatures",
+    expansion,
+    read_expansion,
+)
+LENGTH = Effect(
+    "artefact_length",
+    "a certificate is old, a ball was loosened, a length copied wrong",
+    "the arm's own scale, with one artefact",
+    "have the target measured again, or add a second artefact",
+    length,
+    read_length,
+)

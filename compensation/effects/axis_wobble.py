@@ -1,0 +1,72 @@
+"""A joint's axis tilts or runs out as it turns, once or twice a turn."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    tie,
+)
+from armd.compensation.effects.twist import twist_weights
+from armd.compensation.terms import Harmonic
+
+BASE = (["base_rx", "base_ry", "base_x", "base_y"], np.eye(4))
+
+
+def _motions(scene: Scene, joint: int) -> tuple[list[str], F64]:
+    """Parameters and weights (n, 4) that tilt and shift the axis of *joint* across itself."""
+    if joint == 1:
+        return BASE
+    twists = np.zeros((6, 4))
+    twists[[0, 1, 3, 4], range(4)] = 1.0
+    return twist_weights(scene, joint - 1, twists)
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        names, weights = _motions(scene, k)
+        for what, unit, typical, axes in (
+            ("tilt", "rad", 3 * ARC_SECOND, (0, 1)),
+            ("run-out", "mm", 5e-3, (2, 3)),
+        ):
+            for order in (1, 2):
+                columns = tuple(
+                    Column(
+                        f"{what} {'xy'[axis % 2]} {kind}",
+                        unit,
+                        typical,
+                        tie(
+                            list(zip(names, weights[:, axis], strict=True)),
+                            Harmonic(kind=kind, joint=k, order=order),
+                        ),
+                    )
+                    for axis in axes
+                    for kind in ("sin", "cos")
+                )
+                setting = (("order", float(order), "1/turn"),)
+                yield Candidate("axis_wobble", f"joint {k}", columns, (f"q{k}",), setting)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    size = float(np.sqrt((amplitudes**2).sum() / 2))
+    if candidate.columns[0].unit == "rad":
+        what = f"tilts by {size / ARC_SECOND:.2g}″"
+    else:
+        what = f"runs out by {size * 1e3:.2g} µm"
+    return f"the axis of {candidate.location} {what}, {candidate.setting[0][1]:.0f} × a turn"
+
+
+EFFECT = Effect(
+    "axis_wobble",
+    "bearings whose races are not round or not square let the axis tilt and shift as it turns",
+    "eccentricity, for the last joint",
+    "measure with a second, bent stylus",
+    candidates,
+    reading,
+)

@@ -1,0 +1,161 @@
+"""What a cause is to the diagnosis: a named group of columns with a physical reason.
+
+A `Column` is one unknown amplitude times a tie of terms (or a change of the artefact). A
+`Candidate` is a cause at a place with its non-linear parameters fixed at one value of their grid.
+An `Effect` lists the candidates an arm and its sessions allow, and reads amplitudes physically.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.terms import Factor, Temperature, Term
+
+F64 = npt.NDArray[np.float64]
+
+ARC_SECOND = np.pi / 180.0 / 3600.0
+
+
+@dataclass(frozen=True)
+class ArtefactChange:
+    """A change of the artefact per unit of amplitude, in the placement's frame.
+
+    "expansion": position × (artefact_c − its reference), amplitude in 1/K.
+    "scale": position, amplitude dimensionless.
+    "target": the named target moves along `axis` (0…2), amplitude in mm.
+    "distance": the certified length number `index` grows, amplitude in mm.
+    """
+
+    kind: Literal["expansion", "scale", "target", "distance"]
+    target: str = ""
+    axis: int = 0
+    index: int = 0
+
+
+@dataclass(frozen=True)
+class Column:
+    """One amplitude: what it adds, its unit, and its typical size (prior standard deviation)."""
+
+    name: str
+    unit: str
+    typical: float
+    terms: tuple[Term, ...] = ()
+    artefact: ArtefactChange | None = None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A cause at a place; `setting` holds the grid's values (order, instant, time constant)."""
+
+    cause: str
+    location: str
+    columns: tuple[Column, ...]
+    depends_on: tuple[str, ...]
+    setting: tuple[tuple[str, float, str], ...] = ()  # (name, value, unit)
+    #: a finer grid around this candidate, for the non-linear parameters; none if there are none
+    refine: Callable[[], Sequence[Candidate]] | None = field(default=None, compare=False)
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """What a finding is told apart by: cause and location."""
+        return self.cause, self.location
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the catalogue needs to know of the arm, the model under test and the sessions."""
+
+    arm: Arm
+    constants: F64  # (P,) mm and rad
+    terms: tuple[Term, ...]  # of the model under test
+    reference_c: float
+    held: bool  # True: constants and terms come from a calibration given, and stay
+    sensors: tuple[str, ...]  # with data
+    rates: bool  # joint rates known
+    approach: bool  # directions of approach known
+    artefact_c: bool
+    targets: tuple[str, ...]  # certified, and seen from several poses
+    distances: tuple[str, ...]  # "S1, S2"
+    start_unix_s: float
+    instants_unix_s: tuple[float, ...]  # where something may have stepped: between two readings
+    #: all moments between two readings, for refining an instant
+    all_instants_unix_s: F64
+
+    @cached_property
+    def joints(self) -> range:
+        """Joint numbers 1…N."""
+        return range(1, self.arm.n_joints + 1)
+
+    def constant(self, joint: int, name: str) -> float:
+        """Constant of a joint (1…N): "theta", "d", "a", "alpha", "beta"; mm and rad."""
+        k = ("theta", "d", "a", "alpha", "beta").index(name)
+        return float(self.constants[5 * (joint - 1) + k])
+
+    def weights(self, joint: int) -> dict[str, float]:
+        """The sensors of a joint, those with data only."""
+        weights = self.arm.joint[joint - 1].weights
+        return weights if all(name in self.sensors for name in weights) else {}
+
+    def nearby_instants(self, instant: float) -> list[float]:
+        """Moments between readings around *instant*, halfway to its neighbours on the grid."""
+        grid = np.asarray(self.instants_unix_s)
+        below, above = grid[grid < instant], grid[grid > instant]
+        low = below.max() if below.size else -np.inf
+        high = above.min() if above.size else np.inf
+        moments = self.all_instants_unix_s
+        return [float(t) for t in moments[(moments > low) & (moments < high)]]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One cause of the catalogue."""
+
+    cause: str
+    reason: str  # physics, one sentence
+    confounded_with: str
+    experiment: str  # what shows it, one sentence a person can follow
+    candidates: Callable[[Scene], Iterator[Candidate]]
+    #: physical reading of fitted amplitudes, e.g. "the disc sits 0.4 µm off centre"
+    reading: Callable[[Candidate, F64], str]
+
+
+def tie(parameter_weights: Sequence[tuple[str, float]], *basis: Factor) -> tuple[Term, ...]:
+    """Terms that share one amplitude and one basis: parameter += weight × amplitude × basis."""
+    return tuple(
+        Term(parameter=name, basis=list(basis), coefficient=weight)
+        for name, weight in parameter_weights
+        if weight != 0.0
+    )
+
+
+def lengths(scene: Scene, joint: int) -> list[tuple[str, float]]:
+    """The lengths of link *joint* in mm by parameter, those that an expansion would change."""
+    pairs = [(name, scene.constant(joint, name)) for name in ("d", "a")]
+    return [(f"{name}_{joint}", value) for name, value in pairs if abs(value) > 1.0]
+
+
+def stylus(scene: Scene) -> list[tuple[str, float]]:
+    """The tip's offset in mm by parameter: what the stylus would change by expanding."""
+    first = 5 * scene.arm.n_joints
+    values = scene.constants[first : first + 3]
+    names = ("tip_x", "tip_y", "tip_z")
+    return [(name, float(v)) for name, v in zip(names, values, strict=True) if abs(v) > 1.0]
+
+
+def temperature(weights: dict[str, float], **options: float) -> Temperature:
+    """A temperature factor; a difference of sensors needs no reference."""
+    if abs(sum(weights.values())) < 1e-9:
+        options["reference_c"] = 0.0
+    return Temperature.model_validate({"weights": weights, **options})
+
+
+def seconds_of_arc(angle_rad: float) -> str:
+    """An angle as a person in a workshop says it."""
+    return f"{abs(angle_rad) / ARC_SECOND:.2g}″"

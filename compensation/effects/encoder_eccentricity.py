@@ -1,0 +1,62 @@
+"""The encoder's disc is not centred on its axis."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    seconds_of_arc,
+    tie,
+)
+from armd.compensation.terms import Harmonic
+
+DISC_DIAMETER_MM = 50.0  # of a typical arm's encoder, for the reading only
+
+
+def harmonic_columns(joint: int, order: int, typical: float) -> tuple[Column, ...]:
+    """sin and cos of an order of a joint's angle, added to its angle."""
+    return tuple(
+        Column(
+            kind,
+            "rad",
+            typical,
+            tie([(f"theta_{joint}", 1.0)], Harmonic(kind=kind, joint=joint, order=order)),
+        )
+        for kind in ("sin", "cos")
+    )
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        yield Candidate(
+            "encoder_eccentricity",
+            f"joint {k}",
+            harmonic_columns(k, 1, 6 * ARC_SECOND),
+            (f"q{k}",),
+        )
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    angle = float(np.hypot(*amplitudes))
+    offset_um = angle / ARC_SECOND * DISC_DIAMETER_MM / 412.0
+    return (
+        f"the encoder disc of {candidate.location} sits {offset_um:.2g} µm off centre "
+        f"({seconds_of_arc(angle)} on a disc of {DISC_DIAMETER_MM:.0f} mm)"
+    )
+
+
+EFFECT = Effect(
+    "encoder_eccentricity",
+    "a disc off its axis shows the angle wrong by e/R · sin(θ − φ), once a turn",
+    "wobble of the last axis, encoder scale or ellipticity on a joint of short range, "
+    "compliance of joint 2",
+    "turn the joint through its whole range at one seat, the others held",
+    candidates,
+    reading,
+)

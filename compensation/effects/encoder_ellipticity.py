@@ -1,0 +1,36 @@
+"""The encoder's disc is not round, or its axis wanders twice a turn."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    F64,
+    Candidate,
+    Effect,
+    Scene,
+    seconds_of_arc,
+)
+from armd.compensation.effects.encoder_eccentricity import harmonic_columns
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        columns = harmonic_columns(k, 2, 3 * ARC_SECOND)
+        yield Candidate("encoder_ellipticity", f"joint {k}", columns, (f"q{k}",))
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    angle = float(np.hypot(*amplitudes))
+    return f"the angle of {candidate.location} is wrong by {seconds_of_arc(angle)} twice a turn"
+
+
+EFFECT = Effect(
+    "encoder_ellipticity",
+    "an oval disc, or two heads not quite opposite, show the angle wrong twice a turn",
+    "eccentricity on a joint of short range",
+    "turn the joint through its whole range at one seat",
+    candidates,
+    reading,
+)

@@ -1,0 +1,59 @@
+"""A stable error of the angle, of a higher order: interpolation, gear teeth, a graduation."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    F64,
+    Candidate,
+    Effect,
+    Scene,
+    seconds_of_arc,
+)
+from armd.compensation.effects.encoder_eccentricity import harmonic_columns
+
+ORDERS = range(3, 41)
+#: A curve over the turn is a group of all orders up to one of these.
+CURVES = (8, 16, 32)
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        for order in ORDERS:
+            columns = harmonic_columns(k, order, 2 * ARC_SECOND)
+            setting = (("order", float(order), "1/turn"),)
+            yield Candidate("encoder_periodic", f"joint {k}", columns, (f"q{k}",), setting)
+        for highest in CURVES:
+            group = tuple(
+                column
+                for order in range(3, highest + 1)
+                for column in harmonic_columns(k, order, 2 * ARC_SECOND)
+            )
+            setting = (("highest order", float(highest), "1/turn"),)
+            yield Candidate("encoder_periodic", f"joint {k}", group, (f"q{k}",), setting)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    pairs = amplitudes.reshape(-1, 2)
+    if len(pairs) == 1:
+        what = f"{candidate.setting[0][1]:.0f} times a turn"
+        size = float(np.hypot(*pairs[0]))
+    else:
+        what = "along a stable curve over the turn (root mean square)"
+        size = float(np.sqrt((pairs**2).sum() / 2))
+    return (
+        f"the angle of {candidate.location} is wrong by {seconds_of_arc(size)} {what}; "
+        "whether encoder or gear causes it these data cannot tell"
+    )
+
+
+EFFECT = Effect(
+    "encoder_periodic",
+    "graduation, interpolation or gear teeth repeat along the turn",
+    "eccentricity of a neighbour when poses are few",
+    "measure one seat at small steps of this joint, several to the shortest period",
+    candidates,
+    reading,
+)

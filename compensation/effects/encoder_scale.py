@@ -1,0 +1,36 @@
+"""The angle's gain is wrong."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    seconds_of_arc,
+    tie,
+)
+from armd.compensation.terms import Angle
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        terms = tie([(f"theta_{k}", 1.0)], Angle(joint=k))
+        column = Column("gain", "rad/rad", 5 * ARC_SECOND, terms)
+        yield Candidate("encoder_scale", f"joint {k}", (column,), (f"q{k}",))
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    return f"{candidate.location} shows {seconds_of_arc(amplitudes[0])} per radian too much or less"
+
+
+EFFECT = Effect(
+    "encoder_scale",
+    "a gear ratio, a count per turn or a linearised sensor with a wrong gain",
+    "eccentricity where the joint turns less than 150°",
+    "use the joint's whole range, over 150°",
+    candidates,
+    reading,
+)

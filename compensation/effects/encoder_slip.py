@@ -1,0 +1,52 @@
+"""A joint's index is lost: its angle steps at a moment and stays so."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    seconds_of_arc,
+    tie,
+)
+from armd.compensation.terms import After
+
+
+def _at(scene: Scene, joint: int, instant: float, finest: bool) -> Candidate:
+    terms = tie([(f"theta_{joint}", 1.0)], After(instant_unix_s=instant))
+    column = Column("step", "rad", 15 * ARC_SECOND, terms)
+
+    def refine() -> list[Candidate]:
+        return [_at(scene, joint, t, True) for t in scene.nearby_instants(instant)]
+
+    return Candidate(
+        "encoder_slip",
+        f"joint {joint}",
+        (column,),
+        ("time_s",),
+        (("instant", instant, "s (Unix)"),),
+        None if finest else refine,
+    )
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        for instant in scene.instants_unix_s:
+            yield _at(scene, k, instant, False)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    return f"the index of {candidate.location} slipped by {seconds_of_arc(amplitudes[0])}"
+
+
+EFFECT = Effect(
+    "encoder_slip",
+    "the disc or its hub slipped on the shaft, or counts were lost",
+    "drift of the base, for joint 1",
+    "repeat a few poses measured before the moment named",
+    candidates,
+    reading,
+)

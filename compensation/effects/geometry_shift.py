@@ -1,0 +1,68 @@
+"""A constant of a joint is no longer what the calibration says: knocked, re-mounted."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    seconds_of_arc,
+    tie,
+)
+from armd.compensation.terms import After
+
+TYPICAL = {
+    "theta": 10 * ARC_SECOND,
+    "d": 20e-3,
+    "a": 20e-3,
+    "alpha": 10 * ARC_SECOND,
+    "beta": 10 * ARC_SECOND,
+}
+
+
+def _at(scene: Scene, joint: int, name: str, instant: float, finest: bool) -> Candidate:
+    unit = "mm" if name in ("d", "a") else "rad"
+    terms = tie([(f"{name}_{joint}", 1.0)], After(instant_unix_s=instant))
+
+    def refine() -> list[Candidate]:
+        return [_at(scene, joint, name, t, True) for t in scene.nearby_instants(instant)]
+
+    return Candidate(
+        "geometry_shift",
+        f"joint {joint}",
+        (Column(name, unit, TYPICAL[name], terms),),
+        ("time_s",),
+        (("instant", instant, "s (Unix)"),),
+        None if finest else refine,
+    )
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        for name, typical in TYPICAL.items():
+            if scene.held:
+                unit = "mm" if name in ("d", "a") else "rad"
+                column = Column(name, unit, typical, tie([(f"{name}_{k}", 1.0)]))
+                yield Candidate("geometry_shift", f"joint {k}", (column,), ())
+            if name != "theta":  # a step of the angle is the encoder's: encoder_slip
+                for instant in scene.instants_unix_s:
+                    yield _at(scene, k, name, instant, False)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    column, value = candidate.columns[0], float(amplitudes[0])
+    size = f"{value * 1e3:+.3g} µm" if column.unit == "mm" else seconds_of_arc(value)
+    return f"{column.name} of {candidate.location} differs by {size} from the calibration"
+
+
+EFFECT = Effect(
+    "geometry_shift",
+    "a blow, a re-mounted joint or creep changed a constant",
+    "the tip's offset, for the last joint; the placement, for the first",
+    "calibrate again at one temperature and compare",
+    candidates,
+    reading,
+)

@@ -1,0 +1,38 @@
+"""The angle lags by the side from which the joint came."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    seconds_of_arc,
+    tie,
+)
+from armd.compensation.terms import Side
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    if not scene.rates:
+        return
+    for k in scene.joints:
+        terms = tie([(f"theta_{k}", 1.0)], Side(joint=k))
+        column = Column("half width", "rad", 2 * ARC_SECOND, terms)
+        yield Candidate("joint_backlash", f"joint {k}", (column,), (f"w{k}",))
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    return f"{candidate.location} has {seconds_of_arc(2 * amplitudes[0])} of play between its sides"
+
+
+EFFECT = Effect(
+    "joint_backlash",
+    "play or friction between encoder and link leaves them apart by the side of approach",
+    "an angle that is late (time skew), when rates differ little",
+    "measure the same poses from both sides of each joint",
+    candidates,
+    reading,
+)

@@ -1,0 +1,28 @@
+"""A joint twists under the moment of gravity about its axis."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, tie
+from armd.compensation.terms import GravityTorque
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        terms = tie([(f"theta_{k}", 1.0)], GravityTorque(joint=k))
+        column = Column("compliance", "rad/Nm", 6e-6, terms)
+        depends = tuple(f"q{j}" for j in scene.joints if j >= min(2, k))
+        yield Candidate("joint_compliance", f"joint {k}", (column,), depends)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    return f"{candidate.location} twists by {abs(amplitudes[0]) * 1e6:.2g} µrad per Nm of gravity"
+
+
+EFFECT = Effect(
+    "joint_compliance",
+    "bearing, shaft and counterbalance between encoder and link give way",
+    "eccentricity of joint 2",
+    "repeat the poses with half a kilogram at the wrist",
+    candidates,
+    reading,
+)

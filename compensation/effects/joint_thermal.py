@@ -1,0 +1,52 @@
+"""A joint's angle (or its axis) moves with temperature."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    seconds_of_arc,
+    temperature,
+    tie,
+)
+
+#: first power, and a square too: a housing under preload moves in a curve
+TYPICAL_RAD = {1: 0.6 * ARC_SECOND, 2: 0.06 * ARC_SECOND}
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        own = scene.weights(k)
+        for weights in [own] if own else [{name: 1.0} for name in scene.sensors]:
+            for name in ("theta", "alpha", "beta"):
+                for order, typical in TYPICAL_RAD.items():
+                    factor = temperature(weights, order=order)
+                    column = Column(
+                        name, f"rad/K^{order}", typical, tie([(f"{name}_{k}", 1.0)], factor)
+                    )
+                    setting = (("order", float(order), "1"),)
+                    where = f"joint {k}"
+                    yield Candidate("joint_thermal", where, (column,), tuple(weights), setting)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    order = int(candidate.setting[0][1])
+    angle = amplitudes[0] * 5.0**order
+    return (
+        f"{candidate.columns[0].name} of {candidate.location} moves by {seconds_of_arc(angle)} "
+        "at 5 K from the reference"
+    )
+
+
+EFFECT = Effect(
+    "joint_thermal",
+    "housing and encoder mount expand unevenly and turn the zero or the axis",
+    "bending of the link by a gradient",
+    "measure the same poses at two more temperatures",
+    candidates,
+    reading,
+)

@@ -1,0 +1,70 @@
+"""A link sags under its own weight and under what it carries.
+
+The link is a uniform round beam from the axis of its joint to the frame at its end. With M the
+moment at that end of everything beyond, W that weight, w the link's own, u the direction of the
+link and g that of gravity, all in the frame at its end:
+turn = (L·M⊥ + (W/2 + w/6)·L²·u×g) / EI, shift = (L²/2·M⊥ + (W/3 + w/8)·L³·u×g) × u / EI.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene
+from armd.compensation.effects.twist import link_vector, twist_weights
+from armd.compensation.gravity import STANDARD_GRAVITY, link_masses
+from armd.compensation.terms import Factor, GravityDirection, GravityMoment, Term
+
+SHORTEST_MM = 20.0  # a shorter link does not bend by anything that matters
+
+
+def _cross(vector: F64) -> F64:
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _column(scene: Scene, link: int) -> Column | None:
+    vector = link_vector(scene, link)
+    length = float(np.linalg.norm(vector)) * 1e-3  # m
+    if length * 1e3 < SHORTEST_MM:
+        return None
+    u = vector / (length * 1e3)
+    masses = link_masses(scene.arm)[0]
+    own, beyond = masses[link - 1] * STANDARD_GRAVITY, masses[link:].sum() * STANDARD_GRAVITY
+    across = np.eye(3) - np.outer(u, u)
+    # per unit of L/EI; shifts in mm
+    turn = np.hstack([across, (beyond / 2 + own / 6) * length * _cross(u)])
+    bow = np.hstack([across / 2, (beyond / 3 + own / 8) * length * _cross(u)])
+    shift = -_cross(u) @ bow * length * 1e3
+    names, weights = twist_weights(scene, link, np.vstack([turn, shift]))
+    factors: list[Factor] = [GravityMoment(link=link, axis=axis) for axis in ("x", "y", "z")]
+    factors += [GravityDirection(link=link, axis=axis) for axis in ("x", "y", "z")]
+    terms = tuple(
+        Term(parameter=name, basis=[factor], coefficient=float(weights[i, j]))
+        for i, name in enumerate(names)
+        for j, factor in enumerate(factors)
+        if abs(weights[i, j]) > 1e-6 * np.abs(weights[i]).max()
+    )
+    return Column("compliance", "rad/Nm", 8e-6, terms)
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        column = _column(scene, k)
+        if column is not None:
+            depends = tuple(f"q{j}" for j in scene.joints if j > 1)
+            yield Candidate("link_bending", f"link {k}", (column,), depends)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    return f"{candidate.location} bends by {abs(amplitudes[0]) * 1e6:.2g} µrad per Nm at its end"
+
+
+EFFECT = Effect(
+    "link_bending",
+    "a tube under its own weight and what it carries is a beam",
+    "compliance of the joint next to it",
+    "repeat the poses with half a kilogram at the wrist",
+    candidates,
+    reading,
+)

@@ -1,0 +1,49 @@
+"""A link's coefficient of expansion is wrong or missing."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import (
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    lengths,
+    stylus,
+    temperature,
+    tie,
+)
+
+TYPICAL_PER_K = 10e-6
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        own = scene.weights(k)
+        sensors = [own] if own else [{name: 1.0} for name in scene.sensors]
+        both = lengths(scene, k)
+        choices = [both] if len(both) == 1 else [both, *([one] for one in both)] if both else []
+        if k == scene.arm.n_joints:  # the stylus is a body of its own
+            choices.append(stylus(scene))
+        for weights in sensors:
+            for lengths_mm in choices:
+                factor = temperature(weights)
+                column = Column("per kelvin", "1/K", TYPICAL_PER_K, tie(lengths_mm, factor))
+                depends = tuple(weights)
+                yield Candidate("link_expansion", f"link {k}", (column,), depends)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    return (
+        f"{candidate.location} expands by {amplitudes[0] * 1e6:+.2g} µm per metre and kelvin more"
+    )
+
+
+EFFECT = Effect(
+    "link_expansion",
+    "a link of another material, or a coefficient that was never identified",
+    "the artefact's expansion, when all links share it",
+    "measure at two more temperatures, at least 6 K apart",
+    candidates,
+    reading,
+)

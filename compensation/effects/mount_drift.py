@@ -1,0 +1,60 @@
+"""The base moves with time, or steps."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armd.compensation.effects.effect import ARC_SECOND, F64, Candidate, Column, Effect, Scene, tie
+from armd.compensation.terms import After, Time
+
+SHIFTS = ("base_x", "base_y", "base_z")
+TURNS = ("base_rx", "base_ry", "base_rz")
+
+
+def _columns(basis: After | Time, per: str) -> tuple[Column, ...]:
+    shifts = [Column(n, "mm" + per, 5e-3, tie([(n, 1.0)], basis)) for n in SHIFTS]
+    turns = [Column(n, "rad" + per, 4 * ARC_SECOND, tie([(n, 1.0)], basis)) for n in TURNS]
+    return (*shifts, *turns)
+
+
+def _at(scene: Scene, instant: float, finest: bool) -> Candidate:
+    def refine() -> list[Candidate]:
+        return [_at(scene, t, True) for t in scene.nearby_instants(instant)]
+
+    return Candidate(
+        "mount_drift",
+        "base",
+        _columns(After(instant_unix_s=instant), ""),
+        ("time_s",),
+        (("instant", instant, "s (Unix)"),),
+        None if finest else refine,
+    )
+
+
+def steady_drift(scene: Scene) -> Candidate:
+    """The base moving at one rate throughout."""
+    columns = _columns(Time(since_unix_s=scene.start_unix_s), "/h")
+    return Candidate("mount_drift", "base", columns, ("time_s",))
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    yield steady_drift(scene)
+    for instant in scene.instants_unix_s:
+        yield _at(scene, instant, False)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    shift = float(np.linalg.norm(amplitudes[:3])) * 1e3
+    turn = float(np.linalg.norm(amplitudes[3:])) / ARC_SECOND
+    how = "stepped by" if candidate.setting else "moves per hour by"
+    return f"the base {how} {shift:.2g} µm and {turn:.2g}″"
+
+
+EFFECT = Effect(
+    "mount_drift",
+    "clamp, table or magnet creeps, or was knocked",
+    "a slip of joint 1; lag",
+    "measure one seat at the start and the end of every placement",
+    candidates,
+    reading,
+)

@@ -1,0 +1,47 @@
+"""A link's length does not follow its temperature in a straight line."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import (
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    lengths,
+    temperature,
+    tie,
+)
+
+TYPICAL = {2: 8e-8, 3: 8e-9}
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        weights, lengths_mm = scene.weights(k), lengths(scene, k)
+        if not (weights and lengths_mm):
+            continue
+        for order, typical in TYPICAL.items():
+            terms = tie(lengths_mm, temperature(weights, order=order))
+            column = Column("per kelvin to the order", f"1/K^{order}", typical, terms)
+            setting = (("order", float(order), "1"),)
+            where = f"link {k}"
+            yield Candidate("nonlinear_expansion", where, (column,), tuple(weights), setting)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    order = int(candidate.setting[0][1])
+    return (
+        f"{candidate.location} at 5 K from the reference is "
+        f"{abs(amplitudes[0]) * 5.0**order * 1e6:.2g} µm per metre off the straight line"
+    )
+
+
+EFFECT = Effect(
+    "nonlinear_expansion",
+    "composites, glue and preloaded joints expand in a curve",
+    "a higher thermal order of the calibration, which absorbs it",
+    "measure at the two ends and the middle of the temperature range",
+    candidates,
+    reading,
+)

@@ -1,0 +1,47 @@
+"""A temperature sensor reads wrong by a constant.
+
+Only a calibration made before can tell: a fit to the same sessions absorbs it in the lengths.
+"""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene
+from armd.compensation.terms import Temperature, Term
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    if not scene.held:
+        return
+    for name in scene.sensors:
+        terms = tuple(piece for term in scene.terms for piece in _derivative(term, name))
+        if terms:
+            column = Column("offset", "K", 0.5, terms)
+            yield Candidate("sensor_offset", f"sensor {name}", (column,), (name,))
+
+
+def _derivative(term: Term, sensor: str) -> Iterator[Term]:
+    """d term / d T_sensor, for terms that are a single power of a temperature."""
+    if len(term.basis) != 1 or not isinstance(term.basis[0], Temperature):
+        return
+    factor = term.basis[0]
+    weight = factor.weights.get(sensor, 0.0)
+    if weight == 0.0 or term.coefficient == 0.0 or factor.zone_c is not None:
+        return
+    lower = [factor.model_copy(update={"order": factor.order - 1})] if factor.order > 1 else []
+    coefficient = term.coefficient * weight * factor.order
+    yield Term(parameter=term.parameter, basis=list(lower), coefficient=coefficient)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    # what the model lacks is the true temperature minus the one read
+    return f"{candidate.location} reads {-amplitudes[0]:+.2g} K wrong"
+
+
+EFFECT = Effect(
+    "sensor_offset",
+    "a sensor, its cable or its converter is off by a constant",
+    "constants of the links on it",
+    "let the arm rest overnight and compare all sensors",
+    candidates,
+    reading,
+)

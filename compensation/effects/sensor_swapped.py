@@ -1,0 +1,76 @@
+"""Two temperature sensors are exchanged.
+
+Under a calibration given, every term of one sensor takes the other's temperature: one amplitude,
+1 if they are exchanged. In a model made of the same sessions, each link wants the other's sensor.
+"""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+from armd.compensation.effects.effect import (
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    lengths,
+    temperature,
+    tie,
+)
+from armd.compensation.terms import Temperature, Term
+
+TYPICAL_PER_K = 10e-6
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for a, b in combinations(scene.sensors, 2):
+        columns = _exchanged(scene, a, b) if scene.held else _wanted(scene, a, b)
+        if columns:
+            yield Candidate("sensor_swapped", f"sensors {a}, {b}", columns, (a, b))
+
+
+def _exchanged(scene: Scene, a: str, b: str) -> tuple[Column, ...]:
+    terms = []
+    for term in scene.terms:
+        if len(term.basis) != 1 or not isinstance(term.basis[0], Temperature):
+            continue
+        factor = term.basis[0]
+        weights = {{a: b, b: a}.get(name, name): w for name, w in factor.weights.items()}
+        if weights == factor.weights or term.coefficient == 0.0:
+            continue
+        swapped = factor.model_copy(update={"weights": weights})
+        for piece, sign in ((swapped, 1.0), (factor, -1.0)):
+            coefficient = sign * term.coefficient
+            terms.append(Term(parameter=term.parameter, basis=[piece], coefficient=coefficient))
+    return (Column("exchanged", "1", 1.0, tuple(terms)),) if terms else ()
+
+
+def _wanted(scene: Scene, a: str, b: str) -> tuple[Column, ...]:
+    columns = []
+    for own, other in ((a, b), (b, a)):
+        pairs = [
+            pair
+            for k in scene.joints
+            if scene.weights(k) == {own: 1.0}
+            for pair in lengths(scene, k)
+        ]
+        if pairs:
+            terms = tie(pairs, temperature({other: 1.0}))
+            columns.append(Column(f"links of {own} on {other}", "1/K", TYPICAL_PER_K, terms))
+    return tuple(columns) if len(columns) == 2 else ()
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    if len(amplitudes) == 1:
+        return f"{candidate.location} are exchanged ({amplitudes[0]:.0%} of an exchange)"
+    return f"the links on {candidate.location} follow each other's sensor"
+
+
+EFFECT = Effect(
+    "sensor_swapped",
+    "two plugs exchanged, or the table of channels wrong",
+    "a link with one wrong sensor; lag",
+    "warm one link by hand and watch which sensor answers",
+    candidates,
+    reading,
+)

@@ -1,0 +1,73 @@
+"""A temperature difference bends a link: curvature c·ΔT along it.
+
+The end turns by c·ΔT·L about an axis across the link and shifts by half of that turn's lever.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, temperature, tie
+from armd.compensation.effects.twist import link_vector, twist_weights
+
+TYPICAL_RAD_PER_M_K = 1.2e-4
+SHORTEST_MM = 20.0
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        vector = link_vector(scene, k)
+        length = float(np.linalg.norm(vector)) * 1e-3  # m
+        if length * 1e3 < SHORTEST_MM:
+            continue
+        axes = _across(vector)
+        twists = length * np.vstack(
+            [axes, np.cross(axes.T, vector).T / 2]
+        )  # per rad/m of curvature
+        names, weights = twist_weights(scene, k, twists)
+        for warm, cold in _differences(scene, k):
+            factor = temperature({warm: 1.0, cold: -1.0})
+            columns = tuple(
+                Column(
+                    f"curvature {i + 1}",
+                    "rad/(m K)",
+                    TYPICAL_RAD_PER_M_K,
+                    tie(list(zip(names, weights[:, i], strict=True)), factor),
+                )
+                for i in range(2)
+            )
+            yield Candidate("thermal_gradient", f"link {k}", columns, (warm, cold))
+
+
+def _differences(scene: Scene, link: int) -> list[tuple[str, str]]:
+    """Differences that involve the link's own sensors; all there are, if it has none."""
+    own = scene.weights(link) or dict.fromkeys(scene.sensors, 1.0)
+    pairs = {
+        tuple(sorted((name, other))) for name in own for other in scene.sensors if name != other
+    }
+    return [(a, b) for a, b in sorted(pairs)]
+
+
+def _across(vector: F64) -> F64:
+    """Two unit vectors across a vector, as columns (3, 2)."""
+    across: F64 = np.linalg.svd(vector[None, :])[2][1:].T
+    return across
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    size = float(np.hypot(*amplitudes))
+    warm, cold = candidate.depends_on
+    return (
+        f"{candidate.location} bends by {size * 1e6:.2g} µrad per metre for each kelvin "
+        f"between {warm} and {cold}"
+    )
+
+
+EFFECT = Effect(
+    "thermal_gradient",
+    "the warmer side of a link grows longer than the cooler one",
+    "joints whose angle moves with temperature",
+    "warm the arm from one side and measure before it evens out",
+    candidates,
+    reading,
+)

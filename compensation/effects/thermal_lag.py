@@ -1,0 +1,69 @@
+"""A link follows its sensor late."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import (
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    lengths,
+    temperature,
+    tie,
+)
+
+TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 5400.0)
+TYPICAL_PER_K = 15e-6
+
+
+def _lagging(scene: Scene, weights: dict[str, float], lag_s: float, finest: bool) -> Candidate:
+    """Every link on these sensors follows them with one time constant and one coefficient."""
+    links = [k for k in scene.joints if scene.weights(k) == weights and lengths(scene, k)]
+    pairs = [pair for k in links for pair in lengths(scene, k)]
+    terms = (
+        *tie(pairs, temperature(weights, lag_s=lag_s)),
+        *tie([(name, -mm) for name, mm in pairs], temperature(weights)),
+    )
+    # Where one link has the sensor to itself, the link is the place; otherwise the sensor.
+    where = f"link {links[0]}" if len(links) == 1 else f"sensor {', '.join(weights)}"
+
+    def refine() -> list[Candidate]:
+        return [_lagging(scene, weights, lag_s * f, True) for f in (0.7, 0.8, 0.9, 1.1, 1.25, 1.4)]
+
+    return Candidate(
+        "thermal_lag",
+        where,
+        (Column("per kelvin", "1/K", TYPICAL_PER_K, terms),),
+        (*weights, "time_s"),
+        (("time constant", lag_s, "s"),),
+        None if finest else refine,
+    )
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    seen: list[dict[str, float]] = []
+    for k in scene.joints:
+        weights = scene.weights(k)
+        if weights and lengths(scene, k) and weights not in seen:
+            seen.append(weights)
+            for lag_s in TIME_CONSTANTS_S:
+                yield _lagging(scene, weights, lag_s, False)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    return f"{candidate.location} follows with a time constant of {_minutes(candidate)}"
+
+
+def _minutes(candidate: Candidate) -> str:
+    return f"{candidate.setting[0][1] / 60.0:.2g} min"
+
+
+EFFECT = Effect(
+    "thermal_lag",
+    "heat takes its time from the sensor to the whole of the link",
+    "the artefact's expansion, and slow drift of the mount",
+    "measure during a ramp of 4 K/h or more, up and down",
+    candidates,
+    reading,
+)

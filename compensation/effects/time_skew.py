@@ -1,0 +1,29 @@
+"""A joint's angle is taken late."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, tie
+from armd.compensation.terms import Rate
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    if not scene.rates:
+        return
+    for k in scene.joints:
+        terms = tie([(f"theta_{k}", 1.0)], Rate(joint=k))
+        column = Column("delay", "s", 80e-6, terms)
+        yield Candidate("time_skew", f"joint {k}", (column,), (f"w{k}",))
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    return f"the angle of {candidate.location} is {abs(amplitudes[0]) * 1e6:.2g} µs out of step"
+
+
+EFFECT = Effect(
+    "time_skew",
+    "an encoder latched earlier or later than the others errs in proportion to its rate",
+    "backlash, when all rates are alike",
+    "measure one target in motion, slowly and fast",
+    candidates,
+    reading,
+)

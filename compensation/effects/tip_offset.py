@@ -1,0 +1,50 @@
+"""The tip is not where the calibration has it: all along, or from a moment on."""
+
+from collections.abc import Iterator
+
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, tie
+from armd.compensation.terms import After
+
+TYPICAL_MM = 20e-3
+
+
+def _columns(*basis: After) -> tuple[Column, ...]:
+    return tuple(
+        Column(axis, "mm", TYPICAL_MM, tie([(f"tip_{axis}", 1.0)], *basis)) for axis in "xyz"
+    )
+
+
+def _at(scene: Scene, instant: float, finest: bool) -> Candidate:
+    def refine() -> list[Candidate]:
+        return [_at(scene, t, True) for t in scene.nearby_instants(instant)]
+
+    return Candidate(
+        "tip_offset",
+        "tip",
+        _columns(After(instant_unix_s=instant)),
+        ("time_s",),
+        (("instant", instant, "s (Unix)"),),
+        None if finest else refine,
+    )
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    if scene.held:
+        yield Candidate("tip_offset", "tip", _columns(), ())
+    for instant in scene.instants_unix_s:
+        yield _at(scene, instant, False)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    x, y, z = amplitudes * 1e3
+    return f"the tip has moved by ({x:+.3g}, {y:+.3g}, {z:+.3g}) µm in the last frame"
+
+
+EFFECT = Effect(
+    "tip_offset",
+    "the tip was changed, loosened or worn",
+    "constants of the last joint",
+    "measure one seat from ten directions",
+    candidates,
+    reading,
+)

@@ -1,0 +1,123 @@
+"""Structure that no cause of the catalogue has: a general basis, named by its variables.
+
+Motions of each joint's frame (its parameters) times functions of one variable, or of two for the
+joints' angles. It competes with the catalogue on equal terms; where it wins, the finding is
+`unknown` and says only what it depends on.
+"""
+
+from collections.abc import Iterator
+from itertools import combinations
+
+from armd.compensation.effects.effect import (
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    temperature,
+    tie,
+)
+from armd.compensation.terms import (
+    Angle,
+    Approach,
+    Factor,
+    Harmonic,
+    Rate,
+    Side,
+    TemperatureRate,
+    Time,
+)
+
+TYPICAL = {"mm": 5e-3, "rad": 10e-6}
+
+
+def candidates(scene: Scene) -> Iterator[Candidate]:
+    for k in scene.joints:
+        for name in ("theta", "d", "a", "alpha", "beta"):
+            unit = "mm" if name in ("d", "a") else "rad"
+            for variables, functions in _functions(scene, name == "theta"):
+                columns = tuple(
+                    Column(
+                        f"{name}_{k} × {label}",
+                        f"{unit} × {per}" if per else unit,
+                        TYPICAL[unit] / size,
+                        tie([(f"{name}_{k}", 1.0)], *basis),
+                    )
+                    for label, per, size, basis in functions
+                )
+                yield Candidate(
+                    "unknown", f"{name}_{k}({', '.join(variables)})", columns, variables
+                )
+
+
+_Function = tuple[str, str, float, tuple[Factor, ...]]  # label, unit, typical size, factors
+
+
+def _functions(scene: Scene, pairs: bool) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
+    """Variables, and the functions of them that go together."""
+    for j in scene.joints:
+        yield (f"q{j}",), [*_waves(j, 1), *_waves(j, 2)]
+        yield (f"q{j}",), [(f"q{j}^{n}", "", 1.0, (Angle(joint=j, power=n),)) for n in (2, 3)]
+    for name in scene.sensors:
+        for order in (1, 2):
+            factor = temperature({name: 1.0}, order=order)
+            yield (name,), [(f"ΔT({name})^{order}", "1/K", 5.0**order, (factor,))]
+        rate = TemperatureRate(weights={name: 1.0}, smoothing_s=300.0)
+        yield (name, "time_s"), [(f"d{name}/dt", "s/K", 1e-3, (rate,))]
+    for power in (1, 2):
+        since = Time(since_unix_s=scene.start_unix_s, power=power)
+        yield ("time_s",), [(f"t^{power}", "1/h", 1.0, (since,))]
+    if scene.rates:
+        for j in scene.joints:
+            yield (f"w{j}",), [(f"side {j}", "", 1.0, (Side(joint=j),))]
+            yield (f"w{j}",), [(f"w{j}", "s/rad", 0.1, (Rate(joint=j),))]
+    if scene.approach:
+        axes = ("x", "y", "z")
+        variables = tuple(f"approach_{axis}" for axis in axes)
+        yield variables, [(f"approach {a}", "", 1.0, (Approach(axis=a),)) for a in axes]
+    if pairs:
+        yield from _pairs(scene)
+
+
+def _pairs(scene: Scene) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
+    for i, j in combinations(scene.joints, 2):
+        products = [
+            (f"{a} {b}", "", 0.5, (*left, *right))
+            for a, _, _, left in _waves(i, 1)
+            for b, _, _, right in _waves(j, 1)
+        ]
+        yield (f"q{i}", f"q{j}"), products
+    for name in scene.sensors:
+        factor = temperature({name: 1.0})
+        for j in scene.joints:
+            products = [
+                (f"ΔT({name}) {label}", "1/K", 5.0, (factor, *wave))
+                for label, _, _, wave in _waves(j, 1)
+            ]
+            yield (name, f"q{j}"), products
+
+
+def _waves(joint: int, order: int) -> list[_Function]:
+    return [
+        (
+            f"{kind} {order}q{joint}" if order > 1 else f"{kind} q{joint}",
+            "",
+            1.0,
+            (Harmonic(kind=kind, joint=joint, order=order),),
+        )
+        for kind in ("sin", "cos")
+    ]
+
+
+def reading(candidate: Candidate, _: F64) -> str:
+    return f"a structure in {', '.join(candidate.depends_on)} that no cause of the catalogue has"
+
+
+EFFECT = Effect(
+    "unknown",
+    "something the catalogue does not know",
+    "an effect of the catalogue whose form is incomplete",
+    "vary the named variables one at a time",
+    candidates,
+    reading,
+)
