@@ -33,14 +33,17 @@ class Drift:
     sensor: str
     k_per_h: float
     standard_error: float
-    stepped: bool  # between two readings, sometime in the last minute
+    jump_k_per_h: float  # the fastest step of more than STEP_K between two readings; else 0
 
     def __str__(self) -> str:
         return f"{self.sensor} drifts by {self.k_per_h:+.1f} K/h"
 
     def exceeds(self, limit_k_per_h: float) -> bool:
         """Beyond doubt: by a step, or by more than three standard errors."""
-        return self.stepped or abs(self.k_per_h) - 3 * self.standard_error > limit_k_per_h
+        return (
+            self.jump_k_per_h > limit_k_per_h
+            or abs(self.k_per_h) - 3 * self.standard_error > limit_k_per_h
+        )
 
 
 class TemperatureWatch:
@@ -150,13 +153,14 @@ class TemperatureWatch:
         slopes = centred @ values / spread
         residuals = values - values.mean(axis=0) - np.outer(centred, slopes)
         errors = np.sqrt((residuals**2).sum(axis=0) / (len(hours) - 2) / spread)
-        steps = np.abs(np.diff(values, axis=0)).max(axis=0)
-        worst = int(np.argmax(np.abs(slopes) - 3 * errors + 1e6 * (steps > STEP_K)))
+        steps = np.abs(np.diff(values, axis=0))
+        jumps = (np.where(steps > STEP_K, steps, 0.0) / np.diff(hours)[:, None]).max(axis=0)
+        worst = int(np.argmax(np.maximum(np.abs(slopes) - 3 * errors, jumps)))
         return Drift(
             self.sensors[steady[worst]],
             float(slopes[worst]),
             float(errors[worst]),
-            stepped=bool(steps[worst] > STEP_K),
+            float(jumps[worst]),
         )
 
 

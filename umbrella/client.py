@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self, cast
 
@@ -141,6 +142,20 @@ class Arm(_Closing):
     def stream(self, what: str) -> Stream:
         """A subscription to poll, for a program with a loop of its own."""
         return Stream(self._session, self.serial, what)
+
+    @contextmanager
+    def calling(self, what: str, callback: Callable[[bytes], None]) -> Iterator[None]:
+        """Within this `with`, *callback* gets each payload as it arrives, in Zenoh's thread: for
+        programs to which a fraction of a millisecond matters. It must be quick, must not call
+        Zenoh, and must not be the reason that the `with` is never left.
+        """
+        subscriber = self._session.declare_subscriber(
+            keys.key(self.serial, what), lambda sample: callback(sample.payload.to_bytes())
+        )
+        try:
+            yield
+        finally:
+            subscriber.undeclare()  # type: ignore[no-untyped-call]
 
     def decode(self, payloads: list[bytes]) -> npt.NDArray[np.void]:
         """The next points of the stream, (n,) of `armd.POINT`; counts those lost before them."""

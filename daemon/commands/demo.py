@@ -1,0 +1,133 @@
+"""`armd demo`: a simulated arm warms up on a real pty; its points arrive here over Zenoh."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import ExitStack
+
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+from rich.live import Live
+
+import armd
+from armd import POINT, Arm, Lost, Point, keys
+from armd.daemon.comparison import Errors, compare, load_truth
+from armd.daemon.screen import Reading, picture
+from armd.daemon.stage import Stage
+
+RATE_HZ = 1000
+WARM_UP_K = 10.0
+WARM_UP_S = 20.0
+REFRESH_S = 0.25
+#: Every so many-th point is kept for the comparison with the truth, so that a demo may run on.
+KEPT = 10
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="which arm (1)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """1 if samples were lost."""
+    console = Console()
+    meter = Meter()
+    with Stage(args.seed, RATE_HZ, WARM_UP_K, args.seconds or WARM_UP_S) as stage:
+        with console.status("measuring a simulated arm at five temperatures, and calibrating it…"):
+            stage.calibrate()
+        with console.status("starting the arm on its pty, and the daemon…"):
+            stage.start()
+        with armd.connect(endpoint=stage.endpoint) as arm:
+            _watch(arm, meter, console, args.seconds)
+        errors = compare(meter.kept, load_truth(stage.truth))
+    console.print(_summary(meter, arm.lost, errors), highlight=False)
+    return 1 if arm.lost.total else 0
+
+
+class Meter:
+    """Takes every point as it arrives, with the instant of its arrival."""
+
+    def __init__(self) -> None:
+        self._arrived: deque[tuple[int, bytes]] = deque()
+        self._latency_us: list[npt.NDArray[np.int32]] = []
+        self._kept: list[npt.NDArray[np.void]] = []
+        self.samples = 0
+
+    def take(self, payload: bytes) -> None:
+        self._arrived.append((time.monotonic_ns(), payload))
+
+    def collect(self, arm: Arm) -> npt.NDArray[np.void]:
+        """The points (n,) that arrived since the last call."""
+        arrived = [self._arrived.popleft() for _ in range(len(self._arrived))]
+        if not arrived:
+            return np.empty(0, POINT)
+        points = arm.decode([payload for _, payload in arrived])
+        latency_ns = np.array([when for when, _ in arrived]) - points["monotonic_ns"]
+        mapped = (points["flags"] & armd.Flag.CLOCK) == 0
+        self._latency_us.append((latency_ns[mapped] // 1000).astype(np.int32))
+        self._kept.append(points[::KEPT].copy())
+        self.samples += len(points)
+        return points
+
+    @property
+    def kept(self) -> npt.NDArray[np.void]:
+        return np.concatenate(self._kept) if self._kept else np.empty(0, POINT)
+
+    @property
+    def latency_ms(self) -> npt.NDArray[np.float64]:
+        return np.concatenate([np.zeros(0, np.int32), *self._latency_us]) / 1000
+
+
+def _watch(arm: Arm, meter: Meter, console: Console, seconds: float | None) -> None:
+    """Until Ctrl-C or SIGTERM, or for *seconds*; collects what arrived till then."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    reading = Reading()
+    with ExitStack() as stack:
+        health = stack.enter_context(arm.stream(keys.HEALTH))
+        events = stack.enter_context(arm.stream(keys.EVENT))
+        stack.enter_context(arm.calling(keys.POINT, meter.take))
+        live = stack.enter_context(Live(console=console, auto_refresh=False))
+        try:
+            for elapsed_s in _refreshes(seconds):
+                points = meter.collect(arm)
+                reading.rate_hz = len(points) / elapsed_s
+                if len(points):
+                    reading.point = Point.from_row(points[-1].tolist())
+                for payload in health.take():
+                    reading.health = json.loads(payload)
+                reading.events += [json.loads(payload)["text"] for payload in events.take()]
+                reading.lost = arm.lost.total
+                live.update(picture(arm.serial, reading), refresh=True)
+        except KeyboardInterrupt:
+            pass
+    meter.collect(arm)
+
+
+def _refreshes(seconds: float | None) -> Iterator[float]:
+    """Yields the time since the last refresh."""
+    start_s = last_s = time.monotonic()
+    while seconds is None or last_s - start_s < seconds:
+        time.sleep(REFRESH_S)
+        now_s = time.monotonic()
+        yield now_s - last_s
+        last_s = now_s
+
+
+def _summary(meter: Meter, lost: Lost, errors: Errors) -> str:
+    p50, p99 = np.percentile(meter.latency_ms, [50, 99])
+    return (
+        f"\nsamples               {meter.samples}\n"
+        f"lost                  {lost.total}\n"
+        f"latency p50           {p50:.3f} ms   from the latch in the arm to this process\n"
+        f"latency p99           {p99:.3f} ms\n"
+        f"error before          {errors.before_um:.1f} µm RMS against the simulator's truth\n"
+        f"error after           {errors.after_um:.1f} µm RMS\n"
+        f"improvement           {errors.improvement:.1f}×, by corrections of up to"
+        f" {errors.correction_um:.0f} µm"
+    )

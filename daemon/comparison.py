@@ -1,0 +1,68 @@
+"""Published points against the simulator's truth: what is wrong before and after correction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from armd import Flag
+
+F64 = npt.NDArray[np.float64]
+
+#: A record of the simulator's truth file: seq as published, true tip in the base frame.
+TRUTH = np.dtype([("seq", "<u8"), ("position_mm", "<f8", (3,))])
+
+
+@dataclass(frozen=True)
+class Errors:
+    """RMS distances in µm between points and truth."""
+
+    n: int
+    before_um: float
+    after_um: float
+    correction_um: float  # largest
+
+    @property
+    def improvement(self) -> float:
+        return self.before_um / self.after_um
+
+
+def compare(points: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> Errors:
+    """Errors of *points* (dtype `POINT`) against *truth* (dtype `TRUTH`), joined by seq.
+
+    No measurement can tell how the arm's own base frame lies in the arm, so one rigid placement,
+    the one that suits the corrected points best, is taken out of both figures.
+    """
+    points = points[(points["flags"] & Flag.INVALID) == 0]
+    _, ours, theirs = np.intersect1d(points["seq"], truth["seq"], return_indices=True)
+    after, correction = points["position_mm"][ours], points["correction_mm"][ours]
+    true = truth["position_mm"][theirs]
+    rotation, translation = _placement(after, true)
+    return Errors(
+        n=len(ours),
+        before_um=_rms_um((after - correction) @ rotation.T + translation - true),
+        after_um=_rms_um(after @ rotation.T + translation - true),
+        correction_um=float(np.linalg.norm(correction, axis=1).max()) * 1000,
+    )
+
+
+def load_truth(path: Path) -> npt.NDArray[np.void]:
+    """The records written so far; a last one that is not whole yet is left out."""
+    data = path.read_bytes()
+    return np.frombuffer(data, TRUTH, len(data) // TRUTH.itemsize)
+
+
+def _placement(points: F64, true: F64) -> tuple[F64, F64]:
+    """Rotation (3, 3) and translation (3,) that bring points (n, 3) nearest to true (n, 3)."""
+    middle, true_middle = points.mean(axis=0), true.mean(axis=0)
+    u, _, vt = np.linalg.svd((points - middle).T @ (true - true_middle))
+    sign = np.sign(np.linalg.det(u @ vt))
+    rotation = (u * [1.0, 1.0, sign] @ vt).T
+    return rotation, true_middle - rotation @ middle
+
+
+def _rms_um(residuals: F64) -> float:
+    return float(np.sqrt((residuals**2).sum(axis=1).mean())) * 1000

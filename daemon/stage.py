@@ -1,0 +1,125 @@
+"""Sets up the demo in a folder of its own: a simulated arm, its calibration, a daemon."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import TracebackType
+from typing import IO, Self
+
+from armd.errors import ArmdError
+
+SIMULATOR = [sys.executable, "-m", "armd.simulator"]
+ARMD = [sys.executable, "-m", "armd.daemon.cli"]
+START_S = 60.0
+STOP_S = 5.0
+
+CONFIG = """\
+schema = "armd.daemon/1"
+arm = "arm.toml"
+calibration = "calibration.json"
+
+[driver]
+kind = "serial"
+port = "{port}"
+
+[zenoh]
+listen = ["{endpoint}"]
+
+[limits]
+temperature_rate_k_per_h = 1e5  # this arm warms up in seconds: sensors and links alike run fast
+
+[health]
+steady_k_per_h = 360.0
+"""
+
+
+class Stage:
+    """Enter it to start everything; leaving it stops the processes and removes the folder."""
+
+    def __init__(self, seed: int, rate_hz: int, warm_up_k: float, warm_up_s: float) -> None:
+        self._seed = str(seed)
+        self._simulation = [
+            *("--serial", "--rate", str(rate_hz), "--seed", self._seed),
+            *("--warm-up-k", str(warm_up_k), "--warm-up-s", str(warm_up_s)),
+        ]
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            self.folder = Path(stack.enter_context(TemporaryDirectory(prefix="armd-demo-")))
+            self.truth = self.folder / "truth.bin"
+            self.endpoint = f"tcp/127.0.0.1:{_free_port()}"
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.close()
+
+    def calibrate(self) -> None:
+        """Measure the simulated arm at five temperatures, and identify it from that."""
+        sessions = self.folder / "sessions"
+        _do([*SIMULATOR, "--session", "demo", "--seed", self._seed, "-o", str(sessions)])
+        measured = sorted(str(path.parent) for path in sessions.glob("*/session.toml"))
+        arm, calibration = str(sessions / "arm.toml"), str(self.folder / "calibration.json")
+        _do([*ARMD, "calibrate", *measured, "--arm", arm, "-o", calibration, "--thermal", "1"])
+
+    def start(self) -> None:
+        """The arm on its pty, then the daemon, until it is ready."""
+        books = ["--arm-out", str(self.folder / "arm.toml"), "--truth", str(self.truth)]
+        log = ["--fault-log", str(self.folder / "simulator.jsonl")]
+        port = self._start([*SIMULATOR, *self._simulation, *books, *log], "simulator.log")
+        config = self.folder / "armd.toml"
+        config.write_text(CONFIG.format(port=port, endpoint=self.endpoint), encoding="utf-8")
+        self._start([*ARMD, "run", str(config)], "daemon.log")
+
+    def _start(self, command: list[str], log_name: str) -> str:
+        """Start a process that lives as long as the stage; its first line on standard output."""
+        log = self._stack.enter_context((self.folder / log_name).open("w+", encoding="utf-8"))
+        # Ctrl-C is for the demo alone: it stops the others in order.
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=log, text=True, start_new_session=True
+        )
+        self._stack.callback(_stop, process)
+        assert process.stdout is not None
+        line = process.stdout.readline().strip()
+        if not line:
+            raise ArmdError(f"{command[2]} did not start: {_last_line(log)}")
+        return line
+
+
+def _do(command: list[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode != 0:
+        raise ArmdError(f"{' '.join(command[1:4])} failed: {done.stderr.strip()}")
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    try:
+        process.wait(STOP_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
+
+
+def _last_line(log: IO[str]) -> str:
+    log.seek(0)
+    return (log.read().strip().splitlines() or ["it said nothing"])[-1]
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
