@@ -10,26 +10,24 @@ import os
 import select
 import termios
 import time
+from collections import deque
 from contextlib import suppress
 
-import numpy as np
 import serial
 
 from armd.drivers import serial_wire as wire
 from armd.drivers.config import SerialConfig
 from armd.drivers.host_time import HostTime
 from armd.drivers.identity import Expectation
-from armd.drivers.sample import Direction, Event, Item, RawFrame
+from armd.drivers.line_health import SILENCE_NS, STALE_NS, LineHealth
+from armd.drivers.sample import RAW_FRAMES_KEPT, Direction, Event, Item, RawFrame
 from armd.drivers.serial_decoder import SerialDecoder
 from armd.drivers.unwrap import warm_up
 
 READ_BYTES = 1 << 16
-STALE_NS = 50_000_000
-SILENCE_NS = 500_000_000
 IDENTIFY_INTERVAL_NS = 100_000_000
 IDENTIFY_PATIENCE = 10  # requests without an answer before a person is told
-BACK_OFF_FIRST_S, BACK_OFF_MOST_S = 0.02, 0.2
-REOPEN_SILENT_NS = 1_000_000_000  # a port that stays silent is opened afresh this often
+RENEW_NS = 1_000_000_000  # a port that stays silent is opened afresh this often
 
 
 class SerialDriver:
@@ -39,29 +37,25 @@ class SerialDriver:
         self._config = config
         self._decoder = SerialDecoder(expectation, config.max_joint_rate_deg_s)
         self._time = HostTime()
+        self._line = LineHealth(config.port, RENEW_NS)
         self._serial: serial.Serial | None = None
         self._poll = select.poll()
-        self._raw: list[RawFrame] = []
-        self._opened = 0
+        self._raw: deque[RawFrame] = deque(maxlen=RAW_FRAMES_KEPT)
         self._nonce = 0
         self._asked = 0  # IDENTIFY sent on this connection
-        self._back_off_s = BACK_OFF_FIRST_S
-        self._trouble: tuple[str, int] | None = None  # what is wrong, since when
-        now = time.monotonic_ns()
-        self._open_due_ns = self._identify_due_ns = self._ping_due_ns = now
-        self._quiet_since_ns = now  # last sample, or the opening of the port
+        self._identify_due_ns = self._ping_due_ns = 0
 
     @property
     def connected(self) -> bool:
-        return self._decoder.accepted and self._quiet_ns() < SILENCE_NS
+        return self._decoder.accepted and self._line.quiet_ns < SILENCE_NS
 
     @property
     def stale(self) -> bool:
-        return not self._decoder.accepted or self._quiet_ns() > STALE_NS
+        return not self._decoder.accepted or self._line.quiet_ns > STALE_NS
 
     @property
     def counters(self) -> dict[str, int]:
-        return {**self._decoder.counters, "reconnects": max(0, self._opened - 1)}
+        return {**self._decoder.counters, "reconnects": self._line.reconnects}
 
     def open(self) -> None:
         """Get ready; the port itself is opened by the first `read`, which goes on trying."""
@@ -71,12 +65,13 @@ class SerialDriver:
         if self._serial is not None:
             with suppress(OSError):
                 self._poll.unregister(self._serial.fileno())
-            with suppress(OSError, serial.SerialException):
+            with suppress(OSError):
                 self._serial.close()
             self._serial = None
 
     def take_raw(self) -> list[RawFrame]:
-        raw, self._raw = self._raw, []
+        raw = list(self._raw)
+        self._raw.clear()
         return raw
 
     def read(self, timeout_s: float) -> list[Item]:
@@ -84,13 +79,13 @@ class SerialDriver:
         items: list[Item] = []
         while not items:
             items += self._housekeeping(time.monotonic_ns())
-            wait_ns = min(deadline_ns, self._next_due_ns()) - time.monotonic_ns()
+            wait_ns = max(0, min(deadline_ns, self._next_due_ns()) - time.monotonic_ns())
             if self._serial is None:
-                time.sleep(max(0, wait_ns) / 1e9)
-            elif self._poll.poll(max(0, wait_ns) / 1e6):
-                items += self._receive()
-            elif time.monotonic_ns() >= self._silence_due_ns():  # never while bytes are waiting
-                items += self._silent()
+                time.sleep(wait_ns / 1e9)
+            elif self._poll.poll(wait_ns / 1e6):
+                items += self._receive(self._serial)
+            elif time.monotonic_ns() >= self._line.act_ns:  # never while bytes are waiting
+                items += self._renew()
             if time.monotonic_ns() >= deadline_ns:
                 break
         return items
@@ -99,68 +94,64 @@ class SerialDriver:
 
     def _next_due_ns(self) -> int:
         if self._serial is None:
-            return self._open_due_ns
-        due = min(self._ping_due_ns, self._silence_due_ns())
+            return self._line.open_due_ns
+        due = min(self._ping_due_ns, self._line.act_ns)
         return min(due, self._identify_due_ns) if self._decoder.wants_identity else due
-
-    def _silence_due_ns(self) -> int:
-        """When the silence is to be reported, and then when the port is to be opened afresh."""
-        return self._quiet_since_ns + (REOPEN_SILENT_NS if self._trouble else SILENCE_NS)
 
     def _housekeeping(self, now_ns: int) -> list[Item]:
         if self._serial is None:
-            return self._try_open(now_ns) if now_ns >= self._open_due_ns else []
-        items: list[Item] = []
-        if self._decoder.wants_identity and now_ns >= self._identify_due_ns:
-            self._identify_due_ns = now_ns + IDENTIFY_INTERVAL_NS
-            self._send(wire.encode_identify())
-            self._asked += 1
-            if self._asked == IDENTIFY_PATIENCE and self._decoder.last_sample_ns is not None:
-                text = "samples arrive, but the arm does not answer IDENTIFY: whose are they?"
-                items.append(Event("unidentified", text, now_ns, "error"))
+            return self._try_open(now_ns) if now_ns >= self._line.open_due_ns else []
         if now_ns >= self._ping_due_ns:
             self._ping_due_ns = now_ns + self._decoder.clock.ping_interval_ns
             self._nonce = (self._nonce + 1) & 0xFFFFFFFF
-            self._send(wire.encode_ping(self._nonce))
-        return items
+            self._send(self._serial, wire.encode_ping(self._nonce))
+        if not self._decoder.wants_identity or now_ns < self._identify_due_ns:
+            return []
+        self._identify_due_ns = now_ns + IDENTIFY_INTERVAL_NS
+        self._send(self._serial, wire.encode_identify())
+        self._asked += 1
+        if self._asked != IDENTIFY_PATIENCE or self._decoder.last_sample_ns is None:
+            return []
+        text = "samples arrive, but the arm does not answer IDENTIFY: whose are they?"
+        return [Event("unidentified", text, now_ns, "error")]
 
-    def _silent(self) -> list[Item]:
-        now_ns = time.monotonic_ns()
-        items: list[Item] = []
-        if self._trouble is None:
-            text = f"no sample for {SILENCE_NS / 1e9:.1f} s on {self._config.port}"
-            items.append(self._fault("silence", text, self._quiet_since_ns, now_ns))
-        self.close()
-        self._feed("link", b"down")
-        return items + self._try_open(now_ns)
+    # --- the port --------------------------------------------------------------------------
 
     def _try_open(self, now_ns: int) -> list[Item]:
+        port = self._config.port
         try:
-            self._serial = serial.Serial(
-                self._config.port, self._config.baud, timeout=0, exclusive=True
-            )
+            self._serial = serial.Serial(port, self._config.baud, timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
-            self._open_due_ns = now_ns + round(self._back_off_s * 1e9)
-            self._back_off_s = min(2 * self._back_off_s, BACK_OFF_MOST_S)
-            if self._trouble is not None:
-                return []
-            return [self._fault("port_missing", str(error), now_ns, now_ns)]
+            return self._line.lost("port_missing", str(error), now_ns)
         with suppress(OSError, ValueError):  # a pty has no such mode
             self._serial.set_low_latency_mode(True)
         self._poll.register(self._serial.fileno(), select.POLLIN)
-        self._back_off_s = BACK_OFF_FIRST_S
-        self._quiet_since_ns = self._ping_due_ns = self._identify_due_ns = now_ns
+        self._line.opened(now_ns)
+        self._ping_due_ns = self._identify_due_ns = now_ns
         self._asked = 0
-        self._opened += 1
         self._feed("link", b"up")
         return []
 
+    def _renew(self) -> list[Item]:
+        """Silence: perhaps the adapter hangs, perhaps the name now means another device."""
+        self._hang_up()
+        now_ns = time.monotonic_ns()
+        return [*self._line.silent(now_ns), *self._try_open(now_ns)]
+
+    def _unplugged(self, reason: str) -> list[Item]:
+        self._hang_up()
+        text = f"the line to {self._config.port} broke: {reason}"
+        return self._line.lost("unplugged", text, time.monotonic_ns())
+
+    def _hang_up(self) -> None:
+        self.close()
+        self._feed("link", b"down")
+
     # --- bytes -----------------------------------------------------------------------------
 
-    def _receive(self) -> list[Item]:
-        assert self._serial is not None
+    def _receive(self, port: serial.Serial) -> list[Item]:
         try:
-            data = os.read(self._serial.fileno(), READ_BYTES)
+            data = os.read(port.fileno(), READ_BYTES)
         except BlockingIOError:
             return []
         except OSError as error:
@@ -168,50 +159,15 @@ class SerialDriver:
         if not data:
             return self._unplugged("end of file")
         items = self._feed("rx", data)
-        if self._decoder.last_sample_ns is not None:
-            self._quiet_since_ns = max(self._quiet_since_ns, self._decoder.last_sample_ns)
-        if self._trouble is not None:
-            first = next((i for i, item in enumerate(items) if isinstance(item, np.ndarray)), None)
-            if first is not None:
-                items.insert(first, self._recovered())
-        return items
+        return self._line.heard(self._decoder.last_sample_ns, items)
 
-    def _unplugged(self, reason: str) -> list[Item]:
-        now_ns = time.monotonic_ns()
-        items: list[Item] = []
-        if self._trouble is None:
-            text = f"the line to {self._config.port} broke: {reason}"
-            items.append(self._fault("unplugged", text, now_ns, now_ns))
-        self.close()
-        self._feed("link", b"down")
-        self._open_due_ns = now_ns + round(self._back_off_s * 1e9)
-        return items
-
-    def _send(self, packet: bytes) -> None:
-        assert self._serial is not None
+    def _send(self, port: serial.Serial, packet: bytes) -> None:
         self._feed("tx", packet)
         with suppress(OSError):  # a full or broken line shows itself when reading
-            os.write(self._serial.fileno(), packet)
+            os.write(port.fileno(), packet)
 
     def _feed(self, direction: Direction, data: bytes) -> list[Item]:
         monotonic_ns, unix_ns = self._time.now()
         frame = RawFrame(monotonic_ns, unix_ns, direction, data)
         self._raw.append(frame)
         return self._decoder.feed(frame)
-
-    # --- loss and recovery -------------------------------------------------------------------
-
-    def _fault(self, kind: str, text: str, since_ns: int, now_ns: int) -> Event:
-        self._trouble = (kind, since_ns)
-        return Event(kind, text, now_ns, "error", {"port": self._config.port})
-
-    def _recovered(self) -> Event:
-        assert self._trouble is not None
-        (kind, since_ns), self._trouble = self._trouble, None
-        now_ns = time.monotonic_ns()
-        seconds = (now_ns - since_ns) / 1e9
-        text = f"samples again after {seconds:.2f} s ({kind})"
-        return Event("recovered", text, now_ns, "info", {"fault": kind, "seconds": seconds})
-
-    def _quiet_ns(self) -> int:
-        return time.monotonic_ns() - self._quiet_since_ns
