@@ -26,6 +26,7 @@ class CanConfig(Strict):
     channel: str | int | None = None
     rate_hz: Annotated[float, Field(gt=0, le=2000)] = 500.0
     sync: Literal["producer", "follower"] = "producer"
+    encoder_serial_numbers: list[int] | None = None  # 1018:4 of nodes 1…N, in this order
     max_joint_rate_deg_s: Annotated[float, Field(gt=0)] = MAX_JOINT_RATE_DEG_S
 
 

@@ -79,6 +79,9 @@ class RawFrame:
     channel: str = "serial"  # or "can": which decoder it is for
 
 
+RAW_FRAMES_KEPT = 1 << 16  # by a driver whose raw frames nobody takes
+
+
 class Driver(Protocol):
     """A source of samples. Everything happens in the caller's thread, inside `read`.
 
@@ -94,7 +97,7 @@ class Driver(Protocol):
 
     @property
     def stale(self) -> bool:
-        """No sample for more than 50 ms (or two periods of a slow arm)."""
+        """No sample for more than 50 ms."""
         ...
 
     @property
@@ -109,7 +112,7 @@ class Driver(Protocol):
         ...
 
     def take_raw(self) -> list[RawFrame]:
-        """The raw frames behind the last `read`, both directions."""
+        """The raw frames since the last call, both directions; the oldest go if nobody calls."""
         ...
 
     def close(self) -> None: ...

@@ -27,6 +27,7 @@ from armd.drivers.unwrap import warm_up
 READ_BYTES = 1 << 16
 IDENTIFY_INTERVAL_NS = 100_000_000
 IDENTIFY_PATIENCE = 10  # requests without an answer before a person is told
+GOLDEN_RATIO = 0.6180339887  # its multiples fall evenly, and never in step
 RENEW_NS = 1_000_000_000  # a port that stays silent is opened afresh this often
 
 
@@ -102,7 +103,9 @@ class SerialDriver:
         if self._serial is None:
             return self._try_open(now_ns) if now_ns >= self._line.open_due_ns else []
         if now_ns >= self._ping_due_ns:
-            self._ping_due_ns = now_ns + self._decoder.clock.ping_interval_ns
+            # Out of step with the arm's own beat, so that some PING finds it idle.
+            stretch = 0.75 + 0.5 * (self._nonce * GOLDEN_RATIO % 1)
+            self._ping_due_ns = now_ns + round(self._decoder.clock.ping_interval_ns * stretch)
             self._nonce = (self._nonce + 1) & 0xFFFFFFFF
             self._send(self._serial, wire.encode_ping(self._nonce))
         if not self._decoder.wants_identity or now_ns < self._identify_due_ns:

@@ -96,5 +96,6 @@ class PtyArm:
         if self.silent:
             return
         counts = [10 * seq + k for k in range(self.hello.n_joints)]
-        if self.write(wire.encode_sample(seq, self.device_us(), counts)):
-            self.sent.append(seq)
+        self.sent.append(seq)  # before it can be received
+        if not self.write(wire.encode_sample(seq, self.device_us(), counts)):
+            self.sent.remove(seq)

@@ -1,0 +1,295 @@
+"""Raw CAN frames → samples, temperatures and events. No bus, no clock, no SDO.
+
+What the configuring side finds out comes in as notes, frames of direction "link" that are
+recorded like all others, so a recording replays to the same samples.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from armd.drivers.can import objects as can
+from armd.drivers.can.cycle import Cycle, CycleAssembler, Reading
+from armd.drivers.can.node import HEARTBEAT_MS, HEARTBEATS_MISSED, Node
+from armd.drivers.can.sync_time import SyncTime
+from armd.drivers.identity import Expectation
+from armd.drivers.joint_watch import JointWatch
+from armd.drivers.sample import Event, Item, RawFrame, SampleArray, Temperatures, sample_dtype
+from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
+
+COUNTED = ("samples", "lost", "malformed", "unknown", "error_frames", "foreign_sync")
+
+
+def note(**fields: Any) -> bytes:
+    """Data of a "link" frame: {"note": "up" | "down" | "configured" | "refused", …}."""
+    return json.dumps(fields).encode()
+
+
+class CanDecoder:
+    """Feed it every `RawFrame` of a bus in order, sent ones too (they carry the SYNC times)."""
+
+    def __init__(
+        self,
+        expectation: Expectation,
+        rate_hz: float,
+        max_joint_rate_deg_s: float = MAX_JOINT_RATE_DEG_S,
+    ) -> None:
+        self.last_sample_ns: int | None = None
+        self._expected = expectation
+        self._period_ns = round(1e9 / rate_hz)
+        self._cycles_allowed = math.ceil(HEARTBEATS_MISSED * HEARTBEAT_MS * 1e-3 * rate_hz)
+        self._max_rate = max_joint_rate_deg_s
+        self._dtype = sample_dtype(expectation.n_joints)
+        joints = range(1, expectation.n_joints + 1)
+        modules = can.TEMPERATURE_NODES[: math.ceil(expectation.n_sensors / 6)]
+        self.nodes = {k: Node(k, f"joint {k}") for k in joints} | {
+            number: Node(number, f"temperature module {number:#x}") for number in modules
+        }
+        self._joints = [self.nodes[k] for k in joints]
+        self._assembler = CycleAssembler()
+        self._sync_time = SyncTime()
+        self._unwrapper: Unwrapper | None = None
+        self._number = -1  # of the present cycle
+        self._last_sync_ns: int | None = None
+        self._first_latch_ns: int | None = None
+        self._published: int | None = None
+        self._raw_counts = np.zeros(expectation.n_joints, np.int64)
+        self._celsius = np.full((len(modules), can.CHANNELS_PER_MODULE), np.nan)
+        self._arriving = self._celsius.copy()  # values whose status has not come yet
+        self._foreign = False
+        self._bus_was_down = False
+        self._alarm_watch = JointWatch("joint_invalid", "its encoder raises an alarm")
+        self._jump_watch = JointWatch("count_jump", "its count jumped")
+        self._counted: Counter[str] = Counter()
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Cycles delivered, and each kind of frame or cycle that was not."""
+        return {name: self._counted[name] for name in COUNTED} | {
+            "incomplete": self._assembler.incomplete,
+            "withheld": self._assembler.withheld,
+            "repeated": self._assembler.repeated,
+        }
+
+    @property
+    def accepted(self) -> bool:
+        """Every joint has been configured at least once, and no arm but ours has been found."""
+        return self._unwrapper is not None and not self._foreign
+
+    def feed(self, frame: RawFrame) -> list[Item]:
+        """What *frame* completes, in the order of the bus."""
+        if frame.direction == "link":
+            return self._take_note(json.loads(frame.data), frame.monotonic_ns)
+        message = can.CanFrame.from_bytes(frame.data)
+        if frame.direction == "tx":
+            if message.identifier == can.SYNC_ID:
+                latch_ns = self._sync_time.sent(frame.monotonic_ns)
+                return [] if latch_ns is None else self._sync(latch_ns, frame.monotonic_ns)
+            return []
+        return self._receive(message, frame)
+
+    # --- the bus ---------------------------------------------------------------------------
+
+    def _receive(self, message: can.CanFrame, frame: RawFrame) -> list[Item]:
+        identifier, now_ns = message.identifier, frame.monotonic_ns
+        if identifier == can.SYNC_ID:
+            latch_ns, lost = self._sync_time.received(now_ns)
+            self._number += lost
+            return [*self._second_producer(now_ns), *self._sync(latch_ns, now_ns)]
+        if identifier & can.ERROR:
+            self._counted["error_frames"] += 1
+            return []
+        number, function = identifier & 0x7F, identifier & ~0x7F
+        node = self.nodes.get(number)
+        if node is None:
+            self._counted["unknown"] += function != can.NMT_ID
+            return []
+        if function == can.HEARTBEAT_BASE and len(message.data) == 1:
+            fault = node.heartbeat(message.data[0] & 0x7F, self._number)
+            return self._failed(node, fault, now_ns)
+        if function == can.EMCY_BASE:
+            return self._emergency(node, message.data, now_ns)
+        if function in can.TPDO_BASE:
+            pdo = can.TPDO_BASE.index(function) + 1
+            return self._process_data(node, pdo, message.data, frame)
+        return []
+
+    def _emergency(self, node: Node, data: bytes, now_ns: int) -> list[Item]:
+        if len(data) != can.EMCY.size:
+            self._counted["malformed"] += 1
+            return []
+        code, register = can.EMCY.unpack(data)
+        if code == 0:  # error reset: the configuration that follows takes the node back
+            return []
+        fault = node.fail(f"emergency {code:#06x}, error register {register:#04x}")
+        return self._failed(node, fault, now_ns)
+
+    def _process_data(self, node: Node, pdo: int, data: bytes, frame: RawFrame) -> list[Item]:
+        if node.wants_configuration:  # by whose mapping?
+            return []
+        if node.number in can.TEMPERATURE_NODES:
+            return self._temperature_data(node, pdo, data, frame)
+        if pdo != 1:
+            return []
+        if len(data) != can.ENCODER_PDO.size:
+            self._counted["malformed"] += 1
+            return []
+        first = node.reported(self._number)
+        items = self._recovered(node, frame.monotonic_ns) if first else []
+        reading = Reading(*can.ENCODER_PDO.unpack(data))
+        cycle = self._assembler.report(node.number, reading, self._reporting())
+        if cycle is not None and self._unwrapper is not None and not self._foreign:
+            items += self._sample(cycle, self._unwrapper, frame)
+        return items
+
+    # --- cycles ----------------------------------------------------------------------------
+
+    def _reporting(self) -> frozenset[int]:
+        """Joints that a cycle must hold: at first all of them, later those that are well."""
+        if self._published is None:
+            return frozenset(node.number for node in self._joints)
+        return frozenset(node.number for node in self._joints if node.reporting)
+
+    def _sync(self, latch_ns: int, now_ns: int) -> list[Item]:
+        self._number += 1
+        if self._bus_was_down and self._last_sync_ns is not None:  # cycles nobody latched
+            self._number += round((now_ns - self._last_sync_ns) / self._period_ns)
+        self._bus_was_down = False
+        self._last_sync_ns = now_ns
+        if self.accepted:
+            self._assembler.sync(self._number, latch_ns, self._reporting())
+        return [
+            event
+            for node in self.nodes.values()
+            for event in self._failed(
+                node, node.overdue(self._number, self._cycles_allowed), now_ns
+            )
+        ]
+
+    def _second_producer(self, now_ns: int) -> list[Item]:
+        known, self._counted["foreign_sync"] = (
+            self._counted["foreign_sync"],
+            self._sync_time.foreign,
+        )
+        if known or not self._sync_time.foreign:
+            return []
+        text = 'another SYNC producer is on the bus: configure sync = "follower" or switch it off'
+        return [Event("second_sync_producer", text, now_ns, "error")]
+
+    def _sample(self, cycle: Cycle, unwrapper: Unwrapper, frame: RawFrame) -> list[Item]:
+        invalid = alarmed = 0
+        for k, node in enumerate(self._joints):
+            reading = cycle.readings.get(node.number)
+            if reading is None or not node.reporting:
+                invalid |= 1 << k
+                continue
+            self._raw_counts[k] = reading.position
+            alarmed |= (reading.alarms != 0) << k
+        if self._first_latch_ns is None:
+            self._first_latch_ns = cycle.latch_ns
+        out: SampleArray = np.zeros(1, self._dtype)
+        out["seq"] = cycle.number
+        out["device_ns"] = cycle.latch_ns - self._first_latch_ns
+        out["monotonic_ns"] = cycle.latch_ns
+        out["stamp_ns"] = cycle.latch_ns + frame.unix_ns - frame.monotonic_ns
+        out["clock_mapped"] = True
+        bad = np.array([invalid | alarmed], np.uint16)
+        out["count"], jumped = unwrapper(
+            self._raw_counts[None, :], np.array([cycle.latch_ns // 1000]), bad
+        )
+        out["joint_invalid"] = bad | jumped
+        if self._published is not None:
+            gap = cycle.number - self._published - 1
+            out["lost_before"] = gap != 0
+            self._counted["lost"] += gap
+        self._published = cycle.number
+        self.last_sample_ns = frame.monotonic_ns
+        self._counted["samples"] += 1
+        return [
+            *self._alarm_watch.events(out, np.array([alarmed], np.uint16)),
+            *self._jump_watch.events(out, jumped),
+            out,
+        ]
+
+    # --- temperatures ----------------------------------------------------------------------
+
+    def _temperature_data(self, node: Node, pdo: int, data: bytes, frame: RawFrame) -> list[Item]:
+        module = can.TEMPERATURE_NODES.index(node.number)
+        if pdo < can.STATUS_PDO_NUMBER and len(data) == can.VALUES_PDO.size:
+            first = can.CHANNELS_PER_PDO * (pdo - 1)
+            values = np.array(can.VALUES_PDO.unpack(data)) * can.PROCESS_VALUE_UNIT_C
+            self._arriving[module, first : first + can.CHANNELS_PER_PDO] = values
+            return []
+        if pdo != can.STATUS_PDO_NUMBER or len(data) != can.STATUS_PDO.size:
+            self._counted["malformed"] += 1
+            return []
+        items: list[Item] = (
+            self._recovered(node, frame.monotonic_ns) if node.reported(self._number) else []
+        )
+        invalid = np.array(can.STATUS_PDO.unpack(data)) & 1
+        self._celsius[module] = np.where(invalid == 1, np.nan, self._arriving[module])
+        self._arriving[module] = np.nan  # the next reading must be new
+        celsius = self._celsius.ravel()[: self._expected.n_sensors].copy()
+        device_ns = frame.monotonic_ns - (self._first_latch_ns or 0)
+        return [*items, Temperatures(celsius, device_ns, frame.monotonic_ns, frame.unix_ns)]
+
+    # --- nodes that fail and come back -------------------------------------------------------
+
+    def _take_note(self, note: dict[str, Any], now_ns: int) -> list[Item]:
+        match note["note"]:
+            case "up" | "down":
+                self._bus_was_down = True
+                self._foreign = False
+                self._assembler.reset()
+                self._sync_time = SyncTime()
+                for node in self.nodes.values():
+                    node.fail("the bus was down")
+                return []
+            case "configured":
+                return self._configured(self.nodes[note["node"]], note, now_ns)
+            case "refused":
+                self._foreign |= note["kind"] == "foreign_arm"
+                return [Event(note["kind"], note["text"], now_ns, "error", note["detail"])]
+        return []
+
+    def _configured(self, node: Node, note: dict[str, Any], now_ns: int) -> list[Item]:
+        is_joint = node.number not in can.TEMPERATURE_NODES
+        node.configured(self._number, every_cycle=is_joint)
+        if not is_joint:
+            return []
+        node.range_counts, node.counts_per_turn = note["range_counts"], note["counts_per_turn"]
+        if self._unwrapper is None and all(joint.range_counts for joint in self._joints):
+            self._unwrapper = Unwrapper(
+                [joint.range_counts for joint in self._joints],
+                [joint.counts_per_turn for joint in self._joints],
+                self._max_rate,
+            )
+            text = (
+                f"arm {self._expected.serial_number}: all {len(self._joints)} encoders identified"
+            )
+            return [Event("identified", text, now_ns, "info")]
+        return []
+
+    def _failed(self, node: Node, fault: str | None, now_ns: int) -> list[Item]:
+        if fault is None:
+            return []
+        detail: dict[str, Any] = {"node": node.number, "reason": fault}
+        if node.number in can.TEMPERATURE_NODES:
+            self._celsius[can.TEMPERATURE_NODES.index(node.number)] = np.nan
+            return [Event("sensors_lost", f"{node.name}: {fault}", now_ns, "error", detail)]
+        detail["joint"] = node.number
+        return [Event("joint_invalid", f"{node.name}: {fault}", now_ns, "error", detail)]
+
+    def _recovered(self, node: Node, now_ns: int) -> list[Item]:
+        fault, node.fault = node.fault, ""
+        if not fault:
+            return []
+        kind = "sensors_valid" if node.number in can.TEMPERATURE_NODES else "joint_valid"
+        detail = {"node": node.number, "joint": node.number}
+        text = f"{node.name} is configured again and reports ({fault})"
+        return [Event(kind, text, now_ns, "info", detail)]

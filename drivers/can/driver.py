@@ -1,0 +1,191 @@
+"""The CAN driver: a bus that may vanish, around the decoder that never sees one.
+
+One loop receives, sends SYNC at absolute deadlines and looks after the nodes, all within `read`.
+What blocks (opening an interface, configuring a node by SDO) is a `Job` beside it, one at a time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+
+import can
+import numpy as np
+
+from armd.drivers.can.bus import BusFault, OwnNetwork, open_bus
+from armd.drivers.can.decoder import CanDecoder, note
+from armd.drivers.can.job import Job
+from armd.drivers.can.objects import SDO_REPLY_BASE, CanFrame
+from armd.drivers.can.setup import NodeSetup
+from armd.drivers.config import CanConfig
+from armd.drivers.host_time import HostTime
+from armd.drivers.identity import Expectation
+from armd.drivers.line_health import SILENCE_NS, STALE_NS, LineHealth
+from armd.drivers.sample import RAW_FRAMES_KEPT, Item, RawFrame
+from armd.drivers.unwrap import warm_up
+from armd.errors import BadInput
+
+RENEW_NS = 2_000_000_000  # a bus that stays silent is built anew this often
+BURST = 64  # frames received before SYNC and the nodes get their turn
+SLICE_S = 0.01  # the longest wait for a frame: a job may have ended meanwhile
+
+
+class CanDriver:
+    """See `armd.drivers.sample.Driver`."""
+
+    def __init__(self, config: CanConfig, expectation: Expectation) -> None:
+        self._config = config
+        self._decoder = CanDecoder(expectation, config.rate_hz, config.max_joint_rate_deg_s)
+        serial_numbers = config.encoder_serial_numbers
+        if serial_numbers is not None and len(serial_numbers) != expectation.n_joints:
+            found, expected = f"{len(serial_numbers)} numbers", f"{expectation.n_joints}"
+            raise BadInput("armd.toml", "driver.encoder_serial_numbers", found, expected)
+        self._setup = NodeSetup(expectation, config.rate_hz, serial_numbers)
+        self._time = HostTime()
+        self._line = LineHealth(f"{config.interface} {config.channel or ''}".strip(), RENEW_NS)
+        self._network: OwnNetwork | None = None
+        self._opening: Job[can.BusABC] | None = None
+        self._raw: deque[RawFrame] = deque(maxlen=RAW_FRAMES_KEPT)
+        self._send_faults = 0  # of networks that are closed
+        self._period_ns = round(1e9 / config.rate_hz)
+        self._sync_due_ns = 0
+
+    @property
+    def connected(self) -> bool:
+        return self._decoder.accepted and self._line.quiet_ns < SILENCE_NS
+
+    @property
+    def stale(self) -> bool:
+        return not self._decoder.accepted or self._line.quiet_ns > STALE_NS
+
+    @property
+    def counters(self) -> dict[str, int]:
+        faults = self._send_faults + (self._network.send_faults if self._network else 0)
+        return {
+            **self._decoder.counters,
+            "send_faults": faults,
+            "reconnects": self._line.reconnects,
+        }
+
+    def open(self) -> None:
+        """Get ready; the bus itself is opened within `read`, which goes on trying."""
+        warm_up()
+
+    def close(self) -> None:
+        if self._network is not None:
+            self._send_faults += self._network.send_faults
+            self._network.close()
+            self._network = None
+
+    def take_raw(self) -> list[RawFrame]:
+        raw = list(self._raw)
+        self._raw.clear()
+        return raw
+
+    def read(self, timeout_s: float) -> list[Item]:
+        deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
+        items: list[Item] = []
+        while not items:
+            if self._network is None:
+                items += self._try_open()
+            else:
+                items += self._turn(self._network, deadline_ns)
+            if time.monotonic_ns() >= deadline_ns:
+                break
+        return _joined(items)
+
+    # --- one turn of the loop ----------------------------------------------------------------
+
+    def _turn(self, network: OwnNetwork, deadline_ns: int) -> list[Item]:
+        """SYNC if it is due, what the nodes need, and all frames that are there."""
+        now_ns = time.monotonic_ns()
+        due_ns = min(deadline_ns, self._line.act_ns)
+        if self._config.sync == "producer":
+            if now_ns >= self._sync_due_ns:
+                network.send_sync()
+                late = max(0, now_ns - self._sync_due_ns) // self._period_ns
+                self._sync_due_ns += (late + 1) * self._period_ns
+            due_ns = min(due_ns, self._sync_due_ns)
+        items = self._look_after_nodes(network, now_ns)
+        try:
+            items += self._receive(network, (due_ns - now_ns) / 1e9)
+        except BusFault as fault:
+            self._hang_up()
+            return [*items, *self._line.lost("bus_fault", str(fault), time.monotonic_ns())]
+        if time.monotonic_ns() >= self._line.act_ns:
+            self._hang_up()
+            items += self._line.silent(time.monotonic_ns())
+        return items
+
+    def _receive(self, network: OwnNetwork, timeout_s: float) -> list[Item]:
+        items = self._feed_sent(network)
+        frame = network.receive(max(0.0, min(timeout_s, SLICE_S)))
+        for _ in range(BURST):
+            if frame is None:
+                break
+            items += self._feed_sent(network)  # what was sent before this came
+            items += self._feed(frame)
+            message = CanFrame.from_bytes(frame.data)
+            if message.identifier & ~0x7F == SDO_REPLY_BASE:
+                network.notify(message.identifier, bytearray(message.data), 0.0)
+            frame = network.receive(0.0)
+        return self._line.heard(self._decoder.last_sample_ns, items)
+
+    def _look_after_nodes(self, network: OwnNetwork, now_ns: int) -> list[Item]:
+        wanting = [node.number for node in self._decoder.nodes.values() if node.wants_configuration]
+        return [
+            item for data in self._setup.step(network, wanting, now_ns) for item in self._note(data)
+        ]
+
+    # --- the bus -------------------------------------------------------------------------------
+
+    def _try_open(self) -> list[Item]:
+        if self._opening is None:
+            wait_ns = self._line.open_due_ns - time.monotonic_ns()
+            if wait_ns > 0:
+                time.sleep(min(wait_ns / 1e9, SLICE_S))
+                return []
+            self._opening = Job(lambda: open_bus(self._config))
+        if not self._opening.wait(SLICE_S):
+            return []
+        job, self._opening = self._opening, None
+        now_ns = time.monotonic_ns()
+        try:
+            bus = job.result()
+        except BusFault as fault:
+            return self._line.lost("bus_missing", str(fault), now_ns)
+        self._network = OwnNetwork(bus, self._time)
+        self._setup.restart()
+        self._line.opened(now_ns)
+        self._sync_due_ns = now_ns
+        return self._note(note(note="up"))
+
+    def _hang_up(self) -> None:
+        self.close()
+        self._note(note(note="down"))
+
+    # --- to the decoder ------------------------------------------------------------------------
+
+    def _feed_sent(self, network: OwnNetwork) -> list[Item]:
+        items: list[Item] = []
+        while network.sent:
+            items += self._feed(network.sent.popleft())
+        return items
+
+    def _note(self, data: bytes) -> list[Item]:
+        return self._feed(RawFrame(*self._time.now(), "link", data, "can"))
+
+    def _feed(self, frame: RawFrame) -> list[Item]:
+        self._raw.append(frame)
+        return self._decoder.feed(frame)
+
+
+def _joined(items: list[Item]) -> list[Item]:
+    """Arrays that follow one another as one array."""
+    joined: list[Item] = []
+    for item in items:
+        if joined and isinstance(item, np.ndarray) and isinstance(joined[-1], np.ndarray):
+            joined[-1] = np.concatenate([joined[-1], item])
+        else:
+            joined.append(item)
+    return joined

@@ -1,0 +1,126 @@
+"""Which node to configure next, and what came of it, as notes for the decoder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import partial
+
+import canopen
+
+from armd.drivers.can import objects as can
+from armd.drivers.can.bus import OwnNetwork
+from armd.drivers.can.configure import (
+    Encoder,
+    NodeRefused,
+    configure_encoder,
+    configure_module,
+    is_encoder,
+    remote_node,
+)
+from armd.drivers.can.decoder import note
+from armd.drivers.can.job import Job
+from armd.drivers.identity import Expectation
+
+NODE_BACK_OFF_NS = 250_000_000
+TEMPERATURES_HZ = 2.0
+
+Outcome = Encoder | bool | None
+
+
+class NodeSetup:
+    """Configures one node after the other, in a job beside the receive loop.
+
+    First of all it asks whether there is one joint too many: an arm with more joints than
+    arm.toml has is a foreign one. What an encoder says of itself the first time it must say
+    again after every failure: another serial number is another encoder.
+    """
+
+    def __init__(
+        self, expectation: Expectation, rate_hz: float, serial_numbers: Sequence[int] | None
+    ) -> None:
+        self._expected = expectation
+        self._every_sync = round(rate_hz / TEMPERATURES_HZ)
+        self._serial_numbers = dict(enumerate(serial_numbers or [], start=1))
+        self._nodes: dict[int, canopen.RemoteNode] = {}
+        self._running: tuple[int, Job[Outcome]] | None = None
+        self._due_ns: dict[int, int] = {}
+        self._complaint: dict[int, str] = {}  # the last one about each node, said once
+
+    def step(self, network: OwnNetwork, wanting: Iterable[int], now_ns: int) -> list[bytes]:
+        """Notes on the job that has ended, if one has; then the next of *wanting* begins."""
+        notes: list[bytes] = []
+        if self._running is not None:
+            number, job = self._running
+            if not job.done:
+                return []
+            self._running = None
+            notes = self._conclude(number, job)
+        extra = self._expected.n_joints + 1
+        for number in [*([] if extra in self._nodes else [extra]), *wanting]:
+            if self._due_ns.get(number, 0) <= now_ns:
+                self._due_ns[number] = now_ns + NODE_BACK_OFF_NS
+                self._running = (number, Job(partial(self._visit, network, number)))
+                break
+        return notes
+
+    def restart(self) -> None:
+        """Another bus: whatever was running talks to nobody."""
+        self._running = None
+        self._nodes = {}
+        self._due_ns = {}
+
+    # --- beside the loop ---------------------------------------------------------------------
+
+    def _visit(self, network: OwnNetwork, number: int) -> Outcome:
+        node = self._nodes.get(number)
+        if node is None:
+            node = self._nodes[number] = network.add_node(remote_node(number))
+        if number > self._expected.n_joints and number not in can.TEMPERATURE_NODES:
+            return is_encoder(node)
+        if number in can.TEMPERATURE_NODES:
+            before = can.CHANNELS_PER_MODULE * can.TEMPERATURE_NODES.index(number)
+            channels = min(can.CHANNELS_PER_MODULE, self._expected.n_sensors - before)
+            configure_module(node, channels, self._every_sync)
+            return None
+        return configure_encoder(node, self._expected.counts_per_turn[number - 1])
+
+    # --- in the loop ---------------------------------------------------------------------------
+
+    def _conclude(self, number: int, job: Job[Outcome]) -> list[bytes]:
+        try:
+            outcome = job.result()
+            if outcome is True:
+                raise NodeRefused(f"an encoder, expected {self._expected.n_joints} joints")
+            if isinstance(outcome, Encoder):
+                self._check_serial_number(number, outcome.serial_number)
+        except NodeRefused as error:
+            return self._complain(number, "foreign_arm", str(error))
+        except Exception as error:  # NodeAbsent, or an answer that canopen chokes on
+            return self._complain(number, "node_absent", str(error) or repr(error))
+        if outcome is False:
+            return []
+        self._complaint.pop(number, None)
+        if outcome is None:
+            return [note(note="configured", node=number)]
+        return [
+            note(
+                note="configured",
+                node=number,
+                counts_per_turn=outcome.counts_per_turn,
+                range_counts=outcome.range_counts,
+                serial_number=outcome.serial_number,
+            )
+        ]
+
+    def _check_serial_number(self, number: int, found: int) -> None:
+        expected = self._serial_numbers.setdefault(number, found)
+        if found != expected:
+            raise NodeRefused(f"serial number: found {found}, expected {expected}")
+
+    def _complain(self, number: int, kind: str, fault: str) -> list[bytes]:
+        if self._complaint.get(number) == fault:
+            return []
+        self._complaint[number] = fault
+        text = f"CAN node {number}: {fault}"
+        detail = {"node": number, "faults": [fault]}
+        return [note(note="refused", kind=kind, text=text, detail=detail)]
