@@ -8,11 +8,15 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
+from typing import Literal
 
 from armd.errors import ArmdError
 from armd.schema import load_toml, validate
 from armd.simulator.ahead import Ahead
 from armd.simulator.books import FaultLog, TruthFile
+from armd.simulator.canbus.device import CanArm
+from armd.simulator.canbus.wires import Wire
+from armd.simulator.crystal import precise_timers
 from armd.simulator.faults import FAULTS, check_wire, parse_fault, random_faults
 from armd.simulator.physics import Block, WarmUp, blocks
 from armd.simulator.pty_port import PtyPort
@@ -22,6 +26,13 @@ from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import arm_toml
 
 PROGRAM = "armd simulate"
+#: python-can's name of a CAN interface → its usual channel
+CAN_WIRES = {
+    "socketcand": "",
+    "slcan": "",
+    "socketcan": "vcan0",
+    "udp_multicast": "239.74.163.2",
+}
 FAULT_HELP = "faults, their usual duration in seconds and what they do:\n" + "\n".join(
     f"  {name:17}{kind.duration_s:6g}  {kind.text}" for name, kind in FAULTS.items()
 )
@@ -37,6 +48,11 @@ def parser() -> argparse.ArgumentParser:
     )
     mode = command.add_mutually_exclusive_group(required=True)
     mode.add_argument("--serial", action="store_true", help="on a pty; prints its path first")
+    mode.add_argument(
+        "--can",
+        choices=CAN_WIRES,
+        help="as CANopen nodes; prints first: socketcand HOST:PORT (bus can0), else the channel",
+    )
     mode.add_argument(
         "--session", metavar="KIND", help="measured sessions instead: see --session KIND --help"
     )
@@ -66,6 +82,10 @@ def parser() -> argparse.ArgumentParser:
         help="may be given several times",
     )
     command.add_argument(
+        "--channel",
+        help="socketcan: the interface (vcan0); udp_multicast: the group (239.74.163.2)",
+    )
+    command.add_argument(
         "--link", metavar="PATH", type=Path, help="a symbolic link to the port, kept at a replug"
     )
     command.add_argument(
@@ -90,13 +110,13 @@ def read_scenario(options: argparse.Namespace) -> Scenario:
     }
     merged = file.model_dump(by_alias=True) | given
     scenario = validate("command line", merged, Scenario)
+    wire: Literal["serial", "can"] = "serial" if options.serial else "can"
     faults = [*scenario.fault, *(parse_fault(text) for text in options.fault)]
     if scenario.faults_per_minute:
         if scenario.seconds is None:
             raise ArmdError("faults_per_minute wants seconds: how long the run lasts")
-        faults += random_faults(
-            scenario.seed, scenario.faults_per_minute, scenario.seconds, "serial"
-        )
+        faults += random_faults(scenario.seed, scenario.faults_per_minute, scenario.seconds, wire)
+    check_wire(faults, wire)
     return scenario.model_copy(update={"fault": faults})
 
 
@@ -110,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         scenario = read_scenario(options)
         if options.arm_out is not None:
             options.arm_out.write_text(arm_toml(scenario.serial_number), encoding="utf-8")
-        return serial(scenario, options)
+        return run(scenario, options)
     except ArmdError as error:
         print(f"armd: {error}", file=sys.stderr)
         return 2
@@ -118,21 +138,44 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
 
 
-def serial(scenario: Scenario, options: argparse.Namespace) -> int:
-    """The arm on a pty, until its time is over or a signal ends it."""
-    check_wire(scenario.fault, "serial")
+def run(scenario: Scenario, options: argparse.Namespace) -> int:
+    """The arm on its wire, until its time is over or a signal ends it."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    precise_timers()
     with ExitStack() as cleanup:
         truth = cleanup.enter_context(closing(TruthFile(options.truth)))
         log = cleanup.enter_context(closing(FaultLog(options.fault_log)))
         physics = cleanup.enter_context(closing(Ahead(life(scenario))))
-        port = PtyPort(options.link)
-        cleanup.callback(port.unplug)
-        device = cleanup.enter_context(closing(SerialDevice(scenario, physics, port, truth, log)))
-        print(port.path, flush=True)
-        device.run()
-        port.drain(0.5)  # a port closed at once takes the last samples with it
+        if options.serial:
+            port = cleanup.enter_context(closing(PtyPort(options.link)))
+            device = cleanup.enter_context(
+                closing(SerialDevice(scenario, physics, port, truth, log))
+            )
+            print(port.path, flush=True)
+            device.run()
+            port.drain(0.5)  # a port closed at once takes the last samples with it
+        else:
+            wire = cleanup.enter_context(closing(can_wire(options)))
+            arm = cleanup.enter_context(closing(CanArm(scenario, physics, wire, truth, log)))
+            print(wire.address, flush=True)
+            arm.run()
     return 0
+
+
+def can_wire(options: argparse.Namespace) -> Wire:
+    """What carries the frames; the modules behind it are imported only where used."""
+    match options.can:
+        case "socketcand":
+            from armd.simulator.canbus.socketcand import SocketcandWire
+
+            return SocketcandWire()
+        case "slcan":
+            from armd.simulator.canbus.slcan import SlcanWire
+
+            return SlcanWire(options.link)
+    from armd.simulator.canbus.python_can import PythonCanWire
+
+    return PythonCanWire(options.can, options.channel or CAN_WIRES[options.can])
 
 
 def life(scenario: Scenario) -> Iterator[Block]:

@@ -27,20 +27,29 @@ class Kind(NamedTuple):
 
 
 SERIAL: tuple[Wire, ...] = ("serial",)
+CAN: tuple[Wire, ...] = ("can",)
+BOTH: tuple[Wire, ...] = ("serial", "can")
 
 FAULTS = {
     "corrupted_byte": Kind("one byte of the SAMPLE packet changes on the wire", 0.0, SERIAL),
     "truncated_packet": Kind("the SAMPLE packet loses its end, delimiter included", 0.0, SERIAL),
     "lost_samples": Kind("SAMPLE packets are not sent; seq counts on", 0.005, SERIAL),
     "repeated_packet": Kind("the SAMPLE packet is sent twice", 0.0, SERIAL),
-    "silence": Kind("nothing is sent or answered; the arm latches on", 0.8, SERIAL),
+    "silence": Kind("nothing is sent or answered; the arm keeps its state", 0.8, BOTH),
     "unplug": Kind("the port disappears, and comes back at the end", 1.0, SERIAL),
-    "reboot": Kind("the arm starts anew: seq and clock from 0, another boot_id", 0.3, SERIAL),
-    "joint_invalid": Kind("the joint's status bit is set", 0.5, SERIAL),
-    "count_jump": Kind("the joint's count is off by `amount` counts", 0.0, SERIAL, 1 << 20),
-    "sensor_open": Kind("the channel's valid bit is cleared", 3.0, SERIAL),
-    "sensor_silent": Kind("no TEMPERATURE is sent", 6.0, SERIAL),
-    "temperature_step": Kind("the channel reads `amount` kelvin more", 5.0, SERIAL, 5.0),
+    "reboot": Kind("the arm starts anew: counters, clock, boot_id, settings", 0.3, BOTH),
+    "joint_invalid": Kind("the joint's status bit is set (CAN: an alarm)", 0.5, BOTH),
+    "count_jump": Kind("the joint's count is off by `amount` counts", 0.0, BOTH, 1 << 20),
+    "sensor_open": Kind("the channel is marked invalid", 3.0, BOTH),
+    "sensor_silent": Kind("no temperatures are sent", 6.0, BOTH),
+    "temperature_step": Kind("the channel reads `amount` kelvin more", 5.0, BOTH, 5.0),
+    "joint_warning": Kind("the joint's node reports a warning (6505)", 0.5, CAN),
+    "emcy": Kind("the joint's node sends an emergency, and takes it back at the end", 0.5, CAN),
+    "heartbeat_loss": Kind("the joint's node sends its TPDOs, but no heartbeat", 2.0, CAN),
+    "node_silent": Kind("the joint's node neither hears nor speaks", 1.0, CAN),
+    "node_reboot": Kind("the joint's node starts anew with factory settings", 0.3, CAN),
+    "missing_tpdo": Kind("the joint's node does not answer a SYNC", 0.0, CAN),
+    "bus_down": Kind("the bus is gone, and comes back at the end", 1.0, CAN),
 }
 
 
@@ -54,8 +63,8 @@ class Fault(Strict):
     at_s: Annotated[float, Field(ge=0)]
     duration_s: Annotated[float, Field(ge=0)] | None = None
     amount: float | None = None
-    joint: Annotated[int, Field(ge=1, le=9)] = 2
-    channel: Annotated[int, Field(ge=1, le=16)] = 2
+    joint: Annotated[int, Field(ge=1, le=6)] = 2
+    channel: Annotated[int, Field(ge=1, le=6)] = 2
 
     @field_validator("name")
     @classmethod

@@ -26,6 +26,7 @@ class PtyPort:
         self._link = link
         self.path = ""
         self._plugged = False
+        self._unsent = b""
         self.plug()
 
     @property
@@ -53,10 +54,13 @@ class PtyPort:
         """Disappear: whoever has the port open reads an error."""
         if self._plugged:
             self._plugged = False
+            self._unsent = b""
             os.close(self._slave)
             os.close(self._master)
             if self._link is not None:
                 self._link.unlink(missing_ok=True)
+
+    close = unplug
 
     def write(self, packets: bytes) -> bool:
         """Send whole packets; False if there was no room and they were dropped."""
@@ -88,7 +92,6 @@ class PtyPort:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
-        self._unsent = b""
 
     def _push(self, data: bytes) -> int:
         try:

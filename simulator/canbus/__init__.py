@@ -1,0 +1,1 @@
+"""The simulated arm as CANopen nodes, over whatever carries CAN frames here."""

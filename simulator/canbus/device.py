@@ -1,0 +1,190 @@
+"""The simulated arm on CAN: six encoders and a thermometer on one bus, latching at each SYNC."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from armd.drivers.can import objects as can
+from armd.simulator.books import FaultLog, TruthFile
+from armd.simulator.canbus.node import Node
+from armd.simulator.canbus.parts import Encoder, Thermometer
+from armd.simulator.canbus.timeline import Instant, Timeline
+from armd.simulator.canbus.wires import Wire
+from armd.simulator.electronics import COUNTS_PER_TURN, Electronics
+from armd.simulator.faults import Fault, Schedule
+from armd.simulator.physics import Block
+from armd.simulator.scenario import Scenario
+
+TICK_S = 0.005  # how finely heartbeats and faults are timed while there is no SYNC
+SYNCS_STOPPED_NS = 50_000_000
+TEMPERATURE_NS = 500_000_000
+ALARM_POSITION, WARNING_LIGHT = 0x0001, 0x0004  # bits of 6503 and of 6505
+EMCY_HARDWARE, EMCY_NONE, REGISTER_GENERIC = 0x5000, 0x0000, 0x01
+
+
+class CanArm:
+    """All nodes of one arm; `run` is their one loop.
+
+    CAN carries no number of a latch, so the truth file's first column is the latch's instant on
+    the host's CLOCK_MONOTONIC in ns.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        blocks: Iterator[Block],
+        wire: Wire,
+        truth: TruthFile,
+        log: FaultLog,
+    ) -> None:
+        self._scenario = scenario
+        self._wire = wire
+        self._truth = truth
+        self._log = log
+        self._timeline = Timeline(blocks, scenario.rate_hz)
+        self._schedule = Schedule(scenario.fault, scenario.rate_hz)
+        self._electronics = Electronics(scenario.seed)
+        n_joints = len(self._timeline.at(0.0).encoder_rad)
+        self._encoders = [Encoder(k) for k in range(1, n_joints + 1)]
+        self._thermometer = Thermometer(can.TEMPERATURE_NODES[0])
+        self._nodes: list[Node] = [*self._encoders, self._thermometer]
+        self._start_ns = 0
+        self._syncs = 0
+        self._last_sync_ns = 0
+        self._next_temperature_ns = 0
+
+    def run(self) -> None:
+        """Live for the scenario's seconds, or until interrupted."""
+        seconds = self._scenario.seconds
+        self._start_ns = time.monotonic_ns()
+        self._log.write("start", **self._now())
+        while seconds is None or self._elapsed_s() < seconds:
+            for frame in self._wire.receive(TICK_S):
+                if frame.can_id == can.SYNC_ID:
+                    self._on_sync()
+                else:
+                    for node in self._nodes:
+                        node.hear(frame)
+            self._tick()
+            self._flush()
+
+    def close(self) -> None:
+        """Bring the books to an end."""
+        if any(node.preset_written for node in self._nodes):
+            self._log.write("preset_written")
+        self._log.write("stop", **self._now())
+
+    def _on_sync(self) -> None:
+        """Every node latches at the SYNC's arrival and answers with its TPDOs."""
+        now_ns = self._last_sync_ns = time.monotonic_ns()
+        self._change_faults()
+        instant = self._timeline.at((now_ns - self._start_ns) * 1e-9)
+        self._latch(instant, now_ns)
+        self._truth.append(np.array([now_ns], np.uint64), instant.tip_mm[None])
+        self._syncs += 1
+        for node in self._nodes:
+            if not node.mute:
+                node.on_sync()
+        self._flush()
+
+    def _tick(self) -> None:
+        """What happens without a SYNC."""
+        now_ns = time.monotonic_ns()
+        if now_ns - self._last_sync_ns > SYNCS_STOPPED_NS:
+            # Otherwise a change waits for the next SYNC: a fault of no length meets exactly one.
+            self._change_faults()
+            self._latch(self._timeline.at((now_ns - self._start_ns) * 1e-9), now_ns)
+        for node in self._nodes:
+            node.tick(now_ns)
+
+    def _flush(self) -> None:
+        frames = [frame for node in self._nodes for frame in node.outbox]
+        for node in self._nodes:
+            node.outbox.clear()
+        if frames:
+            self._wire.send(frames)
+
+    def _latch(self, instant: Instant, now_ns: int) -> None:
+        counts = self._electronics.counts(instant.encoder_rad[None])[0]
+        for encoder, count in zip(self._encoders, counts, strict=True):
+            encoder.count = int(count)
+        for fault in self._schedule.active:
+            if fault.name == "count_jump":
+                encoder = self._encoders[fault.joint - 1]
+                encoder.count = int(encoder.count + fault.size) % COUNTS_PER_TURN
+        if now_ns >= self._next_temperature_ns:
+            self._next_temperature_ns = now_ns + TEMPERATURE_NS
+            self._measure_temperatures(instant)
+
+    def _measure_temperatures(self, instant: Instant) -> None:
+        celsius = np.full(can.CHANNELS_PER_MODULE, np.nan)
+        celsius[: len(instant.sensor_c)] = self._electronics.celsius(instant.sensor_c)
+        for fault in self._schedule.active:
+            if fault.name == "sensor_open":
+                celsius[fault.channel - 1] = np.nan
+            elif fault.name == "temperature_step":
+                celsius[fault.channel - 1] += fault.size
+        self._thermometer.celsius = celsius
+
+    # faults
+
+    def _change_faults(self) -> None:
+        latch = int(self._elapsed_s() * self._scenario.rate_hz)
+        if latch < self._schedule.next_change:
+            return
+        ended, begun = self._schedule.advance(latch)
+        self._next_temperature_ns = 0  # a sensor's fault shows at the next latch
+        self._set_states()
+        for fault in ended:
+            self._log.write("end", fault=fault.name, **self._now())
+            self._end(fault)
+        for fault in begun:
+            self._log.write(
+                "begin",
+                fault=fault.name,
+                joint=fault.joint,
+                channel=fault.channel,
+                amount=fault.size,
+                **self._now(),
+            )
+            if fault.name == "emcy":
+                self._encoders[fault.joint - 1].emergency(EMCY_HARDWARE, REGISTER_GENERIC)
+
+    def _set_states(self) -> None:
+        """Bring bus and nodes into the state that the active faults say."""
+        if self._schedule.is_on("bus_down"):
+            self._wire.down()
+        else:
+            self._wire.up()
+        all_mute = self._schedule.is_on("silence") or self._schedule.is_on("reboot")
+        for node in self._nodes:
+            own = {f.name for f in self._schedule.active if f.joint == node.node_id}
+            node.mute = all_mute or bool(own & {"node_silent", "node_reboot"})
+            node.no_heartbeat = "heartbeat_loss" in own
+            node.no_pdo = "missing_tpdo" in own
+            if isinstance(node, Encoder):
+                node.alarms = ALARM_POSITION if "joint_invalid" in own else 0
+                node.warnings = WARNING_LIGHT if "joint_warning" in own else 0
+        self._thermometer.no_pdo = self._schedule.is_on("sensor_silent")
+
+    def _end(self, fault: Fault) -> None:
+        if fault.name == "emcy":
+            self._encoders[fault.joint - 1].emergency(EMCY_NONE, 0)
+        elif fault.name == "node_reboot":
+            self._encoders[fault.joint - 1].boot()
+        elif fault.name == "reboot":
+            for node in self._nodes:
+                node.boot()
+
+    def _elapsed_s(self) -> float:
+        return (time.monotonic_ns() - self._start_ns) * 1e-9
+
+    def _now(self) -> dict[str, int | float]:
+        return {
+            "syncs": self._syncs,
+            "at_s": round(self._elapsed_s(), 6),
+            "monotonic_ns": time.monotonic_ns(),
+        }

@@ -1,0 +1,50 @@
+"""The nodes an arm is made of: CiA 406 encoders and a CiA 404 temperature module."""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.drivers.can import objects as can
+from armd.simulator.canbus.node import Node
+
+EDS = files("armd.drivers.can") / "eds"
+
+
+class Encoder(Node):
+    """Node k is the absolute encoder of joint k."""
+
+    def __init__(self, node_id: int) -> None:
+        self.count = 0
+        self.alarms = 0
+        self.warnings = 0
+        super().__init__(node_id, EDS / "encoder.eds", tpdos=1)
+
+    def measured(self, index: int, sub_index: int) -> int | None:
+        match index:
+            case can.POSITION:
+                return self.count
+            case can.ALARMS:
+                return self.alarms
+            case can.WARNINGS:
+                return self.warnings
+        return super().measured(index, sub_index)
+
+
+class Thermometer(Node):
+    """A module of six channels; those without a sensor, or with a broken one, are invalid."""
+
+    def __init__(self, node_id: int) -> None:
+        self.celsius: npt.NDArray[np.float64] = np.full(can.CHANNELS_PER_MODULE, np.nan)
+        super().__init__(node_id, EDS / "temperature.eds", tpdos=4)
+
+    def measured(self, index: int, sub_index: int) -> int | None:
+        if index not in (can.PROCESS_VALUE, can.CHANNEL_STATUS) or sub_index == 0:
+            return super().measured(index, sub_index)
+        celsius = float(self.celsius[sub_index - 1])
+        invalid = bool(np.isnan(celsius))
+        if index == can.CHANNEL_STATUS:
+            return int(invalid)
+        return 0 if invalid else round(celsius / can.PROCESS_VALUE_UNIT_C)

@@ -1,0 +1,69 @@
+"""Buses that python-can reaches on both ends: SocketCAN, and UDP multicast on loopback."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+from contextlib import suppress
+
+import can
+
+from armd.simulator.canbus.wires import Frame
+
+LOOPBACK = socket.inet_aton("127.0.0.1")
+
+
+class PythonCanWire:
+    """A bus by python-can's *interface* and *channel*; down means that the nodes have left it."""
+
+    def __init__(self, interface: str, channel: str) -> None:
+        self._interface = interface
+        self.address = channel
+        self._bus: can.BusABC | None = None
+        self.up()
+
+    def up(self) -> None:
+        if self._bus is None:
+            self._bus = can.Bus(interface=self._interface, channel=self.address)
+            if self._interface == "udp_multicast":
+                _keep_on_loopback(self._bus, self.address)
+
+    def down(self) -> None:
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
+
+    close = down
+
+    def receive(self, timeout_s: float) -> list[Frame]:
+        if self._bus is None:
+            time.sleep(timeout_s)
+            return []
+        frames = []
+        with suppress(can.CanError):  # a link that is down: nothing is heard
+            message = self._bus.recv(timeout_s)
+            while message is not None:
+                if not (message.is_extended_id or message.is_error_frame):
+                    frames.append(Frame(message.arbitration_id, bytes(message.data)))
+                message = self._bus.recv(0)
+        return frames
+
+    def send(self, frames: list[Frame]) -> None:
+        for can_id, data in frames:
+            if self._bus is not None:
+                with suppress(can.CanError):  # a link that is down: nobody hears
+                    self._bus.send(
+                        can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+                    )
+
+
+def _keep_on_loopback(bus: can.BusABC, group: str) -> None:
+    """python-can's multicast leaves by the default route; move it to loopback."""
+    multicast = socket.socket(fileno=socket.dup(bus.fileno()))
+    with multicast:
+        everywhere = struct.pack("=4sI", socket.inet_aton(group), socket.INADDR_ANY)
+        multicast.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, everywhere)
+        here = socket.inet_aton(group) + LOOPBACK
+        multicast.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, here)
+        multicast.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, LOOPBACK)

@@ -1,0 +1,128 @@
+"""A small socketcand server: CAN frames as ASCII over TCP, for python-can's `socketcand`."""
+
+from __future__ import annotations
+
+import select
+import socket
+import time
+from dataclasses import dataclass, field
+
+from armd.simulator.canbus.wires import Frame
+
+BUS = "can0"
+#: python-can expects "< ok >" alone in one read: a new client's frames wait this long.
+SETTLE_NS = 20_000_000
+BACKLOG_BYTES = 1 << 16  # of a client that does not read; more is lost
+
+
+@dataclass
+class _Client:
+    connection: socket.socket
+    received: bytearray = field(default_factory=bytearray)
+    unsent: bytearray = field(default_factory=bytearray)
+    raw_from_ns: int | None = None  # when frames may be sent; None before raw mode
+
+    def push(self, text: bytes) -> None:
+        if len(self.unsent) < BACKLOG_BYTES:
+            self.unsent += text
+        self.flush()
+
+    def flush(self) -> None:
+        if self.raw_from_ns is not None and time.monotonic_ns() < self.raw_from_ns:
+            return
+        try:
+            del self.unsent[: self.connection.send(self.unsent)]
+        except BlockingIOError:
+            pass
+        except OSError:  # gone; `receive` will see it and forget it
+            self.unsent.clear()
+
+
+class SocketcandWire:
+    """Serves the bus `can0` on loopback; clients also hear each other, as on a bus."""
+
+    def __init__(self, port: int = 0) -> None:
+        self._port = port
+        self._server: socket.socket | None = None
+        self._clients: list[_Client] = []
+        self.up()
+        self.address = f"127.0.0.1:{self._port}"
+
+    def up(self) -> None:
+        if self._server is not None:
+            return
+        self._server = socket.create_server(("127.0.0.1", self._port))
+        self._server.setblocking(False)
+        self._port = self._server.getsockname()[1]
+
+    def down(self) -> None:
+        for client in self._clients:
+            client.connection.close()
+        self._clients.clear()
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+
+    close = down
+
+    def receive(self, timeout_s: float) -> list[Frame]:
+        if self._server is None:
+            time.sleep(timeout_s)
+            return []
+        sockets = [self._server, *(client.connection for client in self._clients)]
+        ready, _, _ = select.select(sockets, [], [], timeout_s)
+        for client in self._clients:
+            if client.unsent:
+                client.flush()
+        frames: list[Frame] = []
+        for client in [client for client in self._clients if client.connection in ready]:
+            frames += self._read(client)
+        if self._server in ready:
+            connection, _ = self._server.accept()
+            connection.setblocking(False)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._clients.append(_Client(connection))
+            self._clients[-1].push(b"< hi >")
+        return frames
+
+    def send(self, frames: list[Frame]) -> None:
+        self._broadcast(frames, None)
+
+    def _broadcast(self, frames: list[Frame], sender: _Client | None) -> None:
+        now = time.time()
+        text = b"".join(
+            b"< frame %03X %.6f %s >" % (can_id, now, data.hex().upper().encode())
+            for can_id, data in frames
+        )
+        for client in self._clients:
+            if client is not sender and client.raw_from_ns is not None:
+                client.push(text)
+
+    def _read(self, client: _Client) -> list[Frame]:
+        try:
+            data = client.connection.recv(65536)
+        except OSError:
+            data = b""
+        if not data:
+            client.connection.close()
+            self._clients.remove(client)
+            return []
+        client.received += data
+        frames = []
+        while (end := client.received.find(b">")) >= 0:
+            words = bytes(client.received[:end]).decode("ascii", "replace").strip("< ").split()
+            del client.received[: end + 1]
+            match words:
+                case ["open", name]:
+                    client.push(b"< ok >" if name == BUS else b"< error no such bus >")
+                case ["rawmode"]:
+                    client.push(b"< ok >")
+                    client.raw_from_ns = time.monotonic_ns() + SETTLE_NS
+                case ["echo"]:
+                    client.push(b"< echo >")
+                case ["send", can_id, length, *octets] if len(octets) == int(length, 16):
+                    frames.append(Frame(int(can_id, 16), bytes(int(x, 16) for x in octets)))
+                case _:
+                    client.push(b"< error unknown command >")
+        self._broadcast(frames, client)
+        return frames

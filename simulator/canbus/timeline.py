@@ -1,0 +1,57 @@
+"""The arm at any instant: CAN nodes latch when a SYNC arrives, not on a grid of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.simulator.physics import Block
+
+F64 = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Instant:
+    """What encoders and sensors feel at one instant, and where the tip truly is."""
+
+    encoder_rad: F64  # (N,)
+    tip_mm: F64  # (3,)
+    sensor_c: F64  # (S,)
+
+
+class Timeline:
+    """Blocks of physics on a grid, read between its points.
+
+    Straight between two grid points: at 1 kHz and 0.5 m/s that is off by less than a nanometre.
+    """
+
+    def __init__(self, blocks: Iterator[Block], rate_hz: int) -> None:
+        self._blocks = blocks
+        self._rate_hz = rate_hz
+        self._first = 0
+        self._block = next(blocks)
+        self._next = next(blocks)
+
+    def at(self, time_s: float) -> Instant:
+        """Ask in order of time."""
+        place = time_s * self._rate_hz - self._first
+        while place >= len(self._block.tip_mm):
+            place -= len(self._block.tip_mm)
+            self._first += len(self._block.tip_mm)
+            self._block, self._next = self._next, next(self._blocks)
+        row = int(place)
+        share = place - row
+        return Instant(
+            self._between("encoder_rad", row, share),
+            self._between("tip_mm", row, share),
+            self._block.sensor_c,
+        )
+
+    def _between(self, name: str, row: int, share: float) -> F64:
+        values: F64 = getattr(self._block, name)
+        after: F64 = values[row + 1] if row + 1 < len(values) else getattr(self._next, name)[0]
+        between: F64 = (1 - share) * values[row] + share * after
+        return between

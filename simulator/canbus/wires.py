@@ -1,0 +1,36 @@
+"""What carries CAN frames between the nodes and the host."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+
+class Frame(NamedTuple):
+    """A CAN data frame with an 11-bit identifier."""
+
+    can_id: int
+    data: bytes
+
+
+class Wire(Protocol):
+    """The nodes' end of a bus."""
+
+    address: str  # what a person gives to the host to find it
+
+    def receive(self, timeout_s: float) -> list[Frame]:
+        """Frames of others; waits up to *timeout_s* for the first. Empty while down."""
+        ...
+
+    def send(self, frames: list[Frame]) -> None:
+        """Put frames on the bus, in order; what nobody can take is lost, as on a bus."""
+        ...
+
+    def down(self) -> None:
+        """The bus is gone: whoever uses it sees it fail or fall silent."""
+        ...
+
+    def up(self) -> None:
+        """The bus is back, at the same address."""
+        ...
+
+    def close(self) -> None: ...
