@@ -37,6 +37,14 @@ _HALF_PI_2 = 2 * 3.77489470793079817668e-8
 _HALF_PI_3 = 2 * 2.69515142907905952645e-15
 
 
+class Amounts(NamedTuple):
+    """How much of a term a unit of its slow factors gives."""
+
+    slow_parameter: I64  # (L,) index of the parameter a slow term changes
+    slow: F64  # (L,) coefficients of the slow terms
+    pose: F64  # (T,) coefficients of the pose terms, in the order of the program
+
+
 class Folded(NamedTuple):
     """Everything that changes with a temperature or the hour, and nothing that does with a pose."""
 
@@ -47,14 +55,6 @@ class Folded(NamedTuple):
     coefficients: F64  # (T,) of the pose terms, times their slow factors
 
 
-class Amounts(NamedTuple):
-    """How much of a term a unit of its slow factors gives."""
-
-    slow_parameter: I64  # (L,) index of the parameter a slow term changes
-    slow: F64  # (L,) coefficients of the slow terms
-    pose: F64  # (T,) coefficients of the pose terms, in the order of the program
-
-
 class Program(NamedTuple):
     """The pose terms of a calibration, ordered by the group of parameters they change."""
 
@@ -63,11 +63,12 @@ class Program(NamedTuple):
     factor_first: I64  # (T+1,) where a term's factors begin in `term_factors`
     term_factors: I64  # rows of `factors`
     factors: I64  # (F, 3) distinct factors: kind, joint or link from 0, detail
-    curves: F64  # (C, 4) cubic pieces, lowest power first; a curve begins at its `detail`
     curve_pieces: I64  # (F,) number of pieces of a curve
-    gravity: F64  # (N+1, 4) row k: mass moment (3) kg·mm and mass carried from link k on, kg;
-    # row 0: unit gravity in the base frame
     needs: I64  # (3,) whether levers under gravity, gravity in links, approach in links are asked
+    curves: F64  # (C, 4) cubic pieces, lowest power first; a curve begins at its `detail`
+    # (N+1, 4) row 0: unit gravity in the base frame; row k: mass moment of link k (3) and mass
+    # carried from it on, both scaled so that moments come out in Nm
+    gravity: F64
 
 
 class Work(NamedTuple):
@@ -75,33 +76,65 @@ class Work(NamedTuple):
 
     angle: F64  # (N, B)
     trig: F64  # (2N, B) sine and cosine of each joint
-    vectors: F64  # (9, B) position and two axes on their way from the tip to the base
+    vectors: F64  # (12, B) tip, x and y axis of the last frame, uncorrected tip: on their way to,
+    # and in the end in, the base frame
     posed: F64  # (12, B) one joint's five parameters (or the base's six), and three sines, cosines
-    factors: F64  # (F, B)
     product: F64  # (1, B)
+    factors: F64  # (F, B)
     down: F64  # (3N+3, B) gravity in base and link frames
     lever: F64  # (3N+3, B) mass moment of all links beyond, about a link's end, in its frame
     toward: F64  # (3N+3, B) approach in base and link frames
 
 
-class Inputs(NamedTuple):
-    q: F64  # (n, N) rad
-    rate: F64  # (n, N) rad/s, NaN missing; the sign is the side of approach
-    approach: F64  # (n, 3) NaN missing
+class State(NamedTuple):
+    """A model as one compiled call takes it.
 
+    Each array that crosses from Python costs 0.05 µs and each in a tuple 0.15 µs, so three flat
+    ones cross and `opened` makes views of them.
+    """
 
-class Outputs(NamedTuple):
-    """An output of length 0 is not computed."""
-
-    position: F64  # (n, 3) mm
-    orientation: F64  # (n, 4) quaternion x y z w of the last frame, w ≥ 0
-    correction: F64  # (n, 3) mm
-    basis: F64  # (n, T) values of the pose terms' pose factors
+    sizes: I64  # N, T, F, C and length of term_factors; then the integers of the program
+    numbers: F64  # Folded, then the floats of the program
+    work: F64  # (rows, B)
 
 
 @jit
-def fold(values: F64, amounts: Amounts, folded: Folded) -> None:
-    """Bring *folded* to the slow factors' values (L+T,), slow terms first."""
+def opened(state: State) -> tuple[Folded, Program, Work]:
+    """Views of the flat arrays, in the order in which the tuples are declared."""
+    n, t, f, c, listed = state.sizes[:5]
+    i = state.sizes[5:]
+    parameter, i = i[:t], i[t:]
+    first, i = i[: n + 3], i[n + 3 :]
+    factor_first, i = i[: t + 1], i[t + 1 :]
+    term_factors, i = i[:listed], i[listed:]
+    factors, i = i[: 3 * f].reshape(f, 3), i[3 * f :]
+    curve_pieces, needs = i[:f], i[f:]
+    x, matrix, p = state.numbers, 12 * (n + 1), 5 * n + 9
+    plain, x = x[:matrix].reshape(n + 1, 3, 4), x[matrix:]
+    matrices, x = x[:matrix].reshape(n + 1, 3, 4), x[matrix:]
+    parameters, x = x[:p], x[p:]
+    constants, x = x[:p], x[p:]
+    coefficients, x = x[:t], x[t:]
+    curves, gravity = x[: 4 * c].reshape(c, 4), x[4 * c :].reshape(n + 1, 4)
+    w, frames = state.work, 3 * n + 3
+    angle, trig, w = w[:n], w[n : 3 * n], w[3 * n :]
+    vectors, posed, product, w = w[:12], w[12:24], w[24:25], w[25:]
+    values, w = w[:f], w[f:]
+    down, lever, toward = w[:frames], w[frames : 2 * frames], w[2 * frames :]
+    return (
+        Folded(plain, matrices, parameters, constants, coefficients),
+        Program(
+            parameter, first, factor_first, term_factors, factors, curve_pieces, needs,
+            curves, gravity,
+        ),
+        Work(angle, trig, vectors, posed, product, values, down, lever, toward),
+    )  # fmt: skip
+
+
+@jit
+def fold(values: F64, amounts: Amounts, state: State) -> None:
+    """Bring a model to the slow factors' values (L+T,), slow terms first."""
+    folded, _, _ = opened(state)
     slow = len(amounts.slow)
     parameters = folded.parameters
     parameters[:] = folded.constants
@@ -109,6 +142,7 @@ def fold(values: F64, amounts: Amounts, folded: Folded) -> None:
         parameters[amounts.slow_parameter[t]] += amounts.slow[t] * values[t]
     for t in range(len(amounts.pose)):
         folded.coefficients[t] = amounts.pose[t] * values[slow + t]
+    set_matrices(folded.constants, folded.plain)
     set_matrices(parameters, folded.matrices)
 
 
@@ -143,86 +177,105 @@ def set_matrices(parameters: F64, matrices: F64) -> None:
 
 
 @jit
-def correct(inputs: Inputs, folded: Folded, program: Program, work: Work, out: Outputs) -> None:
-    """Correct n samples under one folded state."""
-    n, n_joints = inputs.q.shape
-    vectors = work.vectors
-    turned = 3 if len(out.orientation) else 1  # the position alone, or two axes with it
-    posed = len(program.parameter) > 0
-    for start in range(0, n, BLOCK):
-        m = min(BLOCK, n - start)
-        for i in range(m):
-            for k in range(n_joints):
-                work.angle[k, i] = inputs.q[start + i, k]
-        for k in range(n_joints):
-            _sincos(work.angle, k, 1.0, work.trig, 2 * k, m)
-
-        if len(out.correction):
-            _start(vectors, folded.constants, n_joints, 1, m)
-            for k in range(n_joints, -1, -1):
-                _fixed(folded.plain, k, work.trig, vectors, 1, m)
-            for i in range(m):
-                for axis in range(3):
-                    out.correction[start + i, axis] = -vectors[axis, i]
-
-        _start(vectors, folded.parameters, n_joints, turned, m)
-        if posed:
-            _evaluate_factors(inputs, start, folded.plain, program, work, m)
-            if len(out.basis):
-                _write_basis(program, work, out.basis, start, m)
-            if program.first[n_joints] < program.first[n_joints + 1]:
-                _spread(n_joints, 3, folded, program, work, m)
-                for axis in range(3):
-                    for i in range(m):
-                        vectors[axis, i] = work.posed[axis, i]
-        for k in range(n_joints, 0, -1):
-            if posed and program.first[k - 1] < program.first[k]:
-                _posed_joint(k - 1, folded, program, work, turned, m)
-            else:
-                _fixed(folded.matrices, k, work.trig, vectors, turned, m)
-        if posed and program.first[n_joints + 1] < program.first[n_joints + 2]:
-            _posed_base(n_joints, folded, program, work, turned, m)
-        else:
-            _fixed(folded.matrices, 0, work.trig, vectors, turned, m)
-
+def uncorrected(q: F64, state: State, position: F64) -> None:
+    """Tip positions (n, 3) mm by the constants alone."""
+    folded, _, work = opened(state)
+    for start in range(0, len(q), BLOCK):
+        m = min(BLOCK, len(q) - start)
+        take_angles(q, start, work, m)
+        uncorrected_block(folded, work, m)
         for i in range(m):
             for axis in range(3):
-                out.position[start + i, axis] = vectors[axis, i]
-        if len(out.correction):
+                position[start + i, axis] = work.vectors[9 + axis, i]
+
+
+@jit
+def correct(q: F64, rate: F64, approach: F64, state: State, position: F64, correction: F64) -> None:
+    """Tip positions (n, 3) mm and, unless its length is 0, corrections (n, 3) mm."""
+    folded, program, work = opened(state)
+    vectors = work.vectors
+    for start in range(0, len(q), BLOCK):
+        m = min(BLOCK, len(q) - start)
+        take_angles(q, start, work, m)
+        corrected_block(rate, approach, start, folded, program, work, 1, m)
+        for i in range(m):
+            for axis in range(3):
+                position[start + i, axis] = vectors[axis, i]
+        if len(correction):
+            uncorrected_block(folded, work, m)
             for i in range(m):
                 for axis in range(3):
-                    out.correction[start + i, axis] += vectors[axis, i]
-        if turned == 3:
-            _quaternions(vectors, out.orientation, start, m)
+                    correction[start + i, axis] = vectors[axis, i] - vectors[9 + axis, i]
 
 
 @jit
 def correct_runs(
-    values: F64,
-    amounts: Amounts,
-    inputs: Inputs,
-    folded: Folded,
-    program: Program,
-    work: Work,
-    out: Outputs,
-) -> None:
+    values: F64, amounts: Amounts, q: F64, rate: F64, approach: F64, state: State,
+    position: F64, correction: F64,
+) -> None:  # fmt: skip
     """Correct n samples, row i under its own *values* (n, L+T); equal neighbours share a fold."""
-    n = len(values)
     first = 0
-    while first < n:
+    while first < len(values):
         end = first + 1
-        while end < n and (values[end] == values[first]).all():
+        while end < len(values) and (values[end] == values[first]).all():
             end += 1
-        fold(values[first], amounts, folded)
-        run = Inputs(inputs.q[first:end], inputs.rate[first:end], inputs.approach[first:end])
+        fold(values[first], amounts, state)
         correct(
-            run, folded, program, work,
-            Outputs(
-                out.position[first:end], out.orientation[first:end],
-                out.correction[first:end], out.basis[first:end],
-            ),
+            q[first:end], rate[first:end], approach[first:end], state,
+            position[first:end], correction[first:end],
         )  # fmt: skip
         first = end
+
+
+@jit
+def take_angles(q: F64, start: int, work: Work, m: int) -> None:
+    n_joints = q.shape[1]
+    for i in range(m):
+        for k in range(n_joints):
+            work.angle[k, i] = q[start + i, k]
+    for k in range(n_joints):
+        _sincos(work.angle, k, 1.0, work.trig, 2 * k, m)
+
+
+@jit
+def uncorrected_block(folded: Folded, work: Work, m: int) -> None:
+    """Rows 9–11 of `work.vectors`: the tip by the constants alone."""
+    n_joints = len(work.angle)
+    _start(work.vectors, 9, folded.constants[5 * n_joints :], m)
+    for k in range(n_joints, -1, -1):
+        _fixed(folded.plain, k, work.trig, work.vectors, 9, m)
+
+
+@jit
+def corrected_block(
+    rate: F64, approach: F64, start: int, folded: Folded, program: Program, work: Work,
+    turned: int, m: int,
+) -> None:  # fmt: skip
+    """Rows 0–2 of `work.vectors`: the tip; 3–8: two axes of the last frame, if *turned* is 3."""
+    vectors, n_joints = work.vectors, len(work.angle)
+    posed = len(program.parameter) > 0
+    _start(vectors, 0, folded.parameters[5 * n_joints :], m)
+    for v in range(3, 3 * turned):
+        for i in range(m):
+            vectors[v, i] = 1.0 if v in (3, 7) else 0.0
+    if posed:
+        _evaluate_factors(rate, approach, start, folded.plain, program, work, m)
+        if program.first[n_joints] < program.first[n_joints + 1]:
+            _spread(n_joints, 5 * n_joints, 3, folded, program, work, m)
+            for axis in range(3):
+                for i in range(m):
+                    vectors[axis, i] = work.posed[axis, i]
+    for k in range(n_joints, 0, -1):
+        if posed and program.first[k - 1] < program.first[k]:
+            _posed_joint(k - 1, folded, program, work, turned, m)
+        else:
+            for v in range(0, 3 * turned, 3):
+                _fixed(folded.matrices, k, work.trig, vectors, v, m)
+    if posed and program.first[n_joints + 1] < program.first[n_joints + 2]:
+        _posed_base(n_joints, folded, program, work, turned, m)
+    else:
+        for v in range(0, 3 * turned, 3):
+            _fixed(folded.matrices, 0, work.trig, vectors, v, m)
 
 
 @jit
@@ -256,47 +309,48 @@ def _sincos(angle: F64, row: int, order: float, out: F64, to: int, m: int) -> No
 
 
 @jit
-def _start(vectors: F64, parameters: F64, n_joints: int, turned: int, m: int) -> None:
-    """The tip's offset and, if asked, the x and y axes, in the last frame."""
-    for row in range(3 * turned):
-        value = parameters[5 * n_joints + row] if row < 3 else 1.0 if row in (3, 7) else 0.0
+def _start(vectors: F64, v: int, tip: F64, m: int) -> None:
+    """Rows v … v + 2: the tip's offset in the last frame."""
+    for axis in range(3):
+        value = tip[axis]
         for i in range(m):
-            vectors[row, i] = value
+            vectors[v + axis, i] = value
 
 
 @jit
-def _fixed(matrices: F64, k: int, trig: F64, vectors: F64, turned: int, m: int) -> None:
-    """Take vectors from link k to link k − 1 (k = 0: from the base frame to the world)."""
+def _fixed(matrices: F64, k: int, trig: F64, vectors: F64, v: int, m: int) -> None:
+    """Take rows v … v + 2 from link k to link k − 1 (k = 0: from the base frame to the world).
+
+    Rows 3–8 are axes, which have no place.
+    """
     m00, m01, m02, m03 = matrices[k, 0, 0], matrices[k, 0, 1], matrices[k, 0, 2], matrices[k, 0, 3]
     m10, m11, m12, m13 = matrices[k, 1, 0], matrices[k, 1, 1], matrices[k, 1, 2], matrices[k, 1, 3]
     m20, m21, m22, m23 = matrices[k, 2, 0], matrices[k, 2, 1], matrices[k, 2, 2], matrices[k, 2, 3]
-    for v in range(0, 3 * turned, 3):
-        if v == 3:
-            m03 = m13 = m23 = 0.0  # axes have no place
-        if k == 0:
-            for i in range(m):
-                x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
-                vectors[v, i] = m00 * x + m01 * y + m02 * z + m03
-                vectors[v + 1, i] = m10 * x + m11 * y + m12 * z + m13
-                vectors[v + 2, i] = m20 * x + m21 * y + m22 * z + m23
-        else:
-            sine = 2 * (k - 1)
-            for i in range(m):
-                x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
-                s, c = trig[sine, i], trig[sine + 1, i]
-                along = m00 * x + m01 * y + m02 * z + m03
-                across = m10 * x + m11 * y + m12 * z + m13
-                vectors[v, i] = c * along - s * across
-                vectors[v + 1, i] = s * along + c * across
-                vectors[v + 2, i] = m20 * x + m21 * y + m22 * z + m23
+    if 3 <= v < 9:
+        m03 = m13 = m23 = 0.0
+    if k == 0:
+        for i in range(m):
+            x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
+            vectors[v, i] = m00 * x + m01 * y + m02 * z + m03
+            vectors[v + 1, i] = m10 * x + m11 * y + m12 * z + m13
+            vectors[v + 2, i] = m20 * x + m21 * y + m22 * z + m23
+        return
+    sine = 2 * (k - 1)
+    for i in range(m):
+        x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
+        s, c = trig[sine, i], trig[sine + 1, i]
+        along = m00 * x + m01 * y + m02 * z + m03
+        across = m10 * x + m11 * y + m12 * z + m13
+        vectors[v, i] = c * along - s * across
+        vectors[v + 1, i] = s * along + c * across
+        vectors[v + 2, i] = m20 * x + m21 * y + m22 * z + m23
 
 
 @jit
 def _spread(
-    group: int, rows: int, folded: Folded, program: Program, work: Work, m: int
-) -> None:  # fmt: skip
-    """Parameters of a group, sample by sample: rows of `work.posed`."""
-    offset = 5 * group if rows != 6 else 5 * (group - 1) + 3
+    group: int, offset: int, rows: int, folded: Folded, program: Program, work: Work, m: int
+) -> None:
+    """A group's parameters from *offset* on, sample by sample: rows of `work.posed`."""
     for row in range(rows):
         value = folded.parameters[offset + row]
         for i in range(m):
@@ -318,7 +372,7 @@ def _spread(
 @jit
 def _posed_joint(k: int, folded: Folded, program: Program, work: Work, turned: int, m: int) -> None:
     """Like `_fixed` for joint k (from 0), its five parameters differing from sample to sample."""
-    _spread(k, 5, folded, program, work, m)
+    _spread(k, 5 * k, 5, folded, program, work, m)
     posed, angle, vectors = work.posed, work.angle, work.vectors
     for i in range(m):
         posed[0, i] += angle[k, i]
@@ -342,7 +396,7 @@ def _posed_base(
     n_joints: int, folded: Folded, program: Program, work: Work, turned: int, m: int
 ) -> None:
     """The base's displacement, differing from sample to sample."""
-    _spread(n_joints + 1, 6, folded, program, work, m)
+    _spread(n_joints + 1, 5 * n_joints + 3, 6, folded, program, work, m)
     posed, vectors = work.posed, work.vectors
     _sincos(posed, 3, 1.0, posed, 6, m)
     _sincos(posed, 4, 1.0, posed, 8, m)
@@ -359,42 +413,27 @@ def _posed_base(
 
 
 @jit
-def _quaternions(vectors: F64, orientation: F64, start: int, m: int) -> None:
-    """Quaternions of the frames whose x and y axes stand in rows 3–8 (Shepperd's choice)."""
-    for i in range(m):
-        xx, yx, zx = vectors[3, i], vectors[4, i], vectors[5, i]
-        xy, yy, zy = vectors[6, i], vectors[7, i], vectors[8, i]
-        xz, yz, zz = yx * zy - zx * yy, zx * xy - xx * zy, xx * yy - yx * xy
-        trace = xx + yy + zz
-        if trace > max(xx, yy, zz):
-            x, y, z, w = zy - yz, xz - zx, yx - xy, 1.0 + trace
-        elif xx > yy and xx > zz:
-            x, y, z, w = 1.0 + xx - yy - zz, yx + xy, xz + zx, zy - yz
-        elif yy > zz:
-            x, y, z, w = yx + xy, 1.0 + yy - xx - zz, zy + yz, xz - zx
-        else:
-            x, y, z, w = xz + zx, zy + yz, 1.0 + zz - xx - yy, yx - xy
-        scale = math.copysign(1.0 / math.sqrt(x * x + y * y + z * z + w * w), w)
-        orientation[start + i, 0] = scale * x
-        orientation[start + i, 1] = scale * y
-        orientation[start + i, 2] = scale * z
-        orientation[start + i, 3] = scale * w
-
-
-@jit
-def _write_basis(program: Program, work: Work, basis: F64, start: int, m: int) -> None:
-    for t in range(len(program.parameter)):
-        for i in range(m):
-            basis[start + i, t] = 1.0
-        for j in range(program.factor_first[t], program.factor_first[t + 1]):
-            f = program.term_factors[j]
-            for i in range(m):
-                basis[start + i, t] *= work.factors[f, i]
+def quaternion(vectors: F64, i: int) -> tuple[float, float, float, float]:
+    """x, y, z, w ≥ 0 of the frame whose x and y axes stand in rows 3–8 (Shepperd's choice)."""
+    xx, yx, zx = vectors[3, i], vectors[4, i], vectors[5, i]
+    xy, yy, zy = vectors[6, i], vectors[7, i], vectors[8, i]
+    xz, yz, zz = yx * zy - zx * yy, zx * xy - xx * zy, xx * yy - yx * xy
+    trace = xx + yy + zz
+    if trace > max(xx, yy, zz):
+        x, y, z, w = zy - yz, xz - zx, yx - xy, 1.0 + trace
+    elif xx > yy and xx > zz:
+        x, y, z, w = 1.0 + xx - yy - zz, yx + xy, xz + zx, zy - yz
+    elif yy > zz:
+        x, y, z, w = yx + xy, 1.0 + yy - xx - zz, zy + yz, xz - zx
+    else:
+        x, y, z, w = xz + zx, zy + yz, 1.0 + zz - xx - yy, yx - xy
+    scale = math.copysign(1.0 / math.sqrt(x * x + y * y + z * z + w * w), w)
+    return scale * x, scale * y, scale * z, scale * w
 
 
 @jit
 def _evaluate_factors(
-    inputs: Inputs, start: int, plain: F64, program: Program, work: Work, m: int
+    rate: F64, approach: F64, start: int, plain: F64, program: Program, work: Work, m: int
 ) -> None:
     """Every distinct pose factor, one row of `work.factors` each."""
     factors, trig = work.factors, work.trig
@@ -409,7 +448,7 @@ def _evaluate_factors(
     if program.needs[2]:
         for i in range(m):
             for axis in range(3):
-                toward = inputs.approach[start + i, axis]
+                toward = approach[start + i, axis]
                 work.toward[axis, i] = 0.0 if np.isnan(toward) else toward
         _into_links(plain, trig, work.toward, m)
     for f in range(len(program.factors)):
@@ -441,15 +480,15 @@ def _evaluate_factors(
                 factors[f, i] = down[3 * (k + 1) + detail, i]
         elif kind == SIDE:
             for i in range(m):
-                rate = inputs.rate[start + i, k]
-                factors[f, i] = 1.0 if rate > 0.0 else -1.0 if rate < 0.0 else 0.0
+                speed = rate[start + i, k]
+                factors[f, i] = 1.0 if speed > 0.0 else -1.0 if speed < 0.0 else 0.0
         elif kind == RATE:
             for i in range(m):
-                rate = inputs.rate[start + i, k]
-                factors[f, i] = 0.0 if np.isnan(rate) else rate
+                speed = rate[start + i, k]
+                factors[f, i] = 0.0 if np.isnan(speed) else speed
         elif kind == APPROACH:
             for i in range(m):
-                toward = inputs.approach[start + i, detail]
+                toward = approach[start + i, detail]
                 factors[f, i] = 0.0 if np.isnan(toward) else toward
         else:
             last = len(work.toward) - 3

@@ -9,16 +9,15 @@ from armd.compensation import kernel, parameters
 from armd.compensation.arm import Arm
 from armd.compensation.basis import Delay, basis_values
 from armd.compensation.calibration import LoadedCalibration
-from armd.compensation.kernel import BLOCK, Amounts, Folded, Inputs, Outputs
-from armd.compensation.program import by_parameter, compile_terms, work_for
+from armd.compensation.kernel import BLOCK, Amounts, State
+from armd.compensation.points import fill
+from armd.compensation.program import by_parameter, compile_terms, state_of
 from armd.compensation.state import Lag, States
 from armd.compensation.terms import SLOW_FACTORS, Term
 from armd.compensation.uncertainty import Uncertainty
 from armd.point import POINT
 
 F64 = npt.NDArray[np.float64]
-
-NONE = np.zeros((0, 0))
 
 
 class Model:
@@ -47,17 +46,10 @@ class Model:
             slow=np.array([term.coefficient for term in slow]),
             pose=np.array([term.coefficient for term in pose]),
         )
-        self._program = compile_terms(pose, arm)
-        self._work = work_for(self._program, n)
-        self._folded = _folded(self.constants, len(pose))
+        self._state = state_of(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
         self._lags: dict[str, Lag] = {}
-        self._outputs = _outputs(BLOCK, len(pose))
-        # Without terms: what "uncorrected" means, and what it costs.
-        self._plain = _folded(self.constants, 0)
-        self._plain_program = compile_terms([], arm)
-        self._plain_work = work_for(self._plain_program, n)
-        self._plain_position = np.zeros((BLOCK, 3))
+        self._position = np.zeros((BLOCK, 3))
         self.fold(np.full(len(arm.sensors), self._reference_c), 0.0)
         self._lags.clear()  # the first measured temperature starts them
 
@@ -68,12 +60,12 @@ class Model:
         call. A sensor that a term uses must have a value.
         """
         values = self._values(_instants(celsius[None, :], unix_s, self.arm), self._lagged)[0]
-        kernel.fold(values, self._amounts, self._folded)
+        kernel.fold(values, self._amounts, self._state)
         if self._uncertainty.known:
             # One row per sensor that reads one standard deviation too high.
             each = celsius + self._uncertainty.temperature_c * np.eye(len(celsius))
             bumped = self._values(_instants(np.vstack([celsius, each]), unix_s, self.arm), None)
-            self._uncertainty.fold(self._folded.parameters, values, bumped[1:] - bumped[0])
+            self._uncertainty.fold(values, bumped[1:] - bumped[0])
 
     def uncorrected(self, q: F64) -> F64:
         """Tip positions (n, 3) mm of angles (n, N) rad by the constants alone.
@@ -81,12 +73,11 @@ class Model:
         The array is the model's own: the next call overwrites it.
         """
         n = len(q)
-        if n > len(self._plain_position):
-            self._plain_position = np.zeros((2 * n, 3))
-        out = Outputs(self._plain_position[:n], NONE, NONE, NONE)
-        inputs = Inputs(np.ascontiguousarray(q), NONE, NONE)
-        kernel.correct(inputs, self._plain, self._plain_program, self._plain_work, out)
-        return out.position
+        if n > len(self._position):
+            self._position = np.zeros((2 * n, 3))
+        position = self._position[:n]
+        kernel.uncorrected(np.ascontiguousarray(q), self._state, position)
+        return position
 
     def correct(self, q: F64, rate: F64, approach: F64, points: npt.NDArray[np.void]) -> None:
         """Fill position, orientation, covariance and correction of *points* (n,), dtype `POINT`.
@@ -94,18 +85,15 @@ class Model:
         *q* (n, N) rad; *rate* (n, N) rad/s, its sign the side of approach; *approach* (n, 3) unit
         vectors, base frame; NaN where unknown, which leaves the terms concerned without effect.
         """
-        n = len(q)
-        if n > len(self._outputs.position):
-            self._outputs = _outputs(2 * n, len(self._amounts.pose))
-        out = Outputs(*(array[:n] for array in self._outputs))
-        inputs = Inputs(
-            np.ascontiguousarray(q), np.ascontiguousarray(rate), np.ascontiguousarray(approach)
+        fill(
+            np.ascontiguousarray(q),
+            np.ascontiguousarray(rate),
+            np.ascontiguousarray(approach),
+            self._state,
+            self._uncertainty.factor,
+            self._uncertainty.floor,
+            points,
         )
-        kernel.correct(inputs, self._folded, self._program, self._work, out)
-        points["position_mm"] = out.position
-        points["orientation"] = out.orientation
-        points["correction_mm"] = out.correction
-        points["covariance_mm2"] = self._uncertainty.covariance(inputs.q, out.basis)
 
     def correct_states(self, states: States) -> tuple[F64, F64]:
         """Positions (n, 3) mm and corrections (n, 3), each row at its own temperatures and time.
@@ -113,20 +101,16 @@ class Model:
         Rows in which a temperature that a term uses is missing come out NaN. What `fold` has set
         for the live path stays.
         """
-        n = states.n
-        position, correction = np.empty((n, 3)), np.empty((n, 3))
+        position, correction = np.empty((states.n, 3)), np.empty((states.n, 3))
         kernel.correct_runs(
             self._values(states, None),
             self._amounts,
-            Inputs(
-                np.ascontiguousarray(states.q),
-                np.ascontiguousarray(states.rate),
-                np.ascontiguousarray(states.approach),
-            ),
-            _folded(self.constants, len(self._amounts.pose)),
-            self._program,
-            self._work,
-            Outputs(position, NONE, correction, NONE),
+            np.ascontiguousarray(states.q),
+            np.ascontiguousarray(states.rate),
+            np.ascontiguousarray(states.approach),
+            State(self._state.sizes, self._state.numbers.copy(), np.empty_like(self._state.work)),
+            position,
+            correction,
         )
         return position, correction
 
@@ -152,19 +136,6 @@ def _slow_part(term: Term) -> Term:
     """The term without its pose factors."""
     factors = [factor for factor in term.basis if isinstance(factor, SLOW_FACTORS)]
     return term.model_copy(update={"basis": factors})
-
-
-def _folded(constants: F64, n_pose_terms: int) -> Folded:
-    """Constants alone; terms come with `kernel.fold`."""
-    plain = np.zeros(((len(constants) - 9) // 5 + 1, 3, 4))
-    kernel.set_matrices(constants, plain)
-    return Folded(plain, plain.copy(), constants.copy(), constants, np.zeros(n_pose_terms))
-
-
-def _outputs(n: int, n_pose_terms: int) -> Outputs:
-    return Outputs(
-        np.zeros((n, 3)), np.zeros((n, 4)), np.zeros((n, 3)), np.zeros((n, n_pose_terms))
-    )
 
 
 def _instants(celsius: F64, unix_s: float, arm: Arm) -> States:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from armd.compensation import kernel, parameters
 from armd.compensation.arm import Arm
 from armd.compensation.basis import AXES, curve_spline
 from armd.compensation.gravity import STANDARD_GRAVITY, link_masses
-from armd.compensation.kernel import BLOCK, Program, Work
+from armd.compensation.kernel import BLOCK, Folded, Program, State
 from armd.compensation.terms import (
     SLOW_FACTORS,
     Angle,
@@ -26,6 +27,8 @@ from armd.compensation.terms import (
     Term,
 )
 
+F64 = npt.NDArray[np.float64]
+
 
 def by_parameter(terms: Sequence[Term], n_joints: int) -> list[Term]:
     """Terms in the order of the parameters they change, as a `Program` wants its pose terms."""
@@ -40,7 +43,7 @@ def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
     distinct: dict[str, int] = {}
     rows: list[tuple[int, int, int]] = []
     pieces: list[int] = []
-    curves: list[np.ndarray[tuple[int, int], np.dtype[np.float64]]] = [np.zeros((0, 4))]
+    curves: list[F64] = [np.zeros((0, 4))]
     factor_first, term_factors = [0], []
     for term in terms:
         for factor in term.basis:
@@ -72,19 +75,19 @@ def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
     )
 
 
-def work_for(program: Program, n_joints: int) -> Work:
-    """Scratch for a program."""
-    frames = np.zeros((3, 3 * n_joints + 3, BLOCK))
-    return Work(
-        angle=np.zeros((n_joints, BLOCK)),
-        trig=np.zeros((2 * n_joints, BLOCK)),
-        vectors=np.zeros((9, BLOCK)),
-        posed=np.zeros((12, BLOCK)),
-        factors=np.zeros((len(program.factors), BLOCK)),
-        product=np.zeros((1, BLOCK)),
-        down=frames[0],
-        lever=frames[1],
-        toward=frames[2],
+def state_of(program: Program, constants: F64) -> State:
+    """A model's state for the kernel, still to be folded; *constants* (P,)."""
+    n = (len(constants) - 9) // 5
+    n_terms, n_factors = len(program.parameter), len(program.factors)
+    matrices = np.zeros((n + 1, 3, 4))
+    folded = Folded(matrices, matrices, constants, constants, np.zeros(n_terms))
+    sizes = [n, n_terms, n_factors, len(program.curves), len(program.term_factors)]
+    integers, floats = program[:7], program[7:]
+    rows = 3 * n + 25 + n_factors + 3 * (3 * n + 3)
+    return State(
+        sizes=np.concatenate([np.array(sizes), *(array.ravel() for array in integers)]),
+        numbers=np.concatenate([array.ravel() for array in (*folded, *floats)]),
+        work=np.zeros((rows, BLOCK)),
     )
 
 
@@ -118,7 +121,7 @@ def _code(factor: Factor, curve_at: int) -> tuple[int, int, int]:
             raise AssertionError(f"{factor.kind} is no pose factor")
 
 
-def _gravity(arm: Arm) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _gravity(arm: Arm) -> F64:
     """`Program.gravity`, masses scaled so that mass moment × unit gravity is in Nm."""
     kg, centre_mm = link_masses(arm)
     newton_per_mm = STANDARD_GRAVITY / 1000

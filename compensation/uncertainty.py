@@ -1,7 +1,8 @@
 """A covariance with every point: what the identification, encoders and sensors leave uncertain.
 
 All of it is folded, when a temperature arrives, into one low-rank factor L over the parameters
-(and the pose terms' coefficients); a sample pays for its Jacobian J and for the product J·L.
+(and the pose terms' coefficients); a sample pays for its Jacobian J and for the product J·L, in
+`points`.
 """
 
 from __future__ import annotations
@@ -14,20 +15,16 @@ import numpy.typing as npt
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration
-from armd.compensation.kernel import BLOCK
-from armd.compensation.kinematics import compiled_jacobian
 from armd.compensation.terms import Term
-from armd.jit import jit
 
 F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 #: Share of the variance that may be left out of the low-rank factor.
 NEGLECTED = 1e-6
 
 
 class Uncertainty:
-    """Covariances of one model's points; all NaN if the calibration states no uncertainty."""
+    """What one model knows of its uncertainty; nothing, if its calibration states none."""
 
     def __init__(
         self, arm: Arm, calibration: Calibration | None, slow: Sequence[Term], pose: Sequence[Term]
@@ -44,9 +41,10 @@ class Uncertainty:
         reach_mm = float(lengths.sum() + np.linalg.norm(arm.tip.offset_mm)) or 1.0
         scale = np.array([1.0 if parameters.unit(name) == "mm" else reach_mm for name in names])
         self._scale = np.concatenate([scale, scale[self._pose_parameter]])[:, None]
-        self._factor = np.zeros((len(self._scale), 0))
-        self._parameters = arm.nominal()[None, :]
-        self._reading_mm = 0.0
+        #: (P+T, r) L L' is the covariance of parameters and pose terms' coefficients
+        self.factor = np.zeros((len(self._scale), 0))
+        #: mm², along each axis, of what has no Jacobian; NaN if nothing is known
+        self.floor = np.nan
         self.temperature_c = 0.0  # standard deviation of a sensor
         self.known = False
         if calibration is not None:
@@ -61,14 +59,14 @@ class Uncertainty:
     ) -> None:
         noise = calibration.noise
         self.temperature_c = noise.temperature_c
-        if not noise.encoder_rad:  # otherwise the encoders' part is counted with its Jacobian
-            self._reading_mm = noise.reading_mm
         self.known = bool(
             calibration.covariance_of
             or any(noise.encoder_rad)
             or noise.reading_mm
             or noise.temperature_c
         )
+        if self.known:  # the encoders' part of a reading's noise is counted with their Jacobian
+            self.floor = 0.0 if noise.encoder_rad else noise.reading_mm**2
         values, vectors = np.linalg.eigh(
             np.array(calibration.covariance, dtype=float).reshape(
                 (len(calibration.covariance_of),) * 2
@@ -94,14 +92,11 @@ class Uncertainty:
             encoder[5 * k, k] = deviation
         self._encoder = encoder
 
-    def fold(self, folded_parameters: F64, values: F64, changes: F64) -> None:
-        """Take over a fold: parameters (P,), slow factors' values (L+T,) and their changes.
+    def fold(self, values: F64, changes: F64) -> None:
+        """Take over the slow factors' values (L+T,).
 
-        *changes* (S, L+T): by one standard deviation of each sensor.
+        *changes* (S, L+T): what one standard deviation of each sensor adds to them.
         """
-        if not self.known:
-            return
-        self._parameters = folded_parameters[None, :].copy()
         identified = np.zeros((len(self._scale), len(self._root)))
         weight = np.where(self._scaled_by < 0, 1.0, values[self._scaled_by] if len(values) else 1.0)
         np.add.at(identified, self._rows, weight[:, None] * self._root)
@@ -115,52 +110,4 @@ class Uncertainty:
         variances, directions = np.linalg.eigh(whole @ whole.T)
         left_out = np.cumsum(np.maximum(variances, 0.0)) <= NEGLECTED * variances.sum()
         kept = directions[:, ~left_out] * np.sqrt(variances[~left_out])
-        self._factor = np.ascontiguousarray(kept / self._scale)
-
-    def covariance(self, q: F64, basis: F64) -> F64:
-        """Covariances (n, 6) mm²: xx xy xz yy yz zz; *basis* (n, T) of the pose terms."""
-        out = np.full((len(q), 6), np.nan)
-        if self.known:
-            _propagate(
-                q, self._parameters, basis, self._pose_parameter, self._factor,
-                self._reading_mm**2, out,
-            )  # fmt: skip
-        return out
-
-
-@jit
-def _propagate(
-    q: F64, p: F64, basis: F64, pose_parameter: I64, factor: F64, floor: float, out: F64
-) -> None:
-    rank = factor.shape[1]
-    count = p.shape[1]
-    position = np.empty((BLOCK, 3))
-    derivatives = np.empty((BLOCK, 3, count))
-    for start in range(0, len(q), BLOCK):
-        m = min(BLOCK, len(q) - start)
-        compiled_jacobian(q[start : start + m], p, position[:m], derivatives[:m])
-        for i in range(m):
-            xx, xy, xz, yy, yz, zz = floor, 0.0, 0.0, floor, 0.0, floor
-            moved = np.zeros((3, rank))
-            for row in range(len(factor)):
-                if row < count:
-                    column, weight = row, 1.0
-                else:
-                    column = pose_parameter[row - count]
-                    weight = basis[start + i, row - count]
-                jx = weight * derivatives[i, 0, column]
-                jy = weight * derivatives[i, 1, column]
-                jz = weight * derivatives[i, 2, column]
-                for r in range(rank):
-                    moved[0, r] += jx * factor[row, r]
-                    moved[1, r] += jy * factor[row, r]
-                    moved[2, r] += jz * factor[row, r]
-            for r in range(rank):
-                xx += moved[0, r] * moved[0, r]
-                xy += moved[0, r] * moved[1, r]
-                xz += moved[0, r] * moved[2, r]
-                yy += moved[1, r] * moved[1, r]
-                yz += moved[1, r] * moved[2, r]
-                zz += moved[2, r] * moved[2, r]
-            out[start + i, 0], out[start + i, 1], out[start + i, 2] = xx, xy, xz
-            out[start + i, 3], out[start + i, 4], out[start + i, 5] = yy, yz, zz
+        self.factor = np.ascontiguousarray(kept / self._scale)

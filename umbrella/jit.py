@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -22,8 +23,20 @@ def cache_folder() -> Path:
     return Path(platformdirs.user_cache_dir("armd")) / "numba"
 
 
+def _sources() -> str:
+    """What tells one state of the kernel's sources from another.
+
+    Numba compiles a function anew when its own file has changed, not when a function it calls has
+    changed in another file: so every state of them all has a folder of its own.
+    """
+    folder = Path(__file__).parent / "compensation"
+    stats = [(file.name, file.stat()) for file in sorted(folder.glob("*.py"))]
+    told = repr([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats])
+    return hashlib.sha256(told.encode()).hexdigest()[:12]
+
+
 # Numba's default is __pycache__ beside the source, which a service may not write to.
-numba.config.CACHE_DIR = str(cache_folder())
+numba.config.CACHE_DIR = str(cache_folder() / _sources())
 
 
 def jit(function: F) -> F:

@@ -1,0 +1,102 @@
+"""The live path's one compiled call: samples in, finished points out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.kernel import (
+    BLOCK,
+    Program,
+    State,
+    Work,
+    corrected_block,
+    opened,
+    quaternion,
+    take_angles,
+    uncorrected_block,
+)
+from armd.compensation.kinematics import compiled_jacobian
+from armd.jit import jit
+
+F64 = npt.NDArray[np.float64]
+
+
+@jit
+def fill(
+    q: F64, rate: F64, approach: F64, state: State, factor: F64, floor: float,
+    points: npt.NDArray[np.void],
+) -> None:  # fmt: skip
+    """Position, orientation, correction and covariance of *points* (n,), dtype `armd.POINT`.
+
+    The covariance is (J·L)(J·L)' + *floor*, L being *factor* (P+T, r); NaN if *floor* is.
+    """
+    folded, program, work = opened(state)
+    vectors, count = work.vectors, len(folded.parameters)
+    for start in range(0, len(q), BLOCK):
+        m = min(BLOCK, len(q) - start)
+        take_angles(q, start, work, m)
+        corrected_block(rate, approach, start, folded, program, work, 3, m)
+        uncorrected_block(folded, work, m)
+        for i in range(m):
+            point = points[start + i]
+            for axis in range(3):
+                point.position_mm[axis] = vectors[axis, i]
+                point.correction_mm[axis] = vectors[axis, i] - vectors[9 + axis, i]
+            turn = quaternion(vectors, i)
+            for part in range(4):
+                point.orientation[part] = turn[part]
+        if math.isnan(floor):
+            for i in range(m):
+                for part in range(6):
+                    points[start + i].covariance_mm2[part] = math.nan
+        else:
+            parameters = folded.parameters.reshape(1, count)
+            _covariances(q, start, parameters, program, work, factor, floor, points, m)
+
+
+@jit
+def _covariances(
+    q: F64, start: int, parameters: F64, program: Program, work: Work, factor: F64, floor: float,
+    points: npt.NDArray[np.void], m: int,
+) -> None:  # fmt: skip
+    rank, count = factor.shape[1], parameters.shape[1]
+    position = np.empty((m, 3))
+    derivatives = np.empty((m, 3, count))
+    compiled_jacobian(q[start : start + m], parameters, position, derivatives)
+    moved = np.empty((3, rank))
+    for i in range(m):
+        moved[:] = 0.0
+        for row in range(len(factor)):
+            column, weight = row, 1.0
+            if row >= count:
+                column, weight = (
+                    program.parameter[row - count],
+                    _basis(program, work, row - count, i),
+                )
+            jx = weight * derivatives[i, 0, column]
+            jy = weight * derivatives[i, 1, column]
+            jz = weight * derivatives[i, 2, column]
+            for r in range(rank):
+                moved[0, r] += jx * factor[row, r]
+                moved[1, r] += jy * factor[row, r]
+                moved[2, r] += jz * factor[row, r]
+        part = 0
+        for a in range(3):
+            for b in range(a, 3):
+                total = floor if a == b else 0.0
+                for r in range(rank):
+                    total += moved[a, r] * moved[b, r]
+                points[start + i].covariance_mm2[part] = total
+                part += 1
+
+
+@jit
+def _basis(program: Program, work: Work, t: int, i: int) -> float:
+    """What pose term *t* multiplies its coefficient with, at sample *i* of the block."""
+    value = 1.0
+    for j in range(program.factor_first[t], program.factor_first[t + 1]):
+        value *= work.factors[program.term_factors[j], i]
+    return value
