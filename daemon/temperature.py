@@ -55,6 +55,7 @@ class TemperatureWatch:
         self._limit_k_per_h = limits.temperature_rate_k_per_h
         self.held_c = np.full(len(self.sensors), arm.reference_temperature_c)
         self.current_c = np.full(len(self.sensors), np.nan)
+        self._heard_c = self.current_c  # the last good value, NaN before the first
         self._good_ns = np.full(len(self.sensors), -1, np.int64)
         self._history: deque[tuple[int, F64]] = deque()
         self.use(arm, None)
@@ -79,8 +80,9 @@ class TemperatureWatch:
         good = np.isfinite(celsius)
         self.current_c = celsius
         self.held_c = np.where(good, celsius, self.held_c)
+        self._heard_c = np.where(good, celsius, self._heard_c)
         self._good_ns[good] = monotonic_ns
-        self._history.append((monotonic_ns, celsius))
+        self._history.append((monotonic_ns, self._heard_c))
         while self._history[0][0] < monotonic_ns - RATE_OVER_NS:
             self._history.popleft()
         self._judge()
