@@ -11,7 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 import canopen
-from canopen.sdo import SdoAbortedError, SdoCommunicationError, SdoError
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
 
 from armd.drivers.can import objects as can
 from armd.drivers.can.node import HEARTBEAT_MS
