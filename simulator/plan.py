@@ -62,6 +62,7 @@ class Plan:
     interval_s: float = 20.0
     rate_rad_s: float = 0.003  # a hand is never quite still; more: readings in passing
     payload_kg: float = 0.0
+    held_out: bool = False  # not for identification or diagnosis, only to judge their result
 
     @property
     def started(self) -> datetime:

@@ -109,6 +109,7 @@ def _plans(
                 20.0,
                 design.fast_rad_s if i == fast else design.slow_rad_s,
                 design.payload_kg if i == loaded else 0.0,
+                held_out=name == "holdout",
             )
         )
     return plans

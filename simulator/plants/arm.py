@@ -47,11 +47,14 @@ def angle(plant: Plant, rng: np.random.Generator, name: str = "direction") -> fl
 
 
 def instant(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> float:
-    """An instant in the middle of one of the sessions, seconds since mounting."""
+    """An instant in the middle of a session that is not held out, seconds since mounting."""
     if "instant_s" in plant.detail:
         return float(plant.detail["instant_s"])
     spans = campaign.span_s()
-    start, end = spans[int(rng.integers(len(spans)))]
+    shown = [
+        span for span, (plan, _) in zip(spans, campaign.sessions, strict=True) if not plan.held_out
+    ]
+    start, end = shown[int(rng.integers(len(shown)))]
     return float(rng.uniform(0.7 * start + 0.3 * end, 0.3 * start + 0.7 * end))
 
 

@@ -47,6 +47,11 @@ class Materials:
             growth=np.zeros(6),
         )
 
+    @classmethod
+    def without_expansion(cls) -> Materials:
+        """What no temperature changes."""
+        return cls(np.zeros(6), np.zeros(6), 0.0, np.zeros(6))
+
 
 @dataclass(frozen=True)
 class TrueArm:

@@ -121,9 +121,8 @@ def test_the_papers_uncorrected_distances_err_by_70_to_150_um() -> None:
     turned = [np.radians([joint[key] for key in angles]) for joint in document["joint"]]
     long = [[joint[key] for key in lengths] for joint in document["joint"]]
     rows = np.array([[t[0], d, a, t[1], t[2]] for t, (d, a) in zip(turned, long, strict=True)])
-    still = Materials(np.zeros(6), np.zeros(6), 0.0, np.zeros(6))
     tip_offset = np.array(document["tip"]["offset_mm"])
-    stale = TrueArm(rows, tip_offset, still, campaign.rig.arm.masses)
+    stale = TrueArm(rows, tip_offset, Materials.without_expansion(), campaign.rig.arm.masses)
     sessions = {m.plan.name: m for m in campaign.carry_out(np.random.default_rng(1))}
     assert len(sessions) == 16
     for celsius in paper.TEMPERATURES_C:
