@@ -31,7 +31,7 @@ CAN_WIRES = {
     "socketcand": "",
     "slcan": "",
     "socketcan": "vcan0",
-    "udp_multicast": "239.74.163.2",
+    "udp_multicast": "239.74.163.2:43113",
 }
 FAULT_HELP = "faults, their usual duration in seconds and what they do:\n" + "\n".join(
     f"  {name:17}{kind.duration_s:6g}  {kind.text}" for name, kind in FAULTS.items()
@@ -83,7 +83,7 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--channel",
-        help="socketcan: the interface (vcan0); udp_multicast: the group (239.74.163.2)",
+        help="socketcan: the interface (vcan0); udp_multicast: GROUP:PORT (239.74.163.2:43113)",
     )
     command.add_argument(
         "--link", metavar="PATH", type=Path, help="a symbolic link to the port, kept at a replug"

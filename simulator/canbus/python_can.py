@@ -15,7 +15,10 @@ LOOPBACK = socket.inet_aton("127.0.0.1")
 
 
 class PythonCanWire:
-    """A bus by python-can's *interface* and *channel*; down means that the nodes have left it."""
+    """A bus by python-can's *interface* and *channel*; down means that the nodes have left it.
+
+    The channel of `udp_multicast` is GROUP:PORT: groups that share a port hear each other.
+    """
 
     def __init__(self, interface: str, channel: str) -> None:
         self._interface = interface
@@ -25,9 +28,12 @@ class PythonCanWire:
 
     def up(self) -> None:
         if self._bus is None:
-            self._bus = can.Bus(interface=self._interface, channel=self.address)
             if self._interface == "udp_multicast":
-                _keep_on_loopback(self._bus, self.address)
+                group, port = self.address.split(":")
+                self._bus = can.Bus(interface=self._interface, channel=group, port=int(port))
+                _keep_on_loopback(self._bus, group)
+            else:
+                self._bus = can.Bus(interface=self._interface, channel=self.address)
 
     def down(self) -> None:
         if self._bus is not None:

@@ -1,0 +1,164 @@
+"""The simulated arm on CAN in its own process, over each wire that this machine has."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+from simulated_arm import SimulatedArm, simulated_arm
+
+from armd.drivers.can import objects
+from armd.simulator.electronics import COUNTS_PER_TURN
+from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.conditions import Conditions
+
+SYNC_HZ = 100
+
+
+@contextmanager
+def host(arm: SimulatedArm, interface: str) -> Iterator[can.BusABC]:
+    """The other end of the bus; all nodes synchronous, with heartbeats, and started."""
+    match interface:
+        case "socketcand":
+            name, port = arm.port.split(":")
+            bus = can.Bus(interface=interface, host=name, port=int(port), channel="can0")
+        case "slcan":
+            bus = can.Bus(interface=interface, channel=arm.port, sleep_after_open=0.1)
+        case "udp_multicast":
+            group, port = arm.port.split(":")
+            bus = can.Bus(interface=interface, channel=group, port=int(port))
+    try:
+        for node in range(1, 7):
+            write(bus, node, objects.TPDO_COMMUNICATION, 2, bytes([1]))
+            write(bus, node, objects.HEARTBEAT_TIME_MS, 0, b"\x64\0")
+        for pdo in range(4):
+            write(bus, 0x20, objects.TPDO_COMMUNICATION + pdo, 2, bytes([20]))
+        send(bus, objects.NMT_ID, bytes([1, 0]))
+        yield bus
+    finally:
+        bus.shutdown()
+
+
+def send(bus: can.BusABC, can_id: int, data: bytes = b"") -> None:
+    bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
+
+
+def write(bus: can.BusABC, node: int, index: int, sub_index: int, data: bytes) -> None:
+    command = {1: 0x2F, 2: 0x2B, 4: 0x23}[len(data)]
+    request = bytes([command]) + index.to_bytes(2, "little") + bytes([sub_index])
+    send(bus, objects.SDO_REQUEST_BASE + node, request + data.ljust(4, b"\0"))
+    deadline = time.monotonic() + 5.0
+    while time.monotonic() < deadline:
+        reply = bus.recv(0.1)
+        if reply is not None and reply.arbitration_id == objects.SDO_REPLY_BASE + node:
+            assert reply.data[0] == 0x60, reply
+            return
+    pytest.fail(f"node {node} does not answer")
+
+
+def cycles(bus: can.BusABC, seconds: float) -> list[tuple[float, dict[int, bytes]]]:
+    """SYNC at a steady rate; for each the time and the frames up to the next."""
+    heard = []
+    start = time.monotonic()
+    for k in range(round(seconds * SYNC_HZ)):
+        sent = time.monotonic()
+        send(bus, objects.SYNC_ID)
+        frames = {}
+        while (wait := start + (k + 1) / SYNC_HZ - time.monotonic()) > 0:
+            message = bus.recv(wait)
+            if message is not None:
+                frames[message.arbitration_id] = bytes(message.data)
+        heard.append((sent, frames))
+    return heard
+
+
+@pytest.mark.parametrize("interface", ["socketcand", "slcan", "udp_multicast"])
+def test_every_sync_latches_the_true_arm(interface: str, tmp_path: Path) -> None:
+    options = []
+    if interface == "udp_multicast":
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("", 0))
+            options = ["--channel", f"239.74.163.77:{free.getsockname()[1]}"]
+    with simulated_arm(tmp_path, *options, wire=("--can", interface), seconds=30) as arm:
+        with host(arm, interface) as bus:
+            heard = cycles(bus, 1.5)
+        assert arm.stop() == 0
+    assert not arm.events("preset_written")
+    truth = arm.truth()
+    assert abs(len(truth) - len(heard)) <= 1
+    complete = [(sent, f) for sent, f in heard if all(0x180 + k in f for k in range(1, 7))]
+    assert len(complete) > 0.9 * len(heard)  # a late wake-up of this test may split a cycle
+    assert any(objects.TPDO_BASE[3] + 0x20 in frames for _, frames in heard)
+    # A frame's latch is the first one at or after its SYNC was sent.
+    row = np.searchsorted(truth["seq"], [round(sent * 1e9) for sent, _ in complete])
+    counts = np.array(
+        [[objects.ENCODER_PDO.unpack(f[0x180 + k])[0] for k in range(1, 7)] for _, f in complete],
+        dtype=float,
+    )
+    conditions = Conditions.at_rest(len(counts), 6, 20.0)
+    tips = TrueArm.default(1).tip(counts / COUNTS_PER_TURN * 2 * np.pi, conditions)
+    error_um = 1e3 * np.linalg.norm(tips - truth["position_mm"][row], axis=1)
+    assert np.median(error_um) < 10.0
+    assert error_um.max() < 50.0
+
+
+def test_faults_on_the_bus(tmp_path: Path) -> None:
+    scenario = """
+    fault = [
+        { name = "emcy", at_s = 2.0, joint = 1, duration_s = 0.2 },
+        { name = "joint_invalid", at_s = 2.3, joint = 2, duration_s = 0.2 },
+        { name = "missing_tpdo", at_s = 2.6, joint = 3 },
+        { name = "heartbeat_loss", at_s = 2.7, joint = 4, duration_s = 0.6 },
+        { name = "node_reboot", at_s = 2.9, joint = 5, duration_s = 0.2 },
+        { name = "node_silent", at_s = 3.2, joint = 6, duration_s = 0.2 },
+        { name = "sensor_open", at_s = 2.5, channel = 3, duration_s = 0.5 },
+        { name = "silence", at_s = 3.5, duration_s = 0.2 },
+        { name = "bus_down", at_s = 4.5, duration_s = 0.3 },
+    ]
+    """
+    (tmp_path / "scenario.toml").write_text(scenario)
+    options = ("--scenario", str(tmp_path / "scenario.toml"))
+    wire = ("--can", "socketcand")
+    with simulated_arm(tmp_path, *options, wire=wire, seconds=6) as arm:
+        with host(arm, "socketcand") as bus:
+            start = arm.events("start")[0]["monotonic_ns"] * 1e-9
+            heard = cycles(bus, start + 4.0 - time.monotonic())
+        time.sleep(max(0.0, start + 5.0 - time.monotonic()))
+        with host(arm, "socketcand") as bus:  # the bus is back, at the same port
+            after = cycles(bus, 0.1)
+    assert any(0x181 in frames for _, frames in after)
+
+    begin = {line["fault"]: line["monotonic_ns"] * 1e-9 for line in arm.events("begin")}
+    end = {line["fault"]: line["monotonic_ns"] * 1e-9 for line in arm.events("end")}
+
+    def during(fault: str, can_id: int) -> list[bytes | None]:
+        inside = [f for sent, f in heard if begin[fault] + 0.03 < sent < end[fault] - 0.03]
+        assert inside
+        return [frames.get(can_id) for frames in inside]
+
+    emergencies = [frames[0x81] for _, frames in heard if 0x81 in frames]
+    assert emergencies == [bytes.fromhex("0050010000000000"), bytes(8)]
+    alarms = {objects.ENCODER_PDO.unpack(d)[1] for d in during("joint_invalid", 0x182) if d}
+    assert alarms == {1}
+    missed = next(line["syncs"] for line in arm.events("begin") if line["fault"] == "missing_tpdo")
+    assert 0x183 not in heard[missed][1]
+    assert 0x182 in heard[missed][1]
+    assert any(0x183 in frames for _, frames in heard[missed + 1 : missed + 4])
+    assert not any(during("heartbeat_loss", 0x704))
+    assert any(during("heartbeat_loss", 0x184))
+    assert not any(during("node_reboot", 0x185))
+    assert b"\0" in [frames.get(0x705) for _, frames in heard]  # its boot-up message
+    assert not any(during("node_silent", 0x186))
+    assert any(during("node_silent", 0x184))
+    for can_id in (0x181, 0x701):
+        assert not any(during("silence", can_id))
+    statuses = [objects.STATUS_PDO.unpack(f[0x4A0]) for _, f in heard if 0x4A0 in f]
+    assert (0, 0, 1, 0, 0, 0) in statuses
+    assert statuses[0] == (0,) * 6
+    assert statuses[-1] == (0,) * 6
