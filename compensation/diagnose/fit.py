@@ -35,6 +35,7 @@ class Layout:
 
     identified: slice  # constants and terms (when held: the directions of their covariance)
     findings: tuple[slice, ...]
+    shared: int  # first of those that targets and drift share
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ class Fit:
     absorbing: Absorbing
     layout: Layout
     residual: F64  # (N,) before anything absorbs, winsorised about the fit
+    raw_residual: F64  # (N,) the same as measured
     fitted: F64  # (N,) of it what the absorbing columns explain
     solution: F64  # (b,)
     inverse: F64  # (b, b) covariance of the solution
@@ -93,7 +95,6 @@ def fit(
     noise (a steady drift) must not be counted as noise before they had their chance.
     """
     amplitudes = [values.copy() for values in amplitudes]
-    clipped: F64 | None = None
     for _ in range(MOST_STEPS):
         linear = linearise(rests, with_findings(model, findings, amplitudes), arm)
         columns = finding_columns(linear, findings, arm)
@@ -102,10 +103,11 @@ def fit(
         absorbing, layout = _absorbing(linear, arm, baseline, findings, columns)
         extra = finding_columns(linear, noise_extra, arm)
         for_noise = absorbing.joined(np.hstack([np.zeros((len(residual), 0)), *extra]))
-        for _ in range(2 if noise is None else 1):
-            at_hand = residual if clipped is None else clipped
-            noise = noise_model.estimate(linear, at_hand, for_noise, noise)
-            solution, inverse = solve(absorbing.ridged(noise), noise, at_hand)
+        clipped = residual
+        for refining in (False, True):
+            if refining or noise is None:
+                noise = noise_model.estimate(linear, clipped, for_noise, noise)
+            solution, inverse = solve(absorbing.ridged(noise), noise, clipped)
             fitted = absorbing.columns @ solution
             clipped = noise_model.winsorise(residual, fitted, noise)
         solution, inverse = solve(absorbing.ridged(noise), noise, clipped)
@@ -132,6 +134,7 @@ def fit(
         absorbing.ridged(noise),
         layout,
         clipped,
+        residual,
         fitted,
         solution,
         inverse,
@@ -178,7 +181,7 @@ def _absorbing(
         np.hstack([block.columns for block in blocks]),
         np.concatenate([block.variance for block in blocks]),
     )
-    return joined, Layout(places[1], tuple(places[2:-3]))
+    return joined, Layout(places[1], tuple(places[2:-3]), places[-2].start)
 
 
 def _column_of_the_mount(linear: Linear, arm: Arm) -> Absorbing:

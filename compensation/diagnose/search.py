@@ -26,7 +26,7 @@ from armd.compensation.diagnose.fit import Fit, fit
 from armd.compensation.diagnose.problem import Rests
 from armd.compensation.diagnose.scene import make_scene
 from armd.compensation.diagnose.signatures import Signatures, compile_candidates
-from armd.compensation.effects import catalogue, unknown
+from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, Scene
 from armd.compensation.effects.mount_drift import steady_drift
 
@@ -73,9 +73,11 @@ class Result:
     scene: Scene
     first: Fit  # without findings
     last: Fit  # with all
+    steps: tuple[Fit, ...]  # with none, the first, the first two … of the findings
     found: tuple[Found, ...]
     tests: float
     remaining_p: float  # family-wise p of the strongest candidate left out
+    remaining_depends_on: tuple[str, ...]
 
 
 class Search:
@@ -93,7 +95,7 @@ class Search:
         self.arm = arm
         self.baseline = baseline
         self.scene = make_scene(rests, arm, baseline)
-        self._candidates = [*catalogue.candidates(self.scene), *unknown.candidates(self.scene)]
+        self._candidates = list(catalogue.candidates(self.scene))
         self._steady = [steady_drift(self.scene)]
         self._progress = progress
         self._seed = seed
@@ -120,7 +122,18 @@ class Search:
             current, sums, scores = self._swapped(current, sums, scores)
         remaining = family_wise(float(scores.log_p.min(initial=0.0)), self._tests)
         found = tuple(self._account(i, current, sums) for i in range(len(current.findings)))
-        return Result(self.scene, first, current, found, self._tests, remaining)
+        steps = [first] if current.findings else []
+        steps += [self._fit(current.findings[:i], current) for i in range(1, len(found))]
+        return Result(
+            self.scene,
+            first,
+            current,
+            (*steps, current),
+            found,
+            self._tests,
+            remaining,
+            scores.signatures.candidates[int(np.argmin(scores.log_p))].depends_on,
+        )
 
     def _fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
         """A fit that starts where *before* ended."""

@@ -28,6 +28,7 @@ from armd.compensation.effects import (
     thermal_lag,
     time_skew,
     tip_offset,
+    unknown,
 )
 from armd.compensation.effects.effect import Candidate, Effect, Scene
 
@@ -58,11 +59,12 @@ CATALOGUE: dict[str, Effect] = {
         mount_drift.EFFECT,
         tip_offset.EFFECT,
         outliers.EFFECT,
+        unknown.EFFECT,
     )
 }
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:
-    """Every candidate of the catalogue that this arm and these sessions allow."""
+    """Every candidate that this arm and these sessions allow, the general basis included."""
     for effect in CATALOGUE.values():
         yield from effect.candidates(scene)

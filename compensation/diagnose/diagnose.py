@@ -1,0 +1,187 @@
+"""What a model gets wrong, why, and the gain of mending it: the whole of `armd diagnose`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.calibration import Calibration
+from armd.compensation.diagnose.baseline import Baseline, from_calibration
+from armd.compensation.diagnose.extend import extended
+from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.gain import Gain, cross_validate, gains
+from armd.compensation.diagnose.outliers import find_outliers
+from armd.compensation.diagnose.problem import Rests, gather_rests
+from armd.compensation.diagnose.search import ALPHA, Found, Progress, Result, Search
+from armd.compensation.identify.calibrate import Options, calibrate
+from armd.compensation.identify.evaluate import Evaluation, evaluate
+from armd.compensation.session import Session
+
+F64 = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A reading that belongs to no effect: its session, its row (from 1), how far off it is."""
+
+    session: str
+    row: int
+    error_um: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything `armd diagnose` tells."""
+
+    arm: Arm
+    sessions: tuple[Session, ...]
+    holdout: tuple[Session, ...]
+    baseline: Baseline
+    search: Result
+    rms_um: float  # of the sessions, under the model to test
+    heldout_rms_um: float
+    noise_floor_um: float
+    remaining_rms_um: float  # of the sessions, under the extended model
+    gains: tuple[Gain, ...]  # one per finding of the search
+    outliers: tuple[Outlier, ...]
+    outlier_p: float
+    outlier_gain: Gain | None
+    extended: Calibration
+
+    @property
+    def found(self) -> tuple[Found, ...]:
+        """Findings other than outliers, in the order in which they were added."""
+        return self.search.found
+
+    @property
+    def significant_rest(self) -> bool:
+        """Whether something significant stays that is in no finding."""
+        return self.search.remaining_p < ALPHA
+
+
+def diagnose(
+    sessions: Sequence[Session],
+    arm: Arm,
+    calibration: Calibration | None = None,
+    holdout: Sequence[Session] = (),
+    progress: Progress = lambda _text, _share: None,
+    command: str = "",
+) -> Diagnosis:
+    """Diagnose *sessions* under a calibration, or under what `armd calibrate` makes of them.
+
+    Raises `BadInput` where the sessions cannot be calibrated.
+    """
+    progress("model under test", 0.0)
+    baseline = model_under_test(sessions, arm, calibration)
+    rests = gather_rests(sessions, arm)
+    result = Search(rests, arm, baseline, progress).run()
+    progress("gain", 0.9)
+    last = result.last
+    outlying, outlier_p = find_outliers(last)
+    outliers = _named(outlying, rests, last)
+    extension = extended(baseline, last, arm, sessions, command)
+    kept = np.ones(rests.n, dtype=bool)
+    kept[outlying] = False
+    if holdout:
+        squares, groups, kept = _held_out(result, baseline, arm, sessions, holdout)
+    else:
+        checked = cross_validate(last, result.tests, ALPHA)
+        squares, groups = checked.squares, checked.groups
+    if outliers:
+        squares = [*squares, squares[-1]]
+    measured = gains(squares, groups, kept)
+    found = len(result.found)
+    return Diagnosis(
+        arm,
+        tuple(sessions),
+        tuple(holdout),
+        baseline,
+        result,
+        _rms_um(evaluate(sessions, arm, baseline.calibration)),
+        1e3 * float(np.sqrt(squares[0].mean())),
+        noise_floor_um(last),
+        _rms_um(evaluate(sessions, arm, extension)),
+        tuple(measured[:found]),
+        outliers,
+        outlier_p,
+        measured[found] if outliers else None,
+        extension,
+    )
+
+
+def model_under_test(
+    sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
+) -> Baseline:
+    """The calibration given, held; otherwise what `armd calibrate` makes of the sessions.
+
+    The latter raises its thermal model until the sessions are content, and so would swallow
+    causes that have a name (a link expanding in a curve, a joint that turns with temperature).
+    Where it did, the plain linear thermal model is the one under test.
+    """
+    if calibration is not None:
+        return from_calibration(calibration, arm, held=True)
+    result = calibrate(sessions, arm)
+    if result.thermal_order > 1 or any(_turns(term.parameter) for term in result.calibration.terms):
+        result = calibrate(sessions, arm, Options(thermal_order=1))
+    return from_calibration(result.calibration, arm, held=False)
+
+
+def _turns(parameter: str) -> bool:
+    return parameter.startswith(("theta", "alpha", "beta"))
+
+
+def _held_out(
+    result: Result,
+    baseline: Baseline,
+    arm: Arm,
+    sessions: Sequence[Session],
+    holdout: Sequence[Session],
+) -> tuple[list[F64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+    """Squared residuals of the held-out readings under the models of the search's steps."""
+    squares = []
+    for fit in (*result.steps,):
+        model = extended(baseline, fit, arm, sessions) if fit.findings else baseline.calibration
+        found = evaluate(holdout, arm, model)
+        squares.append((found.residual_mm**2).sum(axis=1))
+    observations = found.observations
+    groups = observations.placement * len(observations.target_names) + observations.target
+    return squares, groups, _within_noise(result.last, found)
+
+
+def _within_noise(last: Fit, found: Evaluation) -> npt.NDArray[np.bool_]:
+    """Held-out readings that are no outliers themselves: within six times the noise's RMS."""
+    square = (found.residual_mm**2).sum(axis=1)
+    kept: npt.NDArray[np.bool_] = square < (6e-3 * noise_floor_um(last)) ** 2
+    return kept
+
+
+def noise_floor_um(last: Fit) -> float:
+    """3-D RMS that the noise alone would leave, before placements absorb some of it."""
+    covariance = np.linalg.inv(last.noise.whitener)
+    independent = float((covariance**2).sum(axis=(1, 2)).mean())
+    shared = slice(last.layout.shared, None)
+    columns, variance = last.absorbing.columns[:, shared], last.absorbing.variance[shared]
+    common = float((columns**2 @ variance).sum()) / max(last.linear.rests.n, 1)
+    return 1e3 * float(np.sqrt(independent + common))
+
+
+def _rms_um(found: Evaluation) -> float:
+    return float(np.sqrt((found.distance_um**2).mean()))
+
+
+def _named(rests: npt.NDArray[np.int64], of: Rests, last: Fit) -> tuple[Outlier, ...]:
+    left = (last.raw_residual - last.fitted)[: 3 * of.n].reshape(-1, 3)
+    lengths = [s.n for s in of.sessions]
+    first = np.concatenate([[0], np.cumsum(lengths)])
+    named = []
+    for rest in rests:
+        error = 1e3 * float(np.linalg.norm(left[rest]))
+        for reading in np.flatnonzero(of.rest_of == rest):
+            session = int(np.searchsorted(first, reading, side="right")) - 1
+            row = int(reading - first[session]) + 1
+            named.append(Outlier(of.sessions[session].name, row, error))
+    return tuple(named)

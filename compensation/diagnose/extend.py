@@ -1,0 +1,165 @@
+"""From findings to a calibration that the daemon runs: terms appended, constants with them."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from armd import __version__
+from armd.compensation import parameters
+from armd.compensation.arm import Arm
+from armd.compensation.calibration import ArtefactCorrection, Calibration, constants_of
+from armd.compensation.diagnose.baseline import Baseline, moved
+from armd.compensation.diagnose.fit import MOST_FREE_COLUMNS, Fit
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.session import Session
+from armd.compensation.terms import Curve, Harmonic, Term
+
+F64 = npt.NDArray[np.float64]
+
+#: Points of a curve over the turn: over ten to the shortest period there is.
+CURVE_POINTS = 360
+NEGLIGIBLE = 1e-9  # of an effect's largest term
+
+
+def extended(
+    baseline: Baseline, last: Fit, arm: Arm, sessions: Sequence[Session], command: str = ""
+) -> Calibration:
+    """The calibration under test with the findings' terms, all identified together.
+
+    A constant that shifted is a constant again; what is wrong with the artefact stands in
+    `artefact`, which `evaluate` applies and `correct` does not.
+    """
+    own = -last.solution[last.layout.identified]
+    directions = baseline.root @ own if baseline.held else own
+    model = moved(last.model, baseline, directions)
+    constants = model.constants.copy()
+    names = parameters.names(arm.n_joints)
+    # Each row says how an identified quantity moves with the solution: for the covariance.
+    rows: list[tuple[str, F64]] = _own_rows(baseline, last, names)
+    terms = list(model.terms)
+    for candidate, values, at in zip(
+        last.findings, last.amplitudes, last.layout.findings, strict=True
+    ):
+        if len(candidate.columns) > MOST_FREE_COLUMNS:
+            terms.append(_curve(candidate, values))
+            continue
+        label = f"{candidate.cause} {candidate.location}"
+        for j, column in enumerate(candidate.columns):
+            sigma = float(np.sqrt(max(last.inverse[at.start + j, at.start + j], 0.0)))
+            largest = max((abs(term.coefficient) for term in column.terms), default=0.0)
+            for term in column.terms:
+                if abs(term.coefficient) <= NEGLIGIBLE * largest:
+                    continue
+                amplitude = term.coefficient * float(values[j])
+                if not term.basis:
+                    constants[names.index(term.parameter)] += amplitude
+                    continue
+                row = np.zeros(len(last.solution))
+                row[at.start + j] = term.coefficient
+                rows.append((f"term {len(terms)}", row))
+                terms.append(
+                    Term(
+                        parameter=term.parameter,
+                        basis=term.basis,
+                        coefficient=amplitude,
+                        standard_uncertainty=abs(term.coefficient) * sigma,
+                        effect=label,
+                    )
+                )
+    matrix = np.array([row for _, row in rows]).reshape(len(rows), len(last.solution))
+    covariance = matrix @ last.inverse @ matrix.T
+    return baseline.calibration.model_copy(
+        update={
+            "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            "constants": constants_of(constants, arm.n_joints),
+            "terms": terms,
+            "covariance_of": [name for name, _ in rows],
+            "covariance": ((covariance + covariance.T) / 2).tolist(),
+            "artefact": _artefact(baseline, last, sessions),
+            "provenance": _provenance(baseline, last, sessions, command),
+            "content_sha256": "",
+        }
+    )
+
+
+def _own_rows(baseline: Baseline, last: Fit, names: list[str]) -> list[tuple[str, F64]]:
+    identified = [names[i] for i in baseline.parameters] + [f"term {i}" for i in baseline.terms]
+    at = last.layout.identified
+    rows = []
+    for i, name in enumerate(identified):
+        row = np.zeros(len(last.solution))
+        row[at] = baseline.root[i] if baseline.held else np.eye(at.stop - at.start)[i]
+        rows.append((name, row))
+    return rows
+
+
+def _curve(candidate: Candidate, values: F64) -> Term:
+    """Many harmonics of one joint as one curve over the turn: one factor for the live path."""
+    turn = np.linspace(0.0, 2 * np.pi, CURVE_POINTS, endpoint=False)
+    heights = np.zeros(CURVE_POINTS)
+    joint, parameter = 1, ""
+    for column, value in zip(candidate.columns, values, strict=True):
+        term = column.terms[0]
+        factor = term.basis[0]
+        assert isinstance(factor, Harmonic)
+        wave = np.sin if factor.kind == "sin" else np.cos
+        heights += term.coefficient * float(value) * wave(factor.order * turn)
+        joint, parameter = factor.joint, term.parameter
+    return Term(
+        parameter=parameter,
+        basis=[Curve(joint=joint, values=heights.tolist())],
+        coefficient=1.0,
+        effect=f"{candidate.cause} {candidate.location}",
+    )
+
+
+def _artefact(
+    baseline: Baseline, last: Fit, sessions: Sequence[Session]
+) -> ArtefactCorrection | None:
+    """The correction of the artefact: the one given, and what was found."""
+    before = baseline.model.artefact
+    expansion, scale = before.expansion_per_k, before.scale
+    offsets = {name: np.array(offset) for name, offset in before.target_offset_mm.items()}
+    found = False
+    for candidate, values in zip(last.findings, last.amplitudes, strict=True):
+        for column, value in zip(candidate.columns, values, strict=True):
+            change = column.artefact
+            if change is None or change.kind == "distance":
+                continue
+            found = True
+            if change.kind == "expansion":
+                certified = sessions[0].artefact.expansion_per_k
+                expansion = (certified if expansion is None else expansion) + float(value)
+            elif change.kind == "scale":
+                scale *= 1.0 + float(value)
+            else:
+                offset = offsets.setdefault(change.target, np.zeros(3))
+                offset[change.axis] += float(value)
+    if not found:
+        return baseline.calibration.artefact
+    return ArtefactCorrection(
+        expansion_per_k=expansion,
+        target_offset_mm={
+            name: (float(o[0]), float(o[1]), float(o[2])) for name, o in offsets.items()
+        },
+        scale=scale,
+    )
+
+
+def _provenance(
+    baseline: Baseline, last: Fit, sessions: Sequence[Session], command: str
+) -> dict[str, Any]:
+    return {
+        **baseline.calibration.provenance,
+        "diagnosis": {
+            "command": command,
+            "version": __version__,
+            "sessions": [{"name": s.name, "sha256": s.fingerprint()} for s in sessions],
+            "findings": [f"{c.cause} {c.location}" for c in last.findings],
+        },
+    }

@@ -1,0 +1,105 @@
+"""`armd diagnose`: what the model gets wrong, why, the extended model, the gain."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from armd.compensation.arm import load_arm
+from armd.compensation.calibration import load_calibration, save_calibration
+from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
+from armd.compensation.diagnose.result import as_json, place_of
+from armd.compensation.session import load_session
+from armd.files import write_whole
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", nargs="+", help="session folders")
+    parser.add_argument("--arm", required=True, metavar="ARM.toml", help="what the arm is")
+    parser.add_argument(
+        "--calibration",
+        metavar="CAL.json",
+        help="the model under test, held; default: what `armd calibrate` makes of the sessions",
+    )
+    parser.add_argument(
+        "--holdout",
+        nargs="+",
+        default=[],
+        metavar="SESSION",
+        help="sessions for the gain alone; default: placements are left out in turn",
+    )
+    parser.add_argument("--json", metavar="OUT.json", help="the result for programs")
+    parser.add_argument("--report", metavar="R.html", help="a report that opens offline")
+    parser.add_argument("--extended", metavar="CAL2.json", help="the mended calibration")
+
+
+def run(args: argparse.Namespace) -> int:
+    arm = load_arm(args.arm)
+    calibration = load_calibration(args.calibration, arm).content if args.calibration else None
+    sessions = [load_session(path, arm) for path in args.session]
+    holdout = [load_session(path, arm) for path in args.holdout]
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+    )
+    with bar:
+        task = bar.add_task("reading", total=1.0)
+        diagnosis = diagnose(
+            sessions,
+            arm,
+            calibration,
+            holdout,
+            lambda text, share: bar.update(task, description=text, completed=share),
+            shlex.join(["armd", *sys.argv[1:]]),
+        )
+        bar.update(task, description="done", completed=1.0)
+    result = as_json(diagnosis, args.extended)
+    if args.extended:
+        save_calibration(args.extended, diagnosis.extended)
+    if args.report:
+        from armd.compensation.diagnose.report import diagnosis_report
+
+        write_whole(args.report, diagnosis_report(diagnosis, result))
+    if args.json:
+        write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    _print(diagnosis, result["findings"], result["next_experiment"])
+    return 0
+
+
+def _print(diagnosis: Diagnosis, findings: list[dict[str, object]], following: str) -> None:
+    console = Console()
+    console.print(
+        f"{diagnosis.rms_um:.2f} µm 3-D RMS, {diagnosis.heldout_rms_um:.2f} µm held out; "
+        f"the noise alone: {diagnosis.noise_floor_um:.2f} µm"
+    )
+    if not findings:
+        console.print("nothing significant found")
+    else:
+        table = Table("cause", "where", "probability", "held-out RMS, µm", "reading")
+        for finding in findings:
+            gain = finding["gain"]
+            assert isinstance(gain, dict)
+            table.add_row(
+                str(finding["cause"]),
+                str(finding["location"]),
+                f"{finding['probability']:.3f}",
+                f"{gain['heldout_rms_um_before']:.2f} → {gain['heldout_rms_um_after']:.2f}",
+                str(finding["reading"]),
+            )
+        console.print(table)
+        for found in diagnosis.found:
+            if found.rivals:
+                rivals = ", ".join(
+                    f"{r.candidate.cause} {place_of(r.candidate)} ({r.probability:.2f})"
+                    for r in found.rivals
+                )
+                console.print(f"{found.candidate.cause}: could also be {rivals}")
+    console.print(f"next: {following}")
