@@ -17,7 +17,7 @@ import numpy as np
 from armd.errors import ArmdError, BadInput
 from armd.files import write_whole
 from armd.simulator.answers import true_constants, true_expansion
-from armd.simulator.campaigns import calibration, paper, verification
+from armd.simulator.campaigns import calibration, hidden, paper, verification
 from armd.simulator.campaigns.campaign import Campaign
 from armd.simulator.measuring import Measured, write_session
 from armd.simulator.noise import Noise
@@ -32,6 +32,7 @@ KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
     "warmup": calibration.warmup,
     "seats": calibration.seats,
     "verify": verification.campaign,
+    "diagnosis": hidden.diagnosis,
 }
 
 

@@ -59,6 +59,12 @@ DESIGNS: dict[str, Design] = {
 }
 
 
+def diagnosis(seed: int, noise: Noise) -> Campaign:
+    """Sessions to try `armd diagnose` on: the standard design; plant what should be found."""
+    _, later = campaigns(seed, Design(), noise)
+    return later
+
+
 def campaigns(seed: int, design: Design, noise: Noise = NOISE) -> tuple[Campaign, Campaign]:
     """The sessions from before (healthy), and those to diagnose with the held-out ones.
 
