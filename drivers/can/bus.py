@@ -19,6 +19,12 @@ from armd.drivers.config import CanConfig
 from armd.drivers.host_time import HostTime
 from armd.drivers.sample import RawFrame
 
+#: Where python-can's own defaults do not suit us; all others are asked for own messages.
+BETTER_DEFAULTS: dict[str, dict[str, Any]] = {
+    "slcan": {"sleep_after_open": 0.0},  # not 2 s
+    "socketcand": {"tcp_tune": True},  # no 40 ms of Nagle
+    "udp_multicast": {"hop_limit": 0},  # does not leave this machine; own messages come anyway
+}
 CONNECT_S = 0.5
 
 logging.getLogger("can").addHandler(logging.NullHandler())  # faults become events
@@ -30,13 +36,13 @@ class BusFault(Exception):
 
 def open_bus(config: CanConfig) -> can.BusABC:
     """Blocking. Raises `BusFault` with the reason."""
-    options: dict[str, Any] = {"receive_own_messages": True, **(config.model_extra or {})}
+    options: dict[str, Any] = dict(config.model_extra or {})
     if config.channel is not None:
         options["channel"] = config.channel
-    if config.interface == "slcan":
-        options.setdefault("sleep_after_open", 0.0)  # python-can would wait for 2 s
-    if config.interface == "socketcand":
-        options.setdefault("tcp_tune", True)
+    for name, value in BETTER_DEFAULTS.get(
+        config.interface, {"receive_own_messages": True}
+    ).items():
+        options.setdefault(name, value)
     try:
         if config.interface == "socketcand":
             _knock(options)

@@ -41,6 +41,11 @@ class CycleAssembler:
     def reset(self) -> None:
         self._cycle = None
 
+    @property
+    def waiting(self) -> bool:
+        """Some joint has not reported since the last SYNC."""
+        return self._cycle is not None and not self._cycle.complete
+
     def sync(self, number: int, latch_ns: int, expected: frozenset[int]) -> None:
         """A new cycle begins; *expected* are the joints that should have reported in the last."""
         last = self._cycle

@@ -15,13 +15,14 @@ import numpy as np
 
 from armd.drivers.can import objects as can
 from armd.drivers.can.cycle import Cycle, CycleAssembler, Reading
-from armd.drivers.can.node import HEARTBEAT_MS, HEARTBEATS_MISSED, Node
+from armd.drivers.can.node import Node
 from armd.drivers.can.sync_time import SyncTime
 from armd.drivers.identity import Expectation
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Event, Item, RawFrame, SampleArray, Temperatures, sample_dtype
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
 
+LATE_MOST_NS = 20_000_000  # no answer to a SYNC comes later than this
 COUNTED = ("samples", "lost", "malformed", "unknown", "error_frames", "foreign_sync")
 
 
@@ -42,13 +43,13 @@ class CanDecoder:
         self.last_sample_ns: int | None = None
         self._expected = expectation
         self._period_ns = round(1e9 / rate_hz)
-        self._cycles_allowed = math.ceil(HEARTBEATS_MISSED * HEARTBEAT_MS * 1e-3 * rate_hz)
         self._max_rate = max_joint_rate_deg_s
         self._dtype = sample_dtype(expectation.n_joints)
         joints = range(1, expectation.n_joints + 1)
         modules = can.TEMPERATURE_NODES[: math.ceil(expectation.n_sensors / 6)]
         self.nodes = {k: Node(k, f"joint {k}") for k in joints} | {
-            number: Node(number, f"temperature module {number:#x}") for number in modules
+            number: Node(number, f"temperature module {number:#x}", values_due=False)
+            for number in modules
         }
         self._joints = [self.nodes[k] for k in joints]
         self._assembler = CycleAssembler()
@@ -81,16 +82,25 @@ class CanDecoder:
         """Every joint has been configured at least once, and no arm but ours has been found."""
         return self._unwrapper is not None and not self._foreign
 
+    def may_sync(self, now_ns: int) -> bool:
+        """Whether a SYNC now leaves no doubt which answers are its own.
+
+        Without an echo of our SYNC the order on the bus is not known: then the answers to the
+        last one must be there, or so late that they will never come.
+        """
+        return (
+            self._sync_time.echo is not False
+            or not self._assembler.waiting
+            or now_ns - (self._last_sync_ns or 0) > LATE_MOST_NS
+        )
+
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes, in the order of the bus."""
         if frame.direction == "link":
             return self._take_note(json.loads(frame.data), frame.monotonic_ns)
         message = can.CanFrame.from_bytes(frame.data)
         if frame.direction == "tx":
-            if message.identifier == can.SYNC_ID:
-                latch_ns = self._sync_time.sent(frame.monotonic_ns)
-                return [] if latch_ns is None else self._sync(latch_ns, frame.monotonic_ns)
-            return []
+            return self._sync_sent(frame.monotonic_ns) if message.identifier == can.SYNC_ID else []
         return self._receive(message, frame)
 
     # --- the bus ---------------------------------------------------------------------------
@@ -110,7 +120,7 @@ class CanDecoder:
             self._counted["unknown"] += function != can.NMT_ID
             return []
         if function == can.HEARTBEAT_BASE and len(message.data) == 1:
-            fault = node.heartbeat(message.data[0] & 0x7F, self._number)
+            fault = node.heartbeat(message.data[0] & 0x7F)
             return self._failed(node, fault, now_ns)
         if function == can.EMCY_BASE:
             return self._emergency(node, message.data, now_ns)
@@ -139,8 +149,7 @@ class CanDecoder:
         if len(data) != can.ENCODER_PDO.size:
             self._counted["malformed"] += 1
             return []
-        first = node.reported(self._number)
-        items = self._recovered(node, frame.monotonic_ns) if first else []
+        items = self._recovered(node, frame.monotonic_ns) if node.reported() else []
         reading = Reading(*can.ENCODER_PDO.unpack(data))
         cycle = self._assembler.report(node.number, reading, self._reporting())
         if cycle is not None and self._unwrapper is not None and not self._foreign:
@@ -155,20 +164,33 @@ class CanDecoder:
             return frozenset(node.number for node in self._joints)
         return frozenset(node.number for node in self._joints if node.reporting)
 
+    def _sync_sent(self, now_ns: int) -> list[Item]:
+        known = self._sync_time.echo
+        if not self._sync_time.sent(now_ns):
+            return []
+        items = self._sync(now_ns, now_ns)
+        if known is None:
+            text = (
+                "this interface does not return our SYNC: each one waits for the last one's answers"
+            )
+            items.append(Event("no_echo", text, now_ns, "info"))
+        return items
+
     def _sync(self, latch_ns: int, now_ns: int) -> list[Item]:
-        self._number += 1
-        if self._bus_was_down and self._last_sync_ns is not None:  # cycles nobody latched
-            self._number += round((now_ns - self._last_sync_ns) / self._period_ns)
-        self._bus_was_down = False
+        since_ns = now_ns - (self._last_sync_ns or now_ns)
         self._last_sync_ns = now_ns
+        self._number += 1
+        if self._bus_was_down:  # cycles that nobody latched
+            self._number += round(since_ns / self._period_ns)
+        self._bus_was_down = False
+        # When this process was held up, what the nodes said meanwhile is still to be read.
+        elapsed_ns = min(since_ns, LATE_MOST_NS)
         if self.accepted:
             self._assembler.sync(self._number, latch_ns, self._reporting())
         return [
             event
             for node in self.nodes.values()
-            for event in self._failed(
-                node, node.overdue(self._number, self._cycles_allowed), now_ns
-            )
+            for event in self._failed(node, node.grow_older(elapsed_ns), now_ns)
         ]
 
     def _second_producer(self, now_ns: int) -> list[Item]:
@@ -228,9 +250,7 @@ class CanDecoder:
         if pdo != can.STATUS_PDO_NUMBER or len(data) != can.STATUS_PDO.size:
             self._counted["malformed"] += 1
             return []
-        items: list[Item] = (
-            self._recovered(node, frame.monotonic_ns) if node.reported(self._number) else []
-        )
+        items: list[Item] = self._recovered(node, frame.monotonic_ns) if node.reported() else []
         invalid = np.array(can.STATUS_PDO.unpack(data)) & 1
         self._celsius[module] = np.where(invalid == 1, np.nan, self._arriving[module])
         self._arriving[module] = np.nan  # the next reading must be new
@@ -258,9 +278,8 @@ class CanDecoder:
         return []
 
     def _configured(self, node: Node, note: dict[str, Any], now_ns: int) -> list[Item]:
-        is_joint = node.number not in can.TEMPERATURE_NODES
-        node.configured(self._number, every_cycle=is_joint)
-        if not is_joint:
+        node.configured()
+        if node.number in can.TEMPERATURE_NODES:
             return []
         node.range_counts, node.counts_per_turn = note["range_counts"], note["counts_per_turn"]
         if self._unwrapper is None and all(joint.range_counts for joint in self._joints):

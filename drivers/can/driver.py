@@ -27,6 +27,7 @@ from armd.errors import BadInput
 
 RENEW_NS = 2_000_000_000  # a bus that stays silent is built anew this often
 BURST = 64  # frames received before SYNC and the nodes get their turn
+HELD_SYNC_NS = 1_000_000  # how often a SYNC that must wait is looked at again
 SLICE_S = 0.01  # the longest wait for a frame: a job may have ended meanwhile
 
 
@@ -101,11 +102,11 @@ class CanDriver:
         now_ns = time.monotonic_ns()
         due_ns = min(deadline_ns, self._line.act_ns)
         if self._config.sync == "producer":
-            if now_ns >= self._sync_due_ns:
+            if now_ns >= self._sync_due_ns and self._decoder.may_sync(now_ns):
                 network.send_sync()
-                late = max(0, now_ns - self._sync_due_ns) // self._period_ns
+                late = (now_ns - self._sync_due_ns) // self._period_ns
                 self._sync_due_ns += (late + 1) * self._period_ns
-            due_ns = min(due_ns, self._sync_due_ns)
+            due_ns = min(due_ns, max(self._sync_due_ns, now_ns + HELD_SYNC_NS))
         items = self._look_after_nodes(network, now_ns)
         try:
             items += self._receive(network, (due_ns - now_ns) / 1e9)

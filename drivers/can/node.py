@@ -8,7 +8,7 @@ from enum import Enum
 from armd.drivers.can.objects import BOOT_UP, OPERATIONAL
 
 HEARTBEAT_MS = 100
-HEARTBEATS_MISSED = 3.5  # so many periods without one: the node is lost
+PATIENCE_NS = 350_000_000  # without a heartbeat, or a joint's value: the node is lost
 
 
 class State(Enum):
@@ -28,8 +28,9 @@ class Node:
     fault: str = ""
     range_counts: int = 0  # joints only
     counts_per_turn: int = 0
-    _beat_cycle: int = 0  # cycle of the last heartbeat
-    _value_cycle: int | None = None  # and of the last process value, where each cycle has one
+    values_due: bool = True  # at every SYNC: joints
+    _beat_age_ns: int = 0  # since the last heartbeat
+    _value_age_ns: int = 0  # since the last process value
 
     @property
     def wants_configuration(self) -> bool:
@@ -39,24 +40,21 @@ class Node:
     def reporting(self) -> bool:
         return self.state is State.REPORTING
 
-    def configured(self, cycle: int, every_cycle: bool) -> None:
-        """Configured in *cycle*; *every_cycle*: a process value is due at each SYNC."""
+    def configured(self) -> None:
         self.state = State.READY
-        self._beat_cycle = cycle
-        self._value_cycle = cycle if every_cycle else None
+        self._beat_age_ns = self._value_age_ns = 0
 
-    def reported(self, cycle: int) -> bool:
+    def reported(self) -> bool:
         """A process value arrived; True if it is the first since the configuration."""
-        if self._value_cycle is not None:
-            self._value_cycle = cycle
+        self._value_age_ns = 0
         first = self.state is State.READY
         if first:
             self.state = State.REPORTING
         return first
 
-    def heartbeat(self, nmt_state: int, cycle: int) -> str | None:
+    def heartbeat(self, nmt_state: int) -> str | None:
         """Returns what is wrong, if something new is."""
-        self._beat_cycle = cycle
+        self._beat_age_ns = 0
         if nmt_state == OPERATIONAL or self.wants_configuration:
             return None
         # The first heartbeat after the start command may still tell the state before it.
@@ -64,13 +62,15 @@ class Node:
             return None
         return self.fail("it has restarted" if nmt_state == BOOT_UP else "it has left operation")
 
-    def overdue(self, cycle: int, cycles_allowed: int) -> str | None:
-        """Looked at in every cycle: has it been silent for too long?"""
+    def grow_older(self, elapsed_ns: int) -> str | None:
+        """At every SYNC: has the node been silent for too long?"""
         if self.wants_configuration:
             return None
-        if cycle - self._beat_cycle > cycles_allowed:
+        self._beat_age_ns += elapsed_ns
+        self._value_age_ns += elapsed_ns
+        if self._beat_age_ns > PATIENCE_NS:
             return self.fail("its heartbeat is lost")
-        if self._value_cycle is not None and cycle - self._value_cycle > cycles_allowed:
+        if self.values_due and self._value_age_ns > PATIENCE_NS:
             return self.fail("it sends no values")
         return None
 

@@ -20,16 +20,16 @@ class SyncTime:
         self._ways: deque[int] = deque(maxlen=WINDOW)
         self._unanswered = 0
 
-    def sent(self, now_ns: int) -> int | None:
-        """Own SYNC on its way. Its instant, if without an echo it is all there will be."""
-        if self.echo is False:
-            return now_ns
-        self._sent.append(now_ns)
+    def sent(self, now_ns: int) -> bool:
+        """Own SYNC on its way. True if, without an echo, this is all we shall know of it."""
         if self.echo is None:
             self._unanswered += 1
             if self._unanswered > ECHO_PATIENCE:
                 self.echo = False
-        return None
+        if self.echo is False:
+            return True
+        self._sent.append(now_ns)
+        return False
 
     def received(self, now_ns: int) -> tuple[int, int]:
         """A SYNC from the bus: its instant, and how many own ones before it were lost."""
