@@ -1,0 +1,198 @@
+"""Boot the guest under User-Mode Linux; where that does not run, under qemu's emulation."""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import os
+import shutil
+import signal
+import subprocess
+import tarfile
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+from debian_packages import CACHE, unpacked
+from guest_image import HELLO, build_image, make_filesystem
+
+RESULTS_BYTES = 64 << 20
+
+
+class Machine(Protocol):
+    """What can boot a disk image."""
+
+    modules: Path
+
+    def command(self, disks: Sequence[Path], words: str) -> list[str]:
+        """The command that boots from the first of *disks* with *words* for the kernel."""
+
+    def disk(self, number: int) -> str:
+        """The device under which the guest sees disk *number*."""
+
+
+class Uml:
+    """A Linux kernel that is a program: nearly native speed, no privilege, one CPU."""
+
+    def __init__(self) -> None:
+        tools = unpacked("user-mode-linux", "mmdebstrap")
+        self.kernel = tools / "usr/bin/linux.uml"
+        (self.modules,) = (tools / "usr/lib/uml/modules").iterdir()
+        # User-Mode Linux alone fails on processors with AVX-512; the source says how and why.
+        source = Path(__file__).with_name("uml_xstate.c")
+        self.shim = CACHE / "uml_xstate.so"
+        build = ["cc", "-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
+        subprocess.run([*build, "-o", self.shim, source], check=True)
+
+    def command(self, disks: Sequence[Path], words: str) -> list[str]:
+        drives = [f"ubd{number}={disk}" for number, disk in enumerate(disks)]
+        console = "con0=null,fd:1 con1=null con=null ssl=null console=tty0"
+        start = ["env", f"LD_PRELOAD={self.shim}", str(self.kernel), "mem=3G"]
+        return [*start, *drives, *console.split(), *words.split()]
+
+    def disk(self, number: int) -> str:
+        return f"/dev/ubd{'abc'[number]}"
+
+
+class Qemu:
+    """Software emulation of a whole PC: runs anywhere, Python in it twenty times slower."""
+
+    def __init__(self) -> None:
+        (self.image,) = unpacked("linux-image-cloud-amd64").glob("boot/vmlinuz-*")
+        (self.modules,) = self.image.parents[1].glob("lib/modules/*")
+        subprocess.run(["depmod", "-b", self.image.parents[1], self.modules.name], check=False)
+        self.initrd = self._initrd()
+
+    def command(self, disks: Sequence[Path], words: str) -> list[str]:
+        tools = unpacked("qemu-system-x86")
+        # Its libraries and firmware lie where they were unpacked, not where it was built to look.
+        libraries = ":".join(str(path) for path in tools.glob("usr/lib/*-linux-gnu"))
+        emulator = [
+            "env",
+            f"LD_LIBRARY_PATH={libraries}",
+            str(tools / "usr/bin/qemu-system-x86_64"),
+        ]
+        firmware = [f"-L{tools / 'usr/share' / name}" for name in ("qemu", "seabios")]
+        drives = [f"-drive=file={disk},format=raw,if=virtio" for disk in disks]
+        return [
+            *emulator,
+            *(word for item in firmware for word in (item[:2], item[2:])),
+            *(word for item in drives for word in item.split("=", 1)),
+            *("-accel", "tcg", "-m", "3G", "-nographic", "-no-reboot", "-nodefaults"),
+            *("-serial", "stdio", "-kernel", str(self.image), "-initrd", str(self.initrd)),
+            *("-append", f"console=ttyS0 {words}"),
+        ]
+
+    def disk(self, number: int) -> str:
+        return f"/dev/vd{'abc'[number]}"
+
+    def _initrd(self) -> Path:
+        """Just enough to load the disk's drivers and go over to it."""
+        initrd = CACHE / f"initrd-{self.modules.name}.gz"
+        if initrd.exists():
+            return initrd
+        root = Path(tempfile.mkdtemp(dir=CACHE))
+        for folder in ("dev", "proc", "root", "modules"):
+            (root / folder).mkdir()
+        shutil.copy(unpacked("busybox-static") / "bin/busybox", root / "busybox")
+        wanted = ["virtio_pci", "virtio_blk", "ext4"]
+        loads = ""
+        for name in wanted:
+            shown = subprocess.run(
+                ["modprobe", "-d", self.image.parents[1], "-S", self.modules.name, "-D", name],
+                check=True,
+                capture_output=True,
+                text=True,
+            )
+            for module in (Path(line.split()[1]) for line in shown.stdout.splitlines()):
+                shutil.copy(module, root / "modules")
+                loads += f"/busybox insmod /modules/{module.name}\n"
+        script = f"#!/busybox sh\n{loads}/busybox mount -t devtmpfs dev /dev\n"
+        script += "/busybox mount -t ext4 /dev/vda /root\n"
+        script += "/busybox umount /dev\nexec /busybox switch_root /root /sbin/init\n"
+        (root / "init").write_text(script)
+        (root / "init").chmod(0o755)
+        names = "\n".join(str(path.relative_to(root)) for path in sorted(root.rglob("*")))
+        archive = subprocess.run(
+            ["cpio", "-o", "-H", "newc", "--quiet"],
+            input=names.encode(),
+            cwd=root,
+            check=True,
+            capture_output=True,
+        )
+        initrd.write_bytes(gzip.compress(archive.stdout))
+        shutil.rmtree(root)
+        return initrd
+
+
+def machine(folder: Path) -> Machine:
+    """User-Mode Linux if it runs here, else qemu; ARMD_GUEST=uml or qemu decides otherwise."""
+    choice = os.environ.get("ARMD_GUEST", "")
+    if choice != "qemu":
+        uml = Uml()
+        command = uml.command([build_image(uml.modules)], f"root={uml.disk(0)} init=/sbin/hello")
+        console = folder / "hello.console"
+        run(command, console, 60)
+        if choice == "uml" or HELLO in console.read_text(errors="replace"):
+            return uml
+    return Qemu()
+
+
+def run(command: Sequence[str], console: Path, timeout_s: float) -> None:
+    """Run a guest, its console going to a file, until it ends; none of its processes stays.
+
+    Raises `TimeoutError`.
+    """
+    # Fast memory holds the guest's.
+    environment = {**os.environ, "TMPDIR": "/dev/shm"} if Path("/dev/shm").is_dir() else None
+    with console.open("wb") as output:
+        process = subprocess.Popen(
+            ["setpriv", "--pdeathsig=KILL", "nice", "-n", "10", *command],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,
+        )
+        try:
+            process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            raise TimeoutError(f"{console}: not over after {timeout_s:.0f} s") from None
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+class Guest:
+    """A machine with a disk of its own; what is done in one boot is there in the next."""
+
+    def __init__(self, machine: Machine, folder: Path, payload: Path) -> None:
+        """*payload* is a folder that the guest finds under /mnt."""
+        self.machine = machine
+        self.folder = folder
+        self.disk = folder / "disk.img"
+        self.payload = folder / "payload.img"
+        subprocess.run(
+            ["cp", "--sparse=always", build_image(machine.modules), self.disk], check=True
+        )
+        make_filesystem(self.payload, payload, "payload", "1000M")
+
+    def boot(self, stage: str, timeout_s: float) -> Path:
+        """Boot, let the guest run *stage*, and return the folder of what it left behind.
+
+        Raises `TimeoutError` when the machine has not switched itself off in *timeout_s*.
+        The exit code says nothing: User-Mode Linux ends with 0 even after a kernel panic.
+        """
+        results = self.folder / f"{stage}.tar"
+        with results.open("wb") as file:
+            file.truncate(RESULTS_BYTES)
+        words = f"root={self.machine.disk(0)} rw quiet panic=-1 systemd.show_status=no "
+        words += f"armd.stage={stage} armd.results={self.machine.disk(2)}"
+        command = self.machine.command([self.disk, self.payload, results], words)
+        run(command, self.folder / f"{stage}.console", timeout_s)
+        left = self.folder / stage
+        with tarfile.open(results) as archive:
+            archive.extractall(left, filter="data")
+        return left
