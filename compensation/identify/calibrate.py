@@ -128,8 +128,7 @@ def calibrate(
         comparison = Comparison(first, groups)
         trials = comparison.trials()
         order, terms = _choose(comparison, trials, arm, options, notes)
-        start = first if terms else None
-        final = _fit(observations, arm, unknown, terms, progress, start)
+        final = _fit(observations, arm, unknown, terms, progress, first)
     folds, by = placement_folds(observations)
     columns = final.unknowns.columns(final.at, final.terms)
     scale = final.solution.scale
@@ -260,6 +259,7 @@ def _fit(
         unknowns,
         arm.reference_temperature_c,
         noise=start.noise if start else None,
+        begin=start.constants if start else None,
         progress=progress,
     )
 

@@ -117,10 +117,11 @@ def evaluate_model(
 
 def _statistics(distance_um: F64) -> dict[str, Any]:
     if not len(distance_um):
-        return {"rms_um": None, "max_um": None, "median_um": None, "n": 0}
+        return {"rms_um": None, "max_um": None, "mean_um": None, "median_um": None, "n": 0}
     return {
         "rms_um": float(np.sqrt(np.mean(distance_um**2))),
         "max_um": float(distance_um.max()),
+        "mean_um": float(np.mean(distance_um)),
         "median_um": float(np.median(distance_um)),
         "n": len(distance_um),
     }

@@ -1,9 +1,11 @@
 """Least squares on constants and coefficients, placements and free targets eliminated.
 
 Gauss–Newton with Levenberg's damping where a step fails, on unknowns scaled by their plausible
-departure from the drawing. What the readings cannot tell stays as near the start as it can: the
-solution of minimum norm. Between rounds the noise of a reading is found anew from the residuals,
-and readings are weighted by it and by the robust loss.
+departure from the drawing. Between rounds the noise of a reading is found anew from the
+residuals, and readings are weighted by it and by the robust loss. While the noise is not yet
+known, the drawing counts as one more reading of every unknown, good to its plausible departure:
+so a start far off cannot run away along what the readings hardly tell. Then it is let go, and
+what the readings cannot tell stays as near the drawing as it can: the solution of minimum norm.
 """
 
 from __future__ import annotations
@@ -41,7 +43,7 @@ ROUNDING = 1e-9
 #: A direction known worse than a tenth of its plausible departure is not known.
 LEAST_KNOWN = 10.0
 MOST_STEPS = 40
-MOST_ROUNDS = 6
+MOST_ROUNDS = 10
 #: A term's coefficient is plausible up to this effect on its parameter (rms of its basis).
 PLAUSIBLE_TERM = 0.1
 
@@ -77,10 +79,15 @@ class Unknowns:
         return constants, terms
 
     def columns(self, at: Linearisation, terms: Sequence[Term]) -> F64:
-        """d residual / d unknown (n, 3, C)."""
+        """d residual / d unknown (n, 3, C).
+
+        Zero for θ₁ and d₁: moving the whole arm about its first axis moves every placement alike.
+        """
         asked = [terms[i] for i in self.terms]
         by_term = at.term_columns(asked, at.basis[:, list(self.terms)])
-        return np.concatenate([at.constant_columns(self.constants), by_term], axis=2)
+        by_constant = at.constant_columns(self.constants)
+        by_constant[:, :, [name in ("theta_1", "d_1") for name in self.constants]] = 0.0
+        return np.concatenate([by_constant, by_term], axis=2)
 
     def plausible(self, terms: Sequence[Term], basis: F64) -> F64:
         """Plausible departures (C,) in each unknown's own unit."""
@@ -181,30 +188,39 @@ def fit(
     reference_c: float,
     *,
     noise: ReadingNoise | None = None,
+    begin: F64 | None = None,
     rounds: int = MOST_ROUNDS,
     progress: Progress | None = None,
 ) -> Fit:
-    """Fit *unknowns*, starting at *constants* (P,) and the terms' coefficients.
+    """Fit *unknowns*; *constants* (P,) and the terms' coefficients are the drawing to stay near.
 
-    *noise* is what to weight the readings by at first: by default all alike. `rounds` is how
-    often at most noise and robust weights are found anew; 1 keeps the first weights. Every row's
+    *begin* (P,): constants to begin at instead, where an earlier fit knows them better.
+    *noise* is what to weight the readings by at first, where it is known. `rounds` is how often
+    at most noise and robust weights are found anew; 1 keeps the first weights. Every row's
     temperatures must be there where a term needs them.
     """
-    x = start = unknowns.values(constants, terms)
-    terms = list(terms)
+    start = unknowns.values(constants, terms)
+    constants, terms = constants if begin is None else begin, list(terms)
+    x = unknowns.values(constants, terms)
     states = observations.states
     basis = basis_values(terms, states, observations.arm, reference_c, constants)
     position = forward(states.q, parameter_rows(constants, terms, basis))[0]
     poses = fit_poses(observations, position)
     weighing = noise or _alike(poses.residual(observations, position))
     distance2 = np.zeros(observations.n)
-    steps = 0
+    steps, held = 0, noise is None
     for round_ in range(1, rounds + 1):
-        descent = _Descent(observations, constants, terms, unknowns, reference_c, basis, start)
         joints = joint_jacobian(states.q, parameter_rows(constants, terms, basis))
         weight = robust_weights(distance2)
+        if held:
+            weighing = ReadingNoise(0.0, weighing.typical_mm(joints))
         whiten = whitening(weighing.covariance(joints), weight)
-        end = descent.run(x, poses, whiten, floor_mm=weighing.reading_mm / 100)
+        descent = _Descent(
+            observations, constants, terms, unknowns, reference_c, basis, start, weight
+        )
+        # A certified length bends the problem: far off it must not weigh more than the readings.
+        floor_mm = weighing.reading_mm * (1.0 if held else 0.01)
+        end = descent.run(x, poses, whiten, floor_mm, held)
         x, poses, steps = end.x, end.at.poses, steps + end.steps
         constants, terms = unknowns.put(x, constants, terms)
         fitted = end.elimination.rank + end.solution.rank
@@ -213,10 +229,12 @@ def fit(
         basis = basis_values(terms, states, observations.arm, reference_c, constants)
         if progress:
             progress(f"round {round_}: {rms_um(end.at.residual_mm):.2f} µm RMS, {steps} steps")
-        if _settled(before, weighing, joints) and np.allclose(
+        settled = _settled(before, weighing, joints) and np.allclose(
             weight, robust_weights(distance2), atol=0.05
-        ):
+        )
+        if settled and not held:
             break
+        held = held and not settled and round_ < rounds // 2
     # The last weights are those of the round before: what is left of the difference is a factor.
     left = max(3 * float(weight.sum()) + end.elimination.n_certified - fitted, 1.0)
     covariance = end.solution.covariance() * end.elimination.cost / left
@@ -243,23 +261,29 @@ def _settled(before: ReadingNoise, after: ReadingNoise, joint_columns: F64) -> b
     return bool(np.all(np.abs(sizes[1] / sizes[0] - 1.0) < 0.05))
 
 
-def solve(triangle: F64, scale: F64, pull: F64, damping: float = 0.0) -> Solution:
+def solve(
+    triangle: F64, scale: F64, pull: F64, damping: float = 0.0, held: bool = False
+) -> Solution:
     """Minimise |A δ + r| from the triangular factor (·, C+1) of [A·scale, r].
 
-    Along directions the readings do not know, δ is *pull* (C,) there. *damping* is relative to
-    the largest singular value squared.
+    Along directions the readings say nothing about, δ is *pull* (C,); along those they hardly
+    know, 0. *held*: δ near *pull* counts as one more reading, and all are known. *damping* is
+    relative to the largest singular value squared.
     """
     c = len(scale)
     square = np.zeros((c, c + 1))
     square[: min(c, len(triangle))] = triangle[:c]
     u, s, vt = np.linalg.svd(square[:, :c])
     largest = s[0] if c else 0.0
-    known = (s > ROUNDING * largest) & (s > LEAST_KNOWN)
-    along = u.T @ square[:, c]
-    gain = np.where(known, along, 0.0)
-    step = -gain * s / (s**2 + damping * largest**2 + ~known)
-    step = np.where(known, step, vt @ (pull / scale))
-    return Solution(scale * (vt.T @ step), s, known, vt.T, scale, float(np.sum(gain**2)))
+    touched = s > ROUNDING * largest
+    known = touched & (held | (s > LEAST_KNOWN))
+    wanted = vt @ (pull / scale)
+    slope = s * (u.T @ square[:, c]) - held * wanted
+    curvature = s**2 + held
+    step = np.where(touched, 0.0, wanted)
+    step[known] = (-slope / (curvature + damping * largest**2 + ~known))[known]
+    gain = float(np.sum(slope[known] ** 2 / curvature[known]))
+    return Solution(scale * (vt.T @ step), s, known, vt.T, scale, gain)
 
 
 @dataclass(frozen=True)
@@ -283,11 +307,16 @@ class _Descent:
     reference_c: float
     basis: F64
     start: F64  # (C,) what unidentifiable directions stay near
+    weight: F64  # (n,) robust weights
 
-    def run(self, x: F64, poses: Poses, whiten: F64, floor_mm: float) -> _End:
+    def run(self, x: F64, poses: Poses, whiten: F64, floor_mm: float, held: bool) -> _End:
         """Step until what a step would gain is nothing beside the noise."""
         scale = self.unknowns.plausible(self.terms, self.basis)
-        at, elimination = self._linearise(x, poses, whiten, floor_mm)
+
+        def cost(elimination: Elimination, x: F64) -> float:
+            return elimination.cost + held * float(np.sum(((x - self.start) / scale) ** 2))
+
+        at, elimination = self._linearise(x, poses, whiten, floor_mm, held)
         damping = 0.0
         steps = 0
         while steps < MOST_STEPS:
@@ -295,19 +324,22 @@ class _Descent:
             columns = self.unknowns.columns(at, self.terms)
             clear = np.column_stack([elimination.columns(columns * scale), elimination.residual()])
             triangle = np.asarray(np.linalg.qr(clear, mode="r"))
-            solution = solve(triangle, scale, self.start - x)
+            if not self.observations.has_certified_length:
+                triangle[:, :-1] = self._without_size(triangle[:, :-1], x, scale)
+            solution = solve(triangle, scale, self.start - x, held=held)
             converged = solution.gain < 1e-6 + 1e-8 * elimination.cost
             if converged:
                 break
             while True:
-                damped = solve(triangle, scale, self.start - x, damping)
+                damped = solve(triangle, scale, self.start - x, damping, held)
                 twist, shift = elimination.back_substitute(columns @ damped.step)
                 moved = at.poses.moved(at.centre_mm, twist, shift)
-                trial = self._linearise(x + damped.step, moved, whiten, floor_mm)
-                if trial[1].cost <= elimination.cost or damping > 1e3:
+                trial = self._linearise(x + damped.step, moved, whiten, floor_mm, held)
+                better = cost(trial[1], x + damped.step) <= cost(elimination, x)
+                if better or damping > 1e3:
                     break
                 damping = max(10.0 * damping, 1e-6)
-            if trial[1].cost > elimination.cost:  # no step gains anything
+            if not better:  # no step gains anything
                 converged = solution.gain < 1e-3
                 break
             x = x + damped.step
@@ -315,9 +347,32 @@ class _Descent:
             damping = damping / 10.0 if damping > 1e-8 else 0.0
         return _End(x, at, elimination, solution, steps, converged)
 
+    def _without_size(self, columns: F64, x: F64, scale: F64) -> F64:
+        """Columns (·, C) that say nothing about the arm's size.
+
+        Without any certified length, an arm shrunk by a factor fits as well, its residuals even
+        shrunk with it: least squares would take that for knowledge and shrink it to nothing.
+        """
+        lengths = [parameters.unit(name) == "mm" for name in self.unknowns.constants]
+        size = np.zeros(len(x))
+        size[: len(lengths)] = np.where(lengths, x[: len(lengths)], 0.0) / scale[: len(lengths)]
+        _, s, vt = np.linalg.svd(columns)
+        touching = vt[: len(s)][s > ROUNDING * s[0]]  # leaves what is unknown anyway unknown
+        told = touching.T @ (touching @ size)
+        if np.linalg.norm(told) < 1e-3 * np.linalg.norm(size):
+            return columns
+        told /= np.linalg.norm(told)
+        without: F64 = columns - np.outer(columns @ told, told)
+        return without
+
     def _linearise(
-        self, x: F64, poses: Poses, whiten: F64, floor_mm: float
+        self, x: F64, poses: Poses, whiten: F64, floor_mm: float, held: bool
     ) -> tuple[Linearisation, Elimination]:
         constants, terms = self.unknowns.put(x, self.constants, self.terms)
+        if held and not len(self.observations.distances.length_mm):
+            # Far off, poses are not linear: about a beam's own axis they turn by any angle.
+            rows = parameter_rows(constants, terms, self.basis)
+            position = forward(self.observations.states.q, rows)[0]
+            poses = fit_poses(self.observations, position, self.weight, poses)
         at = linearise(self.observations, constants, terms, poses, self.reference_c, self.basis)
         return at, Elimination(at, whiten, floor_mm)

@@ -24,8 +24,8 @@ from armd.compensation.terms import Term
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
-#: A nuisance column shorter than this, relative to the longest of its block, says nothing.
-NUISANCE_RANK = 1e-9
+#: A direction of the nuisances shorter than this, relative to the longest column, says nothing.
+NUISANCE_RANK = 1e-5
 
 
 @dataclass(frozen=True)
@@ -89,16 +89,17 @@ def linearise(
     if basis is None:
         basis = basis_values(terms, states, arm, reference_c, constants)
     position, columns = jacobian(states.q, parameter_rows(constants, terms, basis))
-    centre = centres(observations, position)
+    placed = poses.placed(observations)
+    centre = centres(observations, placed)
     return Linearisation(
         observations=observations,
         poses=poses,
         position_mm=position,
-        residual_mm=poses.residual(observations, position),
+        residual_mm=position - placed,
         jacobian=columns,
         basis=basis,
         centre_mm=centre,
-        pose_columns=pose_columns(observations, position, centre),
+        pose_columns=pose_columns(observations, placed, centre),
         target_columns=target_columns(observations, poses),
         free_targets=_free_targets(observations),
     )

@@ -40,6 +40,11 @@ class ReadingNoise:
         covariance: F64 = self.encoder_rad**2 * shape + self.reading_mm**2 * np.eye(3)
         return covariance
 
+    def typical_mm(self, joint_columns: F64) -> float:
+        """Per-axis standard deviation over all readings (rms)."""
+        variance = np.trace(self.covariance(joint_columns), axis1=1, axis2=2) / 3.0
+        return float(np.sqrt(np.mean(variance)))
+
 
 def whitening(covariance: F64, weight: F64) -> F64:
     """W (n, 3, 3) with WᵀW = weight · covariance⁻¹, from covariances (n, 3, 3), weights (n,)."""

@@ -29,13 +29,16 @@ class Poses:
     translation_mm: F64  # (P, 3)
     target_mm: F64  # (K, 3) certified or fitted; zero for a seat nobody has touched
 
-    def residual(self, observations: Observations, position_mm: F64) -> F64:
-        """Tip minus target (n, 3) mm, in the base frame."""
+    def placed(self, observations: Observations) -> F64:
+        """Where the tip should stand (n, 3) mm, in the base frame."""
         points = observations.known_mm(self.target_mm)
         rotation = self.rotation[observations.placement]
-        placed = np.einsum("nij,nj->ni", rotation, points)
-        residual: F64 = position_mm - placed - self.translation_mm[observations.placement]
-        return residual
+        turned: F64 = np.einsum("nij,nj->ni", rotation, points)
+        return turned + self.translation_mm[observations.placement]
+
+    def residual(self, observations: Observations, position_mm: F64) -> F64:
+        """Tip minus target (n, 3) mm, in the base frame."""
+        return position_mm - self.placed(observations)
 
     def moved(self, centre_mm: F64, twist: F64, target_step_mm: F64) -> Poses:
         """Poses turned by twist[:, :3] / LEVER_MM rad about their centres (P, 3) and shifted by
@@ -50,7 +53,7 @@ class Poses:
 
 
 def centres(observations: Observations, position_mm: F64) -> F64:
-    """Mean tip position of each placement (P, 3); zero for one without readings."""
+    """Mean position of each placement's readings (P, 3); zero for one without."""
     total = group_sum(position_mm, observations.placement, len(observations.placement_names))
     return total / np.maximum(placement_counts(observations), 1)[:, None]
 
@@ -60,13 +63,13 @@ def placement_counts(observations: Observations) -> I64:
     return np.bincount(observations.placement, minlength=len(observations.placement_names))
 
 
-def pose_columns(observations: Observations, position_mm: F64, centre_mm: F64) -> F64:
+def pose_columns(observations: Observations, placed_mm: F64, centre_mm: F64) -> F64:
     """d residual / d twist (n, 3, 6): how the residual moves with its placement's pose.
 
-    The lever arm is the tip's, not the target's: so turning the whole arm about its base is the
-    same as turning the placements exactly, however large the residuals are.
+    The lever arm is the target's, not the tip's: so turning an artefact of unknown points in its
+    own frame is the same as turning its placements exactly, however large the residuals are.
     """
-    lever = (position_mm - centre_mm[observations.placement]) / LEVER_MM
+    lever = (placed_mm - centre_mm[observations.placement]) / LEVER_MM
     columns = np.zeros((len(lever), 3, 6))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         columns[:, i, j] = -lever[:, k]
@@ -82,17 +85,25 @@ def target_columns(observations: Observations, poses: Poses) -> F64:
     return columns
 
 
-def fit_poses(observations: Observations, position_mm: F64) -> Poses:
+def fit_poses(
+    observations: Observations,
+    position_mm: F64,
+    weight: F64 | None = None,
+    begin: Poses | None = None,
+) -> Poses:
     """Least-squares poses, and unknown seats, for tip positions (n, 3) mm in the base frame.
 
-    Certified positions count as exact here; certified distances are not used.
+    Certified positions count as exact here; certified distances are not used. *weight* (n,) of
+    the readings; *begin*: poses near by, where there are.
     """
-    poses = _start(observations, position_mm)
+    weight = np.ones(observations.n) if weight is None else weight
     if not _touched_seats(observations).any():
-        return poses
+        return _start(observations, position_mm, weight)
+    poses = begin or _start(observations, position_mm, weight)
     for _ in range(50):
-        centre = centres(observations, position_mm)
-        twist, step = _gauss_newton_step(observations, poses, position_mm, centre)
+        placed = poses.placed(observations)
+        centre = centres(observations, placed)
+        twist, step = _gauss_newton_step(observations, poses, position_mm, centre, weight)
         poses = poses.moved(centre, twist, step)
         if max(np.abs(twist).max(), np.abs(step).max()) < 1e-9:
             break
@@ -106,7 +117,7 @@ def _touched_seats(observations: Observations) -> npt.NDArray[np.bool_]:
     return touched & observations.unknown
 
 
-def _start(observations: Observations, position_mm: F64) -> Poses:
+def _start(observations: Observations, position_mm: F64, weight: F64) -> Poses:
     """Poses by Kabsch's method; seats as the mean of what touches them, by turns.
 
     Without unknown seats this is the answer; with them it is where Gauss–Newton starts.
@@ -120,7 +131,9 @@ def _start(observations: Observations, position_mm: F64) -> Poses:
         _first_seats(observations, position_mm, target, row_seat)
     for _ in range(10 if seats.any() else 1):
         points = observations.known_mm(target)
-        rotation, translation = kabsch(points, position_mm, observations.placement, n_placements)
+        rotation, translation = kabsch(
+            points, position_mm, weight, observations.placement, n_placements
+        )
         local = np.einsum(
             "nji,nj->ni",
             rotation[observations.placement],
@@ -128,9 +141,9 @@ def _start(observations: Observations, position_mm: F64) -> Poses:
         )
         if seats.any():
             size = np.where(row_seat, observations.stretch, 0.0)
-            weight = np.bincount(observations.target, size**2, len(target))
-            mean = group_sum(size[:, None] * local, observations.target, len(target))
-            target[seats] = mean[seats] / weight[seats, None]
+            sums = np.bincount(observations.target, weight * size**2, len(target))
+            mean = group_sum((weight * size)[:, None] * local, observations.target, len(target))
+            target[seats] = mean[seats] / sums[seats, None]
         poses = Poses(rotation, translation, np.nan_to_num(target))
     return poses
 
@@ -156,7 +169,8 @@ def _first_seats(
             rows = observations.placement == placement
             points = observations.known_mm(target)
             index = np.zeros(int(rows.sum()), dtype=np.int64)
-            rotation, translation = kabsch(points[rows], position_mm[rows], index, 1)
+            alike = np.ones(len(index))
+            rotation, translation = kabsch(points[rows], position_mm[rows], alike, index, 1)
             new = rows & row_seat & ~known
             local = (position_mm[new] - translation[0]) @ rotation[0]
             sums = group_sum(local, observations.target[new], len(target))
@@ -164,18 +178,19 @@ def _first_seats(
             target[counts > 0] = sums[counts > 0] / counts[counts > 0, None]
 
 
-def kabsch(points: F64, images: F64, group: I64, n_groups: int) -> tuple[F64, F64]:
+def kabsch(points: F64, images: F64, weight: F64, group: I64, n_groups: int) -> tuple[F64, F64]:
     """Rigid motions (G, 3, 3), (G, 3) that carry points (n, 3) to images, group by group.
 
-    Least squares (Kabsch, Acta Cryst. A32, 1976). Rows with NaN points are left out; a group
-    with too few points gets one of the motions that fit.
+    Weighted least squares (Kabsch, Acta Cryst. A32, 1976). Rows with NaN points are left out; a
+    group with too few points gets one of the motions that fit.
     """
     known = np.isfinite(points[:, 0])
     points, images, group = points[known], images[known], group[known]
-    count = np.maximum(np.bincount(group, minlength=n_groups), 1)[:, None]
-    from_centre = group_sum(points, group, n_groups) / count
-    to_centre = group_sum(images, group, n_groups) / count
-    a, b = points - from_centre[group], images - to_centre[group]
+    weight = weight[known, None]
+    total = np.maximum(np.bincount(group, weight[:, 0], n_groups), 1e-300)[:, None]
+    from_centre = group_sum(weight * points, group, n_groups) / total
+    to_centre = group_sum(weight * images, group, n_groups) / total
+    a, b = points - from_centre[group], weight * (images - to_centre[group])
     outer = (b[:, :, None] * a[:, None, :]).reshape(-1, 9)
     u, _, vt = np.linalg.svd(group_sum(outer, group, n_groups).reshape(-1, 3, 3))
     sign = np.ones((n_groups, 3))
@@ -192,13 +207,16 @@ def group_sum(values: F64, group: I64, n_groups: int) -> F64:
 
 
 def _gauss_newton_step(
-    observations: Observations, poses: Poses, position_mm: F64, centre_mm: F64
+    observations: Observations, poses: Poses, position_mm: F64, centre_mm: F64, weight: F64
 ) -> tuple[F64, F64]:
     """Step of poses (P, 6) and seats (K, 3), session by session, of minimum norm."""
-    residual = poses.residual(observations, position_mm)
-    pose_block = pose_columns(observations, position_mm, centre_mm)
+    root = np.sqrt(weight)[:, None]
+    residual = root * poses.residual(observations, position_mm)
+    pose_block = root[:, :, None] * pose_columns(
+        observations, poses.placed(observations), centre_mm
+    )
     row_seat = _touched_seats(observations)[observations.target] & ~observations.has_truth
-    target_block = target_columns(observations, poses) * row_seat[:, None, None]
+    target_block = target_columns(observations, poses) * (root[:, 0] * row_seat)[:, None, None]
     n_placements, n_targets = len(observations.placement_names), len(observations.target_names)
     placement, target = observations.placement, observations.target
     pair = placement * n_targets + target
@@ -226,7 +244,7 @@ def _gauss_newton_step(
                 normal[6 * i : 6 * i + 6, at : at + 3] = block
                 normal[at : at + 3, 6 * i : 6 * i + 6] = block.T
         side = np.concatenate([pose_side[ps].ravel(), target_side[ks].ravel()])
-        solution = -np.linalg.pinv(normal, rcond=1e-10, hermitian=True) @ side
+        solution = -np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ side
         twist[ps] = solution[:n_twist].reshape(-1, 6)
         step[ks] = solution[n_twist:].reshape(-1, 3)
     return twist, step
