@@ -127,6 +127,10 @@ class Arm(_Closing):
         """Averaged points, one per button press or rest; those of the past first."""
         return self._messages(keys.MEASUREMENT, seconds)
 
+    def health_now(self) -> dict[str, Any]:
+        """The daemon's latest health message, asked for."""
+        return self._ask(keys.HEALTH)
+
     def info(self) -> dict[str, Any]:
         """Arm, calibration, units, payload layout."""
         return self._ask(keys.INFO)
@@ -181,19 +185,12 @@ class Arm(_Closing):
 def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Arm:
     """Connect to a daemon; *serial* None takes the one arm that is there.
 
+    *endpoint* may be a Zenoh configuration file instead (`*.json5`): for certificates and users.
     Raises `ArmdError` if no arm (or none of that serial number) shows up in *timeout_s*, or if
     there are several and none was named.
     """
-    config = zenoh.Config()
-    for key, value in {
-        "mode": "client",
-        "connect/endpoints": [endpoint],
-        "connect/timeout_ms": round(timeout_s * 1000),
-        "scouting/multicast/enabled": False,
-    }.items():
-        config.insert_json5(key, json.dumps(value))
     try:
-        session = zenoh.open(config)
+        session = zenoh.open(_settings(endpoint, timeout_s))
     except zenoh.ZError as error:
         raise ArmdError(f"{endpoint}: no daemon answers within {timeout_s:g} s") from error
     try:
@@ -201,6 +198,22 @@ def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: floa
     except BaseException:
         session.close()  # type: ignore[no-untyped-call]
         raise
+
+
+def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
+    settings: dict[str, Any] = {"connect/timeout_ms": round(timeout_s * 1000)}
+    if endpoint.endswith(".json5"):
+        config = zenoh.Config.from_file(endpoint)
+    else:
+        config = zenoh.Config()
+        settings |= {
+            "mode": "client",
+            "connect/endpoints": [endpoint],
+            "scouting/multicast/enabled": False,
+        }
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
 
 
 def _find(session: zenoh.Session, serial: str | None, endpoint: str, timeout_s: float) -> str:
