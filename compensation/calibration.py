@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 
 from armd.compensation import parameters
 from armd.compensation.arm import Arm, Vector3
-from armd.compensation.terms import Term
+from armd.compensation.terms import Temperature, TemperatureRate, Term
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.schema import Strict, load_json
@@ -136,6 +136,16 @@ def content_hash(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
+def used_sensors(arm: Arm, calibration: Calibration | None) -> set[str]:
+    """Names of the sensors that a joint or a term of the calibration depends on."""
+    used = {name for joint in arm.joint for name, weight in joint.weights.items() if weight}
+    for term in calibration.terms if calibration is not None else []:
+        for factor in term.basis:
+            if isinstance(factor, Temperature | TemperatureRate):
+                used |= factor.weights.keys()
+    return used
+
+
 def _belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
     if calibration.arm != arm.serial_number:
         raise BadInput(path, "arm", repr(calibration.arm), f"{arm.serial_number!r}, as in arm.toml")
@@ -146,6 +156,15 @@ def _belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
     missing = sorted(known - set(calibration.constants))
     if missing:
         raise BadInput(path, f"constants.{missing[0]}", "nothing", "a value for every parameter")
+    for name in calibration.covariance_of:
+        term_number = name.removeprefix("term ")
+        if name not in known and not (
+            name.startswith("term ")
+            and term_number.isdecimal()
+            and int(term_number) < len(calibration.terms)
+        ):
+            expected = 'a parameter of the arm or "term I", I counting `terms` from 0'
+            raise BadInput(path, "covariance_of", repr(name), expected)
     for i, term in enumerate(calibration.terms, 1):
         if term.parameter not in known:
             raise BadInput(

@@ -95,15 +95,15 @@ class Model:
             points,
         )
 
-    def correct_states(self, states: States) -> tuple[F64, F64]:
+    def correct_states(self, states: States, *, onwards: bool = False) -> tuple[F64, F64]:
         """Positions (n, 3) mm and corrections (n, 3), each row at its own temperatures and time.
 
-        Rows in which a temperature that a term uses is missing come out NaN. What `fold` has set
-        for the live path stays.
+        Rows in which a temperature that a term uses is missing come out NaN. Lags are followed
+        within each series of *states*; with *onwards* from call to call, as `fold` does.
         """
         position, correction = np.empty((states.n, 3)), np.empty((states.n, 3))
         kernel.correct_runs(
-            self._values(states, None),
+            self._values(states, self._lagged if onwards else None),
             self._amounts,
             np.ascontiguousarray(states.q),
             np.ascontiguousarray(states.rate),

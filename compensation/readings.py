@@ -7,6 +7,7 @@ text, to find the cell at fault.
 from __future__ import annotations
 
 import csv
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -32,6 +33,7 @@ class Readings:
     path: Path
     header: list[str]
     table: pa.Table
+    first_row: int = 0  # of the table within the file, where a file is read in pieces
 
     @property
     def n(self) -> int:
@@ -73,6 +75,7 @@ class Readings:
 
     def fault(self, row: int, column: str, found: str, expected: str) -> BadInput:
         """What is wrong with one cell; *row* counts from 0, people count from 1."""
+        row += self.first_row
         line = f" (line {row + 2})" if self.path.suffix == ".csv" else ""
         return BadInput(self.path, f"row {row + 1}{line}, column {column}", found, expected)
 
@@ -88,17 +91,27 @@ class Readings:
 
 def load_readings(path: Path, numbers: list[str], texts: list[str]) -> Readings:
     """Read those of the named columns that *path* has; raises `BadInput` naming row and column."""
+    header = read_header(path)
+    wanted = {name: pa.float64() for name in numbers if name in header}
+    wanted |= {name: pa.string() for name in texts if name in header}
+    if path.suffix == ".csv":
+        table = parse_csv(path, path, header, wanted)
+    else:
+        table = pa.parquet.read_table(path, columns=[name for name in header if name in wanted])
+        table = cast_columns(path, table, wanted)
+    readings = Readings(path, header, table)
+    if readings.n == 0:
+        raise BadInput(path, "the file", "no readings", "at least one row")
+    return readings
+
+
+def read_header(path: Path) -> list[str]:
+    """Names of the columns of a CSV or Parquet file, each only once."""
     header = _csv_header(path) if path.suffix == ".csv" else _parquet_header(path)
     for name in header:
         if header.count(name) > 1:
             raise BadInput(path, f"column {name}", f"{header.count(name)} of it", "one")
-    wanted = {name: pa.float64() for name in numbers if name in header}
-    wanted |= {name: pa.string() for name in texts if name in header}
-    read = _read_csv if path.suffix == ".csv" else _read_parquet
-    readings = Readings(path, header, read(path, header, wanted))
-    if readings.n == 0:
-        raise BadInput(path, "the file", "no readings", "at least one row")
-    return readings
+    return header
 
 
 def _csv_header(path: Path) -> list[str]:
@@ -114,24 +127,25 @@ def _csv_header(path: Path) -> list[str]:
     return header
 
 
-def _read_csv(path: Path, header: list[str], wanted: dict[str, pa.DataType]) -> pa.Table:
+def parse_csv(
+    path: Path, source: Path | io.BytesIO, header: list[str], wanted: dict[str, pa.DataType]
+) -> pa.Table:
+    """The wanted columns of *source*: the file *path*, header and all, or rows out of it."""
     try:
-        return _parse_csv(path, header, wanted)
+        return pa.csv.read_csv(
+            source,
+            read_options=pa.csv.ReadOptions(
+                column_names=header, skip_rows=0 if isinstance(source, io.BytesIO) else 1
+            ),
+            convert_options=pa.csv.ConvertOptions(
+                column_types=wanted,
+                include_columns=list(wanted),
+                null_values=list(MISSING),
+                strings_can_be_null=False,
+            ),
+        )
     except pa.ArrowInvalid as error:
         raise _explain(path, header, wanted, error) from error
-
-
-def _parse_csv(path: Path, header: list[str], types: dict[str, pa.DataType]) -> pa.Table:
-    return pa.csv.read_csv(
-        path,
-        read_options=pa.csv.ReadOptions(column_names=header, skip_rows=1),
-        convert_options=pa.csv.ConvertOptions(
-            column_types=types,
-            include_columns=list(types),
-            null_values=list(MISSING),
-            strings_can_be_null=False,
-        ),
-    )
 
 
 def _explain(
@@ -166,8 +180,9 @@ def _parquet_header(path: Path) -> list[str]:
         raise BadInput(path, "the file", str(error), "a Parquet table") from error
 
 
-def _read_parquet(path: Path, header: list[str], wanted: dict[str, pa.DataType]) -> pa.Table:
-    table = pa.parquet.read_table(path, columns=[name for name in header if name in wanted])
+def cast_columns(path: Path, table: pa.Table, wanted: dict[str, pa.DataType]) -> pa.Table:
+    """The wanted columns of *table*, in their wanted types."""
+    table = table.select([name for name in table.column_names if name in wanted])
     for i, name in enumerate(table.column_names):
         kind = table[name].type
         try:

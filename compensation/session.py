@@ -91,14 +91,14 @@ def load_session(path: str | Path, arm: Arm) -> Session:
     if file.arm != arm.serial_number:
         expected = f"{arm.serial_number!r}, as in arm.toml"
         raise BadInput(folder / "session.toml", "arm", repr(file.arm), expected)
-    numbers = _number_columns(arm)
+    numbers = number_columns(arm)
     readings = load_readings(_readings_path(folder), numbers, ["placement", "target"])
     placement, placement_names = readings.names("placement")
     time_s = readings.required("time_s")
     expected = "seconds since `started`"
     readings.refuse(np.abs(time_s) > MOST_SECONDS, "time_s", time_s, expected)
     q = angles(readings, arm, file.angle_unit)
-    rate = _rates(readings, arm.n_joints)
+    rate = rates(readings, arm.n_joints)
     return Session(
         path=folder,
         name=folder.resolve().name,
@@ -110,7 +110,7 @@ def load_session(path: str | Path, arm: Arm) -> Session:
             rate=rate,
             temperature_c=temperatures(readings, arm.sensors),
             time_s=file.started.timestamp() + time_s,
-            approach=_approach(readings, arm, q, rate),
+            approach=approaches(readings, arm, q, rate),
             series=np.zeros(readings.n, dtype=np.int64),
         ),
         placement=placement,
@@ -150,12 +150,12 @@ def write_session(
         part.write_text(_toml(file), encoding="utf-8")
 
 
-def angles(readings: Readings, arm: Arm, unit: AngleUnit) -> F64:
+def angles(readings: Readings, arm: Arm, unit: AngleUnit, *, missing_allowed: bool = False) -> F64:
     """Encoder angles (n, N) in rad, signed as they stand; counts by `direction` and turn."""
     q = np.empty((readings.n, arm.n_joints))
     for k, joint in enumerate(arm.joint):
         name = f"q{k + 1}"
-        values = readings.required(name)
+        values = readings.number(name) if missing_allowed else readings.required(name)
         if unit == "count":
             if joint.counts_per_turn is None:
                 raise BadInput(
@@ -173,9 +173,10 @@ def angles(readings: Readings, arm: Arm, unit: AngleUnit) -> F64:
         absurd = (q[:, k] < math.radians(low)) | (q[:, k] > math.radians(high))
         expected = f"an angle in {unit} ({turn:.10g} a turn), {low:g}° to {high:g}°"
         readings.refuse(absurd, name, values, expected)
-    if unit != "rad" and readings.n >= 10 and _looks_like_rad(q, arm, unit):
+    whole = q[np.isfinite(q).all(axis=1)]
+    if unit != "rad" and len(whole) >= 10 and _looks_like_rad(whole, arm, unit):
         expected = f"angles in {unit}: all of them lie within 2π, like radians"
-        raise readings.fault(0, "q1", f"{readings.required('q1')[0]:g}", expected)
+        raise readings.fault(0, "q1", f"{readings.number('q1')[0]:g}", expected)
     return q
 
 
@@ -189,7 +190,8 @@ def temperatures(readings: Readings, sensors: list[str]) -> F64:
     return columns
 
 
-def _number_columns(arm: Arm) -> list[str]:
+def number_columns(arm: Arm) -> list[str]:
+    """The columns of numbers that readings of this arm may have."""
     joints = range(1, arm.n_joints + 1)
     angle_and_rate = [f"{letter}{k}" for letter in "qw" for k in joints]
     return ["time_s", *angle_and_rate, *arm.sensors, "artefact_c", *APPROACH, *TRUTH]
@@ -212,7 +214,8 @@ def _looks_like_rad(q: F64, arm: Arm, unit: AngleUnit) -> bool:
     return True
 
 
-def _rates(readings: Readings, n_joints: int) -> F64:
+def rates(readings: Readings, n_joints: int) -> F64:
+    """Joint rates (n, N) in rad/s; NaN where a value or the whole column is missing."""
     rate = np.empty((readings.n, n_joints))
     for k in range(n_joints):
         name = f"w{k + 1}"
@@ -221,7 +224,7 @@ def _rates(readings: Readings, n_joints: int) -> F64:
     return rate
 
 
-def _approach(readings: Readings, arm: Arm, q: F64, rate: F64) -> F64:
+def approaches(readings: Readings, arm: Arm, q: F64, rate: F64) -> F64:
     """Unit vectors (n, 3): as given, otherwise the tip's direction of motion, otherwise NaN."""
     given = _three(readings, APPROACH)
     length = np.linalg.norm(given, axis=1)

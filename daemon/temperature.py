@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from armd import Flag
 from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration
-from armd.compensation.terms import Temperature, TemperatureRate
+from armd.compensation.calibration import Calibration, used_sensors
 from armd.daemon.config import Limits
 
 F64 = npt.NDArray[np.float64]
@@ -164,13 +163,3 @@ class TemperatureWatch:
             float(errors[worst]),
             float(jumps[worst]),
         )
-
-
-def used_sensors(arm: Arm, calibration: Calibration | None) -> set[str]:
-    """Names of the sensors that a joint or a term of the calibration depends on."""
-    used = {name for joint in arm.joint for name, weight in joint.weights.items() if weight}
-    for term in calibration.terms if calibration is not None else []:
-        for factor in term.basis:
-            if isinstance(factor, Temperature | TemperatureRate):
-                used |= factor.weights.keys()
-    return used

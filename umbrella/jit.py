@@ -29,10 +29,12 @@ def _sources() -> str:
     Numba compiles a function anew when its own file has changed, not when a function it calls has
     changed in another file: so every state of them all has a folder of its own.
     """
-    folder = Path(__file__).parent / "compensation"
-    stats = [(file.name, file.stat()) for file in sorted(folder.glob("*.py"))]
-    told = repr([(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats])
-    return hashlib.sha256(told.encode()).hexdigest()[:12]
+    digest = hashlib.sha256()
+    for file in sorted((Path(__file__).parent / "compensation").rglob("*.py")):
+        source = file.read_bytes()
+        if b"@jit" in source:
+            digest.update(source)
+    return digest.hexdigest()[:12]
 
 
 # Numba's default is __pycache__ beside the source, which a service may not write to.

@@ -1,0 +1,217 @@
+"""Tables of readings in, the same tables with corrected points out, piece by piece.
+
+A piece holds some ten thousand rows, so that memory does not grow with the file. What lies
+between rows (held temperatures, lags) is carried from piece to piece.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from armd import Flag
+from armd.compensation.arm import Arm
+from armd.compensation.calibration import LoadedCalibration, used_sensors
+from armd.compensation.model import Model
+from armd.compensation.readings import Readings, cast_columns, parse_csv, read_header
+from armd.compensation.session import (
+    angles,
+    approaches,
+    number_columns,
+    rates,
+    temperatures,
+)
+from armd.compensation.session_format import AngleUnit
+from armd.compensation.state import States
+from armd.compensation.terms import After, Temperature, TemperatureRate, Time
+from armd.errors import BadInput
+from armd.files import whole_file
+
+F64 = npt.NDArray[np.float64]
+
+COLUMNS = ["x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "flags"]
+PIECE_BYTES = 8 << 20
+PIECE_ROWS = 1 << 16
+END_STOP_RAD = np.radians(0.5)
+#: nanometres and below are the encoders' rounding, many times over
+DECIMALS = 9
+
+
+class Corrector:
+    """Corrects one file's readings in their order."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        calibration: LoadedCalibration | None,
+        unit: AngleUnit,
+        started_unix_s: float | None,
+    ) -> None:
+        self._arm = arm
+        self.columns = number_columns(arm)
+        self._unit = unit
+        self._started_unix_s = started_unix_s
+        self._model = Model(arm, calibration)
+        content = calibration.content if calibration else None
+        self._always = Flag(0) if calibration else Flag.NOT_CALIBRATED
+        factors = [factor for term in (content.terms if content else []) for factor in term.basis]
+        self._needs_date = any(isinstance(factor, Time | After) for factor in factors)
+        self._needs_time = self._needs_date or any(
+            isinstance(factor, TemperatureRate)
+            or (isinstance(factor, Temperature) and factor.lag_s > 0)
+            for factor in factors
+        )
+        used = used_sensors(arm, content)
+        self._used = [s for s, name in enumerate(arm.sensors) if name in used]
+        ranges = content.temperature_range_c if content else {}
+        low_high = [ranges.get(name, (-np.inf, np.inf)) for name in arm.sensors]
+        self._range_c = np.array(low_high).reshape(-1, 2).T
+        limits = [(joint.min_deg, joint.max_deg) for joint in arm.joint]
+        self._low = np.radians([-np.inf if low is None else low for low, _ in limits])
+        self._high = np.radians([np.inf if high is None else high for _, high in limits])
+        reference_c = content.reference_temperature_c if content else arm.reference_temperature_c
+        self._held_c = np.full(len(arm.sensors), reference_c)
+
+    def correct(self, readings: Readings) -> tuple[F64, npt.NDArray[np.uint32]]:
+        """Positions and corrections (n, 6) mm, NaN where an angle is missing, and flags (n,)."""
+        arm, n = self._arm, readings.n
+        q = angles(readings, arm, self._unit, missing_allowed=True)
+        rate = rates(readings, arm.n_joints)
+        measured_c = temperatures(readings, arm.sensors)
+        held_c = self._hold(measured_c)
+        states = States(
+            q=q,
+            rate=rate,
+            temperature_c=held_c,
+            time_s=self._time_s(readings),
+            approach=approaches(readings, arm, q, rate),
+            series=np.zeros(n, np.int64),
+        )
+        figures = np.hstack(self._model.correct_states(states, onwards=True))
+        invalid = np.isnan(q).any(axis=1)
+        figures[invalid] = np.nan
+
+        used = self._used
+        low, high = self._range_c
+        flags = np.full(n, int(self._always), np.uint32)
+        for flag, rows in (
+            (Flag.INVALID, invalid),
+            (Flag.TEMPERATURE_RANGE, ((held_c < low) | (held_c > high))[:, used].any(axis=1)),
+            (Flag.TEMPERATURE_STALE, np.isnan(measured_c[:, used]).any(axis=1)),
+            (
+                Flag.END_STOP,
+                ((q < self._low + END_STOP_RAD) | (q > self._high - END_STOP_RAD)).any(axis=1),
+            ),
+        ):
+            flags[rows] |= int(flag)
+        return figures, flags
+
+    def _hold(self, measured_c: F64) -> F64:
+        """Temperatures (n, S), the last one held where one is missing; at first the reference."""
+        held = np.vstack([self._held_c, measured_c])
+        for column in held.T:
+            last = np.maximum.accumulate(np.where(np.isnan(column), 0, np.arange(len(column))))
+            column[:] = column[last]
+        self._held_c = held[-1].copy()
+        return held[1:]
+
+    def _time_s(self, readings: Readings) -> F64:
+        if not self._needs_time:
+            return np.zeros(readings.n)
+        if self._needs_date and self._started_unix_s is None:
+            found = "nothing"
+            expected = "an instant: the calibration has terms that depend on the date"
+            raise BadInput(readings.path, "--started", found, expected)
+        return readings.required("time_s") + (self._started_unix_s or 0.0)
+
+
+def correct_file(
+    source: Path, target: Path, corrector: Corrector, progress: Callable[[float], None]
+) -> int:
+    """Read *source*, write *target* whole or not at all; returns the number of rows.
+
+    CSV gives CSV, its own text kept letter by letter; Parquet gives Parquet or CSV, by the
+    target's suffix. *progress* is told the share done, 0 to 1.
+    """
+    header = read_header(source)
+    csv_source = source.suffix == ".csv"
+    if csv_source and target.suffix == ".parquet":
+        raise BadInput(target, "-o", "a .parquet file", "a .csv file: the input is one")
+    if target.suffix == ".parquet" and (twice := sorted(set(COLUMNS) & set(header))):
+        raise BadInput(source, f"column {twice[0]}", "it already", "a table without it")
+    wanted = {name: pa.float64() for name in corrector.columns if name in header}
+    n = 0
+    with whole_file(target) as part:
+        if csv_source:
+            pieces = _csv_pieces(source, part, header, wanted, corrector)
+        else:
+            pieces = _parquet_pieces(source, part, target.suffix, wanted, corrector)
+        for n, share in pieces:  # noqa: B007 (the last one counts)
+            progress(share)
+        if n == 0:
+            raise BadInput(source, "the file", "no readings", "at least one row")
+    return n
+
+
+def _csv_pieces(
+    source: Path,
+    part: Path,
+    header: list[str],
+    wanted: dict[str, pa.DataType],
+    corrector: Corrector,
+) -> Iterator[tuple[int, float]]:
+    """Yields the number of rows and the share of the file done so far."""
+    size, done = source.stat().st_size, 0
+    with source.open("rb") as lines, part.open("wb") as out:
+        names = lines.readline().rstrip(b"\r\n")
+        out.write(names + b"," + ",".join(COLUMNS).encode() + b"\n")
+        while piece := lines.readlines(PIECE_BYTES):
+            rows = [line for line in piece if line.strip()]  # a blank line is no row
+            if not rows:
+                continue
+            table = parse_csv(source, io.BytesIO(b"".join(rows)), header, wanted)
+            if len(table) != len(rows):
+                found = "a line break inside a value"
+                raise BadInput(source, f"after row {done}", found, "one line per row")
+            new = _table(*corrector.correct(Readings(source, header, table, done)))
+            text = pa.BufferOutputStream()
+            pa.csv.write_csv(new, text, pa.csv.WriteOptions(include_header=False))
+            added = text.getvalue().to_pybytes().splitlines(keepends=True)
+            out.writelines(
+                old.rstrip(b"\r\n") + b"," + end for old, end in zip(rows, added, strict=True)
+            )
+            done += len(rows)
+            yield done, lines.tell() / size
+
+
+def _parquet_pieces(
+    source: Path, part: Path, suffix: str, wanted: dict[str, pa.DataType], corrector: Corrector
+) -> Iterator[tuple[int, float]]:
+    """Yields the number of rows and the share of the file done so far."""
+    done = 0
+    with pa.parquet.ParquetFile(source) as file:
+        old = file.schema_arrow
+        added = [(name, pa.float64()) for name in COLUMNS[:-1]] + [(COLUMNS[-1], pa.uint32())]
+        schema = pa.schema([*old, *pa.schema(added)])
+        writer = pa.parquet.ParquetWriter if suffix == ".parquet" else pa.csv.CSVWriter
+        with writer(part, schema) as out:
+            for batch in file.iter_batches(PIECE_ROWS):
+                table = pa.Table.from_batches([batch])
+                asked = cast_columns(source, table, wanted)
+                new = _table(*corrector.correct(Readings(source, old.names, asked, done)))
+                columns = [*table.columns, *new.columns]
+                out.write_table(pa.Table.from_arrays(columns, schema=schema))
+                done += len(table)
+                yield done, done / file.metadata.num_rows
+
+
+def _table(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:
+    columns = [pa.array(np.round(column, DECIMALS), from_pandas=True) for column in figures.T]
+    return pa.Table.from_arrays([*columns, pa.array(flags)], names=COLUMNS)

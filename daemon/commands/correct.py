@@ -1,0 +1,87 @@
+"""`armd correct`: readings in, the same readings with corrected points out, same kernel."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
+
+from armd.compensation.arm import load_arm
+from armd.compensation.calibration import load_calibration
+from armd.compensation.offline import COLUMNS, Corrector, correct_file
+from armd.compensation.readings import read_header
+from armd.compensation.session_format import AngleUnit, SessionFile
+from armd.errors import BadInput
+from armd.schema import load_toml
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("readings", type=Path, help="a .csv or .parquet file with columns q1 … qN")
+    parser.add_argument("--arm", required=True, metavar="ARM.toml", help="what the arm is")
+    parser.add_argument("--calibration", metavar="CAL.json", help="without it: nominal, flag 7")
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="POINTS.csv")
+    parser.add_argument(
+        "--started", metavar="ISO", help="instant of time_s = 0, with its offset from UTC"
+    )
+    parser.add_argument(
+        "--angle-unit",
+        choices=["rad", "deg", "count"],
+        help="of q1 … qN; otherwise as session.toml beside the readings says, or rad",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    readings: Path = args.readings
+    if readings.suffix not in (".csv", ".parquet"):
+        raise BadInput(readings, "the file", f"a {readings.suffix} file", ".csv or .parquet")
+    arm = load_arm(args.arm)
+    calibration = load_calibration(args.calibration, arm) if args.calibration else None
+    unit, started_unix_s = _session_settings(readings, args.angle_unit, args.started)
+    corrector = Corrector(arm, calibration, unit, started_unix_s)
+    repeated = [name for name in COLUMNS if name in read_header(readings)]
+    if repeated:
+        names = ", ".join(repeated)
+        print(f"armd: {readings}: has {names} already; the last of each is new", file=sys.stderr)
+    columns = BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+    console = Console(stderr=True)
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task("", total=1.0)
+        n = correct_file(
+            readings,
+            args.output,
+            corrector,
+            lambda share: progress.update(task, completed=share),
+        )
+    print(f"{args.output}: {n} points")
+    return 0
+
+
+def _session_settings(
+    readings: Path, unit: AngleUnit | None, started: str | None
+) -> tuple[AngleUnit, float | None]:
+    """What was said on the command line, else what session.toml beside the readings says."""
+    beside = readings.parent / "session.toml"
+    session = load_toml(beside, SessionFile) if beside.exists() else None
+    if started is not None:
+        instant: float | None = _instant(started)
+    else:
+        instant = session.started.timestamp() if session else None
+    return unit or (session.angle_unit if session else "rad"), instant
+
+
+def _instant(text: str) -> float:
+    """Unix seconds of an ISO 8601 instant."""
+    try:
+        instant = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        instant = None
+    if instant is None or instant.tzinfo is None:
+        expected = "an instant with its offset from UTC, as 2026-03-01T09:00:00Z"
+        raise BadInput("the command line", "--started", repr(text), expected)
+    return instant.timestamp()

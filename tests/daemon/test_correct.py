@@ -1,0 +1,258 @@
+"""`armd correct` as a user meets it: files in, files out, faults named."""
+
+from __future__ import annotations
+
+import csv
+import datetime
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+
+from armd import Flag
+from armd.compensation import offline
+from armd.compensation.arm import load_arm
+from armd.compensation.calibration import (
+    Calibration,
+    constants_of,
+    load_calibration,
+    save_calibration,
+)
+from armd.compensation.kinematics import forward
+from armd.compensation.model import Model
+from armd.compensation.state import States
+from armd.daemon.cli import main
+
+ARM = """
+schema = "armd.arm/1"
+serial_number = "TEST"
+[[temperature_sensor]]
+name = "t1"
+[[temperature_sensor]]
+name = "unused"
+[[joint]]
+d_mm = 300.0
+alpha_deg = 90.0
+temperature = "t1"
+counts_per_turn = 1000000
+min_deg = -170.0
+max_deg = 170.0
+[[joint]]
+a_mm = 400.0
+counts_per_turn = 1000000
+direction = -1
+[[joint]]
+a_mm = 350.0
+counts_per_turn = 1000000
+[tip]
+offset_mm = [80.0, 0.0, 20.0]
+"""
+WARM = {"kind": "temperature", "weights": {"t1": 1.0}}
+
+
+class Bench:
+    """A folder with an arm, a calibration, and `armd correct` in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        (folder / "arm.toml").write_text(ARM)
+        self.arm = load_arm(folder / "arm.toml")
+        self.calibrate([{"parameter": "d_1", "basis": [WARM], "coefficient": 0.007}])
+
+    def calibrate(self, terms: list[dict[str, object]]) -> None:
+        content = {
+            "schema": "armd.calibration/1",
+            "arm": "TEST",
+            "created": "2026-01-01T00:00:00Z",
+            "reference_temperature_c": 20.0,
+            "temperature_range_c": {"t1": [15.0, 30.0]},
+            "constants": constants_of(self.arm.nominal(), 3),
+            "terms": terms,
+        }
+        save_calibration(self.folder / "cal.json", Calibration.model_validate(content))
+
+    def readings(self, text: str) -> None:
+        (self.folder / "readings.csv").write_text(text)
+
+    def run(self, *more: str, source: str = "readings.csv", target: str = "points.csv") -> int:
+        files = [str(self.folder / source), "-o", str(self.folder / target)]
+        return main(["correct", *files, "--arm", str(self.folder / "arm.toml"), *more])
+
+    def calibrated(self, *more: str, **files: str) -> int:
+        return self.run("--calibration", str(self.folder / "cal.json"), *more, **files)
+
+    def points(self) -> list[dict[str, str]]:
+        with (self.folder / "points.csv").open(newline="") as file:
+            return list(csv.DictReader(file))
+
+    def expected(self, q: np.ndarray, celsius: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+        model = Model(self.arm, load_calibration(self.folder / "cal.json", self.arm))
+        n = len(q)
+        none = np.full((n, 3), np.nan)
+        temperature = np.column_stack([celsius, np.full(n, 20.0)])
+        states = States(q, none, temperature, time_s, none, np.zeros(n, np.int64))
+        return np.hstack(model.correct_states(states))
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Bench:
+    return Bench(tmp_path)
+
+
+def figures(rows: list[dict[str, str]]) -> np.ndarray:
+    return np.array([[float(row[name]) for name in offline.COLUMNS[:-1]] for row in rows])
+
+
+def test_columns_are_kept_and_points_added(bench: Bench) -> None:
+    bench.readings('note,q1,q2,q3,t1\n"a, ""b""",0.10,0.2,-0.3,26.0\n c ,1e0,0,0,20\n')
+    assert bench.calibrated() == 0
+    rows = bench.points()
+    assert list(rows[0]) == ["note", "q1", "q2", "q3", "t1", *offline.COLUMNS]
+    assert [row["note"] for row in rows] == ['a, "b"', " c "]
+    assert [row["q1"] for row in rows] == ["0.10", "1e0"]
+    q, celsius = np.array([[0.1, 0.2, -0.3], [1.0, 0, 0]]), np.array([26.0, 20.0])
+    expected = bench.expected(q, celsius, np.zeros(2))
+    assert figures(rows) == pytest.approx(expected, abs=1e-8)
+    assert figures(rows)[:, 5] == pytest.approx([0.007 * 6, 0.0], abs=1e-8)
+    assert [row["flags"] for row in rows] == ["0", "0"]
+
+
+def test_without_a_calibration_nominal_geometry_and_flag_7(bench: Bench) -> None:
+    bench.readings("q1,q2,q3,t1\n0.1,0.2,0.3,25\n")
+    assert bench.run() == 0
+    (row,) = bench.points()
+    assert int(row["flags"]) == Flag.NOT_CALIBRATED
+    position = forward(np.array([[0.1, 0.2, 0.3]]), bench.arm.nominal())[0]
+    assert figures([row]) == pytest.approx(np.hstack([position, np.zeros((1, 3))]), abs=1e-8)
+
+
+def test_flags_and_missing_values(bench: Bench) -> None:
+    bench.readings(
+        "q1,q2,q3,t1,unused\n"
+        "0,0,0,,25\n"  # no temperature yet: reference
+        "0,0,0,25,\n"  # the sensor that no joint uses may miss
+        "0,0,0,,\n"  # held at 25
+        "0,,0,25,\n"  # a joint is missing
+        "0,0,0,31,99\n"  # out of range
+        "\n"
+        "0,0,0,nan,25\n"
+        "2.965,0,0,25,\n"  # 169.9°
+    )
+    assert bench.calibrated() == 0
+    rows = bench.points()
+    flags = [int(row["flags"]) for row in rows]
+    stale = Flag.TEMPERATURE_STALE
+    outside = Flag.TEMPERATURE_RANGE
+    assert flags == [stale, 0, stale, Flag.INVALID, outside, stale | outside, Flag.END_STOP]
+    assert [row["u_z_mm"] for row in rows][:5] == ["0", "0.035", "0.035", "", "0.077"]
+    assert rows[3]["x_mm"] == ""
+
+
+def test_counts_and_degrees(bench: Bench) -> None:
+    bench.readings("q1,q2,q3\n250000,1000,500000\n")
+    assert bench.run("--angle-unit", "count") == 0
+    q = np.array([[np.pi / 2, -np.pi / 500, np.pi]])
+    position = forward(q, bench.arm.nominal())[0]
+    assert figures(bench.points())[:, :3] == pytest.approx(position, abs=1e-8)
+    bench.readings("q1,q2,q3\n90,-0.36,180\n")
+    assert bench.run("--angle-unit", "deg") == 0
+    assert figures(bench.points())[:, :3] == pytest.approx(position, abs=1e-8)
+
+
+SESSION = """
+schema = "armd.session/1"
+arm = "TEST"
+started = 2026-03-01T09:00:00Z
+angle_unit = "deg"
+[artefact]
+name = "seat"
+[[artefact.target]]
+name = "S"
+"""
+
+
+def test_a_session_beside_the_readings_tells_unit_and_start(bench: Bench) -> None:
+    started = datetime.datetime(2026, 3, 1, 9, tzinfo=datetime.UTC).timestamp()
+    since = {"kind": "time", "since_unix_s": started}
+    bench.calibrate([{"parameter": "d_1", "basis": [since], "coefficient": 1.0}])
+    bench.readings("time_s,q1,q2,q3,t1\n7200,90,0,0,20\n")
+    assert bench.calibrated() == 2, "the date is not known"
+    (bench.folder / "session.toml").write_text(SESSION)
+    assert bench.calibrated() == 0
+    assert bench.points()[0]["u_z_mm"] == "2"
+    assert bench.calibrated("--started", "2026-03-01T09:00:00+01:00", "--angle-unit", "rad") == 2
+    bench.readings("time_s,q1,q2,q3,t1\n7200,0.1,0,0,20\n")
+    assert bench.calibrated("--started", "2026-03-01T09:00:00+01:00", "--angle-unit", "rad") == 0
+    assert bench.points()[0]["u_z_mm"] == "1"
+
+
+def test_pieces_do_not_show(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lags and held temperatures run on from piece to piece."""
+    lagged = {**WARM, "lag_s": 30.0}
+    bench.calibrate([{"parameter": "d_1", "basis": [lagged], "coefficient": 0.01}])
+    rng = np.random.default_rng(0)
+    n = 2000
+    q, celsius = rng.uniform(-1, 1, (n, 3)), 20 + np.cumsum(rng.normal(0, 0.01, n))
+    time_s = np.arange(n) * 0.5
+    table = pa.table({"time_s": time_s, **{f"q{k + 1}": q[:, k] for k in range(3)}, "t1": celsius})
+    pa.csv.write_csv(table, bench.folder / "readings.csv")
+    pa.parquet.write_table(table, bench.folder / "readings.parquet")
+    expected = bench.expected(q, celsius, time_s)
+    monkeypatch.setattr(offline, "PIECE_BYTES", 5000)
+    monkeypatch.setattr(offline, "PIECE_ROWS", 111)
+    assert bench.calibrated() == 0
+    assert figures(bench.points()) == pytest.approx(expected, abs=1e-8)
+    assert bench.calibrated(source="readings.parquet") == 0
+    assert figures(bench.points()) == pytest.approx(expected, abs=1e-8)
+    assert bench.calibrated(source="readings.parquet", target="points.parquet") == 0
+    points = pa.parquet.read_table(bench.folder / "points.parquet")
+    assert points.column_names == [*table.column_names, *offline.COLUMNS]
+    assert points["x_mm"].to_numpy() == pytest.approx(expected[:, 0], abs=1e-8)
+
+
+BROKEN = [
+    ("q1,q2,t1\n0,0,20\n", "column q3: found no such column"),
+    ("q1,q2,q3\n0,0,0\n0,zero,0\n", "row 2 (line 3), column q2: found 'zero', expected a number"),
+    ("q1,q2,q3\n0,0,0\n0,0\n", "row 2 (line 3): found 2 columns, expected 3"),
+    (
+        "q1,q2,q3\n0,0,0\n0,0,400\n",
+        "row 2 (line 3), column q3: found 400, expected an angle in rad",
+    ),
+    ("q1,q2,q3,t1\n0,0,0,293\n", "row 1 (line 2), column t1: found 293, expected a temperature"),
+    ("q1,q2,q3,q1\n0,0,0,0\n", "column q1: found 2 of it, expected one"),
+    ("q1,q2,q3\n", "the file: found no readings"),
+    ("", "the file: found nothing"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), BROKEN)
+def test_bad_readings_are_named(
+    bench: Bench, capsys: pytest.CaptureFixture[str], text: str, message: str
+) -> None:
+    bench.readings(text)
+    assert bench.calibrated() == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"armd: {bench.folder / 'readings.csv'}: {message}")
+    assert not (bench.folder / "points.csv").exists()
+
+
+def test_a_fault_in_a_later_piece_names_its_row(
+    bench: Bench, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(offline, "PIECE_BYTES", 30)
+    bench.readings("q1,q2,q3,t1\n" + "0,0,0,20\n" * 50 + "0,0,0,900\n")
+    (bench.folder / "points.csv").write_text("as before")
+    assert bench.calibrated() == 2
+    assert "row 51 (line 52), column t1: found 900" in capsys.readouterr().err
+    assert (bench.folder / "points.csv").read_text() == "as before"
+
+
+def test_bad_usage(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    bench.readings("q1,q2,q3\n0,0,0\n")
+    assert bench.run("--started", "yesterday") == 2
+    assert "--started: found 'yesterday'" in capsys.readouterr().err
+    assert bench.run(target="points.parquet") == 2
+    assert bench.run(source="missing.csv") == 2
