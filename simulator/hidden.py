@@ -18,10 +18,14 @@ from armd.simulator.answers import true_constants, true_expansion
 from armd.simulator.artefact import Artefact
 from armd.simulator.campaigns.campaign import Campaign
 from armd.simulator.campaigns.hidden import NOISE, Design, campaigns
-from armd.simulator.measuring import Measured, Rig, write_session
+from armd.simulator.measuring import Measured, Rig, take_readings, write_session
 from armd.simulator.noise import Noise
+from armd.simulator.placement import Placement
+from armd.simulator.plan import Climate, Plan
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, depends_on
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.rotations import random_rotation
 
 F64 = npt.NDArray[np.float64]
 
@@ -49,6 +53,7 @@ class HiddenCase:
     constants: dict[str, float]  # true geometry at the reference temperature, rad and mm
     expansion: list[tuple[str, str, float]]  # parameter, sensor, change per kelvin, mm/K
     measured: dict[str, Measured]
+    present: Campaign  # the arm and its surroundings as they are now
 
     def oracle_rms_um(self, sessions: Sequence[Path]) -> float:
         """3-D RMS of the noise alone over *sessions*: no model does better for long."""
@@ -105,7 +110,55 @@ def generate_case(
         constants=true_constants(later.rig.arm),
         expansion=true_expansion(later.rig.arm),
         measured={m.plan.name: m for m in measured},
+        present=sick,
     )
+
+
+def measure_next(
+    case: HiddenCase,
+    folder: Path,
+    q_rad: F64,
+    climate: Climate | None = None,
+    *,
+    rate_rad_s: float = 0.05,
+    payload_kg: float = 0.0,
+    seed: int = 0,
+) -> Path:
+    """Measure the proposed poses *q_rad* (n, N) with the arm of *case*, a day after its sessions.
+
+    A ball is set up where the tip stands in each pose and certified like the case's own. Writes
+    the session *folder* and returns it.
+    """
+    rng = np.random.default_rng([seed, 0x0E87])
+    rig = case.present.rig
+    plan = Plan(
+        folder.name,
+        case.present.span_s()[-1][1] / 3600 + 24.0,
+        climate or Climate(),
+        interval_s=20.0,
+        rate_rad_s=rate_rad_s,
+        payload_kg=payload_kg,
+    )
+    n = len(q_rad)
+    tip = rig.arm.tip(q_rad, Conditions.at_rest(n, rig.arm.n_joints, plan.climate.ambient_c))
+    where = Placement("P1", random_rotation(rng), rng.uniform(-500.0, 500.0, 3))
+    balls = {
+        f"N{i + 1}": tuple(ball) for i, ball in enumerate((tip - where.origin_mm) @ where.rotation)
+    }
+    artefact = Artefact.certified(
+        "balls at the proposed poses",
+        balls,
+        rng,
+        manufacturing_mm=0.0,
+        standard_uncertainty_mm=rig.artefact.standard_uncertainty_mm,
+        expansion_per_k=rig.artefact.expansion_per_k,
+    )
+    rows = np.arange(n)
+    measured = take_readings(
+        replace(rig, artefact=artefact), plan, [where], np.zeros(n, int), rows, q_rad, rng
+    )
+    write_session(folder, measured)
+    return folder
 
 
 def _certificate_error(measured: Measured, healthy: Artefact) -> F64:

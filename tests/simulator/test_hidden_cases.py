@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +11,15 @@ import pytest
 
 from armd.errors import BadInput
 from armd.simulator.campaigns.hidden import DESIGNS, NOISE, Design
-from armd.simulator.hidden import HiddenCase, generate_case
+from armd.simulator.hidden import HiddenCase, generate_case, measure_next
 from armd.simulator.measuring import Measured
 from armd.simulator.noise import Noise
+from armd.simulator.plan import Climate
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import FOREIGN, FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.conditions import Conditions
 
 SMALL = Design(sessions=3, articulations=2, holdout=1)
 QUIET = Noise().scaled(0.0)
@@ -177,3 +181,29 @@ def test_plants_on_the_command_line() -> None:
     for text in ("eccentricity", "a@b", "a@b=much", "a=3"):
         with pytest.raises(BadInput, match="cause@location=size"):
             parse_plant(text)
+
+
+def test_proposed_poses_can_be_measured_next(tmp_path: Path) -> None:
+    plant = Plant("joint_compliance", "joint 2", 6.0)
+    case = generate_case(tmp_path / "case", 4, [plant], SMALL)
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-1.0, 0.0, (30, 6))
+    climate = Climate(24.0)
+    folder = measure_next(case, tmp_path / "next", q, climate, payload_kg=1.0)
+    with (folder / "readings.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    shown = np.array([[float(row[f"q{k}"]) for k in range(1, 7)] for row in rows])
+    # Balls are set up with the arm unloaded and at the air's temperature.
+    assert np.abs(shown - q).max() < 5e-3
+    session = tomllib.loads((folder / "session.toml").read_text())
+    certified = {t["name"]: t["position_mm"] for t in session["artefact"]["target"]}
+    assert [row["target"] for row in rows] == list(certified)
+    last = max(case.measured[path.name].plan.started for path in case.sessions)
+    assert session["started"] > last
+    # Distances between the tips of a healthy arm differ from the certified ones by the compliance
+    # and the payload it carries.
+    arm = TrueArm.default(4)
+    tip = arm.tip(shown, Conditions.at_rest(30, 6, 25.5))
+    there = np.array(list(certified.values()))
+    apart = [np.linalg.norm(x[:, None] - x[None], axis=2) for x in (tip, there)]
+    assert 0.02 < np.abs(apart[0] - apart[1]).max() < 0.5
