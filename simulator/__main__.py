@@ -75,6 +75,12 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument("--warm-up-s", metavar="S", type=float, help="(--seconds, else 20)")
     command.add_argument(
+        "--sync-producer",
+        action="store_true",
+        default=None,
+        help="on CAN: the arm sends SYNC itself, --rate times a second",
+    )
+    command.add_argument(
         "--fault",
         metavar="NAME@SECONDS[:DURATION]",
         action="append",

@@ -27,6 +27,8 @@ class Scenario(Strict):
     #: the device counter at the first boot, e.g. 4294967000 to see it wrap
     first_seq: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
     clock_ppm: Annotated[float, Field(ge=-500, le=500)] = 35.0
+    #: on CAN: the arm's own SYNC at `rate_hz`; otherwise the host produces it
+    sync_producer: bool = False
     fault: list[Fault] = []
     #: random faults from the seed, besides those listed; wants `seconds`
     faults_per_minute: Annotated[float, Field(ge=0, le=60)] = 0.0

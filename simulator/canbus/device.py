@@ -12,7 +12,8 @@ from armd.simulator.books import FaultLog, TruthFile
 from armd.simulator.canbus.node import Node
 from armd.simulator.canbus.parts import Encoder, Thermometer
 from armd.simulator.canbus.timeline import Instant, Timeline
-from armd.simulator.canbus.wires import Wire
+from armd.simulator.canbus.wires import Frame, Wire
+from armd.simulator.crystal import Crystal
 from armd.simulator.electronics import COUNTS_PER_TURN, Electronics
 from armd.simulator.faults import Fault, Schedule
 from armd.simulator.physics import Block
@@ -51,7 +52,9 @@ class CanArm:
         self._encoders = [Encoder(k) for k in range(1, n_joints + 1)]
         self._thermometer = Thermometer(can.TEMPERATURE_NODES[0])
         self._nodes: list[Node] = [*self._encoders, self._thermometer]
+        self._crystal = Crystal(scenario.rate_hz, scenario.clock_ppm)
         self._start_ns = 0
+        self._sync_k = 0  # of our own SYNCs, the next
         self._syncs = 0
         self._last_sync_ns = 0
         self._next_temperature_ns = 0
@@ -59,15 +62,21 @@ class CanArm:
     def run(self) -> None:
         """Live for the scenario's seconds, or until interrupted."""
         seconds = self._scenario.seconds
-        self._start_ns = time.monotonic_ns()
+        self._crystal.start()
+        self._start_ns = self._crystal.instant_ns(0)
         self._log.write("start", **self._now())
         while seconds is None or self._elapsed_s() < seconds:
-            for frame in self._wire.receive(TICK_S):
+            frames = self._wire.receive(self._patience_s())
+            syncs_left = sum(frame.can_id == can.SYNC_ID for frame in frames)
+            for frame in frames:
                 if frame.can_id == can.SYNC_ID:
-                    self._on_sync()
+                    syncs_left -= 1
+                    self._on_sync(self._spaced(frame.arrival_ns, syncs_left))
                 else:
                     for node in self._nodes:
                         node.hear(frame)
+            if self._scenario.sync_producer:
+                self._produce_syncs()
             self._tick()
             self._flush()
 
@@ -77,9 +86,32 @@ class CanArm:
             self._log.write("preset_written")
         self._log.write("stop", **self._now())
 
-    def _on_sync(self) -> None:
+    def _spaced(self, arrival_ns: int, syncs_left: int) -> int:
+        """When a SYNC came of which *syncs_left* more were read together with it.
+
+        They all carry the last one's arrival, because this process was late: space them evenly.
+        """
+        since_last_ns = min(arrival_ns - self._last_sync_ns, SYNCS_STOPPED_NS)
+        return arrival_ns - since_last_ns * syncs_left // (syncs_left + 1)
+
+    def _patience_s(self) -> float:
+        """How long to wait for frames: until something is due."""
+        if not self._scenario.sync_producer:
+            return TICK_S
+        wait_ns = self._crystal.instant_ns(self._sync_k) - time.monotonic_ns()
+        return min(max(wait_ns * 1e-9, 0.0), TICK_S)
+
+    def _produce_syncs(self) -> None:
+        """One SYNC if one is due; those missed stay out, as from any producer that was held up."""
+        due_k = self._crystal.latches_by(time.monotonic_ns())
+        if due_k > self._sync_k:
+            self._sync_k = due_k
+            self._wire.send([Frame(can.SYNC_ID, b"")])
+            self._on_sync(time.monotonic_ns())
+
+    def _on_sync(self, now_ns: int) -> None:
         """Every node latches at the SYNC's arrival and answers with its TPDOs."""
-        now_ns = self._last_sync_ns = time.monotonic_ns()
+        self._last_sync_ns = now_ns
         self._change_faults()
         instant = self._timeline.at((now_ns - self._start_ns) * 1e-9)
         self._latch(instant, now_ns)

@@ -49,11 +49,14 @@ class Node:
 
     def measured(self, index: int, sub_index: int) -> int | None:
         """The present value of an object; None for one that only stores what was written."""
+        if index == can.ERROR_REGISTER:
+            return self.error_register
         return SERIAL_NUMBERS + self.node_id if (index, sub_index) == can.SERIAL_NUMBER else None
 
     def boot(self) -> None:
         """Factory settings, then the boot-up message."""
         self._objects.factory_settings()
+        self.error_register = 0
         self._state = can.PRE_OPERATIONAL
         self._configuration: list[Tpdo] | None = None  # parsed anew after each write
         self._syncs = 0
@@ -90,6 +93,7 @@ class Node:
 
     def emergency(self, code: int, register: int) -> None:
         """Send EMCY; code 0 takes the last one back."""
+        self.error_register = register
         self._send(can.EMCY_BASE + self.node_id, can.EMCY.pack(code, register))
 
     def send_message(self, can_id: int, data: bytes) -> None:

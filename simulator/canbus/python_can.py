@@ -9,7 +9,7 @@ from contextlib import suppress
 
 import can
 
-from armd.simulator.canbus.wires import Frame
+from armd.simulator.canbus.wires import Frame, monotonic_ns
 
 LOOPBACK = socket.inet_aton("127.0.0.1")
 
@@ -51,12 +51,13 @@ class PythonCanWire:
             message = self._bus.recv(timeout_s)
             while message is not None:
                 if not (message.is_extended_id or message.is_error_frame):
-                    frames.append(Frame(message.arbitration_id, bytes(message.data)))
+                    arrival_ns = monotonic_ns(round(message.timestamp * 1e9))
+                    frames.append(Frame(message.arbitration_id, bytes(message.data), arrival_ns))
                 message = self._bus.recv(0)
         return frames
 
     def send(self, frames: list[Frame]) -> None:
-        for can_id, data in frames:
+        for can_id, data, _ in frames:
             if self._bus is not None:
                 with suppress(can.CanError):  # a link that is down: nobody hears
                     self._bus.send(

@@ -29,7 +29,7 @@ class SlcanWire:
         if self._open and self._port.plugged:
             text = b"".join(
                 b"t%03X%X%s\r" % (can_id, len(data), data.hex().upper().encode())
-                for can_id, data in frames
+                for can_id, data, _ in frames
             )
             self._port.write(text)
 
@@ -59,5 +59,6 @@ class SlcanWire:
                     can_id, data = int(command[1:4], 16), bytes.fromhex(command[5:].decode())
                 except ValueError:
                     return None
-                return Frame(can_id, data) if len(data) == int(command[4:5], 16) else None
+                if len(data) == int(command[4:5], 16):
+                    return Frame(can_id, data, time.monotonic_ns())
         return None

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import select
 import socket
+import struct
 import time
 from dataclasses import dataclass, field
 
-from armd.simulator.canbus.wires import Frame
+from armd.simulator.canbus.wires import Frame, monotonic_ns
 
 BUS = "can0"
 #: python-can expects "< ok >" alone in one read: a new client's frames wait this long.
 SETTLE_NS = 20_000_000
+SO_TIMESTAMPNS, TIMESPEC = 35, struct.Struct("@ll")  # Linux's, which `socket` does not name
 BACKLOG_BYTES = 1 << 16  # of a client that does not read; more is lost
 
 
@@ -81,6 +83,7 @@ class SocketcandWire:
             connection, _ = self._server.accept()
             connection.setblocking(False)
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            connection.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
             self._clients.append(_Client(connection))
             self._clients[-1].push(b"< hi >")
         return frames
@@ -92,7 +95,7 @@ class SocketcandWire:
         now = time.time()
         text = b"".join(
             b"< frame %03X %.6f %s >" % (can_id, now, data.hex().upper().encode())
-            for can_id, data in frames
+            for can_id, data, _ in frames
         )
         for client in self._clients:
             if client is not sender and client.raw_from_ns is not None:
@@ -100,13 +103,18 @@ class SocketcandWire:
 
     def _read(self, client: _Client) -> list[Frame]:
         try:
-            data = client.connection.recv(65536)
+            data, notes, _, _ = client.connection.recvmsg(65536, 128)
         except OSError:
-            data = b""
+            data, notes = b"", []
         if not data:
             client.connection.close()
             self._clients.remove(client)
             return []
+        # A node latches in hardware: at the arrival itself, not when this process wakes up for it.
+        stamps = [TIMESPEC.unpack(note) for _, kind, note in notes if kind == SO_TIMESTAMPNS]
+        arrived_ns = time.monotonic_ns()
+        if stamps:
+            arrived_ns = monotonic_ns(stamps[-1][0] * 1_000_000_000 + stamps[-1][1])
         client.received += data
         frames = []
         while (end := client.received.find(b">")) >= 0:
@@ -121,7 +129,8 @@ class SocketcandWire:
                 case ["echo"]:
                     client.push(b"< echo >")
                 case ["send", can_id, length, *octets] if len(octets) == int(length, 16):
-                    frames.append(Frame(int(can_id, 16), bytes(int(x, 16) for x in octets)))
+                    octets_sent = bytes(int(x, 16) for x in octets)
+                    frames.append(Frame(int(can_id, 16), octets_sent, arrived_ns))
                 case _:
                     client.push(b"< error unknown command >")
         self._broadcast(frames, client)

@@ -36,8 +36,8 @@ class Timeline:
         self._next = next(blocks)
 
     def at(self, time_s: float) -> Instant:
-        """Ask in order of time."""
-        place = time_s * self._rate_hz - self._first
+        """Ask in order of time; an instant before the present block counts as its start."""
+        place = max(time_s * self._rate_hz - self._first, 0.0)
         while place >= len(self._block.tip_mm):
             place -= len(self._block.tip_mm)
             self._first += len(self._block.tip_mm)

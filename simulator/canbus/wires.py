@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import NamedTuple, Protocol
 
 
@@ -10,6 +11,12 @@ class Frame(NamedTuple):
 
     can_id: int
     data: bytes
+    arrival_ns: int = 0  # CLOCK_MONOTONIC, of a frame received
+
+
+def monotonic_ns(unix_ns: int) -> int:
+    """The kernel's time stamp of an arrival (Unix time) on CLOCK_MONOTONIC, as of now."""
+    return unix_ns - time.time_ns() + time.monotonic_ns()
 
 
 class Wire(Protocol):

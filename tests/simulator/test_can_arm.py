@@ -6,6 +6,7 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import can
@@ -18,7 +19,9 @@ from armd.simulator.electronics import COUNTS_PER_TURN
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.conditions import Conditions
 
-SYNC_HZ = 100
+SYNC_HZ = 50
+SYNCS = 60
+LATE_S = 0.08  # how late a frame may reach this test on a busy machine
 
 
 @contextmanager
@@ -62,19 +65,24 @@ def write(bus: can.BusABC, node: int, index: int, sub_index: int, data: bytes) -
     pytest.fail(f"node {node} does not answer")
 
 
-def cycles(bus: can.BusABC, seconds: float) -> list[tuple[float, dict[int, bytes]]]:
-    """SYNC at a steady rate; for each the time and the frames up to the next."""
+@dataclass
+class Message:
+    heard_s: float  # CLOCK_MONOTONIC
+    can_id: int
+    data: bytes
+
+
+def exchange(bus: can.BusABC, n: int) -> list[Message]:
+    """n SYNCs at a steady rate, and everything heard until shortly after the last."""
     heard = []
     start = time.monotonic()
-    for k in range(round(seconds * SYNC_HZ)):
-        sent = time.monotonic()
-        send(bus, objects.SYNC_ID)
-        frames = {}
+    for k in range(n + round(0.5 * SYNC_HZ)):
+        if k < n:
+            send(bus, objects.SYNC_ID)
         while (wait := start + (k + 1) / SYNC_HZ - time.monotonic()) > 0:
             message = bus.recv(wait)
             if message is not None:
-                frames[message.arbitration_id] = bytes(message.data)
-        heard.append((sent, frames))
+                heard.append(Message(time.monotonic(), message.arbitration_id, bytes(message.data)))
     return heard
 
 
@@ -87,23 +95,22 @@ def test_every_sync_latches_the_true_arm(interface: str, tmp_path: Path) -> None
             options = ["--channel", f"239.74.163.77:{free.getsockname()[1]}"]
     with simulated_arm(tmp_path, *options, wire=("--can", interface), seconds=30) as arm:
         with host(arm, interface) as bus:
-            heard = cycles(bus, 1.5)
+            heard = exchange(bus, SYNCS)
         assert arm.stop() == 0
     assert not arm.events("preset_written")
-    truth = arm.truth()
-    assert abs(len(truth) - len(heard)) <= 1
-    complete = [(sent, f) for sent, f in heard if all(0x180 + k in f for k in range(1, 7))]
-    assert len(complete) > 0.9 * len(heard)  # a late wake-up of this test may split a cycle
-    assert any(objects.TPDO_BASE[3] + 0x20 in frames for _, frames in heard)
-    # A frame's latch is the first one at or after its SYNC was sent.
-    row = np.searchsorted(truth["seq"], [round(sent * 1e9) for sent, _ in complete])
+    # Every node answers every SYNC once, in order.
+    answers = [[m.data for m in heard if m.can_id == 0x180 + k] for k in range(1, 7)]
+    assert {len(frames) for frames in answers} == {SYNCS}
     counts = np.array(
-        [[objects.ENCODER_PDO.unpack(f[0x180 + k])[0] for k in range(1, 7)] for _, f in complete],
+        [[objects.ENCODER_PDO.unpack(frame)[0] for frame in frames] for frames in answers],
         dtype=float,
-    )
+    ).T
+    assert [m.can_id for m in heard if m.can_id > 0x400].count(0x4A0) == SYNCS // 20
+    truth = arm.truth()
+    assert len(truth) == SYNCS
     conditions = Conditions.at_rest(len(counts), 6, 20.0)
     tips = TrueArm.default(1).tip(counts / COUNTS_PER_TURN * 2 * np.pi, conditions)
-    error_um = 1e3 * np.linalg.norm(tips - truth["position_mm"][row], axis=1)
+    error_um = 1e3 * np.linalg.norm(tips - truth["position_mm"], axis=1)
     assert np.median(error_um) < 10.0
     assert error_um.max() < 50.0
 
@@ -111,14 +118,14 @@ def test_every_sync_latches_the_true_arm(interface: str, tmp_path: Path) -> None
 def test_faults_on_the_bus(tmp_path: Path) -> None:
     scenario = """
     fault = [
-        { name = "emcy", at_s = 2.0, joint = 1, duration_s = 0.2 },
-        { name = "joint_invalid", at_s = 2.3, joint = 2, duration_s = 0.2 },
+        { name = "emcy", at_s = 2.0, joint = 1, duration_s = 0.3 },
+        { name = "joint_invalid", at_s = 2.3, joint = 2, duration_s = 0.3 },
         { name = "missing_tpdo", at_s = 2.6, joint = 3 },
         { name = "heartbeat_loss", at_s = 2.7, joint = 4, duration_s = 0.6 },
-        { name = "node_reboot", at_s = 2.9, joint = 5, duration_s = 0.2 },
-        { name = "node_silent", at_s = 3.2, joint = 6, duration_s = 0.2 },
+        { name = "node_reboot", at_s = 2.9, joint = 5, duration_s = 0.3 },
+        { name = "node_silent", at_s = 3.3, joint = 6, duration_s = 0.3 },
         { name = "sensor_open", at_s = 2.5, channel = 3, duration_s = 0.5 },
-        { name = "silence", at_s = 3.5, duration_s = 0.2 },
+        { name = "silence", at_s = 3.65, duration_s = 0.3 },
         { name = "bus_down", at_s = 4.5, duration_s = 0.3 },
     ]
     """
@@ -128,37 +135,35 @@ def test_faults_on_the_bus(tmp_path: Path) -> None:
     with simulated_arm(tmp_path, *options, wire=wire, seconds=6) as arm:
         with host(arm, "socketcand") as bus:
             start = arm.events("start")[0]["monotonic_ns"] * 1e-9
-            heard = cycles(bus, start + 4.0 - time.monotonic())
+            heard = exchange(bus, round((start + 3.6 - time.monotonic()) * SYNC_HZ))
         time.sleep(max(0.0, start + 5.0 - time.monotonic()))
         with host(arm, "socketcand") as bus:  # the bus is back, at the same port
-            after = cycles(bus, 0.1)
-    assert any(0x181 in frames for _, frames in after)
+            after = exchange(bus, 5)
+    assert [m.can_id for m in after].count(0x181) == 5
 
     begin = {line["fault"]: line["monotonic_ns"] * 1e-9 for line in arm.events("begin")}
     end = {line["fault"]: line["monotonic_ns"] * 1e-9 for line in arm.events("end")}
 
-    def during(fault: str, can_id: int) -> list[bytes | None]:
-        inside = [f for sent, f in heard if begin[fault] + 0.03 < sent < end[fault] - 0.03]
-        assert inside
-        return [frames.get(can_id) for frames in inside]
+    def all_of(can_id: int) -> list[bytes]:
+        return [m.data for m in heard if m.can_id == can_id]
 
-    emergencies = [frames[0x81] for _, frames in heard if 0x81 in frames]
-    assert emergencies == [bytes.fromhex("0050010000000000"), bytes(8)]
-    alarms = {objects.ENCODER_PDO.unpack(d)[1] for d in during("joint_invalid", 0x182) if d}
-    assert alarms == {1}
-    missed = next(line["syncs"] for line in arm.events("begin") if line["fault"] == "missing_tpdo")
-    assert 0x183 not in heard[missed][1]
-    assert 0x182 in heard[missed][1]
-    assert any(0x183 in frames for _, frames in heard[missed + 1 : missed + 4])
-    assert not any(during("heartbeat_loss", 0x704))
-    assert any(during("heartbeat_loss", 0x184))
-    assert not any(during("node_reboot", 0x185))
-    assert b"\0" in [frames.get(0x705) for _, frames in heard]  # its boot-up message
-    assert not any(during("node_silent", 0x186))
-    assert any(during("node_silent", 0x184))
-    for can_id in (0x181, 0x701):
-        assert not any(during("silence", can_id))
-    statuses = [objects.STATUS_PDO.unpack(f[0x4A0]) for _, f in heard if 0x4A0 in f]
+    def during(fault: str, can_id: int) -> list[bytes]:
+        first_s, last_s = begin[fault] + LATE_S, end[fault]
+        return [m.data for m in heard if m.can_id == can_id and first_s < m.heard_s < last_s]
+
+    assert all_of(0x81) == [bytes.fromhex("0050010000000000"), bytes(8)]  # emergency and its end
+    assert during("joint_invalid", 0x182)
+    assert {objects.ENCODER_PDO.unpack(d)[1] for d in during("joint_invalid", 0x182)} == {1}
+    assert {objects.ENCODER_PDO.unpack(d)[1] for d in all_of(0x181)} == {0}
+    assert len(all_of(0x183)) == len(all_of(0x182)) - 1
+    assert during("heartbeat_loss", 0x184)
+    assert not during("heartbeat_loss", 0x704)
+    assert not during("node_reboot", 0x185)
+    assert all_of(0x705).count(b"\0") == 1  # its boot-up message
+    assert during("node_silent", 0x184)
+    assert not during("node_silent", 0x186)
+    assert not during("silence", 0x181)
+    assert not during("silence", 0x701)
+    statuses = [objects.STATUS_PDO.unpack(data) for data in all_of(0x4A0)]
     assert (0, 0, 1, 0, 0, 0) in statuses
     assert statuses[0] == (0,) * 6
-    assert statuses[-1] == (0,) * 6

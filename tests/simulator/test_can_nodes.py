@@ -139,7 +139,7 @@ def test_temperatures_and_their_status() -> None:
         synchronous(node, pdo)
     command(node, 1)
     node.on_sync()
-    frames = dict(said(node))
+    frames = {frame.can_id: frame.data for frame in said(node)}
     assert can.VALUES_PDO.unpack(frames[0x1A0]) == (20120, -3500)
     assert can.VALUES_PDO.unpack(frames[0x2A0]) == (0, 21000)
     assert can.VALUES_PDO.unpack(frames[0x3A0]) == (22000, 23000)
