@@ -20,4 +20,6 @@ class BadInput(ArmdError):
         self.where = where
         self.found = found
         self.expected = expected
+        #: further faults of the same file, for those who want to hear all of them at once
+        self.more: tuple[BadInput, ...] = ()
         super().__init__(f"{file}: {where}: found {found}, expected {expected}")

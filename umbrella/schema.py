@@ -43,15 +43,18 @@ def load_json(path: str | Path, model: type[Model]) -> Model:
 
 
 def validate(path: str | Path, data: object, model: type[Model]) -> Model:
-    """Check parsed *data*; the first fault becomes a `BadInput` naming its key."""
+    """Check parsed *data*; faults become a `BadInput` naming its key, with `more`."""
     # As JSON, because there strict means: "5" is not a number, but a list may be a tuple.
     text = json.dumps(data, default=str)
     try:
         return model.model_validate_json(text, strict=True)
     except ValidationError as error:
-        fault = error.errors(include_url=False)[0]
-        where = _key(fault["loc"], data) or "the file"
-        raise BadInput(path, where, *_found_expected(fault, model)) from error
+        first, *more = (
+            BadInput(path, _key(fault["loc"], data) or "the file", *_found_expected(fault, model))
+            for fault in error.errors(include_url=False)
+        )
+        first.more = tuple(more)
+        raise first from error
 
 
 def _read(path: str | Path) -> str:
