@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any
+from typing import Any, TypeVar
 
 import canopen
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
@@ -16,6 +16,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoEr
 from armd.drivers.can import objects as can
 from armd.drivers.can.node import HEARTBEAT_MS
 
+T = TypeVar("T")
 PROBE_S = 0.1
 SYNCHRONOUS_MOST = 240  # the slowest synchronous transmission type: every 240th SYNC
 
@@ -38,6 +39,13 @@ class Encoder:
     counts_per_turn: int
     range_counts: int  # its position wraps at this
     serial_number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Warnings:
+    """6505 of an encoder; None where it has no such object."""
+
+    bits: int | None
 
 
 def remote_node(number: int) -> canopen.RemoteNode:
@@ -93,6 +101,14 @@ def configure_module(node: canopen.RemoteNode, n_channels: int, every_sync: int)
         raise NodeAbsent(_say(error)) from error
 
 
+def read_warnings(node: canopen.RemoteNode) -> Warnings:
+    """Warnings do not touch the position; they are only reported."""
+    try:
+        return Warnings(_optional(node.sdo, can.WARNINGS, None))
+    except SdoError as error:
+        raise NodeAbsent(_say(error)) from error
+
+
 def _stop(node: canopen.RemoteNode) -> None:
     node.nmt.state = "PRE-OPERATIONAL"  # mappings may be changed only there
     node.sdo.RESPONSE_TIMEOUT = 0.3
@@ -126,7 +142,7 @@ def _read_encoder(node: canopen.RemoteNode) -> Encoder:
     return Encoder(per_turn, min(total, 1 << 32), sdo[index][sub].raw)
 
 
-def _optional(sdo: Any, index: int, default: int) -> int:
+def _optional(sdo: Any, index: int, default: T) -> int | T:
     try:
         return int(sdo[index].raw)
     except SdoAbortedError:  # an object that the profile does not demand

@@ -1,13 +1,16 @@
 """One SYNC, one reading of every joint: never a reading of another cycle among them.
 
 The order of frames on the bus decides: what a node sends between two SYNCs belongs to the first
-of them, unless the node was late. A node that did not report in one cycle may report for it in
-the next, so the next is not trusted either.
+of them, unless the node was late. So a SYNC waits until all answers to the last one are there,
+or so late that they will never come; where another produces SYNC, the cycles after a missing
+answer are withheld for as long.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+
+LATE_MOST_NS = 20_000_000  # no answer to a SYNC comes later than this
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +26,6 @@ class Cycle:
     number: int
     latch_ns: int  # host monotonic, instant of the SYNC
     readings: dict[int, Reading] = field(default_factory=dict)  # by joint, from 1
-    trusted: bool = True
     complete: bool = False
 
 
@@ -36,39 +38,39 @@ class CycleAssembler:
 
     def __init__(self) -> None:
         self.incomplete = self.withheld = self.repeated = 0
-        self._cycle: Cycle | None = None
+        self.reset()
 
     def reset(self) -> None:
-        self._cycle = None
+        """Another connection: what was on its way is gone."""
+        self._cycle: Cycle | None = None
+        self._doubtful_until_ns = 0
 
-    @property
-    def waiting(self) -> bool:
-        """Some joint has not reported since the last SYNC."""
-        return self._cycle is not None and not self._cycle.complete
+    def may_sync(self, now_ns: int) -> bool:
+        """Whether a SYNC now leaves no doubt which answers are its own."""
+        cycle = self._cycle
+        return cycle is None or cycle.complete or now_ns > cycle.latch_ns + LATE_MOST_NS
 
-    def sync(self, number: int, latch_ns: int, expected: frozenset[int]) -> None:
-        """A new cycle begins; *expected* are the joints that should have reported in the last."""
-        last = self._cycle
-        self._cycle = Cycle(number, latch_ns)
-        if last is None:
-            return
-        self.incomplete += not last.complete
-        self._cycle.trusted = expected <= last.readings.keys()
+    def sync(self, number: int, latch_ns: int) -> None:
+        """A new cycle begins."""
+        last, self._cycle = self._cycle, Cycle(number, latch_ns)
+        if last is not None and not last.complete:
+            self.incomplete += 1
+            self._doubtful_until_ns = last.latch_ns + LATE_MOST_NS
 
     def report(self, joint: int, reading: Reading, expected: frozenset[int]) -> Cycle | None:
         """The cycle, if with this every joint of *expected* has reported in it, exactly once."""
         cycle = self._cycle
         if cycle is None:
             return None
-        if joint in cycle.readings:
+        if joint in cycle.readings:  # which of the two belongs to this SYNC?
             self.repeated += 1
-            cycle.trusted = False  # which of the two belongs to this SYNC?
+            self._doubtful_until_ns = cycle.latch_ns + LATE_MOST_NS
             return None
         cycle.readings[joint] = reading
         if cycle.complete or not expected <= cycle.readings.keys():
             return None
         cycle.complete = True
-        if not cycle.trusted:
+        if cycle.latch_ns < self._doubtful_until_ns:
             self.withheld += 1
             return None
         return cycle

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from armd.drivers.can import objects as can
-from armd.drivers.can.cycle import Cycle, CycleAssembler, Reading
+from armd.drivers.can.cycle import LATE_MOST_NS, Cycle, CycleAssembler, Reading
 from armd.drivers.can.node import Node
 from armd.drivers.can.sync_time import SyncTime
 from armd.drivers.identity import Expectation
@@ -22,12 +22,11 @@ from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Event, Item, RawFrame, SampleArray, Temperatures, sample_dtype
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
 
-LATE_MOST_NS = 20_000_000  # no answer to a SYNC comes later than this
 COUNTED = ("samples", "lost", "malformed", "unknown", "error_frames", "foreign_sync")
 
 
 def note(**fields: Any) -> bytes:
-    """Data of a "link" frame: {"note": "up" | "down" | "configured" | "refused", …}."""
+    """Data of a "link" frame: {"note": "up", "down", "configured", "refused" or "warnings", …}."""
     return json.dumps(fields).encode()
 
 
@@ -64,6 +63,8 @@ class CanDecoder:
         self._arriving = self._celsius.copy()  # values whose status has not come yet
         self._foreign = False
         self._bus_was_down = False
+        self._await_all = True  # a connection begins with all joints, or we learn which is missing
+        self._heard = False  # any node, since the last SYNC
         self._alarm_watch = JointWatch("joint_invalid", "its encoder raises an alarm")
         self._jump_watch = JointWatch("count_jump", "its count jumped")
         self._counted: Counter[str] = Counter()
@@ -83,16 +84,8 @@ class CanDecoder:
         return self._unwrapper is not None and not self._foreign
 
     def may_sync(self, now_ns: int) -> bool:
-        """Whether a SYNC now leaves no doubt which answers are its own.
-
-        Without an echo of our SYNC the order on the bus is not known: then the answers to the
-        last one must be there, or so late that they will never come.
-        """
-        return (
-            self._sync_time.echo is not False
-            or not self._assembler.waiting
-            or now_ns - (self._last_sync_ns or 0) > LATE_MOST_NS
-        )
+        """Whether a SYNC now leaves no doubt which answers are its own."""
+        return self._assembler.may_sync(now_ns)
 
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes, in the order of the bus."""
@@ -119,6 +112,7 @@ class CanDecoder:
         if node is None:
             self._counted["unknown"] += function != can.NMT_ID
             return []
+        self._heard = True
         if function == can.HEARTBEAT_BASE and len(message.data) == 1:
             fault = node.heartbeat(message.data[0] & 0x7F)
             return self._failed(node, fault, now_ns)
@@ -149,7 +143,10 @@ class CanDecoder:
         if len(data) != can.ENCODER_PDO.size:
             self._counted["malformed"] += 1
             return []
-        items = self._recovered(node, frame.monotonic_ns) if node.reported() else []
+        items: list[Item] = []
+        if node.reported():
+            items += self._recovered(node, frame.monotonic_ns)
+            self._await_all &= not all(joint.reporting for joint in self._joints)
         reading = Reading(*can.ENCODER_PDO.unpack(data))
         cycle = self._assembler.report(node.number, reading, self._reporting())
         if cycle is not None and self._unwrapper is not None and not self._foreign:
@@ -160,7 +157,7 @@ class CanDecoder:
 
     def _reporting(self) -> frozenset[int]:
         """Joints that a cycle must hold: at first all of them, later those that are well."""
-        if self._published is None:
+        if self._await_all:
             return frozenset(node.number for node in self._joints)
         return frozenset(node.number for node in self._joints if node.reporting)
 
@@ -184,9 +181,11 @@ class CanDecoder:
             self._number += round(since_ns / self._period_ns)
         self._bus_was_down = False
         # When this process was held up, what the nodes said meanwhile is still to be read.
-        elapsed_ns = min(since_ns, LATE_MOST_NS)
+        # And when nobody speaks, the bus is silent, not one node after the other.
+        elapsed_ns = min(since_ns, LATE_MOST_NS) if self._heard else 0
+        self._heard = False
         if self.accepted:
-            self._assembler.sync(self._number, latch_ns, self._reporting())
+            self._assembler.sync(self._number, latch_ns)
         return [
             event
             for node in self.nodes.values()
@@ -204,7 +203,7 @@ class CanDecoder:
         return [Event("second_sync_producer", text, now_ns, "error")]
 
     def _sample(self, cycle: Cycle, unwrapper: Unwrapper, frame: RawFrame) -> list[Item]:
-        invalid = alarmed = 0
+        invalid = alarmed = warned = 0
         for k, node in enumerate(self._joints):
             reading = cycle.readings.get(node.number)
             if reading is None or not node.reporting:
@@ -212,6 +211,7 @@ class CanDecoder:
                 continue
             self._raw_counts[k] = reading.position
             alarmed |= (reading.alarms != 0) << k
+            warned |= (node.warnings != 0) << k
         if self._first_latch_ns is None:
             self._first_latch_ns = cycle.latch_ns
         out: SampleArray = np.zeros(1, self._dtype)
@@ -225,6 +225,7 @@ class CanDecoder:
             self._raw_counts[None, :], np.array([cycle.latch_ns // 1000]), bad
         )
         out["joint_invalid"] = bad | jumped
+        out["joint_warning"] = warned
         if self._published is not None:
             gap = cycle.number - self._published - 1
             out["lost_before"] = gap != 0
@@ -267,15 +268,28 @@ class CanDecoder:
                 self._foreign = False
                 self._assembler.reset()
                 self._sync_time = SyncTime()
+                self._await_all = True
                 for node in self.nodes.values():
-                    node.fail("the bus was down")
+                    node.bus_was_down()
                 return []
             case "configured":
                 return self._configured(self.nodes[note["node"]], note, now_ns)
             case "refused":
                 self._foreign |= note["kind"] == "foreign_arm"
+                if self._published is not None and note["node"] in self.nodes:
+                    self._await_all = False  # go on without it
                 return [Event(note["kind"], note["text"], now_ns, "error", note["detail"])]
+            case "warnings":
+                return self._warned(self.nodes[note["node"]], note["warnings"], now_ns)
         return []
+
+    def _warned(self, node: Node, warnings: int, now_ns: int) -> list[Item]:
+        node.warnings = warnings
+        detail = {"joint": node.number, "warnings": warnings}
+        if not warnings:
+            return [Event("joint_warning", f"{node.name} warns no more", now_ns, "info", detail)]
+        text = f"{node.name}: its encoder warns ({warnings:#06x}); its position still holds"
+        return [Event("joint_warning", text, now_ns, "warning", detail)]
 
     def _configured(self, node: Node, note: dict[str, Any], now_ns: int) -> list[Item]:
         node.configured()

@@ -29,6 +29,8 @@ class Node:
     range_counts: int = 0  # joints only
     counts_per_turn: int = 0
     values_due: bool = True  # at every SYNC: joints
+    warnings: int = 0  # joints only: 6505
+    _beating: bool = False  # heard since the configuration
     _beat_age_ns: int = 0  # since the last heartbeat
     _value_age_ns: int = 0  # since the last process value
 
@@ -42,20 +44,22 @@ class Node:
 
     def configured(self) -> None:
         self.state = State.READY
+        self._beating = False
         self._beat_age_ns = self._value_age_ns = 0
 
     def reported(self) -> bool:
-        """A process value arrived; True if it is the first since the configuration."""
+        """A process value arrived; True if with it the node is taken (back) into service."""
         self._value_age_ns = 0
-        first = self.state is State.READY
-        if first:
-            self.state = State.REPORTING
-        return first
+        if self.state is not State.READY or not self._beating:
+            return False
+        self.state = State.REPORTING
+        return True
 
     def heartbeat(self, nmt_state: int) -> str | None:
         """Returns what is wrong, if something new is."""
         self._beat_age_ns = 0
-        if nmt_state == OPERATIONAL or self.wants_configuration:
+        self._beating = nmt_state == OPERATIONAL
+        if self._beating or self.wants_configuration:
             return None
         # The first heartbeat after the start command may still tell the state before it.
         if self.state is State.READY and nmt_state != BOOT_UP:
@@ -75,9 +79,16 @@ class Node:
         return None
 
     def fail(self, fault: str) -> str | None:
-        """To be configured again; returns *fault* if it was not known."""
+        """To be configured again; returns *fault* if a person does not know of the trouble."""
         if self.wants_configuration:
             return None
+        news = self.state is State.REPORTING or not self.fault
         self.state = State.FAULTY
-        self.fault = fault
-        return fault
+        self.fault = self.fault or fault
+        return fault if news else None
+
+    def bus_was_down(self) -> None:
+        """To be configured again, but it has done nothing wrong."""
+        if self.state is not State.FAULTY:
+            self.state = State.NEW
+            self.fault = ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import canopen
@@ -12,9 +12,11 @@ from armd.drivers.can.bus import OwnNetwork
 from armd.drivers.can.configure import (
     Encoder,
     NodeRefused,
+    Warnings,
     configure_encoder,
     configure_module,
     is_encoder,
+    read_warnings,
     remote_node,
 )
 from armd.drivers.can.decoder import note
@@ -22,9 +24,10 @@ from armd.drivers.can.job import Job
 from armd.drivers.identity import Expectation
 
 NODE_BACK_OFF_NS = 250_000_000
+WARNINGS_INTERVAL_NS = 50_000_000  # between two joints
 TEMPERATURES_HZ = 2.0
 
-Outcome = Encoder | bool | None
+Outcome = Encoder | Warnings | bool | None
 
 
 class NodeSetup:
@@ -44,10 +47,19 @@ class NodeSetup:
         self._nodes: dict[int, canopen.RemoteNode] = {}
         self._running: tuple[int, Job[Outcome]] | None = None
         self._due_ns: dict[int, int] = {}
+        self._asking = False  # the job running only asks for warnings
+        self._asked = 0  # the joint last asked for its warnings
+        self._warnings_due_ns = 0
+        self._warnings: dict[int, int] = {}
+        self._without_warnings: set[int] = set()  # joints whose encoders have no such object
         self._complaint: dict[int, str] = {}  # the last one about each node, said once
 
-    def step(self, network: OwnNetwork, wanting: Iterable[int], now_ns: int) -> list[bytes]:
-        """Notes on the job that has ended, if one has; then the next of *wanting* begins."""
+    def step(self, network: OwnNetwork, wanting: Sequence[int], now_ns: int) -> list[bytes]:
+        """Notes on the job that has ended, if one has; then the next begins.
+
+        *wanting* are the nodes to be configured; when there are none, one joint after the other
+        is asked for its warnings.
+        """
         notes: list[bytes] = []
         if self._running is not None:
             number, job = self._running
@@ -59,8 +71,16 @@ class NodeSetup:
         for number in [*([] if extra in self._nodes else [extra]), *wanting]:
             if self._due_ns.get(number, 0) <= now_ns:
                 self._due_ns[number] = now_ns + NODE_BACK_OFF_NS
+                self._asking = False
                 self._running = (number, Job(partial(self._visit, network, number)))
-                break
+                return notes
+        if not wanting and now_ns >= self._warnings_due_ns:
+            self._warnings_due_ns = now_ns + WARNINGS_INTERVAL_NS
+            self._asked = self._asked % self._expected.n_joints + 1
+            if self._asked in self._nodes and self._asked not in self._without_warnings:
+                work = partial(read_warnings, self._nodes[self._asked])
+                self._asking = True
+                self._running = (self._asked, Job(work))
         return notes
 
     def restart(self) -> None:
@@ -96,9 +116,13 @@ class NodeSetup:
         except NodeRefused as error:
             return self._complain(number, "foreign_arm", str(error))
         except Exception as error:  # NodeAbsent, or an answer that canopen chokes on
+            if self._asking:  # its heartbeat tells better
+                return []
             return self._complain(number, "node_absent", str(error) or repr(error))
         if outcome is False:
             return []
+        if isinstance(outcome, Warnings):
+            return self._note_warnings(number, outcome)
         self._complaint.pop(number, None)
         if outcome is None:
             return [note(note="configured", node=number)]
@@ -112,6 +136,14 @@ class NodeSetup:
             )
         ]
 
+    def _note_warnings(self, number: int, warnings: Warnings) -> list[bytes]:
+        if warnings.bits is None:
+            self._without_warnings.add(number)
+        elif warnings.bits != self._warnings.get(number, 0):
+            self._warnings[number] = warnings.bits
+            return [note(note="warnings", node=number, warnings=warnings.bits)]
+        return []
+
     def _check_serial_number(self, number: int, found: int) -> None:
         expected = self._serial_numbers.setdefault(number, found)
         if found != expected:
@@ -123,4 +155,4 @@ class NodeSetup:
         self._complaint[number] = fault
         text = f"CAN node {number}: {fault}"
         detail = {"node": number, "faults": [fault]}
-        return [note(note="refused", kind=kind, text=text, detail=detail)]
+        return [note(note="refused", node=number, kind=kind, text=text, detail=detail)]

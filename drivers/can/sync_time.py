@@ -26,6 +26,7 @@ class SyncTime:
             self._unanswered += 1
             if self._unanswered > ECHO_PATIENCE:
                 self.echo = False
+                self._sent.clear()
         if self.echo is False:
             return True
         self._sent.append(now_ns)
