@@ -13,7 +13,7 @@ import numpy as np
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.kinematics import forward
+from armd.compensation.kinematics import forward, joint_jacobian
 from armd.compensation.session import Session
 from armd.compensation.session_format import Artefact
 from armd.compensation.state import States
@@ -147,6 +147,38 @@ def session(
     )
 
 
+def tracked(
+    arm: Arm, constants: np.ndarray, rng: np.random.Generator, readings: int = 150
+) -> Session:
+    """Random poses seen by a tracker: one placement, truth row by row."""
+    n = arm.n_joints
+    states = States(
+        q=rng.uniform(-2.5, 2.5, (readings, n)),
+        rate=np.full((readings, n), np.nan),
+        temperature_c=np.full((readings, n), 20.0),
+        time_s=STARTED.timestamp() + 5.0 * np.arange(readings),
+        approach=np.full((readings, 3), np.nan),
+        series=np.zeros(readings, dtype=np.int64),
+    )
+    position = forward(states.q, constants)[0]
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    return Session(
+        path=Path("tracked"),
+        name="tracked",
+        arm=arm.serial_number,
+        started_unix_s=STARTED.timestamp(),
+        artefact=Artefact.model_validate({"name": "tracker", "target": [{"name": "ball"}]}),
+        states=states,
+        placement=np.zeros(readings, dtype=np.int64),
+        placement_names=["tracker"],
+        target=np.zeros(readings, dtype=np.int64),
+        truth_mm=(position - [1000.0, -300.0, 200.0]) @ turn,
+        artefact_c=np.full(readings, np.nan),
+        unused_columns=[],
+    )
+
+
 def _reach(
     arm: Arm,
     constants: np.ndarray,
@@ -155,8 +187,6 @@ def _reach(
     temperatures: np.ndarray,
     rng: np.random.Generator,
 ) -> States:
-    from armd.compensation.kinematics import joint_jacobian
-
     n = len(wanted)
     q = rng.uniform(-2.2, 2.2, (n, arm.n_joints))
     empty = np.full((n, arm.n_joints), np.nan)

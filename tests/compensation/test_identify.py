@@ -1,0 +1,210 @@
+"""Identification: the truth comes back, its uncertainty is right, what is unknown is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import synthetic
+from synthetic import disturbed, session, tracked
+
+from armd.compensation import parameters
+from armd.compensation.arm import Arm
+from armd.compensation.basis import basis_values, parameter_rows
+from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.fit import Fit, Unknowns, fit
+from armd.compensation.identify.gauge import free_constants, unidentifiable
+from armd.compensation.identify.observations import Observations, gather
+from armd.compensation.identify.poses import fit_poses
+from armd.compensation.identify.thermal import length_terms
+from armd.compensation.kinematics import forward
+from armd.compensation.terms import Term
+
+ARM = synthetic.arm()
+ARCSEC = np.pi / 180 / 3600
+
+
+def identify(arm: Arm, observations: Observations, terms: list[Term] | None = None) -> Fit:
+    terms = terms or []
+    unknowns = Unknowns(free_constants(arm), range(len(terms)))
+    return fit(observations, arm.nominal(), terms, unknowns, arm.reference_temperature_c)
+
+
+def known_directions(found: Fit) -> np.ndarray:
+    return found.solution.directions[:, found.solution.known]
+
+
+@pytest.mark.parametrize("n_joints", [3, 6, 7, 9])
+def test_a_noise_free_fit_returns_the_truth(n_joints: int) -> None:
+    rng = np.random.default_rng(n_joints)
+    arm = synthetic.arm(n_joints)
+    truth = disturbed(arm, rng)  # up to 1 mm and 0.5° off
+    found = identify(arm, gather([tracked(arm, truth, rng, readings=40 * n_joints)], arm))
+    names = found.unknowns.names
+    error = found.unknowns.values(found.constants, []) - found.unknowns.values(truth, [])
+    identifiable = np.abs(found.solution.null).max(axis=1) < 1e-6
+    assert identifiable.sum() >= 4 * n_joints - 6
+    for name, e, wanted in zip(names, error, identifiable, strict=True):
+        size = 100.0 if parameters.unit(name) == "mm" else 1.0
+        assert not wanted or abs(e) < 1e-6 * size, name
+    # Combinations that are identifiable return too: the arm measures like the true one elsewhere.
+    fresh = gather([tracked(arm, truth, rng)], arm)
+    assert evaluate_model(fresh, found.constants, [], 20.0).distance_um.max() < 1e-3
+
+
+def test_thermal_coefficients_return_too() -> None:
+    rng = np.random.default_rng(5)
+    truth = disturbed(ARM, rng)
+    terms = length_terms(ARM, [1, 2])
+    lengths = dict(zip(parameters.names(6), ARM.nominal().tolist(), strict=True))
+    true_terms = [
+        term.model_copy(
+            update={
+                "coefficient": (abs(lengths[term.parameter]) + 10)
+                * (2e-5 if term.basis[0].order == 1 else 1e-8)
+            }
+        )
+        for term in terms
+    ]
+    sessions = [
+        session(ARM, truth, rng, terms=true_terms, readings=100, temperature_c=t, name=f"{t}")
+        for t in (15.0, 20.0, 26.0, 31.0)
+    ]
+    found = identify(ARM, gather(sessions, ARM), terms)
+    for term, true in zip(found.terms, true_terms, strict=True):
+        # The tip's axes turn with θ of the last joint, which is not identifiable.
+        if not term.parameter.startswith("tip"):
+            assert term.coefficient == pytest.approx(true.coefficient, rel=1e-6)
+    fresh = session(ARM, truth, rng, terms=true_terms, readings=60, temperature_c=23.0)
+    residual = evaluate_model(gather([fresh], ARM), found.constants, found.terms, 20.0)
+    assert residual.distance_um.max() < 1e-3
+
+
+def test_normalised_errors_have_unit_variance_over_100_seeds() -> None:
+    rng = np.random.default_rng(11)
+    truth = disturbed(ARM, rng, 0.1)
+    clean = gather([session(ARM, truth, rng, readings=120, targets=6)], ARM)
+    normalised = []
+    for seed in range(100):
+        noise = np.random.default_rng(1000 + seed)
+        q = clean.states.q + ARCSEC * noise.normal(size=clean.states.q.shape)
+        found = identify(ARM, replace(clean, states=replace(clean.states, q=q)))
+        scale, known = found.solution.scale, known_directions(found)
+        error = found.unknowns.values(found.constants, []) - found.unknowns.values(truth, [])
+        covariance = known.T @ (found.covariance / np.outer(scale, scale)) @ known
+        along = known.T @ (error / scale)
+        normalised.append(np.linalg.solve(np.linalg.cholesky(covariance), along))
+    # 100 seeds × 21 directions: the mean square of unit normals lies within 0.1 at 3 sigma.
+    assert np.mean(np.array(normalised) ** 2) == pytest.approx(1.0, abs=0.1)
+
+
+# An arm of n general joints has 4 n + 3 constants (θ, d, a, α, tip). Two of them, θ₁ and d₁, only
+# move it as a whole; of the last joint's four and the tip's three only three place the tip.
+# What remains is 4 n − 3, and one less where nothing certified tells a length.
+LENGTH, NO_LENGTH = 4 * 6 - 3, 4 * 6 - 4
+KINDS = {
+    "four certified points": ({"targets": 4}, LENGTH),
+    "three certified points, one placement": ({"targets": 3, "placements": 1}, LENGTH),
+    "two certified points": ({"targets": 2}, LENGTH),
+    "one certified point": ({"targets": 1, "placements": 1}, NO_LENGTH),
+    "one seat": ({"targets": 1, "placements": 1, "known": False}, NO_LENGTH),
+    "seats only": ({"targets": 4, "known": False}, NO_LENGTH),
+    "seats with one distance": ({"known": False, "distances": [(0, 1)]}, LENGTH),
+    "distances only": ({"known": False, "distances": [(0, 1), (1, 2), (2, 3)]}, LENGTH),
+}
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.0])
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_rank_equals_theory(kind: str, noise: float) -> None:
+    settings, rank = KINDS[kind]
+    rng = np.random.default_rng(1)
+    truth = disturbed(ARM, rng)
+    measured = session(ARM, truth, rng, readings=240, encoder_rad=noise * ARCSEC, **settings)
+    found = identify(ARM, gather([measured], ARM))
+    assert found.converged
+    assert found.solution.rank == rank
+    words = unidentifiable(found.solution.null, found.unknowns.names, ARM)
+    assert len(words) == len(found.unknowns.names) - rank
+    assert any(line.startswith("theta_1: moving the whole arm") for line in words)
+    assert any(line.startswith("d_1: moving the whole arm") for line in words)
+    assert sum("place the same point" in line for line in words) == 4
+    assert sum("scale of the arm" in line for line in words) == LENGTH - rank
+    # What is not known stays near the drawing: the arm keeps its size.
+    assert np.abs(found.constants - ARM.nominal()).max() < 5.0
+
+
+def test_hayati_replaces_d_between_parallel_axes() -> None:
+    content = ARM.model_dump(by_alias=True)
+    content["joint"][1] |= {"alpha_deg": 0.5, "a_mm": 300.0}
+    arm = Arm.model_validate(content)
+    names = free_constants(arm)
+    assert "beta_2" in names
+    assert "d_2" not in names
+    assert "d_3" in names
+    rng = np.random.default_rng(3)
+    truth = disturbed(arm, rng)
+    truth[parameters.index("beta_2", 6)] = 0.003
+    truth[parameters.index("d_2", 6)] = arm.nominal()[parameters.index("d_2", 6)]
+    found = identify(arm, gather([session(arm, truth, rng, readings=300)], arm))
+    assert found.solution.rank == LENGTH
+    assert found.constants[parameters.index("beta_2", 6)] == pytest.approx(0.003, rel=1e-6)
+
+
+def test_outliers_are_found_and_do_not_matter() -> None:
+    rng = np.random.default_rng(21)
+    truth = disturbed(ARM, rng, 0.3)
+    measured = session(ARM, truth, rng, readings=240, encoder_rad=ARCSEC)
+    wrong = rng.choice(240, 8, replace=False)
+    measured.states.q[wrong, 2] += 3e-4  # about 0.2 mm at the tip
+    found = identify(ARM, gather([measured], ARM))
+    assert set(wrong) == set(found.outliers.tolist())
+    along = known_directions(found).T @ (
+        (found.unknowns.values(found.constants, []) - found.unknowns.values(truth, []))
+        / found.solution.scale
+    )
+    sigma = 1 / found.solution.singular_values[found.solution.known]
+    assert np.abs(along / sigma).max() < 5
+
+
+def test_a_certified_position_s_uncertainty_shows_in_the_result() -> None:
+    rng = np.random.default_rng(31)
+    truth = disturbed(ARM, rng, 0.3)
+
+    def uncertainty(position_mm: float) -> float:
+        again = np.random.default_rng(32)
+        measured = session(
+            ARM, truth, again, encoder_rad=ARCSEC, readings=240, uncertainty_mm=position_mm
+        )
+        found = identify(ARM, gather([measured], ARM))
+        length = found.unknowns.names.index("d_3")
+        return float(np.sqrt(found.covariance[length, length]))
+
+    assert uncertainty(0.05) > 3 * uncertainty(0.0)
+
+
+def test_evaluation_fits_poses_and_seats_only() -> None:
+    rng = np.random.default_rng(41)
+    truth = disturbed(ARM, rng)
+    for settings in ({"known": True}, {"known": False}, {"known": False, "targets": 1}):
+        observations = gather([session(ARM, truth, rng, readings=90, **settings)], ARM)
+        assert evaluate_model(observations, truth, [], 20.0).distance_um.max() < 1e-4
+        wrong = evaluate_model(observations, ARM.nominal(), [], 20.0)
+        assert wrong.distance_um.max() > 100
+
+
+def test_poses_of_an_unweighted_fit_are_its_minimum() -> None:
+    """No small change of a pose or a seat lowers the sum of squares that `fit_poses` found."""
+    rng = np.random.default_rng(51)
+    truth = disturbed(ARM, rng)
+    observations = gather([session(ARM, truth, rng, readings=90, known=False)], ARM)
+    basis = basis_values([], observations.states, ARM, 20.0, ARM.nominal())
+    position = forward(observations.states.q, parameter_rows(ARM.nominal(), [], basis))[0]
+    poses = fit_poses(observations, position)
+    least = np.sum(poses.residual(observations, position) ** 2)
+    for _ in range(20):
+        moved = poses.moved(
+            np.zeros((3, 3)), 1e-3 * rng.normal(size=(3, 6)), 1e-3 * rng.normal(size=(4, 3))
+        )
+        assert np.sum(moved.residual(observations, position) ** 2) > least
