@@ -10,7 +10,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 export NUMBA_CACHE_DIR := $(CURDIR)/.cache/numba
 
-.PHONY: install demo test lint bench clean
+.PHONY: install demo test lint bench clean hidden
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -35,6 +35,12 @@ lint: install
 
 test: lint
 	$(BIN)/python -m pytest -m "not slow" $(TEST_ARGS)
+
+# A fresh Monte Carlo of effects hidden by the simulator: make hidden CASES=100 SEED=7
+CASES ?= 40
+SEED ?= 1
+hidden: install
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED)
 
 clean:
 	rm -rf $(VENV) build .cache *.egg-info

@@ -173,10 +173,10 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
     return Scores(sums.signatures, statistic, freedom, log_p, evidence, least)
 
 
-def inverse_factor(matrix: F64) -> F64:
+def inverse_factor(matrix: F64, least: float = 1e-10) -> F64:
     """F (b, r) with F Fᵀ the pseudo-inverse of a symmetric *matrix* of columns of unit length."""
     values, vectors = np.linalg.eigh(matrix)
-    kept = values > 1e-10 * max(float(values.max(initial=0.0)), 1e-300)
+    kept = values > least * max(float(values.max(initial=0.0)), 1e-300)
     factor: F64 = vectors[:, kept] / np.sqrt(values[kept])
     return factor
 

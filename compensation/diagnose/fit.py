@@ -27,6 +27,10 @@ MOST_STEPS = 6
 #: Findings of more columns than this are curves, held together by the catalogue's sizes.
 MOST_FREE_COLUMNS = 6
 CURVE_SCALE = 10.0
+#: Where the data leave constants open (the last joint's turn against the tip's offset), the
+#: solution nearest to the model under test is taken: as if each were known this well.
+GAUGE = {"mm": 1.0, "rad": 2e-3}
+PER_KELVIN = 0.1  # of that, for the slope of a term
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,7 @@ class Layout:
     identified: slice  # constants and terms (when held: the directions of their covariance)
     findings: tuple[slice, ...]
     shared: int  # first of those that targets and drift share
+    gauge: F64  # (identified,) variance with which to choose where the data leave it open
 
 
 @dataclass(frozen=True)
@@ -107,10 +112,10 @@ def fit(
         for refining in (False, True):
             if refining or noise is None:
                 noise = noise_model.estimate(linear, clipped, for_noise, noise)
-            solution, inverse = solve(absorbing.ridged(noise), noise, clipped)
+            solution, inverse = _solve(absorbing.ridged(noise), layout, noise, clipped)
             fitted = absorbing.columns @ solution
             clipped = noise_model.winsorise(residual, fitted, noise)
-        solution, inverse = solve(absorbing.ridged(noise), noise, clipped)
+        solution, inverse = _solve(absorbing.ridged(noise), layout, noise, clipped)
         fitted = absorbing.columns @ solution
         before = amplitudes
         amplitudes = [-solution[at] for at in layout.findings]
@@ -181,7 +186,7 @@ def _absorbing(
         np.hstack([block.columns for block in blocks]),
         np.concatenate([block.variance for block in blocks]),
     )
-    return joined, Layout(places[1], tuple(places[2:-3]), places[-2].start)
+    return joined, Layout(places[1], tuple(places[2:-3]), places[-2].start, _gauge(baseline, arm))
 
 
 def _column_of_the_mount(linear: Linear, arm: Arm) -> Absorbing:
@@ -208,12 +213,24 @@ def _variance(candidate: Candidate) -> F64:
     return np.array([(CURVE_SCALE * column.typical) ** 2 for column in candidate.columns])
 
 
-def solve(absorbing: Absorbing, noise: Noise, residual: F64) -> tuple[F64, F64]:
+def _gauge(baseline: Baseline, arm: Arm) -> F64:
+    if baseline.held:
+        return np.full(baseline.root.shape[1], np.inf)
+    names = parameters.names(arm.n_joints)
+    constants = [GAUGE[parameters.unit(names[i])] for i in baseline.parameters]
+    own = [baseline.model.terms[i].parameter for i in baseline.terms]
+    slopes = [PER_KELVIN * GAUGE[parameters.unit(name)] for name in own]
+    return np.square([*constants, *slopes])
+
+
+def _solve(absorbing: Absorbing, layout: Layout, noise: Noise, residual: F64) -> tuple[F64, F64]:
     """Generalised least squares: solution (b,) with B x ≈ residual, and its covariance (b, b)."""
     white = noise.whiten(absorbing.columns)
     scale = np.sqrt((white**2).sum(axis=0))
     scale[scale == 0.0] = 1.0
     white /= scale
-    factor = inverse_factor(white.T @ white + np.diag(1.0 / (absorbing.variance * scale**2)))
+    variance = absorbing.variance.copy()
+    variance[layout.identified] = np.minimum(variance[layout.identified], layout.gauge)
+    factor = inverse_factor(white.T @ white + np.diag(1.0 / (variance * scale**2)), 1e-13)
     inverse = factor @ factor.T / np.outer(scale, scale)
     return inverse @ (scale * (white.T @ noise.whiten(residual))), inverse

@@ -7,7 +7,7 @@ then a look back whether every finding is still needed and still the best name.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -121,7 +121,7 @@ class Search:
             sums, scores = self._survey(current)
             current, sums, scores = self._swapped(current, sums, scores)
         remaining = family_wise(float(scores.log_p.min(initial=0.0)), self._tests)
-        found = tuple(self._account(i, current, sums) for i in range(len(current.findings)))
+        found = _honest([self._account(i, current, sums) for i in range(len(current.findings))])
         steps = [first] if current.findings else []
         steps += [self._fit(current.findings[:i], current) for i in range(1, len(found))]
         return Result(
@@ -277,6 +277,29 @@ class Search:
             best = int(np.argmax(np.where(of_place, posterior, -np.inf)))
             rivals.append(Rival(scores.signatures.candidates[best], probability[place], np.nan))
         return tuple(rivals[:8])
+
+
+def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
+    """No name for a part of what is unknown.
+
+    Where an unknown structure is stronger than a named finding in the same variables, the name
+    only was the nearest one.
+    """
+    unknown = [f for f in found if f.candidate.cause == "unknown"]
+
+    def stands(finding: Found) -> bool:
+        return not any(
+            u.statistic > finding.statistic
+            and set(u.candidate.depends_on) & set(finding.candidate.depends_on)
+            for u in unknown
+        )
+
+    return tuple(
+        f
+        if f.candidate.cause == "unknown" or stands(f)
+        else replace(f, candidate=replace(f.candidate, cause="unknown"))
+        for f in found
+    )
 
 
 def _draws(current: Fit, seed: int) -> F64:

@@ -1,26 +1,47 @@
 """The stylus gives way along the direction of approach (or the tip's radius is wrong)."""
 
 from collections.abc import Iterator
+from typing import Literal
+
+import numpy as np
 
 from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, tie
 from armd.compensation.terms import Approach
+
+AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:
     if not scene.approach:
         return
+    first = 5 * scene.arm.n_joints
+    stylus = scene.constants[first : first + 3]
+    length = float(np.linalg.norm(stylus))
+    along = stylus / length if length > 1.0 else np.array([0.0, 0.0, 1.0])
+    columns = (
+        _deflection("in every direction", np.eye(3)),
+        _deflection("across the stylus", np.eye(3) - np.outer(along, along)),
+    )
+    depends = ("approach_x", "approach_y", "approach_z")
+    yield Candidate("probing_force", "tip", columns, depends)
+
+
+def _deflection(name: str, response: F64) -> Column:
+    """The tip gives way by *response* (3, 3) times the approach, both in the last frame."""
     terms = tuple(
         term
-        for axis in ("x", "y", "z")
-        for term in tie([(f"tip_{axis}", 1.0)], Approach(axis=axis, frame="tip"))
+        for i, axis in enumerate(AXES)
+        for term in tie(
+            [(f"tip_{to}", float(response[j, i])) for j, to in enumerate(AXES)],
+            Approach(axis=axis, frame="tip"),
+        )
     )
-    column = Column("deflection", "mm", 7e-3, terms)
-    depends = ("approach_x", "approach_y", "approach_z")
-    yield Candidate("probing_force", "tip", (column,), depends)
+    return Column(name, "mm", 7e-3, terms)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    return f"the tip yields {abs(amplitudes[0]) * 1e3:.2g} µm along the approach"
+    flat, bent = np.abs([amplitudes[0], amplitudes.sum()]) * 1e3
+    return f"the tip yields {bent:.2g} µm across the stylus and {flat:.2g} µm along it"
 
 
 EFFECT = Effect(

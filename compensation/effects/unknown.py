@@ -35,7 +35,8 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
     for k in scene.joints:
         for name in ("theta", "d", "a", "alpha", "beta"):
             unit = "mm" if name in ("d", "a") else "rad"
-            for variables, functions in _functions(scene, name == "theta"):
+            turning = k if name == "theta" else None
+            for variables, functions in _functions(scene, turning):
                 columns = tuple(
                     Column(
                         f"{name}_{k} × {label}",
@@ -53,8 +54,10 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
 _Function = tuple[str, str, float, tuple[Factor, ...]]  # label, unit, typical size, factors
 
 
-def _functions(scene: Scene, pairs: bool) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
-    """Variables, and the functions of them that go together."""
+def _functions(
+    scene: Scene, turning: int | None
+) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
+    """Variables, and the functions of them that go together; of two for a *turning* joint."""
     for j in scene.joints:
         yield (f"q{j}",), [*_waves(j, 1), *_waves(j, 2)]
         yield (f"q{j}",), [(f"q{j}^{n}", "", 1.0, (Angle(joint=j, power=n),)) for n in (2, 3)]
@@ -75,12 +78,30 @@ def _functions(scene: Scene, pairs: bool) -> Iterator[tuple[tuple[str, ...], lis
         axes = ("x", "y", "z")
         variables = tuple(f"approach_{axis}" for axis in axes)
         yield variables, [(f"approach {a}", "", 1.0, (Approach(axis=a),)) for a in axes]
-    if pairs:
+    if turning is not None:
         yield from _pairs(scene)
+        if scene.rates:
+            yield from _of_the_side(scene, turning)
+
+
+def _of_the_side(scene: Scene, joint: int) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
+    """Friction of one joint that depends on where another stands, or on how fast it turned."""
+    side, rate = Side(joint=joint), Rate(joint=joint)
+    drag = (f"w{joint}·|w{joint}|", "s²/rad²", 0.05, (rate, rate, side))
+    yield (f"w{joint}",), [drag]
+    for j in scene.joints:
+        if j != joint:
+            functions = [
+                (f"side {joint} {label}", "", 1.0, (side, *wave))
+                for label, _, _, wave in _waves(j, 1)
+            ]
+            yield (f"w{joint}", f"q{j}"), functions
 
 
 def _pairs(scene: Scene) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
     for i, j in combinations(scene.joints, 2):
+        product = (f"q{i}·q{j}", "", 1.0, (Angle(joint=i), Angle(joint=j)))
+        yield (f"q{i}", f"q{j}"), [product]
         products = [
             (f"{a} {b}", "", 0.5, (*left, *right))
             for a, _, _, left in _waves(i, 1)

@@ -1,0 +1,178 @@
+"""One hidden case: made by the simulator, diagnosed, and judged against the truth kept apart."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from armd.compensation.arm import load_arm
+from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
+from armd.compensation.diagnose.evidence import inverse_factor
+from armd.compensation.diagnose.fit import Fit
+from armd.compensation.identify.calibrate import calibrate
+from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.session import load_session
+from armd.simulator.campaigns.hidden import NOISE, Design
+from armd.simulator.hidden import HiddenCase, generate_case
+from armd.simulator.noise import Noise
+from armd.simulator.plants.plant import Plant
+
+#: Causes that only a calibration from before can show.
+HELD = {"geometry_shift", "sensor_offset", "sensor_swapped", "link_expansion"}
+NOISES = {
+    "gaussian": NOISE,
+    "heavy tails": replace(NOISE, tails="heavy"),
+    "slow drift": replace(NOISE, wander_um=3.0),
+}
+ARC_SECOND = np.pi / 180 / 3600
+#: Truth of a single amplitude in the finding's unit, per unit of the plant's size.
+AMPLITUDE = {
+    "encoder_eccentricity": 1e-3 / 25.0,
+    "encoder_ellipticity": ARC_SECOND,
+    "encoder_scale": ARC_SECOND,
+    "encoder_slip": ARC_SECOND,
+    "joint_backlash": ARC_SECOND,
+    "joint_compliance": 1e-6,
+    "link_bending": 1e-6,
+    "time_skew": 1e-6,
+    "link_expansion": 1e-6,
+    "artefact_expansion": 1e-6,
+    "sensor_offset": 1.0,
+}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What came of one case."""
+
+    plants: tuple[Plant, ...]
+    snr: tuple[float, ...]  # projected, of each plant
+    diagnosis: Diagnosis
+    named: tuple[bool, ...]  # each plant: cause and place found
+    among: tuple[bool, ...]  # each plant: in a finding or its alternatives
+    false_causes: int
+    unknown: tuple[tuple[str, ...], ...]  # variables of each unknown finding
+    covered: tuple[bool, ...]  # amplitudes whose 95 % interval holds the truth
+    before_um: float  # on the held-out sessions, by `evaluate`
+    after_um: float
+    oracle_um: float
+    seconds: float
+
+
+def run_case(
+    seed: int,
+    plants: Sequence[Plant],
+    noise: Noise = NOISE,
+    held: bool | None = None,
+    design: Design | None = None,
+) -> Judged:
+    """Make, diagnose and judge a case; *held*: under a calibration from before the trouble."""
+    if held is None:
+        held = any(plant.cause in HELD for plant in plants)
+    design = design or Design()
+    if held:
+        design = replace(design, before=6)
+    with tempfile.TemporaryDirectory() as folder:
+        case = generate_case(Path(folder), seed, plants, design, noise)
+        arm = load_arm(case.arm)
+        sessions = [load_session(path, arm) for path in case.sessions]
+        holdout = [load_session(path, arm) for path in case.holdout]
+        calibration = None
+        if held:
+            before = [load_session(path, arm) for path in case.before]
+            calibration = calibrate(before, arm).calibration
+        started = time.perf_counter()
+        diagnosis = diagnose(sessions, arm, calibration)
+        seconds = time.perf_counter() - started
+        before_um = evaluate(holdout, arm, diagnosis.baseline.calibration)
+        after_um = evaluate(holdout, arm, diagnosis.extended)
+        return _judged(
+            case,
+            tuple(plants),
+            diagnosis,
+            float(np.sqrt((before_um.distance_um**2).mean())),
+            float(np.sqrt((after_um.distance_um**2).mean())),
+            seconds,
+        )
+
+
+def _judged(
+    case: HiddenCase,
+    plants: tuple[Plant, ...],
+    diagnosis: Diagnosis,
+    before_um: float,
+    after_um: float,
+    seconds: float,
+) -> Judged:
+    places = [found.candidate.place for found in diagnosis.found]
+    if diagnosis.outliers:
+        places.append(("outliers", "rows"))
+    rivals = [r.candidate.place for found in diagnosis.found for r in found.rivals]
+    truths = [(plant.cause, plant.location) for plant in plants]
+    wrong = [p for p in places if p[0] != "unknown" and p not in truths]
+    return Judged(
+        plants,
+        tuple(
+            projected_snr(diagnosis.search.first, _error(case, effect)) for effect in case.effects
+        ),
+        diagnosis,
+        tuple(truth in places for truth in truths),
+        tuple(truth in places or truth in rivals for truth in truths),
+        len(wrong),
+        tuple(
+            found.candidate.depends_on
+            for found in diagnosis.found
+            if found.candidate.cause == "unknown"
+        ),
+        tuple(_coverage(plants, diagnosis)),
+        before_um,
+        after_um,
+        case.oracle_rms_um(case.holdout),
+        seconds,
+    )
+
+
+def _error(case: HiddenCase, effect: object) -> np.ndarray:
+    error = effect.error_mm  # type: ignore[attr-defined]
+    return np.concatenate([error[path.name] for path in case.sessions])
+
+
+def projected_snr(first: Fit, error_mm: np.ndarray) -> float:
+    """Norm of an effect's error (readings, 3) in noise units, clear of what absorbs."""
+    rest_of = first.linear.rests.rest_of
+    counts = np.bincount(rest_of)[:, None]
+    mean = np.stack([np.bincount(rest_of, column) for column in error_mm.T], axis=1) / counts
+    flat = np.zeros(len(first.residual))
+    flat[: mean.size] = mean.ravel()
+    white = first.noise.whiten(first.absorbing.columns)
+    scale = np.sqrt((white**2).sum(axis=0))
+    scale[scale == 0.0] = 1.0
+    white /= scale
+    ridge = np.diag(1.0 / (first.absorbing.variance * scale**2))
+    factor = inverse_factor(white.T @ white + ridge)
+    signal = first.noise.whiten(flat)
+    towards = factor.T @ (white.T @ signal)
+    return float(np.sqrt(max(signal @ signal - towards @ towards, 0.0)))
+
+
+def _coverage(plants: tuple[Plant, ...], diagnosis: Diagnosis) -> list[bool]:
+    covered = []
+    for i, found in enumerate(diagnosis.found):
+        for plant in plants:
+            if found.candidate.place != (plant.cause, plant.location):
+                continue
+            if plant.cause not in AMPLITUDE:
+                continue
+            values = diagnosis.search.last.amplitudes[i]
+            covariance = diagnosis.search.last.covariances[i]
+            size = float(np.linalg.norm(values))
+            direction = values / size
+            sigma = float(np.sqrt(direction @ covariance @ direction))
+            truth = abs(plant.size) * AMPLITUDE[plant.cause]
+            covered.append(abs(size - truth) < 1.96 * sigma)
+    return covered
