@@ -149,9 +149,13 @@ class CanDecoder:
             self._await_all &= not all(joint.reporting for joint in self._joints)
         reading = Reading(*can.ENCODER_PDO.unpack(data))
         cycle = self._assembler.report(node.number, reading, self._reporting())
-        if cycle is not None and self._unwrapper is not None and not self._foreign:
+        if cycle is not None and self._unwrapper is not None and self._in_service:
             items += self._sample(cycle, self._unwrapper, frame)
         return items
+
+    @property
+    def _in_service(self) -> bool:
+        return not self._await_all and not self._foreign
 
     # --- cycles ----------------------------------------------------------------------------
 
@@ -167,9 +171,7 @@ class CanDecoder:
             return []
         items = self._sync(now_ns, now_ns)
         if known is None:
-            text = (
-                "this interface does not return our SYNC: each one waits for the last one's answers"
-            )
+            text = "this interface does not return our SYNC: its sending counts as its instant"
             items.append(Event("no_echo", text, now_ns, "info"))
         return items
 

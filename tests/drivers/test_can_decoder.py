@@ -85,6 +85,15 @@ def bus(request):
     return bus
 
 
+def test_joints_that_come_one_after_the_other_make_no_invalid_points():
+    bus = Bus()
+    for node in range(1, N + 1):
+        bus.configure(node)
+        bus.cycle(20, silent=(1,) if node == N else ())
+    bus.cycle(20)
+    assert len(bus.samples) and not bus.samples["joint_invalid"].any()
+
+
 def test_a_cycle_is_one_sample_latched_at_its_sync(bus):
     bus.cycle(q1=5, q2=TURN - 7, q3=9)
     last = bus.samples[-1]
