@@ -56,6 +56,9 @@ def parser() -> argparse.ArgumentParser:
     mode.add_argument(
         "--session", metavar="KIND", help="measured sessions instead: see --session KIND --help"
     )
+    mode.add_argument(
+        "--check", metavar="FILE", type=Path, help="say what is wrong with a scenario"
+    )
     command.add_argument("--scenario", metavar="FILE", type=Path, help="TOML; options override it")
     # Options that are keys of a scenario, under the same name.
     command.add_argument(
@@ -133,12 +136,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         if any(word.partition("=")[0] == "--session" for word in arguments):
             return measured_sessions(arguments)
         options = parser().parse_args(arguments)
+        if options.check is not None:
+            load_toml(options.check, Scenario)
+            return 0
         scenario = read_scenario(options)
         if options.arm_out is not None:
             options.arm_out.write_text(arm_toml(scenario.serial_number), encoding="utf-8")
         return run(scenario, options)
     except ArmdError as error:
-        print(f"armd: {error}", file=sys.stderr)
+        for fault in (error, *getattr(error, "more", ())):
+            print(f"armd: {fault}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 0

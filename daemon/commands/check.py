@@ -1,0 +1,160 @@
+"""`armd check`: says of each file whether it is right, and if not, everything that is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from armd.compensation.arm import Arm, load_arm
+from armd.compensation.calibration import load_calibration
+from armd.errors import BadInput
+from armd.schema import load_toml
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "file",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="arm.toml, armd.toml, a calibration, a session's folder, a scenario; "
+        "sessions and calibrations are held against their arm.toml, if that is among the files",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    for path in args.file:
+        if not path.exists():
+            raise BadInput(path, "the file", "nothing", "an existing file")
+    arms = _arms(args.file)
+    wrong = False
+    for path in args.file:
+        faults, remark = _check(path, arms)
+        for fault in faults:
+            print(f"armd: {fault}", file=sys.stderr)
+        if not faults:
+            print(f"{path}: ok{remark}")
+        wrong = wrong or bool(faults)
+    return 1 if wrong else 0
+
+
+#: by serial number
+Arms = dict[str, Arm]
+
+
+def _check(path: Path, arms: Arms) -> tuple[Sequence[BadInput | str], str]:
+    """The faults of one file, and a remark if there are none."""
+    try:
+        return [], _checker(path)(path, arms)
+    except BadInput as fault:
+        return [fault, *fault.more], ""
+    except _ScenarioFaults as faults:
+        return faults.lines, ""
+
+
+def _checker(path: Path) -> Checker:
+    if path.is_dir() or path.name in READINGS:
+        return _session
+    schema = _schema(path)
+    if schema not in CHECKERS:
+        found = repr(schema) if schema else "nothing"
+        raise BadInput(path, "schema", found, f"one of {', '.join(CHECKERS)}")
+    return CHECKERS[schema]
+
+
+def _schema(path: Path) -> str:
+    """What a TOML or JSON file says it is; empty if it does not say."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        data = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except OSError as error:
+        raise BadInput(path, "the file", error.strerror or "an error", "a readable file") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(path, f"byte {error.start}", "not UTF-8", "UTF-8 text") from error
+    except ValueError as error:
+        kind = "JSON" if path.suffix == ".json" else "TOML"
+        raise BadInput(path, kind, str(error), f"a valid {kind} file") from error
+    return str(data.get("schema", "")) if isinstance(data, dict) else ""
+
+
+def _arms(paths: Sequence[Path]) -> Arms:
+    """Arms among the files, and those in or above their folders."""
+    arms: Arms = {}
+    beside = [
+        folder / "arm.toml" for path in paths for folder in (path, *path.absolute().parents[:2])
+    ]
+    for path in (*beside, *paths):
+        if path.suffix == ".toml" and path.is_file():
+            try:
+                arm = load_arm(path)
+            except BadInput:
+                continue  # no arm.toml, or one whose own check tells what is wrong
+            arms[arm.serial_number] = arm
+    return arms
+
+
+def _arm(path: Path, _: Arms) -> str:
+    load_arm(path)
+    return ""
+
+
+def _calibration(path: Path, arms: Arms) -> str:
+    serial = load_calibration(path).content.arm
+    if serial not in arms:
+        return f" (on its own: the arm.toml of {serial!r} is not among the files)"
+    load_calibration(path, arms[serial])
+    return ""
+
+
+def _daemon(path: Path, _: Arms) -> str:
+    from armd.daemon.config import load_config
+
+    config = load_config(path)
+    if config.calibration is not None:
+        load_calibration(config.calibration, config.arm)
+    return ""
+
+
+def _session(path: Path, arms: Arms) -> str:
+    """*path*: the folder or a file in it."""
+    from armd.compensation.session import load_session
+    from armd.compensation.session_format import SessionFile
+
+    folder = path if path.is_dir() else path.parent
+    serial = load_toml(folder / "session.toml", SessionFile).arm
+    if serial not in arms:
+        return f" (session.toml; the readings want the arm.toml of {serial!r} among the files)"
+    unused = load_session(folder, arms[serial]).unused_columns
+    return f" (columns not used: {', '.join(unused)})" if unused else ""
+
+
+def _scenario(path: Path, _: Arms) -> str:
+    """The simulator knows its own files, and is a program of its own."""
+    command = [sys.executable, "-m", "armd.simulator", "--check", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise _ScenarioFaults([line.removeprefix("armd: ") for line in done.stderr.splitlines()])
+    return ""
+
+
+class _ScenarioFaults(Exception):
+    def __init__(self, lines: Sequence[str]) -> None:
+        self.lines = lines
+
+
+Checker = Callable[[Path, Arms], str]
+
+#: schema → what loads such a file, raises `BadInput`, and otherwise may return a remark
+CHECKERS: dict[str, Checker] = {
+    "armd.arm/1": _arm,
+    "armd.calibration/1": _calibration,
+    "armd.daemon/1": _daemon,
+    "armd.session/1": _session,
+    "armd.scenario/1": _scenario,
+}
+READINGS = ("readings.csv", "readings.parquet")
