@@ -41,10 +41,11 @@ def settle_on(arm: TrueArm, phi: F64, goal_mm: F64, conditions: Conditions) -> F
     """
     phi = phi.copy()
     for _ in range(12):
-        way = goal_mm - arm.tip(phi, conditions)
+        rigid = arm.posture(phi, conditions)
+        way = goal_mm - (arm.tip(phi, conditions) if arm.effects else rigid.tip)
         if np.abs(way).max() < CLOSE_MM:
             break
-        jacobian = tip_jacobian(arm.posture(phi, conditions))
+        jacobian = tip_jacobian(rigid)
         squared = jacobian @ jacobian.transpose(0, 2, 1) + 1e-6 * np.eye(3)
         step = jacobian.transpose(0, 2, 1) @ np.linalg.solve(squared, way[:, :, None])
         phi += np.clip(step[:, :, 0], -0.4, 0.4)

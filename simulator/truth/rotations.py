@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -44,9 +45,9 @@ def turn_z(rotation: F64, angle: F64) -> F64:
 
 def tilt_x_y(alpha: float, beta: float) -> F64:
     """Rx(alpha)·Ry(beta), (3, 3)."""
-    x_axis, y_axis = np.array([alpha, 0.0, 0.0]), np.array([0.0, beta, 0.0])
-    product: F64 = about(x_axis) @ about(y_axis)
-    return product
+    c, s = math.cos(alpha), math.sin(alpha)
+    cb, sb = math.cos(beta), math.sin(beta)
+    return np.array([[cb, 0.0, sb], [s * sb, c, -s * cb], [-c * sb, s, c * cb]])
 
 
 def random_unit(rng: np.random.Generator, n: int) -> F64:
