@@ -30,7 +30,7 @@ def main_pid() -> int:
 
 
 def is_live_at_boot() -> str:
-    wait_for(lambda: heard.count() > ENOUGH_POINTS, 120, "points")
+    wait_for(lambda: heard.count() > ENOUGH_POINTS, 60, "points")
     assert show("ActiveState") == "active"
     return f"{time.clock_gettime(time.CLOCK_BOOTTIME):.0f} s after the kernel's start"
 
