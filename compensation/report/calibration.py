@@ -1,0 +1,247 @@
+"""The report of `armd calibrate`: what an auditor asks, on one page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from armd.compensation import parameters
+from armd.compensation.identify.calibrate import Result
+from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.fit import Fit, in_words
+from armd.compensation.identify.thermal import temperature_groups
+from armd.compensation.report.page import MOST_POINTS, Page
+from armd.compensation.session import Session
+
+F64 = npt.NDArray[np.float64]
+
+#: Correlations stronger than this are worth knowing.
+WORTH_KNOWING = 0.9
+
+
+def calibration_report(result: Result, sessions: Sequence[Session]) -> str:
+    """The whole HTML file."""
+    arm = result.fit.observations.arm
+    page = Page(f"Calibration of {arm.serial_number}")
+    _summary(page, result)
+    _before_and_after(page, result)
+    _residual_vectors(page, result.fit)
+    _residuals_by_column(page, result.fit)
+    _parameters(page, result)
+    _correlations(page, result.fit)
+    _thermal_trials(page, result)
+    _outliers(page, result)
+    _provenance(page, result, sessions)
+    return page.html()
+
+
+def _summary(page: Page, result: Result) -> None:
+    found, noise = result.fit, result.fit.noise
+    page.table(
+        ["", "value", "unit"],
+        [
+            ["residual, 3-D RMS", f"{found.rms_um:.2f}", "µm"],
+            [f"each {result.heldout_by} left out, 3-D RMS", f"{result.heldout_rms_um:.2f}", "µm"],
+            ["readings", found.observations.n, ""],
+            ["placements", len(np.unique(found.observations.placement)), ""],
+            ["rank", f"{found.solution.rank} of {len(found.unknowns.names)} unknowns", ""],
+            ["noise of an encoder", f"{np.degrees(noise.encoder_rad) * 3600:.3f}", "″"],
+            ["noise of a reading, per axis", f"{1e3 * noise.reading_mm:.3f}", "µm"],
+            ["thermal order", result.thermal_order, ""],
+        ],
+    )
+    if result.notes:
+        page.items(result.notes)
+    page.heading("Not identifiable from these sessions")
+    page.text("These combinations stay as near the drawing as they can; no point depends on them.")
+    page.items(result.unidentifiable)
+
+
+def _before_and_after(page: Page, result: Result) -> None:
+    found = result.fit
+    observations, arm = found.observations, found.observations.arm
+    groups = temperature_groups(observations) or [(np.nan, np.ones(observations.n, dtype=bool))]
+    models = {
+        "as drawn": (arm.nominal(), []),
+        "identified, at the reference temperature": (found.constants, []),
+        "identified, with temperature": (found.constants, found.terms),
+    }
+    if not found.terms:
+        del models["identified, at the reference temperature"]
+    figure = go.Figure()
+    rows = []
+    labels = [f"{mean:.1f} °C" if np.isfinite(mean) else "all" for mean, _ in groups]
+    for name, (constants, terms) in models.items():
+        residual = evaluate_model(observations, constants, terms, found.reference_c)
+        distance = residual.distance_um
+        rms = [float(np.sqrt(np.mean(distance[mask] ** 2))) for _, mask in groups]
+        figure.add_bar(name=name, x=labels, y=rms)
+        for label, (_, mask), value in zip(labels, groups, rms, strict=True):
+            rows.append(
+                [name, label, f"{value:.2f}", f"{np.median(distance[mask]):.2f}",
+                 f"{distance[mask].max():.2f}"]
+            )  # fmt: skip
+    figure.update_yaxes(title="3-D RMS, µm", type="log")
+    figure.update_xaxes(title="temperature of the arm")
+    page.heading("Before and after, by temperature")
+    page.figure(figure)
+    page.table(["model", "temperature", "RMS µm", "median µm", "maximum µm"], rows)
+
+
+def _residual_vectors(page: Page, found: Fit) -> None:
+    rows = _some(found.observations.n)
+    tip, residual = found.at.position_mm[rows], found.at.residual_mm[rows]
+    size = float(np.median(np.linalg.norm(residual, axis=1))) or 1.0
+    reach = float(np.linalg.norm(np.ptp(tip, axis=0)))
+    times = 10 ** np.round(np.log10(0.03 * reach / size))
+    ends = np.stack([tip, tip + times * residual, np.full_like(tip, np.nan)], axis=1)
+    x, y, z = ends.reshape(-1, 3).T
+    figure = go.Figure(go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 3}))
+    figure.update_scenes(
+        xaxis_title="x, mm", yaxis_title="y, mm", zaxis_title="z, mm", aspectmode="data"
+    )
+    page.heading("Residual vectors")
+    page.text(f"Tip positions in the base frame; residuals drawn {times:g} times as long.")
+    page.figure(figure, height=620)
+
+
+def _residuals_by_column(page: Page, found: Fit) -> None:
+    observations = found.observations
+    states, arm = observations.states, observations.arm
+    columns = [(f"q{k + 1}, °", np.degrees(states.q[:, k])) for k in range(arm.n_joints)]
+    columns += [
+        (f"{name}, °C", states.temperature_c[:, s])
+        for s, name in enumerate(arm.sensors)
+        if np.isfinite(states.temperature_c[:, s]).any()
+    ]
+    rows = _some(observations.n)
+    distance = 1e3 * np.linalg.norm(found.at.residual_mm, axis=1)
+    lines = -(-len(columns) // 3)
+    figure = make_subplots(rows=lines, cols=3, vertical_spacing=0.3 / lines)
+    for i, (title, values) in enumerate(columns):
+        place = {"row": i // 3 + 1, "col": i % 3 + 1}
+        points = go.Scattergl(
+            x=values[rows], y=distance[rows], mode="markers", marker={"size": 3, "opacity": 0.5}
+        )
+        figure.add_trace(points, **place)
+        figure.update_xaxes(title=title, **place)
+        figure.update_yaxes(
+            title="residual, µm" if i % 3 == 0 else None, rangemode="tozero", **place
+        )
+    figure.update_layout(showlegend=False)
+    page.heading("Residuals against each joint and each sensor")
+    page.figure(figure, height=60 + 240 * lines)
+
+
+def _parameters(page: Page, result: Result) -> None:
+    found = result.fit
+    arm = found.observations.arm
+    nominal = dict(zip(parameters.names(arm.n_joints), arm.nominal().tolist(), strict=True))
+    identified = result.calibration.constants
+    deviation = dict(
+        zip(found.unknowns.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True)
+    )
+    unknown = dict(
+        zip(found.unknowns.names, np.abs(found.solution.null).max(axis=1, initial=0), strict=True)
+    )
+    rows = []
+    for name in found.unknowns.constants:
+        angle = parameters.unit(name) == "rad"
+        factor, unit = (np.degrees(1.0), "°") if angle else (1.0, "mm")
+        small, small_unit = (np.degrees(3600.0), "″") if angle else (1e3, "µm")
+        known = "" if unknown[name] < 1e-6 else "only in combination"
+        rows.append(
+            [
+                name, unit, f"{nominal[name] * factor:.5f}", f"{identified[name] * factor:.5f}",
+                f"{(identified[name] - nominal[name]) * small:.2f} {small_unit}",
+                f"{deviation[name] * small:.2f} {small_unit}", known,
+            ]
+        )  # fmt: skip
+    page.heading("Parameters")
+    page.table(
+        ["constant", "unit", "drawing", "identified", "difference", "standard uncertainty", ""],
+        rows,
+    )
+    if found.terms:
+        page.table(
+            ["term", "coefficient", "standard uncertainty", "unit"],
+            [
+                [
+                    in_words(term), f"{term.coefficient:.4g}",
+                    f"{term.standard_uncertainty or 0.0:.2g}",
+                    f"{parameters.unit(term.parameter)} per unit of its basis",
+                ]
+                for term in found.terms
+            ],
+        )  # fmt: skip
+
+
+def _correlations(page: Page, found: Fit) -> None:
+    deviation = np.sqrt(np.diag(found.covariance))
+    safe = np.where(deviation > 0, deviation, np.inf)
+    correlation = found.covariance / np.outer(safe, safe)
+    names = found.unknowns.words(found.terms)
+    pairs = [
+        (abs(correlation[i, j]), names[i], names[j], f"{correlation[i, j]:+.3f}")
+        for i in range(len(names))
+        for j in range(i)
+        if abs(correlation[i, j]) > WORTH_KNOWING
+    ]
+    page.heading("Correlations worth knowing")
+    if not pairs:
+        page.text(f"None beyond ±{WORTH_KNOWING}.")
+        return
+    page.table(["", "with", "correlation"], [pair[1:] for pair in sorted(pairs)[::-1][:20]])
+
+
+def _thermal_trials(page: Page, result: Result) -> None:
+    if not result.trials:
+        return
+    page.heading("Thermal models compared")
+    page.text(
+        "Each fitted without one temperature and tried on it, every temperature but the lowest"
+        " and the highest in turn; 3-D RMS over all."
+    )
+    page.table(
+        ["model", "held out, µm"],
+        [[trial.name, f"{trial.heldout_rms_um:.2f}"] for trial in result.trials],
+    )
+
+
+def _outliers(page: Page, result: Result) -> None:
+    listed = result.outliers()
+    page.heading("Outliers")
+    page.text(
+        "Readings farther off than one Gaussian reading in 10 000 count with a weight that falls"
+        f" with the square of their distance. Found: {len(listed)}."
+    )
+    if listed:
+        page.table(
+            ["session", "row", "residual µm", "standard deviations"],
+            [
+                [o["session"], o["row"], f"{o['error_um']:.1f}", f"{o['sigma']:.1f}"]
+                for o in listed[:50]
+            ],
+        )
+
+
+def _provenance(page: Page, result: Result, sessions: Sequence[Session]) -> None:
+    provenance = result.calibration.provenance
+    page.heading("Where it comes from")
+    page.text(f"{provenance['command']} (armd {provenance['version']})")
+    page.table(
+        ["session", "readings", "artefact", "SHA-256"],
+        [
+            [session.name, session.n, session.artefact.name, entry["sha256"]]
+            for session, entry in zip(sessions, provenance["sessions"], strict=True)
+        ],
+    )
+
+
+def _some(n: int) -> npt.NDArray[np.int64]:
+    """Rows to draw: all, or as many as a page bears, evenly spread."""
+    return np.linspace(0, n - 1, min(n, MOST_POINTS)).astype(np.int64)
