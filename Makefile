@@ -10,7 +10,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 export NUMBA_CACHE_DIR := $(CURDIR)/.cache/numba
 
-.PHONY: install demo test lint bench clean hidden
+.PHONY: install demo test lint bench clean hidden system-test
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -41,6 +41,10 @@ CASES ?= 40
 SEED ?= 1
 hidden: install
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED)
+
+# Installs armd on a Debian booted as a guest; fails with BROKEN=1, as a broken daemon must.
+system-test: install
+	$(BIN)/python -m pytest tests/deploy/test_system.py -m slow -s
 
 clean:
 	rm -rf $(VENV) build .cache *.egg-info

@@ -58,6 +58,9 @@ def takes_the_configuration() -> None:
     (units / f"{UNIT}.d").mkdir()
     shutil.copy(PAYLOAD / "guest/armd-guest.conf", units / f"{UNIT}.d")
     shutil.copy(PAYLOAD / "guest/60-arm-test.rules", "/etc/udev/rules.d")
+    if (PAYLOAD / "broken").exists():
+        broken = f"[Service]\nExecStart=\nExecStart=python3 {PAYLOAD}/guest/broken_daemon.py\n"
+        (units / f"{UNIT}.d/broken.conf").write_text(broken)
     sh("systemctl enable arm.service cable.service listener.service")
 
 
