@@ -13,6 +13,7 @@ from armd.simulator.truth.effects import (
     BowingLink,
     CablePull,
     CoupledHysteresis,
+    Distorted,
     DrivenByRate,
     Effect,
     Interpolation,
@@ -36,7 +37,11 @@ def imperfection(
 
     def plant(campaign: Campaign, wanted: Plant, rng: np.random.Generator) -> Campaign:
         arm = campaign.rig.arm
-        arm = arm.with_effects(*arm.effects, make(wanted, rng, campaign))
+        effect = make(wanted, rng, campaign)
+        if share := float(wanted.detail.get("distortion", 0.0)):
+            joint = wanted.number if wanted.location[-1].isdigit() else arm.n_joints - 1
+            effect = Distorted(effect, share, joint, angle(wanted, rng, "distortion phase"))
+        arm = arm.with_effects(*arm.effects, effect)
         return replace(campaign, rig=replace(campaign.rig, arm=arm))
 
     return plant

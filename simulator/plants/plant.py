@@ -18,7 +18,8 @@ How = Callable[[Campaign, "Plant", np.random.Generator], Campaign]
 class Plant:
     """A cause to plant: "joint 3", "link 2", "sensor t4", …; size in the cause's unit.
 
-    `detail` fixes what is otherwise drawn at random: `order`, `direction`, `parameter`, …
+    `detail` fixes what is otherwise drawn at random: `order`, `direction`, `parameter`, …; and
+    `distortion` bends an effect's shape off the textbook's by that share.
     """
 
     cause: str

@@ -115,7 +115,7 @@ class TrueArm:
             position, rotation = _move(position, rotation, effect.base(conditions))
         for joint in range(1, self.n_joints + 1):
             for effect in self.effects:
-                motion = effect.axis(joint, phi, rigid, conditions)
+                motion = effect.axis(joint, rigid, conditions)
                 position, rotation = _move(position, rotation, motion)
             rotation = turn_z(rotation, phi[:, joint - 1] + self.rows[joint - 1, 0])
             position = position + _apply(rotation, self._link_vector(joint, conditions))
@@ -142,7 +142,9 @@ class TrueArm:
             origins.append(position)
             rotations.append(rotation)
         tip = position + _apply(rotation, self._tip_vector(conditions))
-        return Posture(np.array(origins), np.array(rotations), np.array(turning), tip, self.masses)
+        return Posture(
+            phi, np.array(origins), np.array(rotations), np.array(turning), tip, self.masses
+        )
 
     def _link_vector(self, link: int, conditions: Conditions) -> F64:
         """From the joint to the end of its link (n, 3), mm, in the frame that turns with it."""

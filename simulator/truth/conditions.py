@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -31,15 +31,4 @@ class Conditions:
             time_s=np.zeros(n),
             approach=np.tile([0.0, 0.0, -1.0], (n, 1)),
             ambient_c=np.full(n, ambient_c),
-        )
-
-    def rows(self, index: npt.NDArray[np.intp]) -> Conditions:
-        """The readings of *index* alone, in its order."""
-        return replace(
-            self,
-            link_c=self.link_c[index],
-            rate=self.rate[index],
-            time_s=self.time_s[index],
-            approach=self.approach[index],
-            ambient_c=self.ambient_c[index],
         )

@@ -25,6 +25,7 @@ class Masses:
 class Posture:
     """The rigid arm at n poses: frames in the base frame, mm."""
 
+    phi: F64  # (n, N) true axis angles, rad
     origin: F64  # (N+1, n, 3) of frame k; frame 0 is the base
     rotation: F64  # (N+1, n, 3, 3) of frame k
     joint_rotation: F64  # (N, n, 3, 3) of joint k's turning frame (after Rz, before Rx Ry)

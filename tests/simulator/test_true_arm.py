@@ -13,6 +13,7 @@ from armd.simulator.truth.conditions import Conditions
 from armd.simulator.truth.effects import (
     BendingLink,
     BowingLink,
+    Distorted,
     EccentricDisc,
     Effect,
     ExpandingLink,
@@ -98,6 +99,13 @@ def test_interpolation_errs_once_a_period() -> None:
     spectrum = np.abs(np.fft.rfft(angle_error(Interpolation(1, 7, 2.0, 0.1), 1, phi))) / 360
     assert spectrum.argmax() == 7
     assert spectrum[7] == pytest.approx(2.0, rel=1e-3)
+
+
+def test_a_distorted_shape_is_off_by_its_share() -> None:
+    phi = np.linspace(-np.pi, np.pi, 720, endpoint=False)
+    plain = EccentricDisc(3, 2.0, 0.7)
+    off = angle_error(Distorted(plain, 0.3, 3, 0.4), 3, phi) - angle_error(plain, 3, phi)
+    assert np.sqrt(np.mean(off**2)) == pytest.approx(0.3 * 16.5 / np.sqrt(2), rel=1e-3)
 
 
 def test_a_tape_a_step_a_delay_and_a_warm_bracket() -> None:

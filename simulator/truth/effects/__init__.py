@@ -4,6 +4,7 @@ from armd.simulator.truth.effects.base import Effect
 from armd.simulator.truth.effects.bending_link import BendingLink
 from armd.simulator.truth.effects.bending_stylus import BendingStylus
 from armd.simulator.truth.effects.bowing_link import BowingLink
+from armd.simulator.truth.effects.distorted import Distorted
 from armd.simulator.truth.effects.eccentric_disc import EccentricDisc
 from armd.simulator.truth.effects.expanding_link import ExpandingLink
 from armd.simulator.truth.effects.foreign import (
@@ -34,6 +35,7 @@ __all__ = [
     "BowingLink",
     "CablePull",
     "CoupledHysteresis",
+    "Distorted",
     "DrivenByRate",
     "EccentricDisc",
     "Effect",

@@ -26,7 +26,7 @@ class Effect:
         """Motion of the mount, in the base frame."""
         return None
 
-    def axis(self, joint: int, phi: F64, posture: Posture, conditions: Conditions) -> Motion | None:
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
         """Motion of the axis of *joint*, in the frame it stands in (before it turns)."""
         return None
 

@@ -37,12 +37,12 @@ class CoupledHysteresis(Effect):
     other: int
     arcsec: float
 
-    def axis(self, joint: int, phi: F64, posture: Posture, conditions: Conditions) -> Motion | None:
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
         if joint != self.joint:
             return None
         side = np.tanh(conditions.rate[:, joint - 1] / 2e-5)
-        turn = np.zeros((len(phi), 3))
-        turn[:, 2] = -self.arcsec * ARC_SECOND * side * np.sin(phi[:, self.other - 1])
+        turn = np.zeros((len(posture.phi), 3))
+        turn[:, 2] = -self.arcsec * ARC_SECOND * side * np.sin(posture.phi[:, self.other - 1])
         return Motion(turn, np.zeros_like(turn))
 
 
@@ -86,10 +86,10 @@ class DrivenByRate(Effect):
     joint: int
     arcsec_per_rate2: float
 
-    def axis(self, joint: int, phi: F64, posture: Posture, conditions: Conditions) -> Motion | None:
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
         if joint != self.joint:
             return None
         rate = conditions.rate[:, joint - 1]
-        turn = np.zeros((len(phi), 3))
+        turn = np.zeros((len(posture.phi), 3))
         turn[:, 2] = self.arcsec_per_rate2 * ARC_SECOND * rate * np.abs(rate)
         return Motion(turn, np.zeros_like(turn))

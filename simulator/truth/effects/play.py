@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import F64, Effect
+from armd.simulator.truth.effects.base import Effect
 from armd.simulator.truth.posture import Posture
 from armd.simulator.truth.rotations import ARC_SECOND, Motion
 
@@ -20,11 +20,11 @@ class Play(Effect):
     joint: int
     half_width_arcsec: float
 
-    def axis(self, joint: int, phi: F64, posture: Posture, conditions: Conditions) -> Motion | None:
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
         if joint != self.joint:
             return None
         # The shaft turns first, the link hangs behind: it stands short of the encoder's angle.
         side = np.tanh(conditions.rate[:, joint - 1] / CREEP_RAD_S)
-        turn = np.zeros((len(phi), 3))
+        turn = np.zeros((len(posture.phi), 3))
         turn[:, 2] = -self.half_width_arcsec * ARC_SECOND * side
         return Motion(turn, np.zeros_like(turn))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import F64, Effect
+from armd.simulator.truth.effects.base import Effect
 from armd.simulator.truth.posture import Posture
 from armd.simulator.truth.rotations import ARC_SECOND, Motion
 
@@ -25,10 +25,10 @@ class WobblingAxis(Effect):
     phase: float  # rad
     line: float  # direction of the rocking line in the housing, rad
 
-    def axis(self, joint: int, phi: F64, posture: Posture, conditions: Conditions) -> Motion | None:
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
         if joint != self.joint:
             return None
-        at = self.order * phi[:, joint - 1] + self.phase
+        at = self.order * posture.phi[:, joint - 1] + self.phase
         if self.order == 1:
             across = np.column_stack([np.full(len(at), f(self.line)) for f in (np.cos, np.sin)])
             across *= np.cos(at)[:, None]

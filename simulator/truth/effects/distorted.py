@@ -1,0 +1,56 @@
+"""An imperfection whose shape is not quite the textbook's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import F64, Effect
+from armd.simulator.truth.posture import Posture
+from armd.simulator.truth.rotations import Motion
+
+
+@dataclass(frozen=True)
+class Distorted(Effect):
+    """Another effect, stronger and weaker twice a turn of a joint: off by *share* in the RMS.
+
+    What acts through time or temperature alone (a mount, an expansion) keeps its shape.
+    """
+
+    effect: Effect
+    share: float
+    joint: int
+    phase: float  # rad
+
+    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+        error = self.effect.shown(joint, phi, conditions)
+        return None if error is None else self._factor(phi) * error
+
+    def base(self, conditions: Conditions) -> Motion | None:
+        return self.effect.base(conditions)
+
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
+        return self._scaled(self.effect.axis(joint, posture, conditions), posture)
+
+    def link(self, link: int, posture: Posture, conditions: Conditions) -> Motion | None:
+        return self._scaled(self.effect.link(link, posture, conditions), posture)
+
+    def strain(self, link: int, conditions: Conditions) -> F64 | None:
+        return self.effect.strain(link, conditions)
+
+    def tip(self, posture: Posture, conditions: Conditions) -> F64 | None:
+        displacement = self.effect.tip(posture, conditions)
+        return None if displacement is None else self._factor(posture.phi)[:, None] * displacement
+
+    def _scaled(self, motion: Motion | None, posture: Posture) -> Motion | None:
+        if motion is None:
+            return None
+        factor = self._factor(posture.phi)[:, None]
+        return Motion(factor * motion.turn_rad, factor * motion.shift_mm)
+
+    def _factor(self, phi: F64) -> F64:
+        wave = np.sqrt(2.0) * np.cos(2 * phi[:, self.joint - 1] + self.phase)
+        factor: F64 = 1.0 + self.share * wave
+        return factor
