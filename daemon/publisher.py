@@ -13,7 +13,7 @@ import zenoh
 from zenoh import ext
 
 from armd import POINT, POINT_ENCODING, keys
-from armd.daemon import raw
+from armd.drivers import raw
 from armd.drivers.sample import RawFrame
 
 JSON = "application/json"

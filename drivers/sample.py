@@ -69,7 +69,8 @@ class RawFrame:
     """Bytes as they crossed the wire, recorded before anything decodes them.
 
     A decoder is fed nothing else, so the frames of one recording give the same samples again,
-    bit by bit. "link" frames say that the line itself changed: data is b"up" or b"down".
+    bit by bit. "link" frames say that the line itself changed (b"up", b"down") or what is known
+    otherwise; drivers/serial_decoder.py and drivers/can/decoder.py tell which.
     """
 
     monotonic_ns: int  # arrival, or just before sending
@@ -113,6 +114,11 @@ class Driver(Protocol):
 
     def take_raw(self) -> list[RawFrame]:
         """The raw frames since the last call, both directions; the oldest go if nobody calls."""
+        ...
+
+    def preamble(self) -> list[RawFrame]:
+        """What a recording that begins now must begin with, so that a decoder can go on from it:
+        whose arm, which clock, which epoch. Empty before the arm is identified."""
         ...
 
     def close(self) -> None: ...

@@ -37,14 +37,18 @@ class SequenceExtender:
     def __init__(self) -> None:
         self.lost = 0
         self.repeated = 0
-        self._epoch = 0
+        self.epoch = 0
         self._last: tuple[int, int, int] | None = None  # seq, t_us, arrival_ns
         self._suspects: list[tuple[Rows, int]] = []
+
+    def start_in(self, epoch: int) -> None:
+        """Begin in the middle of a stream, as a recording does."""
+        self.epoch = epoch
 
     def new_boot(self) -> None:
         """The arm says that it has booted: its counter and clock start afresh."""
         if self._last is not None:
-            self._epoch += 1
+            self.epoch += 1
             self._last = None
         self._suspects.clear()
 
@@ -78,11 +82,11 @@ class SequenceExtender:
         if t_us > last_us or (t_us == last_us and seq > last_seq):
             self._drop_suspects()
             if seq < last_seq:
-                self._epoch += 1
+                self.epoch += 1
             return [self._accept(row, arrival_ns)]
         if 0 < (seq - last_seq) % WRAP < WRAP // 2:  # the counter went on, the clock did not
             self._drop_suspects()
-            self._epoch += 1
+            self.epoch += 1
             return [self._accept(row, arrival_ns, rebooted=True)]
         return self._suspect(row, arrival_ns)
 
@@ -99,7 +103,7 @@ class SequenceExtender:
         if len(self._suspects) < (2 if possible else CERTAIN):
             return []
         found, self._suspects = self._suspects, []
-        self._epoch += 1
+        self.epoch += 1
         runs = [self._accept(found[0][0], found[0][1], rebooted=True)]
         for later, arrived_ns in found[1:]:
             runs += self.push(later, arrived_ns)
@@ -117,4 +121,4 @@ class SequenceExtender:
             self.lost += gap if first > self._last[0] or gap < WRAP // 2 else 0
         self.lost += last - first + 1 - len(rows)
         self._last = (last, int(rows["t_us"][-1]), arrival_ns)
-        return Run(rows, seq | np.uint64(self._epoch << 32), arrival_ns, rebooted)
+        return Run(rows, seq | np.uint64(self.epoch << 32), arrival_ns, rebooted)

@@ -7,18 +7,20 @@ test needs no hardware.
 from __future__ import annotations
 
 from collections import Counter, deque
+from dataclasses import replace
 
 import numpy as np
 from cobs import cobs
 
 from armd.drivers import serial_wire as wire
-from armd.drivers.clock import DeviceClock
+from armd.drivers.clock import WINDOW, DeviceClock
 from armd.drivers.identity import Expectation
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures, sample_dtype
 from armd.drivers.sequence import Rows, Run, SequenceExtender
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
 
+EPOCH = b"epoch "  # a "link" frame that says in which epoch a recording begins
 HELD_SAMPLES = 8192  # kept while nobody has said whose arm this is
 PINGS_REMEMBERED = 64
 COUNTED = ("samples", "bad_crc", "bad_cobs", "malformed", "unknown", "foreign", "unidentified")
@@ -49,7 +51,9 @@ class SerialDecoder:
         self._unwrapper: Unwrapper | None = None
         self._boot_id: int | None = None
         self._published: int | None = None  # the last seq delivered
-        self._pings: dict[int, int] = {}  # nonce → sent, host monotonic
+        self._pings: dict[int, RawFrame] = {}  # by nonce, sent and not answered yet
+        self._greeting: list[RawFrame] = []  # what told whose arm this is
+        self._exchanges: deque[tuple[RawFrame, RawFrame]] = deque(maxlen=WINDOW)
         self._held: deque[tuple[Rows | wire.TemperatureReading, int, int]] = deque()
         self._n_held = 0
         self._counted: Counter[str] = Counter()
@@ -71,12 +75,25 @@ class SerialDecoder:
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes, in the order of the wire."""
         if frame.direction == "link":
-            self._connection_changed()
+            if frame.data.startswith(EPOCH):
+                self._sequence.start_in(int(frame.data.removeprefix(EPOCH)))
+            else:
+                self._connection_changed()
             return []
         if frame.direction == "tx":
             self._note_pings(frame)
             return []
         return self._decode(frame)
+
+    def preamble(self) -> list[RawFrame]:
+        """What a fresh decoder must be fed to go on from here: identity, clock and epoch."""
+        if not self.accepted or not self._greeting:
+            return []
+        link = replace(
+            self._greeting[0], direction="link", data=EPOCH + b"%d" % self._sequence.epoch
+        )
+        exchanges = [frame for both in self._exchanges for frame in both]
+        return [link, *self._greeting, *exchanges]
 
     # --- packets -------------------------------------------------------------------------
 
@@ -122,15 +139,20 @@ class SerialDecoder:
             case wire.Type.PONG:
                 pong = wire.decode_pong(data)
                 if pong is not None:
-                    sent_ns = self._pings.pop(pong.nonce, None)
-                    if sent_ns is not None:
-                        self.clock.add(sent_ns, frame.monotonic_ns, pong.t_us * 1000)
+                    self._exchange(self._pings.pop(pong.nonce, None), pong, frame)
                     return []
             case _:
                 self._counted["unknown"] += 1
                 return []
         self._counted["malformed"] += 1
         return []
+
+    def _exchange(self, ping: RawFrame | None, pong: wire.Pong, frame: RawFrame) -> None:
+        if ping is None:
+            return
+        self.clock.add(ping.monotonic_ns, frame.monotonic_ns, pong.t_us * 1000)
+        alone = replace(frame, data=wire.encode_pong(pong.nonce, pong.t_us))
+        self._exchanges.append((ping, alone))
 
     def _samples(self, run: list[bytes], frame: RawFrame) -> list[Item]:
         if not run:
@@ -152,8 +174,7 @@ class SerialDecoder:
         self._splitter.reset()
         self._synchronised = False
         self._forget_held("unidentified")
-        self._pings.clear()
-        self.clock.reset()
+        self._forget_clock()
         self.hello = None
         self.accepted = False
 
@@ -162,7 +183,7 @@ class SerialDecoder:
             data = wire.unpack(packet) if packet else None
             nonce = wire.decode_ping(data) if data and data[0] == wire.Type.PING else None
             if nonce is not None:
-                self._pings[nonce] = frame.monotonic_ns
+                self._pings[nonce] = frame
         while len(self._pings) > PINGS_REMEMBERED:
             del self._pings[next(iter(self._pings))]
 
@@ -200,6 +221,7 @@ class SerialDecoder:
             self._new_boot()
             items.append(Event("reboot", "the arm has rebooted", frame.monotonic_ns, "warning"))
         self._boot_id = hello.boot_id
+        self._greeting = [replace(frame, data=wire.encode_hello(hello))]
         if self._unwrapper is None:
             ranges = [1 << b for b in hello.bits]
             self._unwrapper = Unwrapper(ranges, ranges, self._max_rate)
@@ -213,10 +235,14 @@ class SerialDecoder:
             items.append(Event("sensor_count", text, frame.monotonic_ns, "warning"))
         return items
 
-    def _new_boot(self) -> None:
-        """The device's clock and its encoders' turns start afresh."""
+    def _forget_clock(self) -> None:
         self.clock.reset()
         self._pings.clear()
+        self._exchanges.clear()
+
+    def _new_boot(self) -> None:
+        """The device's clock and its encoders' turns start afresh."""
+        self._forget_clock()
         if self._unwrapper is not None:
             self._unwrapper.restart()
 

@@ -75,6 +75,9 @@ class SerialDriver:
         self._raw.clear()
         return raw
 
+    def preamble(self) -> list[RawFrame]:
+        return self._decoder.preamble()
+
     def read(self, timeout_s: float) -> list[Item]:
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
         items: list[Item] = []

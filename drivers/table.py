@@ -11,6 +11,7 @@ from armd.drivers.sample import Driver
 DRIVERS = {
     "serial": "armd.drivers.serial_port:SerialDriver",
     "can": "armd.drivers.can.driver:CanDriver",
+    "replay": "armd.drivers.replay:ReplayDriver",
 }
 
 

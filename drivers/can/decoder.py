@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ COUNTED = ("samples", "lost", "malformed", "unknown", "error_frames", "foreign_s
 
 
 def note(**fields: Any) -> bytes:
-    """Data of a "link" frame: {"note": "up", "down", "configured", "refused" or "warnings", …}."""
+    """Data of a "link" frame: {"note": "up", "down", "configured", "refused", …}."""
     return json.dumps(fields).encode()
 
 
@@ -67,6 +68,7 @@ class CanDecoder:
         self._heard = False  # any node, since the last SYNC
         self._alarm_watch = JointWatch("joint_invalid", "its encoder raises an alarm")
         self._jump_watch = JointWatch("count_jump", "its count jumped")
+        self._settings: dict[int, RawFrame] = {}  # the last note on each configured node
         self._counted: Counter[str] = Counter()
 
     @property
@@ -87,10 +89,23 @@ class CanDecoder:
         """Whether a SYNC now leaves no doubt which answers are its own."""
         return self._assembler.may_sync(now_ns)
 
+    def preamble(self) -> list[RawFrame]:
+        """What a fresh decoder must be fed to go on from here: the nodes, and the number."""
+        settings = list(self._settings.values())
+        if not self.accepted or not settings:
+            return []
+        number = note(
+            note="number",
+            number=self._number,
+            echo=self._sync_time.echo,
+            first_latch_ns=self._first_latch_ns,
+        )
+        return [replace(settings[0], data=number), *settings]
+
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes, in the order of the bus."""
         if frame.direction == "link":
-            return self._take_note(json.loads(frame.data), frame.monotonic_ns)
+            return self._take_note(json.loads(frame.data), frame)
         message = can.CanFrame.from_bytes(frame.data)
         if frame.direction == "tx":
             return self._sync_sent(frame.monotonic_ns) if message.identifier == can.SYNC_ID else []
@@ -263,7 +278,8 @@ class CanDecoder:
 
     # --- nodes that fail and come back -------------------------------------------------------
 
-    def _take_note(self, note: dict[str, Any], now_ns: int) -> list[Item]:
+    def _take_note(self, note: dict[str, Any], frame: RawFrame) -> list[Item]:
+        now_ns = frame.monotonic_ns
         match note["note"]:
             case "up" | "down":
                 self._bus_was_down = True
@@ -274,7 +290,12 @@ class CanDecoder:
                 for node in self.nodes.values():
                     node.bus_was_down()
                 return []
+            case "number":  # a recording begins in the middle
+                self._number, self._sync_time.echo = note["number"], note["echo"]
+                self._first_latch_ns = note["first_latch_ns"]
+                return []
             case "configured":
+                self._settings[note["node"]] = frame
                 return self._configured(self.nodes[note["node"]], note, now_ns)
             case "refused":
                 self._foreign |= note["kind"] == "foreign_arm"
