@@ -139,11 +139,8 @@ def tip(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     return RefittedTip(shift, instant(plant, rng, campaign))
 
 
-FOREIGN_KINDS = ("cable", "hysteresis", "swelling", "thermal eccentricity", "drag")
-
-
 def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-    """What is in no catalogue; `kind` one of FOREIGN_KINDS, `joint` and `other` its places."""
+    """What is in no catalogue, by its `kind`; `joint` and `other` are its places."""
     joint = int(plant.detail.get("joint", 2))
     other = int(plant.detail.get("other", 3))
     match str(plant.detail.get("kind", "cable")):

@@ -7,6 +7,7 @@ The table `CAUSES` has one line per cause of `armd diagnose`; each plants physic
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from armd.simulator.truth.effects import (
     SoftJoint,
     StretchedTape,
 )
+from armd.simulator.truth.nominal import sensor_names
 
 
 def plant_all(campaign: Campaign, plants: Sequence[Plant], rng: np.random.Generator) -> Campaign:
@@ -34,8 +36,29 @@ def plant_all(campaign: Campaign, plants: Sequence[Plant], rng: np.random.Genera
         if plant.cause not in CAUSES:
             expected = f"one of {', '.join(CAUSES)}"
             raise BadInput("--plant", plant.cause, "an unknown cause", expected)
+        _check_location(campaign, plant)
         campaign = CAUSES[plant.cause].plant(campaign, plant, rng)
     return campaign
+
+
+def _check_location(campaign: Campaign, plant: Plant) -> None:
+    joints = range(1, campaign.rig.arm.n_joints + 1)
+    sensors = sensor_names()
+    places = CAUSES[plant.cause].places
+    match places:
+        case "joint" | "link":
+            known = [f"{places} {k}" for k in joints]
+        case "sensor":
+            known = [f"sensor {name}" for name in sensors]
+        case "sensors":
+            known = [f"sensors {a}, {b}" for a, b in combinations(sensors, 2)]
+        case "target":
+            known = ["artefact", *(f"target {name}" for name in campaign.rig.artefact.targets)]
+        case _:
+            known = [places]
+    if plant.location not in known:
+        shown = ", ".join(known[:3]) + (", …" if len(known) > 3 else "")
+        raise BadInput("--plant", plant.cause, f"location {plant.location!r}", shown)
 
 
 CAUSES: dict[str, Cause] = {

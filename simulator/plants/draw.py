@@ -22,7 +22,6 @@ KNOCKED = (2, 3, 4, 5)
 #: Links with enough length for a wrong temperature to matter.
 WARM = (1, 2, 4)
 
-FOREIGN = ("cable", "hysteresis", "swelling", "thermal eccentricity", "drag")
 #: Typical sizes of the foreign kinds, in ″/rad², ″, ppm/h, µm/K, ″/(rad/s)².
 FOREIGN_SIZE = {
     "cable": 6.0,
@@ -31,6 +30,7 @@ FOREIGN_SIZE = {
     "thermal eccentricity": 0.15,
     "drag": 40.0,
 }
+FOREIGN = tuple(FOREIGN_SIZE)
 
 
 def draw_plant(rng: np.random.Generator, causes: Sequence[str] = (), factor: float = 1.0) -> Plant:

@@ -191,8 +191,15 @@ def test_the_truth_goes_where_it_is_told_and_nowhere_else(tmp_path: Path) -> Non
         assert secret not in written
     with pytest.raises(BadInput, match="one outside the sessions"):
         main([*arguments[:-1], str(sessions / "first" / "truth.json")])
-    with pytest.raises(BadInput, match="an unknown cause"):
-        main([*arguments, "--plant", "gremlins@joint 3=0.8"])
+    for wrong, said in {
+        "gremlins@joint 3=0.8": "an unknown cause",
+        "encoder_slip@joint 7=15": "found location 'joint 7', expected joint 1, joint 2",
+        "sensor_offset@joint 2=1": "expected sensor t1",
+        "artefact_length@target B99=5": "expected artefact, target B1",
+        "tip_offset@joint 6=5": "expected tip",
+    }.items():
+        with pytest.raises(BadInput, match=said):
+            main([*arguments, "--plant", wrong])
 
 
 def true_by_hand(arm: TrueArm) -> dict[str, float]:
