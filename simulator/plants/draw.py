@@ -55,6 +55,9 @@ def draw_plant(rng: np.random.Generator, causes: Sequence[str] = (), factor: flo
             parameter = str(rng.choice(["theta", "alpha", "d", "a"]))
             detail = {"parameter": parameter}
             size *= 2.0 if parameter in "da" else 1.0
+            if parameter == "d":
+                # Along parallel axes a shift of one joint is that of the other.
+                return Plant(cause, f"joint {rng.choice([4, 5])}", size, detail)
         case "mount_drift":
             detail = {"kind": str(rng.choice(["drift", "step"]))}
     return Plant(cause, _place(rng, cause), size, detail)
