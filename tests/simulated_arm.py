@@ -71,15 +71,16 @@ def simulated_arm(
     *options: str,
     wire: tuple[str, ...] = ("--serial",),
     rate_hz: int = 1000,
-    seconds: float | None = None,
+    seconds: float = 300.0,
     link: bool = False,
+    arm_toml: bool = True,
 ) -> Iterator[SimulatedArm]:
     """Start `python -m armd.simulator`; its files go to *folder*; it ends with the block."""
     command = [sys.executable, "-m", "armd.simulator", *wire, "--rate", str(rate_hz)]
     command += ["--truth", str(folder / "truth.bin"), "--fault-log", str(folder / "faults.jsonl")]
-    command += ["--arm-out", str(folder / "arm.toml")]
-    if seconds is not None:
-        command += ["--seconds", str(seconds)]
+    if arm_toml:
+        command += ["--arm-out", str(folder / "arm.toml")]
+    command += ["--seconds", str(seconds)]  # so that none outlives a test that is killed
     if link:
         command += ["--link", str(folder / "port")]
     with subprocess.Popen([*command, *options], stdout=subprocess.PIPE, text=True) as process:

@@ -1,0 +1,138 @@
+"""`make soak MINUTES=…`: simulator, daemon and subscribers under random faults, all accounted for.
+
+Prints a report as JSON; exit code 1 if a point was wrong or a loss unexplained.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from audit import Audit
+from running_daemon import running_daemon
+from simulated_arm import SimulatedArm, simulated_arm
+from true_model import write_true_model
+
+import armd
+
+RATE_HZ = 1000
+FAULTS_PER_MINUTE = 12
+STOP_AND_START_S = 7.0  # how long the second subscriber stands still, then runs
+WARM_S = 20.0  # memory growth counts from here
+
+
+class Memory:
+    """Resident memory of a process over time."""
+
+    def __init__(self, pid: int) -> None:
+        self._status = Path(f"/proc/{pid}/status")
+        self._start_s = time.monotonic()
+        self._first_mb: float | None = None
+        self.growth_mb = 0.0
+
+    def look(self) -> None:
+        line = next(x for x in self._status.read_text().splitlines() if x.startswith("VmRSS"))
+        now_mb = int(line.split()[1]) / 1024
+        if time.monotonic() - self._start_s > WARM_S:
+            self._first_mb = now_mb if self._first_mb is None else self._first_mb
+            self.growth_mb = now_mb - self._first_mb
+
+
+@contextlib.contextmanager
+def stopping_subscriber(endpoint: str) -> Iterator[subprocess.Popen[bytes]]:
+    """`armd watch --json`, to be stopped and started by signals."""
+    command = [sys.executable, "-m", "armd.daemon.cli", "watch", "--json", "--endpoint", endpoint]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def soak(minutes: float, seed: int, folder: Path) -> dict[str, Any]:
+    """Run it; figures by name."""
+    write_true_model(folder, seed)
+    (folder / "scenario.toml").write_text(f"faults_per_minute = {FAULTS_PER_MINUTE}\n")
+    options = ("--scenario", str(folder / "scenario.toml"), "--seed", str(seed))
+    # The daemon first: it waits for its arm, and misses no boot of it.
+    with (
+        running_daemon(folder, str(folder / "port"), top='calibration = "calibration.json"') as d,
+        armd.connect("SIM-0001", d.endpoint) as client,
+        stopping_subscriber(d.endpoint) as second,
+        simulated_arm(
+            folder, *options, rate_hz=RATE_HZ, seconds=60 * minutes, link=True, arm_toml=False
+        ) as arm,
+    ):
+        audit = Audit(folder / "truth.bin", RATE_HZ)
+        memory = Memory(d.process.pid)
+        _follow(arm, client, audit, memory, second)
+        code, stop_s = d.stop()
+    log = arm.events()
+    report = audit.report(log)
+    faults = [line["fault"] for line in log if line["event"] == "begin"]
+    return {
+        "minutes": minutes,
+        "seed": seed,
+        "faults": {name: faults.count(name) for name in sorted(set(faults))},
+        "latched": len(arm.truth()),
+        "sent": len(arm.truth()) - len(arm.withheld()),
+        **report,
+        "memory_growth_mb": round(memory.growth_mb, 2),
+        "daemon_exit_code": code,
+        "daemon_stop_s": round(stop_s, 2),
+    }
+
+
+def _follow(
+    arm: SimulatedArm,
+    client: armd.Arm,
+    audit: Audit,
+    memory: Memory,
+    second: subprocess.Popen[bytes],
+) -> None:
+    """Until the simulated arm ends; the second subscriber stands still now and then."""
+    stopped = False
+    next_s = next_look_s = time.monotonic()
+    ended_s: float | None = None
+    with client.stream(armd.keys.POINT) as stream:
+        while ended_s is None or time.monotonic() < ended_s + 1.0:
+            if payloads := stream.take():
+                audit.take(client.decode(payloads), time.monotonic_ns())
+            now_s = time.monotonic()
+            if now_s >= next_s:
+                next_s = now_s + STOP_AND_START_S
+                second.send_signal(signal.SIGCONT if stopped else signal.SIGSTOP)
+                stopped = not stopped
+            if now_s >= next_look_s:
+                next_look_s = now_s + 1.0
+                memory.look()
+                audit.settle()
+            if ended_s is None and arm.process.poll() is not None:
+                ended_s = now_s
+            time.sleep(0.002)
+    audit.settle()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=2.0)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="armd-soak-") as folder:
+        report = soak(options.minutes, options.seed, Path(folder))
+    print(json.dumps(report, indent=2))
+    good = report["wrong"] == 0 and report["unexplained"] == 0 and report["delivered"] > 0
+    return 0 if good and report["daemon_exit_code"] == 0 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
