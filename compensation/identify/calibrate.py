@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
+from threadpoolctl import threadpool_limits
 
 from armd import __version__
 from armd.compensation.arm import Arm
@@ -113,6 +114,13 @@ def calibrate(
 
     Raises `BadInput` where the sessions cannot give what is asked for.
     """
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _calibrate(sessions, arm, options, progress)
+
+
+def _calibrate(
+    sessions: Sequence[Session], arm: Arm, options: Options, progress: Progress | None
+) -> Result:
     files = ", ".join(str(session.path) for session in sessions)
     unknown = free_constants(arm)
     notes: list[str] = []
