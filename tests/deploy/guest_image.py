@@ -6,6 +6,7 @@ import hashlib
 import os
 import shutil
 import subprocess
+import tempfile
 from pathlib import Path
 
 from debian_packages import CACHE, sources, unpacked
@@ -23,15 +24,24 @@ MASKED = [
 ]
 #: Says that this machine can run programs at all, before anything depends on it.
 HELLO = "armd-guest-runs"
+#: Brings in the payload before anything else of the test starts.
+PAYLOAD_UNIT = """\
+[Unit]
+DefaultDependencies=no
+After=local-fs.target
+Before=basic.target
+[Service]
+Type=oneshot
+RemainAfterExit=yes
+ExecStart=mount -o ro LABEL=payload /mnt
+[Install]
+WantedBy=sysinit.target
+"""
 #: The test is a service like any other; what it prints goes to the console and so to our caller.
 TEST_UNIT = """\
-[Unit]
-Description=System test of armd
-After=multi-user.target
 [Service]
 Type=exec
 Environment=PYTHONUNBUFFERED=1 PYTHONDONTWRITEBYTECODE=1
-ExecStartPre=mount -o ro LABEL=payload /mnt
 ExecStart=python3 /mnt/guest/main.py
 ExecStopPost=systemctl --no-block --force poweroff
 StandardOutput=journal+console
@@ -39,6 +49,7 @@ StandardError=journal+console
 [Install]
 WantedBy=multi-user.target
 """
+UNITS = {"payload.service": PAYLOAD_UNIT, "armd-system-test.service": TEST_UNIT}
 
 
 def build_image(modules: Path) -> Path:
@@ -46,12 +57,14 @@ def build_image(modules: Path) -> Path:
 
     Kept in the cache under a name made of everything it depends on.
     """
-    recipe = "\n".join([*PACKAGES, *MASKED, TEST_UNIT, modules.name, Path(__file__).read_text()])
-    image = CACHE / f"debian-{hashlib.sha256(recipe.encode()).hexdigest()[:12]}.img"
+    recipe = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:12]
+    image = CACHE / f"debian-{modules.name}-{recipe}.img"
     if image.exists():
         return image
-    root = CACHE / "root"
-    shutil.rmtree(root, ignore_errors=True)
+    for old in CACHE.glob(f"debian-{modules.name}-*"):
+        old.unlink()
+    root = Path(tempfile.mkdtemp(dir=CACHE))
+    root.chmod(0o755)
     _bootstrap(root)
     _prepare(root, modules)
     part = image.with_suffix(".part")
@@ -64,7 +77,7 @@ def build_image(modules: Path) -> Path:
 def make_filesystem(image: Path, content: Path, label: str, size: str) -> None:
     """An ext4 file system holding the folder *content*; its free space costs no disk."""
     image.unlink(missing_ok=True)
-    make = ["mke2fs", "-q", "-t", "ext4", "-O", "^has_journal", "-m", "0", "-L", label]
+    make = ["mke2fs", "-qq", "-t", "ext4", "-O", "^has_journal", "-m", "0", "-L", label]
     environment = {**os.environ, "PATH": f"{os.environ['PATH']}:/usr/sbin:/sbin"}
     subprocess.run([*make, "-d", content, image, size], check=True, env=environment)
 
@@ -92,8 +105,11 @@ def _prepare(root: Path, modules: Path) -> None:
     units = root / "etc/systemd/system"
     for unit in MASKED:
         _link(units / unit, "/dev/null")
-    (units / "armd-system-test.service").write_text(TEST_UNIT)
-    _link(units / "multi-user.target.wants/armd-system-test.service", "../armd-system-test.service")
+    for name, text in UNITS.items():
+        (units / name).write_text(text)
+        wants = units / f"{text.split('WantedBy=')[1].strip()}.wants"
+        wants.mkdir(exist_ok=True)
+        _link(wants / name, f"../{name}")
     _link(units / "default.target", "/usr/lib/systemd/system/multi-user.target")
     trigger = units / "systemd-udev-trigger.service.d"
     trigger.mkdir()

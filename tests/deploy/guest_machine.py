@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import gzip
 import os
-import shutil
 import signal
 import subprocess
 import tarfile
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
 from debian_packages import CACHE, unpacked
 from guest_image import HELLO, build_image, make_filesystem
+from guest_qemu import Qemu
 
 RESULTS_BYTES = 64 << 20
 
@@ -53,77 +51,6 @@ class Uml:
 
     def disk(self, number: int) -> str:
         return f"/dev/ubd{'abc'[number]}"
-
-
-class Qemu:
-    """Software emulation of a whole PC: runs anywhere, Python in it twenty times slower."""
-
-    def __init__(self) -> None:
-        (self.image,) = unpacked("linux-image-cloud-amd64").glob("boot/vmlinuz-*")
-        (self.modules,) = self.image.parents[1].glob("lib/modules/*")
-        subprocess.run(["depmod", "-b", self.image.parents[1], self.modules.name], check=False)
-        self.initrd = self._initrd()
-
-    def command(self, disks: Sequence[Path], words: str) -> list[str]:
-        tools = unpacked("qemu-system-x86")
-        # Its libraries and firmware lie where they were unpacked, not where it was built to look.
-        libraries = ":".join(str(path) for path in tools.glob("usr/lib/*-linux-gnu"))
-        emulator = [
-            "env",
-            f"LD_LIBRARY_PATH={libraries}",
-            str(tools / "usr/bin/qemu-system-x86_64"),
-        ]
-        firmware = [f"-L{tools / 'usr/share' / name}" for name in ("qemu", "seabios")]
-        drives = [f"-drive=file={disk},format=raw,if=virtio" for disk in disks]
-        return [
-            *emulator,
-            *(word for item in firmware for word in (item[:2], item[2:])),
-            *(word for item in drives for word in item.split("=", 1)),
-            *("-accel", "tcg", "-m", "3G", "-nographic", "-no-reboot", "-nodefaults"),
-            *("-serial", "stdio", "-kernel", str(self.image), "-initrd", str(self.initrd)),
-            *("-append", f"console=ttyS0 {words}"),
-        ]
-
-    def disk(self, number: int) -> str:
-        return f"/dev/vd{'abc'[number]}"
-
-    def _initrd(self) -> Path:
-        """Just enough to load the disk's drivers and go over to it."""
-        initrd = CACHE / f"initrd-{self.modules.name}.gz"
-        if initrd.exists():
-            return initrd
-        root = Path(tempfile.mkdtemp(dir=CACHE))
-        for folder in ("dev", "proc", "root", "modules"):
-            (root / folder).mkdir()
-        shutil.copy(unpacked("busybox-static") / "bin/busybox", root / "busybox")
-        wanted = ["virtio_pci", "virtio_blk", "ext4"]
-        loads = ""
-        for name in wanted:
-            shown = subprocess.run(
-                ["modprobe", "-d", self.image.parents[1], "-S", self.modules.name, "-D", name],
-                check=True,
-                capture_output=True,
-                text=True,
-            )
-            for module in (Path(line.split()[1]) for line in shown.stdout.splitlines()):
-                shutil.copy(module, root / "modules")
-                loads += f"/busybox insmod /modules/{module.name}\n"
-        script = f"#!/busybox sh\n{loads}/busybox mount -t devtmpfs dev /dev\n"
-        script += "/busybox mount -t ext4 /dev/vda /root\n"
-        script += "/busybox umount /dev\nexec /busybox switch_root /root /sbin/init\n"
-        (root / "init").write_text(script)
-        (root / "init").chmod(0o755)
-        names = "\n".join(str(path.relative_to(root)) for path in sorted(root.rglob("*")))
-        archive = subprocess.run(
-            ["cpio", "-o", "-H", "newc", "--quiet"],
-            input=names.encode(),
-            cwd=root,
-            check=True,
-            capture_output=True,
-        )
-        initrd.write_bytes(gzip.compress(archive.stdout))
-        shutil.rmtree(root)
-        return initrd
 
 
 def machine(folder: Path) -> Machine:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from debian_packages import CACHE
 
+from armd.simulator.truth.nominal import arm_toml
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 GUEST = Path(__file__).with_name("guest")
 GUEST_PYTHON = (3, 11)
@@ -20,6 +22,19 @@ calibration = "calibration.json"
 [driver]
 kind = "serial"
 port = "/dev/armd/SIM-0001"
+"""
+CAN_ARMD_TOML = """\
+schema = "armd.daemon/1"
+arm = "arm.toml"
+
+[driver]
+kind = "can"
+interface = "socketcan"
+channel = "can0"
+rate_hz = 100
+
+[zenoh]
+listen = ["tcp/127.0.0.1:7448"]
 """
 
 
@@ -33,6 +48,10 @@ def make_payload(folder: Path, scratch: Path) -> None:
     config.mkdir()
     (config / "armd.toml").write_text(ARMD_TOML)
     _calibrate(scratch / "sessions", config)
+    second = config / "CAN-0001"
+    second.mkdir()
+    (second / "armd.toml").write_text(CAN_ARMD_TOML)
+    (second / "arm.toml").write_text(arm_toml("CAN-0001"))
 
 
 def _wheelhouse(scratch: Path) -> Path:

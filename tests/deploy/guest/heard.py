@@ -1,4 +1,4 @@
-"""What the subscriber heard of the arm, and what the arm truly did."""
+"""What the subscriber heard of an arm, and what the arm truly did."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-POINTS = Path("/run/heard/point")
-MESSAGES = Path("/run/heard/json")
-ALIVE = Path("/run/heard/alive")
+HEARD = Path("/run/heard")
 TRUTH = Path("/run/arm/truth")
 
 POINT = struct.Struct("<Qqq3d4d6f3fIQII")  # armd.point.v1
@@ -21,41 +19,51 @@ TRUE_TIP = struct.Struct("<Q3d")
 @dataclass(frozen=True)
 class Point:
     seq: int
-    monotonic_ns: int
     position_mm: tuple[float, ...]
-    correction_mm: tuple[float, ...]
     flags: int
     calibration: int
 
 
-def count() -> int:
-    """How many points have been heard so far."""
-    return POINTS.stat().st_size // POINT.size if POINTS.exists() else 0
+class Arm:
+    """What was heard of one arm since the controller's start."""
 
+    def __init__(self, serial: str) -> None:
+        self.serial = serial
+        self._points = HEARD / f"{serial}.point"
+        self._messages = HEARD / f"{serial}.json"
 
-def points(first: int) -> list[Point]:
-    """The points from number *first* on."""
-    with POINTS.open("rb") as file:
-        file.seek(first * POINT.size)
-        data = file.read()
-    whole = data[: len(data) // POINT.size * POINT.size]
-    return [Point(f[0], f[2], f[3:6], f[16:19], f[19], f[20]) for f in POINT.iter_unpack(whole)]
+    def count(self) -> int:
+        """How many points have been heard."""
+        return self._points.stat().st_size // POINT.size if self._points.exists() else 0
 
+    def points(self, first: int) -> list[Point]:
+        """The points from number *first* on."""
+        with self._points.open("rb") as file:
+            file.seek(first * POINT.size)
+            data = file.read()
+        whole = data[: len(data) // POINT.size * POINT.size]
+        return [Point(f[0], f[3:6], f[19], f[20]) for f in POINT.iter_unpack(whole)]
 
-def messages() -> list[dict[str, Any]]:
-    """Events, health and measurements, oldest first."""
-    if not MESSAGES.exists():
-        return []
-    return [json.loads(line) for line in MESSAGES.read_text().splitlines() if line]
+    def last(self) -> Point:
+        return self.points(self.count() - 1)[0]
 
+    def events(self) -> list[dict[str, Any]]:
+        return [message for message in self._json() if "kind" in message]
 
-def events() -> list[dict[str, Any]]:
-    return [message for message in messages() if "kind" in message]
+    def states(self) -> list[str]:
+        """The state of each second's health."""
+        return [message["state"] for message in self._json() if "state" in message]
 
+    def is_alive(self) -> bool:
+        """Whether the liveliness token is there."""
+        return (HEARD / f"{self.serial}.alive").read_text() == "PUT"
 
-def states() -> list[str]:
-    """The state of each second's health."""
-    return [message["state"] for message in messages() if "state" in message]
+    def _json(self) -> list[dict[str, Any]]:
+        if not self._messages.exists():
+            return []
+        # The last line may still be on its way.
+        lines = self._messages.read_text().split("\n")[:-1]
+        return [json.loads(line) for line in lines]
 
 
 def length_errors_mm(heard: list[Point]) -> list[float]:

@@ -1,4 +1,4 @@
-"""Write down everything the arm publishes: points as they are, events and health as JSON lines."""
+"""Write down everything the arms publish: points as they are, all else as JSON lines."""
 
 from __future__ import annotations
 
@@ -8,29 +8,33 @@ from pathlib import Path
 
 import zenoh
 
+SETTINGS = {
+    "mode": '"peer"',
+    "listen/endpoints": "[]",
+    "connect/endpoints": '["tcp/127.0.0.1:7447", "tcp/127.0.0.1:7448"]',
+    "connect/timeout_ms": "-1",
+    "connect/exit_on_failure": "false",
+    "connect/retry": '{"period_init_ms":100,"period_max_ms":300,"period_increase_factor":2}',
+    "scouting/multicast/enabled": "false",
+}
+
 
 def main(folder: Path) -> None:
     config = zenoh.Config()
-    for key, value in {
-        "mode": '"client"',
-        "connect/endpoints": '["tcp/127.0.0.1:7447"]',
-        "connect/timeout_ms": "-1",
-        "connect/retry": '{"period_init_ms":100,"period_max_ms":300,"period_increase_factor":2}',
-        "scouting/multicast/enabled": "false",
-    }.items():
+    for key, value in SETTINGS.items():
         config.insert_json5(key, value)
     with zenoh.open(config) as session:
-        files = {name: (folder / name).open("ab", buffering=0) for name in ("point", "json")}
-        subscriber = session.declare_subscriber("armd/SIM-0001/*")
+        told = session.declare_subscriber("armd/*/*", zenoh.handlers.FifoChannel(10000))
         alive = session.liveliness().declare_subscriber("armd/*/alive", history=True)
         while True:
-            while (sample := subscriber.try_recv()) is not None:
-                if str(sample.key_expr).endswith("/point"):
-                    files["point"].write(sample.payload.to_bytes())
-                else:
-                    files["json"].write(sample.payload.to_bytes() + b"\n")
+            while (sample := told.try_recv()) is not None:
+                _, serial, what = str(sample.key_expr).split("/")
+                point = what == "point"
+                with (folder / f"{serial}.{'point' if point else 'json'}").open("ab") as file:
+                    file.write(sample.payload.to_bytes() + (b"" if point else b"\n"))
             while (sample := alive.try_recv()) is not None:
-                (folder / "alive").write_text(str(sample.kind == zenoh.SampleKind.PUT))
+                serial = str(sample.key_expr).split("/")[1]
+                (folder / f"{serial}.alive").write_text(sample.kind.name)
             time.sleep(0.02)
 
 

@@ -48,10 +48,9 @@ def waits_for_a_configuration() -> None:
 
 def takes_the_configuration() -> None:
     """What the integrator does next, and what makes the simulated arm be there at the next boot."""
-    for file in (PAYLOAD / "config").iterdir():
-        shutil.copy(file, "/etc/armd")
+    shutil.copytree(PAYLOAD / "config", "/etc/armd", dirs_exist_ok=True)
     Path("/etc/armd/SIM-0001").touch()
-    sh("chgrp -R armd /etc/armd && chmod 640 /etc/armd/*.*")
+    sh("chgrp -R armd /etc/armd && chmod -R u=rwX,g=rX,o= /etc/armd")
     units = Path("/etc/systemd/system")
     for unit in (PAYLOAD / "guest/units").iterdir():
         shutil.copy(unit, units)
@@ -65,7 +64,10 @@ def takes_the_configuration() -> None:
 
 
 def the_configuration_holds() -> None:
-    sh("armd check /etc/armd/armd.toml /etc/armd/arm.toml /etc/armd/calibration.json")
+    sh(
+        "armd check /etc/armd/armd.toml /etc/armd/arm.toml /etc/armd/calibration.json "
+        "/etc/armd/CAN-0001/armd.toml"
+    )
 
 
 CHECKS = [

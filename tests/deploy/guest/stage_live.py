@@ -9,9 +9,11 @@ import signal
 import time
 from pathlib import Path
 
-import heard
 from controller import PAYLOAD, journal, sh, show, wait_for
+from heard import Arm, length_errors_mm
 
+ARM = Arm("SIM-0001")
+CAN_ARM = Arm("CAN-0001")
 BACK_S = 60.0  # on a slow emulated machine; the figure measured is in the result's detail
 ENOUGH_POINTS = 200
 ACCURATE_MM = 0.05
@@ -19,10 +21,10 @@ PORT = Path("/dev/armd/SIM-0001")
 CALIBRATION = Path("/etc/armd/calibration.json")
 
 
-def live_again(what: str) -> str:
+def live_again(what: str, arm: Arm = ARM) -> str:
     """Wait for new points after a disturbance; says how long it took."""
-    before = heard.count()
-    return f"{wait_for(lambda: heard.count() > before, BACK_S, f'points after {what}'):.1f} s"
+    before = arm.count()
+    return f"{wait_for(lambda: arm.count() > before, BACK_S, f'points after {what}'):.1f} s"
 
 
 def main_pid() -> int:
@@ -30,15 +32,15 @@ def main_pid() -> int:
 
 
 def is_live_at_boot() -> str:
-    wait_for(lambda: heard.count() > ENOUGH_POINTS, 60, "points")
+    wait_for(lambda: ARM.count() > ENOUGH_POINTS, 60, "points")
     assert show("ActiveState") == "active"
     return f"{time.clock_gettime(time.CLOCK_BOOTTIME):.0f} s after the kernel's start"
 
 
 def points_are_right() -> str:
-    before = heard.count()
-    wait_for(lambda: heard.count() >= before + 20 * ENOUGH_POINTS, 120, "points")
-    errors = heard.length_errors_mm(heard.points(before))
+    before = ARM.count()
+    wait_for(lambda: ARM.count() >= before + 20 * ENOUGH_POINTS, 120, "points")
+    errors = length_errors_mm(ARM.points(before))
     assert len(errors) >= ENOUGH_POINTS, len(errors)
     p95 = errors[int(0.95 * len(errors))]
     assert p95 < ACCURATE_MM, f"95 % of lengths within {p95:.3f} mm of the truth"
@@ -108,8 +110,8 @@ def survives_unplugging() -> str:
     pid = main_pid()
     sh("systemctl stop cable")
     assert not PORT.is_symlink(), "the port's name outlives the port"
-    seen = len(heard.states())
-    wait_for(lambda: "NOT_READY" in heard.states()[seen:], 10, "state NOT_READY")
+    seen = len(ARM.states())
+    wait_for(lambda: "NOT_READY" in ARM.states()[seen:], 10, "state NOT_READY")
     sh("systemctl start cable")
     took = live_again("plugging in")
     assert main_pid() == pid, "the daemon was restarted"
@@ -125,27 +127,47 @@ def starts_on_plugging_in() -> str:
     return live_again("plugging in")
 
 
+def a_second_arm_is_live_on_can() -> str:
+    """By the template; systemd-networkd brings the bus up with the file that was installed."""
+    sh("systemctl start can-arm && systemctl start armd@CAN-0001")
+    took = live_again("the start", CAN_ARM)
+    complaints = [line for line in journal("systemd-networkd").splitlines() if "80-armd" in line]
+    assert not complaints, complaints
+    return took
+
+
+def survives_a_bus_that_goes_down() -> str:
+    pid, seen = show("MainPID", "armd@CAN-0001"), len(CAN_ARM.states())
+    sh("ip link set can0 down")
+    wait_for(lambda: "NOT_READY" in CAN_ARM.states()[seen:], 10, "state NOT_READY")
+    sh("ip link set can0 up")
+    took = live_again("the bus coming up", CAN_ARM)
+    assert show("MainPID", "armd@CAN-0001") == pid, "the daemon was restarted"
+    sh("systemctl stop armd@CAN-0001 can-arm")
+    return took
+
+
 def reloads_between_two_samples() -> str:
     pid = main_pid()
-    before = heard.points(heard.count() - 1)[0].calibration
+    before = ARM.last().calibration
     good = CALIBRATION.read_text()
-    first = heard.count()
+    first = ARM.count()
     CALIBRATION.write_text(good + "\n")  # the same model, another file: its hash tells
     sh("systemctl reload armd")
-    wait_for(lambda: heard.points(heard.count() - 1)[0].calibration != before, 30, "a new hash")
-    seen = heard.points(first)
+    wait_for(lambda: ARM.last().calibration != before, 30, "a new hash")
+    seen = ARM.points(first)
     changes = sum(a.calibration != b.calibration for a, b in itertools.pairwise(seen))
     assert changes == 1, f"{changes} changes"
     after = seen[-1].calibration
     CALIBRATION.write_text("{}")
-    told = len(heard.events())
+    told = len(ARM.events())
     sh("systemctl reload armd")
-    wait_for(lambda: len(heard.events()) > told, 30, "an event about the bad file")
+    wait_for(lambda: len(ARM.events()) > told, 30, "an event about the bad file")
     CALIBRATION.write_text(good + "\n")
     live_again("a bad calibration")
-    assert heard.points(heard.count() - 1)[0].calibration == after, "the bad file is in force"
+    assert ARM.last().calibration == after, "the bad file is in force"
     assert main_pid() == pid
-    return heard.events()[-1]["kind"]
+    return ARM.events()[-1]["kind"]
 
 
 def refuses_commands() -> str:
@@ -161,7 +183,7 @@ def stops_cleanly() -> str:
     took_s = time.monotonic() - start_s
     assert (show("Result"), show("ExecMainStatus")) == ("success", "0")
     assert took_s < 3.0, f"{took_s:.1f} s"
-    wait_for(lambda: heard.ALIVE.read_text() == "False", 5, "the end of the liveliness token")
+    wait_for(lambda: not ARM.is_alive(), 5, "the end of the liveliness token")
     return f"{took_s:.1f} s"
 
 
@@ -192,6 +214,8 @@ CHECKS = [
     survives_a_freeze,
     survives_unplugging,
     starts_on_plugging_in,
+    a_second_arm_is_live_on_can,
+    survives_a_bus_that_goes_down,
     reloads_between_two_samples,
     refuses_commands,
     sandbox_is_in_force,
