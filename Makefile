@@ -10,7 +10,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 export NUMBA_CACHE_DIR := $(CURDIR)/.cache/numba
 
-.PHONY: install demo test lint bench clean hidden system-test
+.PHONY: install demo test lint bench clean hidden soak system-test
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -41,6 +41,12 @@ CASES ?= 40
 SEED ?= 1
 hidden: install
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED)
+
+# Simulator, daemon and subscribers under random faults, every point accounted for:
+# make soak MINUTES=60 SEED=3
+MINUTES ?= 2
+soak: install
+	PYTHONPATH=tests $(BIN)/python tests/scenarios/soak.py --minutes $(MINUTES) --seed $(SEED)
 
 # Installs armd on a Debian booted as a guest; fails with BROKEN=1, as a broken daemon must.
 system-test: install
