@@ -12,6 +12,7 @@ set -eu
 
 here=$(cd "$(dirname "$0")" && pwd)
 venv=/opt/armd
+pins=$here/../requirements.txt
 units=/usr/local/lib/systemd/system
 rules=/usr/local/lib/udev/rules.d
 networks=/usr/local/lib/systemd/network
@@ -44,16 +45,21 @@ uninstall() {
     fi
 }
 
+pip() { "$venv/bin/pip" --quiet --disable-pip-version-check "$@"; }
+
 install_program() {
     "$python" -m venv "$venv"
     if [ -n "$wheelhouse" ]; then
-        "$venv/bin/pip" install --quiet --disable-pip-version-check --no-index \
-            --find-links "$wheelhouse" --upgrade --force-reinstall --no-deps armd
-        "$venv/bin/pip" install --quiet --disable-pip-version-check --no-index \
-            --find-links "$wheelhouse" --constraint "$here/../requirements.txt" armd
+        # armd itself always anew: its version number need not have changed.
+        pip install --no-index --find-links "$wheelhouse" --force-reinstall --no-deps armd
+        pip install --no-index --find-links "$wheelhouse" --constraint "$pins" armd
     else
-        "$venv/bin/pip" install --quiet --disable-pip-version-check \
-            --constraint "$here/../requirements.txt" --upgrade "$here/.."
+        # From a copy: a build leaves files behind, which shall not lie in somebody's repository.
+        copy=$(mktemp -d)
+        trap 'rm -rf "$copy"' EXIT
+        tar -C "$here/.." --exclude='./.*' --exclude=./build -cf - . | tar -C "$copy" -xf -
+        pip install --force-reinstall --no-deps "$copy"
+        pip install --constraint "$pins" armd
     fi
     mkdir -p /usr/local/bin
     ln -sfn "$venv/bin/armd" /usr/local/bin/armd

@@ -95,7 +95,7 @@ def test_install_takes_every_file_there_is() -> None:
 
 def test_every_installed_file_is_removed() -> None:
     script = (DEPLOY / "install.sh").read_text()
-    uninstall = script[script.index("uninstall() {") : script.index("install_program() {")]
+    uninstall = script.partition("uninstall() {")[2].partition("\n}\n")[0]
     placed = set(re.findall(r'install -D -m 644 \S+ "(\$\w+/[^"]+)"', script))
     assert placed
     assert placed == set(re.findall(r'"(\$\w+/[^"]+)"', uninstall))
