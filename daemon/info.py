@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
 from armd import POINT, POINT_ENCODING, Flag, __version__, keys
@@ -25,6 +26,7 @@ def describe(
         "armd": __version__,
         "arm": config.arm.model_dump(mode="json", by_alias=True),
         "calibration": None if calibration is None else describe_calibration(calibration),
+        "calibration_file": None if calibration is None else _text_of(calibration),
         "tip": tip,
         "units": UNITS,
         "point": {
@@ -35,6 +37,7 @@ def describe(
             "flags": {str(flag.bit_length() - 1): flag.name for flag in Flag},
         },
         "driver": config.file.driver.kind,
+        "configuration": config.file.model_dump(mode="json", by_alias=True),
         "commands_enabled": config.file.commands.enabled,
     }
 
@@ -51,6 +54,15 @@ def describe_calibration(calibration: LoadedCalibration) -> dict[str, Any]:
         "terms": len(content.terms),
         "provenance": content.provenance,
     }
+
+
+def _text_of(calibration: LoadedCalibration) -> str | None:
+    """The file as it was loaded; None if it has changed since and waits for a reload."""
+    try:
+        text = calibration.path.read_bytes()
+    except OSError:
+        return None
+    return text.decode() if hashlib.sha256(text).hexdigest() == calibration.sha256 else None
 
 
 def _field(name: str) -> dict[str, Any]:

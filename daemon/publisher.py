@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ class Publisher:
         )
         self._raw = session.declare_publisher(keys.key(serial, keys.RAW), congestion_control=drop)
         self._raw_frames = 0
+        self._recorded = False
         self.measurements = Kept(session, keys.key(serial, keys.MEASUREMENT))
         self.events = Kept(session, keys.key(serial, keys.EVENT))
         self.health: dict[str, Any] = {}
@@ -47,12 +48,17 @@ class Publisher:
         for start in range(0, len(data), POINT.itemsize):
             put(data[start : start + POINT.itemsize])
 
-    def put_raw(self, frames: Iterable[RawFrame]) -> None:
-        """Publish raw frames while somebody records them."""
-        if self._raw.matching_status:
-            for frame in frames:
-                self._raw.put(raw.pack(self._raw_frames, frame))
-                self._raw_frames += 1
+    def put_raw(self, frames: Iterable[RawFrame], preamble: Callable[[], list[RawFrame]]) -> None:
+        """Publish raw frames while somebody records them; a recording that begins now begins
+        with the *preamble*, which knows what *frames* have told."""
+        began, self._recorded = self._recorded, bool(self._raw.matching_status)
+        if not self._recorded:
+            return
+        if not began:
+            frames = preamble() or frames
+        for frame in frames:
+            self._raw.put(raw.pack(self._raw_frames, frame))
+            self._raw_frames += 1
 
     def put_health(self, health: dict[str, Any]) -> None:
         self.health = health

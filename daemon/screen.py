@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+import json
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Self
 
+import numpy as np
+import numpy.typing as npt
+from rich.console import Console
+from rich.live import Live
 from rich.panel import Panel
 from rich.table import Table
 
-from armd import Flag, Point
+from armd import Arm, Flag, Point, keys
 from armd.daemon.state import State
 
 COLOURS = {
@@ -18,41 +26,83 @@ COLOURS = {
     State.DEGRADED: "yellow",
     State.NOT_READY: "red",
 }
+EVENTS_SHOWN = 3
+WIDTH = 80
 
 
-@dataclass
-class Reading:
-    """The latest of everything."""
+class Screen:
+    """A panel that lives as long as its `with`; `show` brings it up to date."""
 
-    point: Point | None = None
-    health: dict[str, Any] = field(default_factory=dict)
-    rate_hz: float = 0.0
-    lost: int = 0
-    latency_ms: float | None = None
-    events: list[str] = field(default_factory=list)
+    def __init__(self, arm: Arm, console: Console) -> None:
+        self._arm = arm
+        self._console = console
+        self._point: Point | None = None
+        self._health: dict[str, Any] = {}
+        self._events: list[str] = []
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            self._health_stream = stack.enter_context(self._arm.stream(keys.HEALTH))
+            self._event_stream = stack.enter_context(self._arm.stream(keys.EVENT))
+            self._live = stack.enter_context(Live(console=self._console, auto_refresh=False))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stack.close()
+
+    def show(self, points: npt.NDArray[np.void], elapsed_s: float) -> None:
+        """*points* (n,) of dtype `POINT` came during the last *elapsed_s*."""
+        if len(points):
+            self._point = Point.from_array(points[-1:])[0]
+        for payload in self._health_stream.take():
+            self._health = json.loads(payload)
+        self._events += [json.loads(payload)["text"] for payload in self._event_stream.take()]
+        del self._events[:-EVENTS_SHOWN]
+        self._live.update(self._panel(len(points) / elapsed_s), refresh=True)
+
+    def _panel(self, rate_hz: float) -> Panel:
+        table = Table.grid(padding=(0, 2))
+        table.add_column(justify="right", style="dim")
+        table.add_column()
+        if self._point is not None:
+            x, y, z = self._point.position_mm
+            table.add_row("tip", f"[bold]{x:10.3f} {y:10.3f} {z:10.3f}[/] mm")
+            dx, dy, dz = (1000 * value for value in self._point.correction_mm)
+            table.add_row("correction", f"{dx:10.1f} {dy:10.1f} {dz:10.1f} µm")
+            table.add_row("flags", flag_names(self._point.flags) or "none")
+        if self._health:
+            state = State(self._health["state"])
+            reason = self._health["reason"]
+            table.add_row("state", f"[{COLOURS[state]}]{state}[/] {reason}")
+            table.add_row("sensors", temperatures(self._health) or "none")
+        table.add_row("stream", f"{rate_hz:.0f} points/s · {self._arm.lost.total} lost")
+        for event in self._events:
+            table.add_row("event", event)
+        return Panel(table, title=f"armd · {self._arm.serial}", title_align="left", width=WIDTH)
 
 
-def picture(serial: str, reading: Reading) -> Panel:
-    """A panel that fits 80 columns."""
-    table = Table.grid(padding=(0, 2))
-    table.add_column(justify="right", style="dim")
-    table.add_column()
-    if reading.point is not None:
-        x, y, z = reading.point.position_mm
-        table.add_row("tip", f"[bold]{x:10.3f} {y:10.3f} {z:10.3f}[/] mm")
-        dx, dy, dz = (1000 * value for value in reading.point.correction_mm)
-        table.add_row("correction", f"{dx:10.1f} {dy:10.1f} {dz:10.1f} µm")
-        names = " ".join(str(flag.name) for flag in Flag(reading.point.flags)) or "none"
-        table.add_row("flags", names)
-    health = reading.health
-    if health:
-        state = State(health["state"])
-        table.add_row("state", f"[{COLOURS[state]}]{state}[/] {health['reason']}")
-        temperatures = list(health["temperatures"].values())
-        shown = "  ".join("  –  " if value is None else f"{value:.2f}" for value in temperatures)
-        table.add_row("sensors", f"{shown} °C" if temperatures else "none")
-    latency = "" if reading.latency_ms is None else f" · latency {reading.latency_ms:.2f} ms"
-    table.add_row("stream", f"{reading.rate_hz:.0f} points/s · {reading.lost} lost{latency}")
-    for event in reading.events[-3:]:
-        table.add_row("event", event)
-    return Panel(table, title=f"armd · {serial}", title_align="left", width=80)
+def refreshes(seconds: float | None, every_s: float) -> Iterator[float]:
+    """For ever or for *seconds*: the time since the last refresh, when the next is due."""
+    start_s = last_s = time.monotonic()
+    while seconds is None or last_s - start_s < seconds:
+        time.sleep(every_s)
+        now_s = time.monotonic()
+        yield now_s - last_s
+        last_s = now_s
+
+
+def flag_names(flags: int) -> str:
+    return " ".join(str(flag.name) for flag in Flag(flags))
+
+
+def temperatures(health: dict[str, Any]) -> str:
+    """All sensors of a health message in °C; a dash where one is invalid."""
+    values = health["temperatures"].values()
+    shown = "  ".join("  –  " if value is None else f"{value:.2f}" for value in values)
+    return f"{shown} °C" if shown else ""

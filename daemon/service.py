@@ -49,7 +49,7 @@ class Service:
             serial,
             self._publisher,
             lambda: describe(config, arm.calibration, arm.tip),
-            {"reload": self._reload, "tip": self._select_tip}
+            {"reload": lambda _: self._reload(), "tip": self._select_tip}
             if config.file.commands.enabled
             else None,
         )
@@ -73,7 +73,7 @@ class Service:
         self._systemd.ready()
         while not self._stopping:
             items = self._driver.read(READ_S)
-            self._publisher.put_raw(self._driver.take_raw())
+            self._publisher.put_raw(self._driver.take_raw(), self._driver.preamble)
             for item in items:
                 match item:
                     case Temperatures():
@@ -123,6 +123,8 @@ class Service:
     def _pass_on(self, event: Event) -> None:
         self._supervisor.note_event(event)
         self._tell(event)
+        if event.kind == "replay_ended":
+            self.stop()
         if event.kind == "foreign_arm" and self._config.file.health.foreign_arm == "stop":
             raise ForeignArm(event.text)
 
@@ -143,7 +145,7 @@ class Service:
             self._reload_asked = False
             self._systemd.reloading()
             with suppress(ArmdError):  # it has been told as an event
-                self._reload(zenoh.Parameters())
+                self._reload()
             self._systemd.ready()
         second_over = self._supervisor.close_second(now_ns)
         if self._supervisor.assess(now_ns):
@@ -155,7 +157,7 @@ class Service:
         # This thread runs, and the supervisor has a reason for every silence.
         self._systemd.feed_watchdog(now_ns * 1e-9)
 
-    def _reload(self, _parameters: zenoh.Parameters) -> str:
+    def _reload(self) -> str:
         """Raises `BadInput` for a bad calibration; the old one stays in force."""
         try:
             warning = self._arm.reload()

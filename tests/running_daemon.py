@@ -13,6 +13,7 @@ import socket
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -32,21 +33,23 @@ class Heard:
     """What a subscriber to `armd/<serial>/**` has heard so far, and when (CLOCK_MONOTONIC)."""
 
     def __init__(self) -> None:
-        self.samples: list[tuple[int, str, bytes]] = []
+        self.payloads: defaultdict[str, list[bytes]] = defaultdict(list)
+        self.arrived_ns: defaultdict[str, list[int]] = defaultdict(list)
 
     def take(self, sample: zenoh.Sample) -> None:
         what = str(sample.key_expr).split("/", 2)[2]
         if what == "point":
             assert str(sample.encoding) == POINT_ENCODING
-        self.samples.append((time.monotonic_ns(), what, sample.payload.to_bytes()))
+        self.arrived_ns[what].append(time.monotonic_ns())
+        self.payloads[what].append(sample.payload.to_bytes())
 
     def points(self) -> np.ndarray:
-        payloads = [payload for _, what, payload in list(self.samples) if what == "point"]
+        payloads = list(self.payloads["point"])
         assert all(len(payload) == 136 for payload in payloads)
         return np.frombuffer(b"".join(payloads), POINT)
 
     def json(self, what: str) -> list[dict[str, Any]]:
-        return [json.loads(payload) for _, name, payload in list(self.samples) if name == what]
+        return [json.loads(payload) for payload in list(self.payloads[what])]
 
     def events(self, kind: str) -> list[dict[str, Any]]:
         return [event for event in self.json("event") if event["kind"] == kind]
@@ -54,7 +57,8 @@ class Heard:
     def wait_for(self, condition: Callable[[], object], patience_s: float = PATIENCE_S) -> None:
         end_s = time.monotonic() + patience_s
         while not condition():
-            assert time.monotonic() < end_s, f"not within {patience_s} s"
+            heard = {what: len(payloads) for what, payloads in self.payloads.items()}
+            assert time.monotonic() < end_s, f"not within {patience_s} s; heard {heard}"
             time.sleep(0.02)
 
 
@@ -82,6 +86,7 @@ class Daemon:
         heard = Heard()
         with self.session() as session:
             session.declare_subscriber(f"armd/{self.serial}/**", heard.take)
+            heard.wait_for(lambda: heard.payloads, 10.0)  # health comes every second
             yield heard
 
     def get(self, what: str) -> tuple[bool, Any]:

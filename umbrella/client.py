@@ -63,7 +63,7 @@ class Stream(_Closing):
                 history=ext.HistoryConfig(detect_late_publishers=True),
             )
         else:
-            waiting = WAITING_POINTS if what == keys.POINT else WAITING_MESSAGES
+            waiting = WAITING_POINTS if what in (keys.POINT, keys.RAW) else WAITING_MESSAGES
             self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
 
     def close(self) -> None:
@@ -107,7 +107,7 @@ class Arm(_Closing):
     def points(self, seconds: float | None = None) -> Iterator[Point]:
         """Every point from now on, in order."""
         for batch in self.batches(seconds):
-            yield from map(Point.from_row, batch.tolist())
+            yield from Point.from_array(batch)
 
     def batches(self, seconds: float | None = None) -> Iterator[npt.NDArray[np.void]]:
         """Arrays of `armd.POINT`: whatever has come since the last one, at least one point."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import Any, NamedTuple
@@ -82,22 +83,13 @@ class Point(NamedTuple):
         return not self.flags & Flag.INVALID
 
     @classmethod
-    def from_row(cls, row: tuple[Any, ...]) -> Point:
-        """From one row of `points.tolist()`, *points* being an array of `POINT`."""
-        *head, orientation, covariance, correction, flags, calibration, buttons, _ = row
-        seq, stamp_ns, monotonic_ns, position = head
-        return cls(
-            seq,
-            stamp_ns,
-            monotonic_ns,
-            tuple(position),
-            tuple(orientation),
-            tuple(covariance),
-            tuple(correction),
-            Flag(flags),
-            calibration,
-            buttons,
-        )
+    def from_array(cls, points: npt.NDArray[np.void]) -> list[Point]:
+        """One `Point` for each row of an array of `POINT`."""
+        columns: dict[str, Iterable[Any]] = {name: points[name].tolist() for name in cls._fields}
+        columns["flags"] = map(Flag, columns["flags"])
+        for name in ("position_mm", "orientation", "covariance_mm2", "correction_mm"):
+            columns[name] = map(tuple, columns[name])
+        return [cls(*row) for row in zip(*columns.values(), strict=True)]
 
 
 @dataclass

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import json
 import signal
 import time
 from collections import deque
-from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import suppress
 
 import numpy as np
 import numpy.typing as npt
 from rich.console import Console
-from rich.live import Live
 
 import armd
-from armd import POINT, Arm, Lost, Point, keys
+from armd import POINT, Arm, Lost, keys
 from armd.daemon.comparison import Errors, compare, load_truth
-from armd.daemon.screen import Reading, picture
+from armd.daemon.screen import Screen, refreshes
 from armd.daemon.stage import Stage
 
 RATE_HZ = 1000
@@ -87,36 +84,14 @@ class Meter:
 def _watch(arm: Arm, meter: Meter, console: Console, seconds: float | None) -> None:
     """Until Ctrl-C or SIGTERM, or for *seconds*; collects what arrived till then."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    reading = Reading()
-    with ExitStack() as stack:
-        health = stack.enter_context(arm.stream(keys.HEALTH))
-        events = stack.enter_context(arm.stream(keys.EVENT))
-        stack.enter_context(arm.calling(keys.POINT, meter.take))
-        live = stack.enter_context(Live(console=console, auto_refresh=False))
-        try:
-            for elapsed_s in _refreshes(seconds):
-                points = meter.collect(arm)
-                reading.rate_hz = len(points) / elapsed_s
-                if len(points):
-                    reading.point = Point.from_row(points[-1].tolist())
-                for payload in health.take():
-                    reading.health = json.loads(payload)
-                reading.events += [json.loads(payload)["text"] for payload in events.take()]
-                reading.lost = arm.lost.total
-                live.update(picture(arm.serial, reading), refresh=True)
-        except KeyboardInterrupt:
-            pass
+    with (
+        Screen(arm, console) as screen,
+        arm.calling(keys.POINT, meter.take),
+        suppress(KeyboardInterrupt),
+    ):
+        for elapsed_s in refreshes(seconds, REFRESH_S):
+            screen.show(meter.collect(arm), elapsed_s)
     meter.collect(arm)
-
-
-def _refreshes(seconds: float | None) -> Iterator[float]:
-    """Yields the time since the last refresh."""
-    start_s = last_s = time.monotonic()
-    while seconds is None or last_s - start_s < seconds:
-        time.sleep(REFRESH_S)
-        now_s = time.monotonic()
-        yield now_s - last_s
-        last_s = now_s
 
 
 def _summary(meter: Meter, lost: Lost, errors: Errors) -> str:

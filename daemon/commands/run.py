@@ -8,8 +8,6 @@ import signal
 from contextlib import closing
 from pathlib import Path
 
-import zenoh
-
 from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config, load_config
 from armd.daemon.rehearsal import rehearse
@@ -24,11 +22,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    config = load_config(args.config)
-    zenoh.init_log_from_env_or("error")
+    return serve(load_config(args.config))
+
+
+def serve(config: Config) -> int:
+    """Publish until a signal says stop, or until a replay has ended."""
     arm = ArmInUse(config)
     rehearse(config, arm)  # compiles everything the stream needs, before ready is said
-    driver = open_driver(config.driver, _expectation(config))
+    driver = open_driver(config.driver, expectation(config))
     with open_session(config) as session, closing(driver):
         service = Service(config, driver, session, arm)
         with closing(service):
@@ -41,7 +42,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _expectation(config: Config) -> Expectation:
+def expectation(config: Config) -> Expectation:
+    """What the arm on the wire must say of itself."""
     arm = config.arm
     return Expectation(
         arm.serial_number,

@@ -204,13 +204,16 @@ def test_the_clock_is_mapped_within_3_s_and_right(run: Run) -> None:
 def test_buttons_are_events_and_make_measurements(run: Run) -> None:
     presses = run.heard.events("button")
     measurements = run.heard.json("measurement")
-    assert len(presses) == len(measurements) >= 2
+    assert len(presses) == len(measurements) >= 3
     for press, measurement in zip(presses, measurements, strict=True):
         assert measurement["seq"] == press["detail"]["seq"]
         assert measurement["trigger"] == "button"
         point = run.points[run.points["seq"] == measurement["seq"]]
         off = np.subtract(measurement["position_mm"], point["position_mm"][0])
         assert np.linalg.norm(off) < 0.05  # the operator rests when he presses
+        if int(point["flags"][0]) & Flag.SAMPLES_LOST:
+            assert measurement["count"] == 1  # down already when the arm came back
+            continue
         assert measurement["count"] > 100
         assert max(measurement["standard_deviation_mm"]) < 0.02
 

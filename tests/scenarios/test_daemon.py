@@ -1,0 +1,272 @@
+"""The daemon's life: clients, commands, reload, stopped subscribers, its end, what it refuses."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from running_daemon import Daemon, Heard, free_endpoint, running_daemon, write_config
+from simulated_arm import SimulatedArm, simulated_arm
+
+import armd
+from armd import Flag
+from armd.compensation.arm import load_arm
+from armd.compensation.calibration import Calibration, constants_of, save_calibration
+
+ARMD = [sys.executable, "-m", "armd.daemon.cli"]
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "subscriber.py"
+TIPS = """
+[commands]
+enabled = true
+[tips.long]
+offset_mm = [0.0, 0.0, 200.0]
+"""
+
+
+@dataclass
+class Live:
+    arm: SimulatedArm
+    daemon: Daemon
+    heard: Heard
+    folder: Path
+
+    def armd(self, *arguments: str, seconds: float = 60) -> subprocess.CompletedProcess[str]:
+        command = [*ARMD, *arguments, "--endpoint", self.daemon.endpoint]
+        return subprocess.run(command, capture_output=True, text=True, timeout=seconds)
+
+    def wait_for_calibration(self, sha256: str) -> None:
+        """Until points carry it."""
+        expected = int.from_bytes(bytes.fromhex(sha256)[:8], "little")
+        self.heard.wait_for(lambda: int(self.heard.points()["calibration"][-1]) == expected)
+
+
+def write_calibration(folder: Path, d_1_mm: float = 0.0) -> str:
+    """A calibration that differs from the nominal geometry by *d_1_mm*; its SHA-256."""
+    arm = load_arm(folder / "arm.toml")
+    constants = constants_of(arm.nominal(), arm.n_joints)
+    constants["d_1"] += d_1_mm
+    calibration = Calibration(
+        schema="armd.calibration/1",
+        arm=arm.serial_number,
+        created="2026-01-01T00:00:00+00:00",
+        reference_temperature_c=20.0,
+        constants=constants,
+    )
+    return save_calibration(folder / "calibration.json", calibration).sha256
+
+
+@pytest.fixture(scope="module")
+def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
+    folder = tmp_path_factory.mktemp("live")
+    with simulated_arm(folder) as arm:
+        write_calibration(folder)
+        top = 'calibration = "calibration.json"'
+        with (
+            running_daemon(folder, arm.port, extra=TIPS, top=top) as daemon,
+            daemon.listen() as heard,
+        ):
+            heard.wait_for(lambda: len(heard.points()) > 500)
+            yield Live(arm, daemon, heard, folder)
+
+
+def test_the_ten_line_subscriber(live: Live) -> None:
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLE), live.daemon.endpoint],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    *points, lost = done.stdout.splitlines()
+    assert len(points) > 200
+    assert all(" mm  " in line for line in points)
+    assert lost == "lost: 0"
+
+
+def test_the_client_iterates_points_and_arrays(live: Live) -> None:
+    with armd.connect("SIM-0001", live.daemon.endpoint) as arm:
+        point = next(iter(arm.points()))
+        assert point.valid and point.flags & Flag.CLOCK == 0
+        batches = list(arm.batches(seconds=0.5))
+        seq = np.concatenate([batch["seq"] for batch in batches]).astype(np.int64)
+        assert (np.diff(seq) == 1).all() and len(seq) > 100
+        assert arm.info()["point"]["size"] == 136
+        assert arm.info()["arm"]["serial_number"] == "SIM-0001"
+
+
+def test_the_client_says_when_nobody_is_there(live: Live) -> None:
+    with pytest.raises(armd.ArmdError, match="no arm OTHER within"):
+        armd.connect("OTHER", live.daemon.endpoint, timeout_s=0.3)
+    with pytest.raises(armd.ArmdError, match="no daemon answers"):
+        armd.connect(endpoint=free_endpoint(), timeout_s=0.3)
+
+
+def test_watch_prints_a_line_of_json_per_point(live: Live) -> None:
+    done = live.armd("watch", "--json", "--seconds", "1")
+    assert done.returncode == 0, done.stderr
+    points = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(points) > 100
+    assert points[0].keys() >= {"seq", "stamp_ns", "position_mm", "flags", "flag_names"}
+
+
+def test_watch_shows_a_panel(live: Live) -> None:
+    done = live.armd("watch", "SIM-0001", "--seconds", "1.5")
+    assert done.returncode == 0, done.stderr
+    assert "SIM-0001" in done.stdout and "points/s" in done.stdout
+
+
+def test_status_for_people_and_scripts(live: Live) -> None:
+    live.heard.wait_for(lambda: live.heard.json("health")[-1]["state"] in ("READY", "WARMING"))
+    done = live.armd("status")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.startswith("SIM-0001  ")
+    assert json.loads(live.armd("status", "--json").stdout)["rates"]["points_hz"] > 500
+    nobody = subprocess.run(
+        [*ARMD, "status", "--endpoint", free_endpoint()], capture_output=True, text=True
+    )
+    assert nobody.returncode == 2
+    assert nobody.stderr.startswith("armd: tcp/127.0.0.1:")
+
+
+def test_health_says_what_a_person_wants_to_know(live: Live) -> None:
+    health = live.heard.json("health")[-1]
+    assert health.keys() >= {"state", "reason", "rates", "drops", "temperatures", "latency"}
+    assert health["temperatures"].keys() == {"t1", "t2", "t3", "t4", "t5", "t6"}
+    ok, asked = live.daemon.get("health")
+    assert ok and asked["serial"] == "SIM-0001"
+
+
+def test_late_subscribers_get_the_events_of_the_past(live: Live) -> None:
+    with armd.connect(endpoint=live.daemon.endpoint) as arm:
+        kinds = [event["kind"] for event in arm.events(seconds=2.0)]
+    assert "identified" in kinds
+    ok, event = live.daemon.get("event")
+    assert ok and event.keys() >= {"kind", "text", "severity", "monotonic_ns", "stamp_ns"}
+
+
+def test_a_reload_takes_effect_between_two_samples(live: Live) -> None:
+    sha256 = write_calibration(live.folder, d_1_mm=10.0)
+    before = live.heard.points()["position_mm"][-1]
+    ok, reply = live.daemon.get("command/reload")
+    assert ok and sha256 in reply["done"]
+    live.wait_for_calibration(sha256)
+    points = live.heard.points()
+    assert (np.diff(points["seq"].astype(np.int64)) == 1).all()
+    changes = np.flatnonzero(np.diff(points["calibration"].astype(object)))
+    assert len(changes) == 1
+    step = points["position_mm"][changes[0] + 1] - points["position_mm"][changes[0]]
+    np.testing.assert_allclose(step, [0, 0, 10], atol=2)
+    assert before is not None
+    assert live.heard.events("calibration")[-1]["text"].endswith(sha256)
+    assert live.daemon.get("info")[1]["calibration"]["sha256"] == sha256
+
+
+def test_a_bad_calibration_leaves_the_old_one_in_force(live: Live) -> None:
+    path = live.folder / "calibration.json"
+    good = path.read_text()
+    identity = int(live.heard.points()["calibration"][-1])
+    path.write_text(good.replace('"d_1": ', '"d_1": 1'))
+    ok, reply = live.daemon.get("command/reload")
+    assert not ok and "content_sha256" in reply
+    live.heard.wait_for(lambda: live.heard.events("calibration_refused"))
+    assert int(live.heard.points()["calibration"][-1]) == identity
+    path.write_text(good)
+    already = len(live.heard.events("calibration"))
+    live.daemon.process.send_signal(signal.SIGHUP)
+    live.heard.wait_for(lambda: len(live.heard.events("calibration")) > already)
+    assert int(live.heard.points()["calibration"][-1]) == identity
+
+
+def test_selecting_a_tip_warns_when_it_moved_far(live: Live) -> None:
+    ok, reply = live.daemon.get("command/tip?name=long")
+    assert ok and reply["done"] == "tip long"
+    live.heard.wait_for(lambda: live.heard.events("tip_moved"))
+    assert live.daemon.get("info")[1]["tip"] == "long"
+    ok, reply = live.daemon.get("command/tip?name=short")
+    assert not ok and reply == "no tip 'short'; there are: long"
+    assert live.daemon.get("command/tip")[0]
+    ok, reply = live.daemon.get("command/dance")
+    assert not ok and "reload" in reply
+
+
+def test_a_stopped_subscriber_delays_nobody_else(live: Live) -> None:
+    with subprocess.Popen(
+        [*ARMD, "watch", "--json", "--endpoint", live.daemon.endpoint], stdout=subprocess.PIPE
+    ) as slow:
+        assert slow.stdout is not None and slow.stdout.readline()
+        slow.send_signal(signal.SIGSTOP)
+        first = len(live.heard.points())
+        time.sleep(4.0)
+        points = live.heard.points()[first:]
+        slow.kill()
+    assert len(points) > 3000
+    assert (np.diff(points["seq"].astype(np.int64)) == 1).all()
+    late_ms = np.diff(live.heard.arrived_ns["point"][-3000:]) / 1e6
+    assert late_ms.max() < 1000
+
+
+def test_sigterm_ends_it_within_3_s_and_takes_the_token_away(live: Live) -> None:
+    with live.daemon.session() as session:
+        alive = f"armd/{live.daemon.serial}/alive"
+        time.sleep(0.2)
+        assert [reply for reply in session.liveliness().get(alive) if reply.ok]
+        code, seconds = live.daemon.stop()
+        assert code == 0
+        assert seconds < 3.0
+        assert not [reply for reply in session.liveliness().get(alive) if reply.ok]
+
+
+def test_commands_are_refused_unless_enabled_and_a_killed_daemon_needs_no_cleaning(
+    tmp_path: Path,
+) -> None:
+    endpoint = free_endpoint()
+    with simulated_arm(tmp_path) as arm:
+        with running_daemon(tmp_path, arm.port, endpoint=endpoint) as daemon:
+            ok, reply = daemon.get("command/reload")
+            assert not ok and reply.startswith("refused")
+            daemon.stop(signal.SIGKILL)
+        with (
+            running_daemon(tmp_path, arm.port, endpoint=endpoint) as daemon,
+            daemon.listen() as heard,
+        ):
+            heard.wait_for(lambda: len(heard.points()) > 200)
+            assert not daemon.get("command/reload")[0]
+            assert daemon.stop(signal.SIGINT)[0] == 0
+
+
+def test_a_foreign_arm_is_waited_out_or_ends_the_daemon(tmp_path: Path) -> None:
+    with simulated_arm(tmp_path, "--serial-number", "OTHER-7", rate_hz=200) as arm:
+        toml = (tmp_path / "arm.toml").read_text()
+        (tmp_path / "arm.toml").write_text(toml.replace("OTHER-7", "SIM-0001"))
+        with running_daemon(tmp_path, arm.port) as daemon, daemon.listen() as heard:
+            heard.wait_for(lambda: heard.events("foreign_arm") or heard.json("health"))
+            past = daemon.get("event")[1]
+            heard.wait_for(lambda: "OTHER-7" in heard.json("health")[-1]["reason"])
+            health = heard.json("health")[-1]
+            assert health["state"] == "NOT_READY"
+            assert "found OTHER-7, expected SIM-0001" in health["reason"]
+            assert past and len(heard.points()) == 0
+            assert "found OTHER-7, expected SIM-0001" in daemon.log.read_text()
+        config = write_config(tmp_path, arm.port, free_endpoint(), '[health]\nforeign_arm = "stop"')
+        done = subprocess.run(
+            [*ARMD, "run", str(config)], capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode == 2
+        assert "found OTHER-7, expected SIM-0001" in done.stderr.splitlines()[-1]
+
+
+def test_ready_does_not_wait_for_an_arm_that_is_not_there(tmp_path: Path) -> None:
+    with simulated_arm(tmp_path, rate_hz=100, seconds=0.1) as arm:
+        arm.wait()
+    with running_daemon(tmp_path, str(tmp_path / "nothing")) as daemon, daemon.listen() as heard:
+        heard.wait_for(lambda: heard.json("health"))
+        assert heard.json("health")[-1]["state"] == "NOT_READY"
+        assert daemon.stop()[0] == 0
