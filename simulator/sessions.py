@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from armd.errors import ArmdError, BadInput
+from armd.errors import BadInput
 from armd.files import write_whole
 from armd.simulator.answers import true_constants, true_expansion
 from armd.simulator.campaigns import calibration, hidden, paper, verification
@@ -37,8 +37,12 @@ KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--session", metavar="KIND", choices=KINDS, help=", ".join(KINDS))
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, help="folder for the sessions")
+    parser.add_argument(
+        "--session", metavar="KIND", choices=KINDS, required=True, help=", ".join(KINDS)
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the sessions"
+    )
     parser.add_argument("--seed", type=int, default=1, help="which arm, artefact and noise")
     parser.add_argument(
         "--noise", type=float, default=1.0, metavar="FACTOR", help="0: readings without noise"
@@ -114,19 +118,3 @@ def truth_of(
             for session in measured
         },
     }
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m armd.simulator.sessions")
-    add_arguments(parser)
-    args = parser.parse_args(arguments)
-    if args.session is None or args.output is None:
-        parser.error("--session KIND and -o DIR are both wanted")
-    return run(args)
-
-
-if __name__ == "__main__":
-    try:
-        raise SystemExit(main())
-    except ArmdError as error:
-        raise SystemExit(f"armd: {error}") from error

@@ -3,6 +3,7 @@ about the truth."""
 
 from __future__ import annotations
 
+import argparse
 import csv
 import json
 import tomllib
@@ -17,11 +18,17 @@ from armd.simulator.campaigns.campaign import Campaign
 from armd.simulator.measuring import Measured
 from armd.simulator.noise import Noise
 from armd.simulator.poses import MARGIN_RAD
-from armd.simulator.sessions import KINDS, main
+from armd.simulator.sessions import KINDS, add_arguments, run
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import Materials, TrueArm
 
 QUIET = Noise().scaled(0.0)
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    return run(parser.parse_args(arguments))
 
 
 def read(folder: Path) -> tuple[dict, list[dict[str, str]]]:
