@@ -77,9 +77,14 @@ def build_image(modules: Path) -> Path:
 def make_filesystem(image: Path, content: Path, label: str, size: str) -> None:
     """An ext4 file system holding the folder *content*; its free space costs no disk."""
     image.unlink(missing_ok=True)
-    make = ["mke2fs", "-qq", "-t", "ext4", "-O", "^has_journal", "-m", "0", "-L", label]
+    make = ["mke2fs", "-q", "-t", "ext4", "-O", "^has_journal", "-m", "0", "-L", label]
     environment = {**os.environ, "PATH": f"{os.environ['PATH']}:/usr/sbin:/sbin"}
-    subprocess.run([*make, "-d", content, image, size], check=True, env=environment)
+    subprocess.run(
+        [*make, "-d", content, image, size],
+        check=True,
+        env=environment,
+        stdout=subprocess.DEVNULL,
+    )
 
 
 def _bootstrap(root: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import signal
 import subprocess
 import tarfile
@@ -16,6 +17,7 @@ from guest_image import HELLO, build_image, make_filesystem
 from guest_qemu import Qemu
 
 RESULTS_BYTES = 64 << 20
+MEMORY_BYTES = 3 << 30
 
 
 class Machine(Protocol):
@@ -46,7 +48,7 @@ class Uml:
     def command(self, disks: Sequence[Path], words: str) -> list[str]:
         drives = [f"ubd{number}={disk}" for number, disk in enumerate(disks)]
         console = "con0=null,fd:1 con1=null con=null ssl=null console=tty0"
-        start = ["env", f"LD_PRELOAD={self.shim}", str(self.kernel), "mem=3G"]
+        start = ["env", f"LD_PRELOAD={self.shim}", str(self.kernel), f"mem={MEMORY_BYTES}"]
         return [*start, *drives, *console.split(), *words.split()]
 
     def disk(self, number: int) -> str:
@@ -60,7 +62,8 @@ def machine(folder: Path) -> Machine:
         uml = Uml()
         command = uml.command([build_image(uml.modules)], f"root={uml.disk(0)} init=/sbin/hello")
         console = folder / "hello.console"
-        run(command, console, 60)
+        with contextlib.suppress(TimeoutError):
+            run(command, console, 60)
         if choice == "uml" or HELLO in console.read_text(errors="replace"):
             return uml
     return Qemu()
@@ -71,8 +74,7 @@ def run(command: Sequence[str], console: Path, timeout_s: float) -> None:
 
     Raises `TimeoutError`.
     """
-    # Fast memory holds the guest's.
-    environment = {**os.environ, "TMPDIR": "/dev/shm"} if Path("/dev/shm").is_dir() else None
+    environment = {**os.environ, "TMPDIR": str(_memory())}
     with console.open("wb") as output:
         process = subprocess.Popen(
             ["setpriv", "--pdeathsig=KILL", "nice", "-n", "10", *command],
@@ -90,6 +92,13 @@ def run(command: Sequence[str], console: Path, timeout_s: float) -> None:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
+
+
+def _memory() -> Path:
+    """Where the guest's memory lies as a file: in memory where a container allows that much."""
+    shared = Path("/dev/shm")
+    enough = shared.is_dir() and shutil.disk_usage(shared).free > MEMORY_BYTES
+    return shared if enough else CACHE
 
 
 class Guest:
