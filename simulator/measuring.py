@@ -129,8 +129,7 @@ def take_readings(
     rigid = arm.posture(phi, Conditions.at_rest(n, arm.n_joints))
     approach, rate = _motion(rigid, pushed, plan, rng)
     conditions = Conditions(link_c, rate, 3600 * plan.start_h + time_s, approach, air_c)
-    # The artefact is heavy and takes the air's temperature slowly: here it has the first one.
-    artefact_c = np.full(n, air_c[0]) + plan.climate.ramp_k_per_h * time_s / 3600
+    artefact_c = air_c  # its thin bars follow the air
     local = rig.artefact.positions(target, artefact_c)
     goal = np.empty((n, 3))
     for i, where in enumerate(placements):
