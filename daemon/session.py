@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 
 import zenoh
 
@@ -11,7 +14,29 @@ from armd.errors import BadInput
 
 #: A frozen daemon's points and token vanish after this; a killed one's at once.
 LEASE_MS = 2000
+CLOSE_S = 1.5
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
+
+
+@contextmanager
+def zenoh_session(config: Config) -> Iterator[zenoh.Session]:
+    """`open_session`, closed at the end within `CLOSE_S`.
+
+    A subscriber that stands still holds up Zenoh's own close for ten seconds. The end of the
+    process closes the sockets as well, and everybody else sees its token go just so.
+    """
+    session = open_session(config)
+    try:
+        yield session
+    finally:
+        closing = threading.Thread(target=_close, args=(session,), daemon=True)
+        closing.start()
+        closing.join(CLOSE_S)
+
+
+def _close(session: zenoh.Session) -> None:
+    with suppress(zenoh.ZError):
+        session.close()  # type: ignore[no-untyped-call]
 
 
 def open_session(config: Config) -> zenoh.Session:

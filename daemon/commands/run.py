@@ -12,7 +12,7 @@ from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config, load_config
 from armd.daemon.rehearsal import rehearse
 from armd.daemon.service import Service
-from armd.daemon.session import open_session
+from armd.daemon.session import zenoh_session
 from armd.drivers.identity import Expectation
 from armd.drivers.table import open_driver
 
@@ -30,7 +30,7 @@ def serve(config: Config) -> int:
     arm = ArmInUse(config)
     rehearse(config, arm)  # compiles everything the stream needs, before ready is said
     driver = open_driver(config.driver, expectation(config))
-    with open_session(config) as session, closing(driver):
+    with zenoh_session(config) as session, closing(driver):
         service = Service(config, driver, session, arm)
         with closing(service):
             signal.signal(signal.SIGTERM, lambda *_: service.stop())
