@@ -51,7 +51,7 @@ class Publisher:
     def put_raw(self, frames: Iterable[RawFrame], preamble: Callable[[], list[RawFrame]]) -> None:
         """Publish raw frames while somebody records them; a recording that begins now begins
         with the *preamble*, which knows what *frames* have told."""
-        began, self._recorded = self._recorded, bool(self._raw.matching_status)
+        began, self._recorded = self._recorded, self._raw.matching_status.matching
         if not self._recorded:
             return
         if not began:

@@ -52,7 +52,8 @@ class SerialDecoder:
         self._boot_id: int | None = None
         self._published: int | None = None  # the last seq delivered
         self._pings: dict[int, RawFrame] = {}  # by nonce, sent and not answered yet
-        self._greeting: list[RawFrame] = []  # what told whose arm this is
+        self._greeting: RawFrame | None = None  # what told whose arm this is
+        self._warmth: RawFrame | None = None  # what told the temperatures last
         self._exchanges: deque[tuple[RawFrame, RawFrame]] = deque(maxlen=WINDOW)
         self._held: deque[tuple[Rows | wire.TemperatureReading, int, int]] = deque()
         self._n_held = 0
@@ -86,14 +87,15 @@ class SerialDecoder:
         return self._decode(frame)
 
     def preamble(self) -> list[RawFrame]:
-        """What a fresh decoder must be fed to go on from here: identity, clock and epoch."""
-        if not self.accepted or not self._greeting:
+        """What a fresh decoder must be fed to go on from here: epoch, identity, temperatures and
+        the exchanges that make the clock."""
+        if not self.accepted or self._greeting is None:
             return []
-        link = replace(
-            self._greeting[0], direction="link", data=EPOCH + b"%d" % self._sequence.epoch
-        )
-        exchanges = [frame for both in self._exchanges for frame in both]
-        return [link, *self._greeting, *exchanges]
+        epoch = EPOCH + b"%d" % self._sequence.epoch
+        frames = [replace(self._greeting, direction="link", data=epoch), self._greeting]
+        if self._warmth is not None:
+            frames.append(self._warmth)
+        return frames + [frame for exchange in self._exchanges for frame in exchange]
 
     # --- packets -------------------------------------------------------------------------
 
@@ -131,6 +133,7 @@ class SerialDecoder:
             case wire.Type.TEMPERATURE:
                 reading = wire.decode_temperature(data)
                 if reading is not None:
+                    self._warmth = replace(frame, data=wire.pack(data[:-4]))
                     return self._deliver_or_hold(reading, frame)
             case wire.Type.HELLO:
                 hello = wire.decode_hello(data)
@@ -221,7 +224,7 @@ class SerialDecoder:
             self._new_boot()
             items.append(Event("reboot", "the arm has rebooted", frame.monotonic_ns, "warning"))
         self._boot_id = hello.boot_id
-        self._greeting = [replace(frame, data=wire.encode_hello(hello))]
+        self._greeting = replace(frame, data=wire.encode_hello(hello))
         if self._unwrapper is None:
             ranges = [1 << b for b in hello.bits]
             self._unwrapper = Unwrapper(ranges, ranges, self._max_rate)

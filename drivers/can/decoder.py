@@ -69,6 +69,7 @@ class CanDecoder:
         self._alarm_watch = JointWatch("joint_invalid", "its encoder raises an alarm")
         self._jump_watch = JointWatch("count_jump", "its count jumped")
         self._settings: dict[int, RawFrame] = {}  # the last note on each configured node
+        self._warmth: dict[tuple[int, int], RawFrame] = {}  # the last of each temperature PDO
         self._counted: Counter[str] = Counter()
 
     @property
@@ -90,9 +91,9 @@ class CanDecoder:
         return self._assembler.may_sync(now_ns)
 
     def preamble(self) -> list[RawFrame]:
-        """What a fresh decoder must be fed to go on from here: the nodes, and the number."""
+        """What a fresh decoder must be fed to go on from here: number, nodes, temperatures."""
         settings = list(self._settings.values())
-        if not self.accepted or not settings:
+        if not settings:
             return []
         number = note(
             note="number",
@@ -100,7 +101,7 @@ class CanDecoder:
             echo=self._sync_time.echo,
             first_latch_ns=self._first_latch_ns,
         )
-        return [replace(settings[0], data=number), *settings]
+        return [replace(settings[0], data=number), *settings, *self._warmth.values()]
 
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes, in the order of the bus."""
@@ -259,6 +260,7 @@ class CanDecoder:
     # --- temperatures ----------------------------------------------------------------------
 
     def _temperature_data(self, node: Node, pdo: int, data: bytes, frame: RawFrame) -> list[Item]:
+        self._warmth[node.number, pdo] = frame
         module = can.TEMPERATURE_NODES.index(node.number)
         if pdo < can.STATUS_PDO_NUMBER and len(data) == can.VALUES_PDO.size:
             first = can.CHANNELS_PER_PDO * (pdo - 1)

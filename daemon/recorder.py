@@ -1,0 +1,131 @@
+"""What a daemon publishes, into an MCAP file: raw frames first, then what became of them.
+
+docs/recording.md describes the file. A recorder that is killed leaves a file that can be read up
+to the last fraction of a second.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import numpy.typing as npt
+from mcap.writer import Writer
+
+from armd import POINT, __version__, keys
+from armd.drivers import raw
+from armd.drivers.recording import CALIBRATION_ATTACHMENT, INFO_ATTACHMENT, RAW_TOPIC
+
+CHUNK_BYTES = 1 << 16  # what a killed recorder may lose
+RAW_ENCODING = "armd.raw.v1"
+TOPICS = {keys.POINT: "/point", keys.EVENT: "/event", keys.HEALTH: "/health"} | {
+    keys.MEASUREMENT: "/measurement"
+}
+_NUMBERS = {"x": {"type": "number"}, "y": {"type": "number"}, "z": {"type": "number"}}
+#: JSON schemas, so that Foxglove plots every field; those of the messages leave open what is in.
+SCHEMAS: dict[str, dict[str, Any]] = {
+    keys.POINT: {
+        "type": "object",
+        "properties": {
+            "seq": {"type": "integer"},
+            "stamp_ns": {"type": "integer"},
+            "monotonic_ns": {"type": "integer"},
+            "position_mm": {"type": "object", "properties": _NUMBERS},
+            "orientation": {
+                "type": "object",
+                "properties": _NUMBERS | {"w": {"type": "number"}},
+            },
+            "covariance_mm2": {"type": "array", "items": {"type": "number"}},
+            "correction_mm": {"type": "object", "properties": _NUMBERS},
+            "flags": {"type": "integer"},
+            "calibration": {"type": "integer"},
+            "buttons": {"type": "integer"},
+        },
+    },
+    **{what: {"type": "object"} for what in (keys.EVENT, keys.HEALTH, keys.MEASUREMENT)},
+}
+
+
+class Recorder:
+    """Writes to an open binary file; `close` ends it properly."""
+
+    def __init__(self, file: IO[bytes], info: dict[str, Any]) -> None:
+        self.counts = dict.fromkeys([keys.RAW, *TOPICS], 0)
+        self.lost_frames = 0
+        self._next_frame: int | None = None
+        self._writer = Writer(file, chunk_size=CHUNK_BYTES)
+        self._writer.start(profile="armd", library=f"armd {__version__}")
+        now_ns = time.time_ns()
+        calibration = info.pop("calibration_file", None)
+        self._attach(INFO_ATTACHMENT, json.dumps(info, indent=1), now_ns)
+        if calibration is not None:
+            self._attach(CALIBRATION_ATTACHMENT, calibration, now_ns)
+        self._raw = self._writer.register_channel(RAW_TOPIC, RAW_ENCODING, schema_id=0)
+        self._channels = {
+            what: self._writer.register_channel(topic, "json", self._schema(what))
+            for what, topic in TOPICS.items()
+        }
+
+    def close(self) -> None:
+        self._writer.finish()
+
+    def take_frames(self, payloads: list[bytes]) -> None:
+        """Payloads of the raw key, as published."""
+        for payload in payloads:
+            number, frame = raw.unpack(payload)
+            if self._next_frame is not None:
+                self.lost_frames += number - self._next_frame
+            self._next_frame = number + 1
+            self._add(keys.RAW, self._raw, payload, frame.unix_ns)
+
+    def take_points(self, payloads: list[bytes]) -> None:
+        """Payloads of the point key, as published."""
+        points = np.frombuffer(b"".join(payloads), POINT)
+        for point, data in zip(points, as_json(points), strict=True):
+            self._add(keys.POINT, self._channels[keys.POINT], data, int(point["stamp_ns"]))
+
+    def take_messages(self, what: str, payloads: list[bytes]) -> None:
+        """Payloads of a JSON key, as published."""
+        for payload in payloads:
+            self._add(what, self._channels[what], payload, time.time_ns())
+
+    def _schema(self, what: str) -> int:
+        schema = json.dumps(SCHEMAS[what]).encode()
+        return self._writer.register_schema(f"armd.{what}", "jsonschema", schema)
+
+    def _attach(self, name: str, text: str, now_ns: int) -> None:
+        self._writer.add_attachment(now_ns, now_ns, name, "application/json", text.encode())
+
+    def _add(self, what: str, channel: int, data: bytes, unix_ns: int) -> None:
+        sequence = self.counts[what] & 0xFFFFFFFF
+        self._writer.add_message(channel, max(0, unix_ns), data, max(0, unix_ns), sequence)
+        self.counts[what] += 1
+
+
+def as_json(points: npt.NDArray[np.void]) -> list[bytes]:
+    """Each of *points* (n,) of `POINT`, without loss: every number as short as it can be said and
+    still be the same; NaN is null."""
+    columns = {name: points[name].tolist() for name in POINT.names or () if name != "reserved"}
+    axes = {"position_mm": "xyz", "orientation": "xyzw", "correction_mm": "xyz"}
+    for name, letters in axes.items():
+        columns[name] = [
+            dict(zip(letters, map(_number, row), strict=True)) for row in columns[name]
+        ]
+    columns["covariance_mm2"] = [list(map(_number, row)) for row in columns["covariance_mm2"]]
+    return [
+        json.dumps(dict(zip(columns, row, strict=True))).encode()
+        for row in zip(*columns.values(), strict=True)
+    ]
+
+
+def _number(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def default_path(serial: str) -> Path:
+    """`SERIAL-20260301T090000.mcap` in the present folder."""
+    return Path(f"{serial}-{time.strftime('%Y%m%dT%H%M%S')}.mcap")
