@@ -1,0 +1,126 @@
+"""Rest, rates and sides of approach, decided sample by sample."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from armd.daemon.motion import REST_AFTER_NS, SIDE_PLAY_RAD, Motion
+
+COUNTS = [1 << 23] * 3
+REACH_MM = 1000.0
+
+
+def follow(position_mm: np.ndarray, rate_hz: int = 1000, q: np.ndarray | None = None):
+    """Everything `Motion.follow` says of a motion of the tip at a steady rate."""
+    n = len(position_mm)
+    q = np.zeros((n, 3)) if q is None else q
+    time_ns = np.arange(n) * (10**9 // rate_hz)
+    motion = Motion(COUNTS, REACH_MM)
+    rate, approach, still_ns = motion.follow(q, position_mm, time_ns, np.ones(n, bool))
+    return rate, approach, time_ns - still_ns >= REST_AFTER_NS
+
+
+def along_x(x_mm: np.ndarray) -> np.ndarray:
+    return np.stack([x_mm, 0 * x_mm, 0 * x_mm], axis=1)
+
+
+def noise(n: int, sigma_mm: float, seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0, sigma_mm, (n, 3))
+
+
+def smooth(n: int, length_mm: float) -> np.ndarray:
+    """A minimum-jerk stroke over n samples."""
+    s = np.linspace(0, 1, n)
+    return length_mm * (10 * s**3 - 15 * s**4 + 6 * s**5)
+
+
+def test_at_rest_after_half_a_second_without_motion():
+    resting = follow(noise(2000, 0.003))[2]
+    assert not resting[:500].any()
+    assert resting[520:].all()
+
+
+@pytest.mark.parametrize("rate_hz", [100, 1000, 5000])
+@pytest.mark.parametrize("sigma_mm", [0.0, 0.002, 0.01])
+def test_never_at_rest_while_the_tip_moves_fast_and_soon_after_it_stopped(rate_hz, sigma_mm):
+    stroke = smooth(rate_hz, 200.0)
+    x = np.concatenate([np.zeros(rate_hz), stroke, np.full(2 * rate_hz, 200.0)])
+    resting = follow(along_x(x) + noise(len(x), sigma_mm), rate_hz)[2]
+    speed = np.abs(np.gradient(x)) * rate_hz
+    assert not resting[speed > 10].any()
+    assert resting[-rate_hz:].all()
+    # The first and last tenth of a smooth stroke may be less than noise and tremor.
+    stopped = 2 * rate_hz
+    assert not resting[rate_hz + rate_hz // 10 : stopped + int(0.4 * rate_hz)].any()
+
+
+def test_a_sudden_start_is_seen_at_once():
+    x = np.concatenate([np.zeros(1000), 12e-3 * np.arange(1, 200)])  # 12 mm/s from one to the next
+    resting = follow(along_x(x))[2]
+    assert resting[999]
+    assert not resting[1000:].any()
+
+
+def test_slow_creep_is_not_rest_when_it_goes_on():
+    x = 5e-3 * np.arange(3000)  # 5 mm/s
+    assert not follow(along_x(x))[2].any()
+
+
+def test_after_a_gap_nobody_knows_whether_it_rested():
+    motion = Motion(COUNTS, REACH_MM)
+    q, tip = np.zeros((1000, 3)), np.zeros((1000, 3))
+    time_ns = np.arange(1000) * 1_000_000
+    motion.follow(q, tip, time_ns, np.ones(1000, bool))
+    later_ns = time_ns + 2_000_000_000
+    still_ns = motion.follow(q, tip, later_ns, np.ones(1000, bool))[2]
+    assert (still_ns == later_ns[0]).all()
+
+
+def test_an_invalid_sample_ends_a_rest():
+    valid = np.ones(1000, bool)
+    valid[700] = False
+    time_ns = np.arange(1000) * 1_000_000
+    motion = Motion(COUNTS, REACH_MM)
+    still_ns = motion.follow(np.zeros((1000, 3)), np.zeros((1000, 3)), time_ns, valid)[2]
+    assert still_ns[699] == 0 and still_ns[701] == time_ns[701]
+
+
+def test_rate_and_side_of_approach():
+    q = np.zeros((300, 3))
+    q[:100, 0] = np.linspace(0, 0.1, 100)
+    q[100:, 0] = 0.1
+    q[200:, 0] -= 0.5 * SIDE_PLAY_RAD  # noise, not a turn
+    q[:, 1] = -np.linspace(0, 0.3, 300)
+    rate = follow(np.zeros((300, 3)), q=q)[0]
+    np.testing.assert_allclose(rate[2:100, 0], 0.1 / 99 * 1000, rtol=1e-9)
+    assert (np.sign(rate[10:, 0]) == 1).all()  # held at rest
+    assert np.abs(rate[101:, 0]).max() < 1e-9
+    assert (np.sign(rate[10:, 1]) == -1).all()
+    assert np.isnan(rate[:, 2]).all()  # never moved: unknown
+
+
+def test_approach_is_the_direction_of_travel_and_is_held():
+    x = np.concatenate([np.linspace(0, 50, 500), np.full(500, 50.0)])
+    approach = follow(along_x(x) + noise(1000, 0.002))[1]
+    assert np.isnan(approach[0]).all()
+    np.testing.assert_allclose(approach[100:], [[1, 0, 0]] * 900, atol=0.05)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(st.integers(1, 40), min_size=1, max_size=20), st.integers(0, 2**32 - 1))
+def test_batches_do_not_matter(cuts, seed):
+    rng = np.random.default_rng(seed)
+    n = sum(cuts)
+    q = np.cumsum(rng.normal(0, 1e-3, (n, 3)), axis=0)
+    tip = np.cumsum(rng.normal(0, 0.02, (n, 3)), axis=0)
+    time_ns = np.cumsum(rng.integers(5 * 10**5, 2 * 10**8, n))
+    valid = rng.random(n) > 0.05
+    whole = Motion(COUNTS, REACH_MM).follow(q, tip, time_ns, valid)
+    motion, parts = Motion(COUNTS, REACH_MM), []
+    for rows in np.split(np.arange(n), np.cumsum(cuts)[:-1]):
+        parts.append(motion.follow(q[rows], tip[rows], time_ns[rows], valid[rows]))
+    for one, cut in zip(whole, zip(*parts, strict=True), strict=True):
+        np.testing.assert_array_equal(one, np.concatenate(cut))

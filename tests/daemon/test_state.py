@@ -1,0 +1,81 @@
+"""The state and its reason, the log that does not flood, the words for systemd."""
+
+from __future__ import annotations
+
+import io
+import socket
+
+import pytest
+
+from armd import Flag
+from armd.daemon.log import BURST, Log
+from armd.daemon.state import Seen, State, assess
+from armd.daemon.systemd import Systemd
+from armd.drivers.sample import Event
+
+FINE = {"silent_s": 0.01, "points": 1000}
+
+
+@pytest.mark.parametrize(
+    ("seen", "state", "reason"),
+    [
+        ({}, State.READY, "measuring"),
+        ({"flags": int(Flag.NOT_CALIBRATED)}, State.READY, "nominal geometry"),
+        ({"drift": "t1 drifts by +9.0 K/h"}, State.WARMING, "t1 drifts"),
+        ({"outside_sensors": ("t1",)}, State.INACCURATE, "outside the identified"),
+        ({"flags": int(Flag.TEMPERATURE_RATE), "drift": "t1"}, State.INACCURATE, "too fast"),
+        ({"missing_sensors": ("t2",)}, State.DEGRADED, "temperature missing: t2"),
+        ({"flags": int(Flag.CLOCK)}, State.DEGRADED, "clock"),
+        ({"lossy": True}, State.DEGRADED, "lost"),
+        ({"warning_joints": (4,)}, State.DEGRADED, "joint 4"),
+        ({"invalid": 10, "invalid_joints": (3,)}, State.DEGRADED, "joint 3"),
+        ({"invalid": 1000, "invalid_joints": (3,)}, State.NOT_READY, "joint 3"),
+        ({"invalid": 1000, "missing_sensors": ("t2",)}, State.NOT_READY, "t2 missing"),
+        ({"silent_s": 0.6, "trouble": "unplugged"}, State.NOT_READY, "0.6 s: unplugged"),
+        ({"silent_s": None, "points": 0}, State.NOT_READY, "no sample yet"),
+    ],
+)
+def test_the_worst_reason_wins(seen, state, reason):
+    found, why = assess(Seen(**(FINE | seen)))
+    assert found is state
+    assert reason in why
+
+
+def test_a_flood_of_events_is_counted_not_written():
+    stream, now_s = io.StringIO(), [0.0]
+    log = Log(stream, lambda: now_s[0])
+    for _ in range(100):
+        log.write(Event("silence", "no sample", 0, "error", {"port": "x"}))
+    log.write(Event("button", "pressed", 0, "info"))
+    now_s[0] = 11.0
+    log.write(Event("silence", "no sample", 0, "error"))
+    lines = stream.getvalue().splitlines()
+    assert len(lines) == BURST + 2
+    assert lines[0] == 'armd: error: silence: no sample {"port": "x"}'
+    assert lines[-1] == f"armd: error: silence: no sample ({100 - BURST} more before)"
+
+
+def test_systemd_hears_ready_status_and_the_watchdog(tmp_path, monkeypatch):
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as inbox:
+        inbox.bind(str(tmp_path / "notify"))
+        inbox.settimeout(5)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "3000000")
+        systemd = Systemd()
+        systemd.ready()
+        for now_s in (10.0, 10.5, 11.1):
+            systemd.feed_watchdog(now_s)
+        systemd.status("READY: measuring")
+        systemd.status("READY: measuring")
+        systemd.stopping()
+        systemd.close()
+        heard = [inbox.recv(1000).decode() for _ in range(5)]
+    assert heard == ["READY=1", "WATCHDOG=1", "WATCHDOG=1", "STATUS=READY: measuring", "STOPPING=1"]
+
+
+def test_nobody_hears_it_elsewhere(monkeypatch):
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    systemd = Systemd()
+    systemd.ready()
+    systemd.feed_watchdog(1.0)
+    systemd.close()
