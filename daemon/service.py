@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 import zenoh
@@ -67,6 +68,10 @@ class Service:
 
     def ask_reload(self) -> None:
         self._reload_asked = True
+
+    def health(self) -> dict[str, Any]:
+        """The health message last published; empty before the first second is over."""
+        return self._publisher.health
 
     def run(self) -> None:
         """Until `stop`; raises `ForeignArm` if the configuration says so."""

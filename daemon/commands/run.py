@@ -5,16 +5,18 @@ from __future__ import annotations
 import argparse
 import gc
 import signal
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config, load_config
+from armd.daemon.metrics import MetricsServer
 from armd.daemon.rehearsal import rehearse
 from armd.daemon.service import Service
 from armd.daemon.session import zenoh_session
 from armd.drivers.identity import Expectation
 from armd.drivers.table import open_driver
+from armd.errors import BadInput
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,16 +32,29 @@ def serve(config: Config) -> int:
     arm = ArmInUse(config)
     rehearse(config, arm)  # compiles everything the stream needs, before ready is said
     driver = open_driver(config.driver, expectation(config))
-    with zenoh_session(config) as session, closing(driver):
-        service = Service(config, driver, session, arm)
-        with closing(service):
-            signal.signal(signal.SIGTERM, lambda *_: service.stop())
-            signal.signal(signal.SIGINT, lambda *_: service.stop())
-            signal.signal(signal.SIGHUP, lambda *_: service.ask_reload())
-            gc.freeze()  # what start-up made stays; the collector need not look at it again
-            print(_ready(config, arm), flush=True)
-            service.run()
+    with ExitStack() as stack:
+        session = stack.enter_context(zenoh_session(config))
+        stack.enter_context(closing(driver))
+        service = stack.enter_context(closing(Service(config, driver, session, arm)))
+        if config.file.metrics is not None:
+            stack.enter_context(closing(_serve_metrics(config, service)))
+        signal.signal(signal.SIGTERM, lambda *_: service.stop())
+        signal.signal(signal.SIGINT, lambda *_: service.stop())
+        signal.signal(signal.SIGHUP, lambda *_: service.ask_reload())
+        gc.freeze()  # what start-up made stays; the collector need not look at it again
+        print(_ready(config, arm), flush=True)
+        service.run()
     return 0
+
+
+def _serve_metrics(config: Config, service: Service) -> MetricsServer:
+    assert config.file.metrics is not None
+    port = config.file.metrics.port
+    try:
+        return MetricsServer(port, service.health)
+    except OSError as error:
+        found = f"{port}: {error.strerror}"
+        raise BadInput(config.path, "metrics.port", found, "a free port") from error
 
 
 def expectation(config: Config) -> Expectation:
