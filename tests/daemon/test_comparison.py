@@ -19,7 +19,8 @@ def made_up(n: int = 2000) -> tuple[np.ndarray, np.ndarray]:
     truth["position_mm"] = rng.uniform(-800, 800, (n, 3))
     points = np.zeros(n, POINT)
     points["seq"] = truth["seq"]
-    placed = Rotation.from_rotvec([0, 0, 1e-3]).apply(truth["position_mm"]) + [0.5, -0.3, 0.2]
+    turn = Rotation.from_rotvec([0, 0, 1e-3])
+    placed = np.add(turn.apply(truth["position_mm"]), [0.5, -0.3, 0.2])
     points["position_mm"] = placed + rng.normal(0, 0.01, (n, 3))
     points["correction_mm"] = [0.3, 0, 0]
     return points, truth
