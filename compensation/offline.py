@@ -21,6 +21,7 @@ from armd.compensation.arm import Arm
 from armd.compensation.calibration import LoadedCalibration, used_sensors
 from armd.compensation.model import Model
 from armd.compensation.readings import Readings, cast_columns, parse_csv, read_header
+from armd.compensation.row_uncertainty import row_uncertainties
 from armd.compensation.session import (
     angles,
     approaches,
@@ -59,7 +60,7 @@ class Corrector:
         self._unit = unit
         self._started_unix_s = started_unix_s
         self._model = Model(arm, calibration)
-        content = calibration.content if calibration else None
+        content = self._content = calibration.content if calibration else None
         self._always = Flag(0) if calibration else Flag.NOT_CALIBRATED
         factors = [factor for term in (content.terms if content else []) for factor in term.basis]
         self._needs_date = any(isinstance(factor, Time | After) for factor in factors)
@@ -80,7 +81,10 @@ class Corrector:
         self._held_c = np.full(len(arm.sensors), reference_c)
 
     def correct(self, readings: Readings) -> tuple[F64, npt.NDArray[np.uint32]]:
-        """Positions and corrections (n, 6) mm, NaN where an angle is missing, and flags (n,)."""
+        """Positions and their standard uncertainties (n, 6) mm, and flags (n,).
+
+        NaN where an angle is missing; uncertainties also where the calibration states none.
+        """
         arm, n = self._arm, readings.n
         q = angles(readings, arm, self._unit, missing_allowed=True)
         rate = rates(readings, arm.n_joints)
@@ -94,7 +98,8 @@ class Corrector:
             approach=approaches(readings, arm, q, rate),
             series=np.zeros(n, np.int64),
         )
-        figures = np.hstack(self._model.correct_states(states, onwards=True))
+        position, _ = self._model.correct_states(states, onwards=True)
+        figures = np.hstack([position, self._uncertainties(states)])
         invalid = np.isnan(q).any(axis=1)
         figures[invalid] = np.nan
 
@@ -112,6 +117,11 @@ class Corrector:
         ):
             flags[rows] |= int(flag)
         return figures, flags
+
+    def _uncertainties(self, states: States) -> F64:
+        if self._content is None:
+            return np.full((states.n, 3), np.nan)
+        return row_uncertainties(self._arm, self._content, states)
 
     def _hold(self, measured_c: F64) -> F64:
         """Temperatures (n, S), the last one held where one is missing; at first the reference."""

@@ -12,7 +12,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from armd import Flag
+from armd import POINT, Flag
 from armd.compensation import offline
 from armd.compensation.arm import load_arm
 from armd.compensation.calibration import (
@@ -21,9 +21,8 @@ from armd.compensation.calibration import (
     load_calibration,
     save_calibration,
 )
-from armd.compensation.kinematics import forward
+from armd.compensation.kinematics import forward, jacobian
 from armd.compensation.model import Model
-from armd.compensation.state import States
 from armd.daemon.cli import main
 
 ARM = """
@@ -71,6 +70,9 @@ class Bench:
             "temperature_range_c": {"t1": [15.0, 30.0]},
             "constants": constants_of(self.arm.nominal(), 3),
             "terms": terms,
+            "covariance_of": ["d_1", "a_2", "term 0"],
+            "covariance": [[4e-6, 1e-6, 0.0], [1e-6, 9e-6, 0.0], [0.0, 0.0, 1e-8]],
+            "noise": {"encoder_rad": [2e-6, 3e-6, 4e-6], "temperature_c": 0.1},
         }
         save_calibration(self.folder / "cal.json", Calibration.model_validate(content))
 
@@ -89,17 +91,32 @@ class Bench:
             return list(csv.DictReader(file))
 
     def expected(self, q: np.ndarray, celsius: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+        """Position and standard uncertainty (n, 6) of each row by the live path."""
         model = Model(self.arm, load_calibration(self.folder / "cal.json", self.arm))
-        n = len(q)
-        none = np.full((n, 3), np.nan)
-        temperature = np.column_stack([celsius, np.full(n, 20.0)])
-        states = States(q, none, temperature, time_s, none, np.zeros(n, np.int64))
-        return np.hstack(model.correct_states(states))
+        points, nothing = np.zeros(1, POINT), np.full((1, 3), np.nan)
+        rows = []
+        for angles, warm_c, at_s in zip(q, celsius, time_s, strict=True):
+            model.fold(np.array([warm_c, 20.0]), at_s)
+            model.correct(angles[None, :], nothing, nothing, points)
+            rows.append(
+                [*points["position_mm"][0], *np.sqrt(points["covariance_mm2"][0, [0, 3, 5]])]
+            )
+        return np.array(rows)
+
+    def lifted_mm(self) -> list[float | None]:
+        """How much higher than by the drawing each point is, joints 2 and 3 at zero."""
+        nominal_mm = forward(np.zeros((1, 3)), self.arm.nominal())[0][0, 2]
+        heights = [row["z_mm"] for row in self.points()]
+        return [round(float(z) - nominal_mm, 6) if z else None for z in heights]
 
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Bench:
     return Bench(tmp_path)
+
+
+def positions(rows: list[dict[str, str]]) -> np.ndarray:
+    return np.array([[float(row[name]) for name in offline.COLUMNS[:3]] for row in rows])
 
 
 def figures(rows: list[dict[str, str]]) -> np.ndarray:
@@ -115,8 +132,14 @@ def test_columns_are_kept_and_points_added(bench: Bench) -> None:
     assert [row["q1"] for row in rows] == ["0.10", "1e0"]
     q, celsius = np.array([[0.1, 0.2, -0.3], [1.0, 0, 0]]), np.array([26.0, 20.0])
     expected = bench.expected(q, celsius, np.zeros(2))
-    assert figures(rows) == pytest.approx(expected, abs=1e-8)
-    assert figures(rows)[:, 5] == pytest.approx([0.007 * 6, 0.0], abs=1e-8)
+    assert figures(rows)[:, :3] == pytest.approx(expected[:, :3], abs=1e-8)
+    assert figures(rows)[:, 3:] == pytest.approx(expected[:, 3:], rel=1e-4)
+    # u² of z: d_1 and its coefficient at 6 K, the sensor, joints 2 and 3 by their levers
+    nominal = bench.arm.nominal()
+    lever = jacobian(q, nominal)[1][0, 2]
+    by_hand = 4e-6 + 36 * 1e-8 + (0.007 * 0.1) ** 2 + (lever[5] * 3e-6) ** 2
+    by_hand += (lever[10] * 4e-6) ** 2 + 9e-6 * lever[7] ** 2 + 2e-6 * lever[7]
+    assert figures(rows)[0, 5] == pytest.approx(by_hand**0.5, rel=1e-4)
     assert [row["flags"] for row in rows] == ["0", "0"]
 
 
@@ -126,7 +149,10 @@ def test_without_a_calibration_nominal_geometry_and_flag_7(bench: Bench) -> None
     (row,) = bench.points()
     assert int(row["flags"]) == Flag.NOT_CALIBRATED
     position = forward(np.array([[0.1, 0.2, 0.3]]), bench.arm.nominal())[0]
-    assert figures([row]) == pytest.approx(np.hstack([position, np.zeros((1, 3))]), abs=1e-8)
+    assert [float(row[name]) for name in offline.COLUMNS[:3]] == pytest.approx(
+        position[0], abs=1e-8
+    )
+    assert [row[name] for name in offline.COLUMNS[3:6]] == ["", "", ""], "nothing is known of them"
 
 
 def test_flags_and_missing_values(bench: Bench) -> None:
@@ -147,7 +173,7 @@ def test_flags_and_missing_values(bench: Bench) -> None:
     stale = Flag.TEMPERATURE_STALE
     outside = Flag.TEMPERATURE_RANGE
     assert flags == [stale, 0, stale, Flag.INVALID, outside, stale | outside, Flag.END_STOP]
-    assert [row["u_z_mm"] for row in rows][:5] == ["0", "0.035", "0.035", "", "0.077"]
+    assert bench.lifted_mm()[:5] == [0.0, 0.035, 0.035, None, 0.077]
     assert rows[3]["x_mm"] == ""
 
 
@@ -156,10 +182,10 @@ def test_counts_and_degrees(bench: Bench) -> None:
     assert bench.run("--angle-unit", "count") == 0
     q = np.array([[np.pi / 2, -np.pi / 500, np.pi]])
     position = forward(q, bench.arm.nominal())[0]
-    assert figures(bench.points())[:, :3] == pytest.approx(position, abs=1e-8)
+    assert positions(bench.points()) == pytest.approx(position, abs=1e-8)
     bench.readings("q1,q2,q3\n90,-0.36,180\n")
     assert bench.run("--angle-unit", "deg") == 0
-    assert figures(bench.points())[:, :3] == pytest.approx(position, abs=1e-8)
+    assert positions(bench.points()) == pytest.approx(position, abs=1e-8)
 
 
 SESSION = """
@@ -182,11 +208,11 @@ def test_a_session_beside_the_readings_tells_unit_and_start(bench: Bench) -> Non
     assert bench.calibrated() == 2, "the date is not known"
     (bench.folder / "session.toml").write_text(SESSION)
     assert bench.calibrated() == 0
-    assert bench.points()[0]["u_z_mm"] == "2"
+    assert bench.lifted_mm() == [2.0]
     assert bench.calibrated("--started", "2026-03-01T09:00:00+01:00", "--angle-unit", "rad") == 2
-    bench.readings("time_s,q1,q2,q3,t1\n7200,0.1,0,0,20\n")
+    bench.readings("time_s,q1,q2,q3,t1\n7200,0,0,0,20\n")
     assert bench.calibrated("--started", "2026-03-01T09:00:00+01:00", "--angle-unit", "rad") == 0
-    assert bench.points()[0]["u_z_mm"] == "1"
+    assert bench.lifted_mm() == [1.0]
 
 
 def test_pieces_do_not_show(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -204,9 +230,13 @@ def test_pieces_do_not_show(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(offline, "PIECE_BYTES", 5000)
     monkeypatch.setattr(offline, "PIECE_ROWS", 111)
     assert bench.calibrated() == 0
-    assert figures(bench.points()) == pytest.approx(expected, abs=1e-8)
+    first = figures(bench.points())
+    assert first[:, :3] == pytest.approx(expected[:, :3], abs=1e-8)
+    assert first[:, 3:] == pytest.approx(expected[:, 3:], rel=1e-3)
     assert bench.calibrated(source="readings.parquet") == 0
-    assert figures(bench.points()) == pytest.approx(expected, abs=1e-8)
+    again = figures(bench.points())
+    assert again[:, :3] == pytest.approx(first[:, :3], abs=1e-8)
+    assert again[:, 3:] == pytest.approx(first[:, 3:], rel=1e-3)
     assert bench.calibrated(source="readings.parquet", target="points.parquet") == 0
     points = pa.parquet.read_table(bench.folder / "points.parquet")
     assert points.column_names == [*table.column_names, *offline.COLUMNS]
