@@ -42,7 +42,7 @@ class Flagger:
         samples: npt.NDArray[np.void],
         q: npt.NDArray[np.float64],
         still_since_ns: npt.NDArray[np.int64],
-        slow: Flag,
+        slow: int,
         stale_after_ns: int,
         invalid_after_ns: int,
     ) -> npt.NDArray[np.uint32]:
@@ -55,7 +55,7 @@ class Flagger:
         _flag(
             samples["seq"].astype(np.int64), samples["monotonic_ns"],
             samples["joint_invalid"], samples["joint_warning"], samples["clock_mapped"],
-            q, still_since_ns, int(slow), stale_after_ns, invalid_after_ns,
+            q, still_since_ns, slow, stale_after_ns, invalid_after_ns,
             self._low, self._high, self._last_seq, flags,
         )  # fmt: skip
         return flags

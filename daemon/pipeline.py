@@ -7,6 +7,7 @@ the same stream gives bit-identical points however it was cut into batches.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +21,12 @@ from armd.daemon.flags import Flagger
 from armd.daemon.motion import Motion
 from armd.daemon.temperature import TemperatureWatch
 from armd.drivers.sample import SampleArray, Temperatures
+from armd.jit import jit
 
 PointArray = npt.NDArray[np.void]
 F64 = npt.NDArray[np.float64]
+
+_INVALID = int(Flag.INVALID)
 
 
 class Pipeline:
@@ -38,6 +42,7 @@ class Pipeline:
         self._flagger = Flagger(arm)
         self.temperature = TemperatureWatch(arm, limits)
         self._stamp_ns = 0  # of the last temperatures
+        self._begun = False
         self.use(arm, calibration)
 
     def use(self, arm: Arm, calibration: LoadedCalibration | None) -> None:
@@ -46,19 +51,27 @@ class Pipeline:
         self._identity = 0 if calibration is None else calibration.identity
         self._own_flags = Flag.NOT_CALIBRATED if calibration is None else Flag(0)
         self.temperature.use(arm, None if calibration is None else calibration.content)
-        self._model.fold(self.temperature.held_c, self._stamp_ns * 1e-9)
+        self._fold()
 
     def take_temperatures(self, reading: Temperatures) -> None:
         """Everything after this reading is corrected with it."""
         self.temperature.update(reading.celsius, reading.monotonic_ns)
         self._stamp_ns = reading.stamp_ns
-        self._model.fold(self.temperature.held_c, reading.stamp_ns * 1e-9)
+        self._fold()
+
+    def _fold(self) -> None:
+        """Whatever changes with the temperatures and not with each sample."""
+        self._slow_flags = int(self._own_flags | self.temperature.slow_flags)
+        self._model.fold(self.temperature.held_c, self._stamp_ns * 1e-9)
 
     def correct(self, samples: SampleArray) -> tuple[PointArray, npt.NDArray[np.int64]]:
         """Points (n,) of samples (n,), and the instant (n,) ns since which the tip was still."""
         now_ns = samples["monotonic_ns"]
-        self.temperature.begin(int(now_ns[0]))
-        q = self._angles(samples["count"])
+        if not self._begun:
+            self._begun = True
+            self.temperature.begin(int(now_ns[0]))
+        q = np.empty((len(samples), len(self._radians)))
+        _angles(samples["count"], self._radians, self._middle, self._one_turn, q)
         valid = samples["joint_invalid"] == 0
         tip_mm = self._model.uncorrected(q)
         rate, approach, still_since_ns = self._motion.follow(q, tip_mm, now_ns, valid)
@@ -66,11 +79,10 @@ class Pipeline:
         points = np.zeros(len(samples), POINT)
         self._model.correct(q, rate, approach, points)
         points["flags"] = self._flagger.flags(
-            samples, q, still_since_ns,
-            self._own_flags | self.temperature.slow_flags,
+            samples, q, still_since_ns, self._slow_flags,
             self.temperature.stale_after_ns, self.temperature.invalid_after_ns,
         )  # fmt: skip
-        invalid = (points["flags"] & Flag.INVALID) != 0
+        invalid = (points["flags"] & _INVALID) != 0
         if invalid.any():
             for name in ("position_mm", "orientation", "covariance_mm2", "correction_mm"):
                 points[name][invalid] = math.nan
@@ -79,11 +91,16 @@ class Pipeline:
         points["calibration"] = self._identity
         return points, still_since_ns
 
-    def _angles(self, counts: npt.NDArray[np.int64]) -> F64:
-        """Angles (n, N) rad; a joint that turns at most once is in the turn of its limits."""
-        q: F64 = counts * self._radians
-        turns = np.round((q - self._middle) / (2 * math.pi))
-        return np.asarray(q - 2 * math.pi * np.where(self._one_turn, turns, 0.0))
+
+@jit
+def _angles(counts: Any, radians: Any, middle: Any, one_turn: Any, q: Any) -> None:
+    """Angles (n, N) rad; a joint that turns at most once is in the turn of its limits."""
+    for i in range(len(counts)):
+        for k in range(len(radians)):
+            angle = counts[i, k] * radians[k]
+            if one_turn[k]:
+                angle -= 2 * math.pi * math.floor((angle - middle[k]) / (2 * math.pi) + 0.5)
+            q[i, k] = angle
 
 
 def _ranges(arm: Arm) -> tuple[F64, npt.NDArray[np.bool_]]:

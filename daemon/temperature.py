@@ -73,6 +73,7 @@ class TemperatureWatch:
     def begin(self, monotonic_ns: int) -> None:
         """The stream starts: from here on a temperature that was never heard ages."""
         self._good_ns[self._good_ns < 0] = monotonic_ns
+        self._judge()
 
     def update(self, celsius: F64, monotonic_ns: int) -> None:
         """One reading of all channels (S,), NaN where invalid."""
@@ -85,22 +86,6 @@ class TemperatureWatch:
         while self._history[0][0] < monotonic_ns - RATE_OVER_NS:
             self._history.popleft()
         self._judge()
-
-    @property
-    def stale_after_ns(self) -> int:
-        """Samples later than this carry flag 2."""
-        if not self._used:
-            return NEVER_NS
-        if not np.isfinite(self.current_c[self._used]).all():
-            return -1
-        return int(self._good_ns[self._used].min()) + STALE_AFTER_NS
-
-    @property
-    def invalid_after_ns(self) -> int:
-        """Samples later than this are invalid: the temperature is held no longer."""
-        if not self._used:
-            return NEVER_NS
-        return int(self._good_ns[self._used].min()) + self._hold_ns
 
     def missing(self, monotonic_ns: int) -> list[str]:
         """Names of the sensors in use without a value at this instant."""
@@ -129,12 +114,24 @@ class TemperatureWatch:
         }
 
     def _judge(self) -> None:
+        self._judge_age()
         self.drift = self._fastest()
         self.slow_flags = Flag(0)
         if self.outside():
             self.slow_flags |= Flag.TEMPERATURE_RANGE
         if self.drift is not None and self.drift.exceeds(self._rate_limit):
             self.slow_flags |= Flag.TEMPERATURE_RATE
+
+    def _judge_age(self) -> None:
+        #: Samples later than this carry flag 2, …
+        self.stale_after_ns = NEVER_NS
+        #: … and later than this they are invalid: the temperature is held no longer.
+        self.invalid_after_ns = NEVER_NS
+        if self._used:
+            oldest_ns = int(self._good_ns[self._used].min())
+            self.invalid_after_ns = oldest_ns + self._hold_ns
+            known = bool(np.isfinite(self.current_c[self._used]).all())
+            self.stale_after_ns = oldest_ns + STALE_AFTER_NS if known else -1
 
     def _fastest(self) -> Drift | None:
         """Slopes by least squares over the history; None while it is too short to tell."""
