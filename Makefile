@@ -10,7 +10,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 export NUMBA_CACHE_DIR := $(CURDIR)/.cache/numba
 
-.PHONY: install demo test lint bench clean hidden soak system-test
+.PHONY: install demo test lint bench clean hidden soak system-test paper real
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -51,6 +51,14 @@ soak: install
 # Installs armd on a Debian booted as a guest; fails with BROKEN=1, as a broken daemon must.
 system-test: install
 	$(BIN)/python -m pytest tests/deploy/test_system.py -m slow -s
+
+# The founding paper's experiment, its tables beside ours
+paper: install
+	$(BIN)/python tests/scenarios/paper.py
+
+# Real measured data; DATA=../shared/data for copies of your own
+real: install
+	$(BIN)/python tests/real/marks.py $(DATA)
 
 clean:
 	rm -rf $(VENV) build .cache *.egg-info

@@ -59,6 +59,7 @@ def session(
     *,
     terms: list[Term] | None = None,
     targets: int = 4,
+    spread_mm: float = 150.0,
     known: bool = True,
     placements: int = 3,
     readings: int = 150,
@@ -74,7 +75,7 @@ def session(
     Each placement's targets stay put: the poses at one target are found by turning the joints
     at random and correcting the first angles (Newton on the tip's position).
     """
-    points = rng.uniform(-150, 150, (targets, 3))
+    points = rng.uniform(-spread_mm, spread_mm, (targets, 3))
     points -= points.mean(axis=0)
     placement = np.arange(readings) % placements
     target = (np.arange(readings) // placements) % targets

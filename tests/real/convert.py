@@ -2,9 +2,9 @@
 
     python tests/real/convert.py OUT [SOURCE]
 
-SOURCE has the folders ur10_laser_tracker and ball_in_socket; by default the subsets beside this
-file. Makes OUT/ur10/{A,B,C}-{train,heldout} and OUT/{panda_1,panda_3,kuka_14,dinova_1}/seats,
-each with the arm's nominal arm.toml beside them.
+SOURCE has the folders ur10_laser_tracker and ball_in_socket; by default those beside this file.
+Makes OUT/ur10/{A,B,C}-{train,heldout} and OUT/{panda_1,panda_3,kuka_14,dinova_1}/seats, each with
+the arm's nominal arm.toml beside them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from urdf import rows_and_tip
 from armd.compensation.session import write_session
 
 VENDORED = Path(__file__).parent / "data"
-#: Series measured by the tracker: when, and how many rows of each are vendored.
+#: Series measured by the tracker, and when.
 SERIES = {"A": (2020, 7, 14), "B": (2020, 11, 11), "C": (2020, 11, 11)}
 UR10_ROWS = [  # θ°, d mm, a mm, α°: the maker's public table
     [0.0, 127.3, 0.0, 90.0],
@@ -111,7 +111,9 @@ def ball_in_socket(source: Path, robot: str, out: Path) -> None:
     write_session(out / "seats", _session(robot, (2024, 1, 1), artefact), columns)
 
 
-def _session(arm: str, date: tuple[int, int, int], artefact: dict[str, object]) -> dict[str, object]:
+def _session(
+    arm: str, date: tuple[int, int, int], artefact: dict[str, object]
+) -> dict[str, object]:
     started = datetime.datetime(*date, tzinfo=datetime.UTC)
     return {
         "schema": "armd.session/1",

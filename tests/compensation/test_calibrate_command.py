@@ -1,0 +1,140 @@
+"""`armd calibrate` and `armd evaluate` from the command line: results, and refusals with exit 2."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armd.compensation.calibration import load_calibration
+from armd.daemon.cli import main as armd
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("paper")
+    subprocess.run(
+        [sys.executable, "-m", "armd.simulator", "--session", "paper", "-o", str(folder)],
+        check=True, stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    return folder
+
+
+def calibrate(measured: Path, out: Path, *sessions: str | Path, more: tuple[str, ...] = ()) -> int:
+    paths = [str(measured / session) for session in sessions]
+    arm = str(measured / "arm.toml")
+    return armd(["calibrate", *paths, "--arm", arm, "-o", str(out / "cal.json"), *more])
+
+
+def changed(measured: Path, to: Path, **changes: tuple[str, str]) -> Path:
+    """A copy of session T20 with a regular expression replaced in a file."""
+    to.mkdir()
+    for name in ("session.toml", "readings.csv"):
+        text = (measured / "T20" / name).read_text()
+        if name.split(".")[0] in changes:
+            text = re.sub(*changes[name.split(".")[0]], text, flags=re.MULTILINE)
+        (to / name).write_text(text)
+    return to
+
+
+def test_calibrate_then_evaluate(measured: Path, tmp_path: Path) -> None:
+    result, report = tmp_path / "result.json", tmp_path / "report.html"
+    more = ("--json", str(result), "--report", str(report))
+    assert calibrate(measured, tmp_path, "T16", "T18", "T26", "T30", more=more) == 0
+    figures = json.loads(result.read_text())
+    assert figures["rms_um"] < 4
+    assert figures["heldout_rms_um"] < 4
+    assert figures["thermal_order"] == 1
+    low, high = figures["temperature_range_c"]
+    assert 15 < low < 19
+    assert 30 < high < 34
+    assert any(line.startswith("theta_6 with") for line in figures["unidentifiable"])
+    models = {trial["model"]: trial["heldout_rms_um"] for trial in figures["thermal_trials"]}
+    assert models["all at once, order 1"] < 0.5 * models["no thermal model"]
+    assert {"two zones", "principal components", "per temperature, order 1 and offset"} <= set(
+        models
+    )
+    page = report.read_text()
+    assert "<script src" not in page  # opens offline
+    for words in ("Before and after", "Residual vectors", "Parameters", "SHA-256", "tip_z"):
+        assert words in page
+
+    calibration = load_calibration(tmp_path / "cal.json").content
+    assert calibration.provenance["sessions"][0]["name"] == "T16"
+    assert len(calibration.provenance["sessions"][0]["sha256"]) == 64
+    assert set(calibration.temperature_range_c) <= {f"t{k}" for k in range(1, 7)}
+    assert calibration.noise.reading_mm > 0
+
+    evaluated = tmp_path / "evaluated.json"
+    heldout = str(measured / "heldout-T22")
+    arm = str(measured / "arm.toml")
+    assert armd(["evaluate", heldout, "--arm", arm, "--json", str(evaluated)]) == 0
+    before = json.loads(evaluated.read_text())
+    with_calibration = ["--calibration", str(tmp_path / "cal.json"), "--json", str(evaluated)]
+    assert armd(["evaluate", heldout, "--arm", arm, *with_calibration]) == 0
+    after = json.loads(evaluated.read_text())
+    assert after["n"] == before["n"] == after["by_session"]["heldout-T22"]["n"]
+    assert after["rms_um"] < 4 < 50 < before["rms_um"]
+    assert after["rms_um"] <= after["max_um"]
+
+
+def test_one_temperature_gives_geometry_and_says_so(measured: Path, tmp_path: Path) -> None:
+    result = tmp_path / "result.json"
+    assert calibrate(measured, tmp_path, "T20", more=("--json", str(result))) == 0
+    figures = json.loads(result.read_text())
+    assert figures["thermal_order"] == 0
+    assert figures["temperature_range_c"] == []
+    assert any("one temperature only" in note for note in figures["notes"])
+
+
+def test_a_thermal_model_of_one_temperature_is_refused(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert calibrate(measured, tmp_path, "T20", more=("--thermal", "1")) == 2
+    message = capsys.readouterr().err
+    assert "temperatures: found 1 (" in message
+    assert "expected at least 2 for a thermal model of order 1" in message
+    assert not (tmp_path / "cal.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"readings": (",q4,", ",angle4,")}, "column q4: found no such column"),
+        ({"session": ('angle_unit = "rad"', 'angle_unit = "deg"')}, "like radians"),
+        ({"readings": (r"\A((?:.*\n){5}[^,]*,[^,]*),B\d+,", r"\1,NaN,")}, "column target"),
+        ({"session": ('arm = "SIM-0001"', 'arm = "SIM-0002"')}, "'SIM-0001', as in arm.toml"),
+        ({"readings": (r"\A((?:.*\n){9})(?:.*\n)*", r"\1")}, "readings: found 8 poses"),
+        ({"readings": (r"\A((?:.*\n){3}[^,]*,[^,]*,[^,]*),[^,]*,", r"\1,x,")}, "row 3"),
+    ],
+)
+def test_bad_sessions_are_refused_with_exit_2(
+    measured: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    changes: dict[str, tuple[str, str]],
+    words: str,
+) -> None:
+    bad = changed(measured, tmp_path / "bad", **changes)
+    assert calibrate(measured, tmp_path, bad) == 2
+    message = capsys.readouterr().err
+    assert message.startswith("armd: ")
+    assert words in message
+    assert not (tmp_path / "cal.json").exists()
+
+
+def test_poses_that_say_nothing_are_refused(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One and the same pose over and over: the readings are many, what they tell is not."""
+    still = tmp_path / "still"
+    still.mkdir()
+    lines = (measured / "T20" / "readings.csv").read_text().splitlines()
+    (still / "readings.csv").write_text("\n".join([lines[0], *[lines[1]] * 200]) + "\n")
+    (still / "session.toml").write_text((measured / "T20" / "session.toml").read_text())
+    assert calibrate(measured, tmp_path, still) == 2
+    assert "poses: found rank" in capsys.readouterr().err

@@ -1,0 +1,54 @@
+"""What `make real` prints, held by tests: conversion, figures reached, a certificate refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import marks
+import numpy as np
+import pytest
+from convert import ROBOTS, VENDORED, convert
+from urdf import rows_and_tip
+
+from armd.compensation.arm import load_arm
+from armd.compensation.kinematics import forward
+
+
+@pytest.fixture(scope="module")
+def converted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("real")
+    convert(folder)
+    return folder
+
+
+@pytest.mark.parametrize("series", list(marks.UR10_MM))
+def test_ur10_reaches_its_mark(converted: Path, series: str) -> None:
+    drawn, found, _ = marks.ur10(converted, series)
+    assert drawn > 10
+    assert round(found, 2) <= marks.UR10_MM[series]
+
+
+@pytest.mark.parametrize("robot", list(ROBOTS))
+def test_seats_reach_their_mark_or_are_refused(converted: Path, robot: str) -> None:
+    _, _, drawn, found = marks.seats(converted, robot)
+    reason = marks.refused(drawn, found)
+    if robot in marks.SEAT_MM:
+        assert reason == ""
+        assert round(float(np.mean(found.distance_um)) / 1e3, 3) <= marks.SEAT_MM[robot]
+    else:
+        assert "no set of constants describes this arm" in reason
+
+
+def test_urdf_becomes_denavit_hartenberg(converted: Path) -> None:
+    """The published table of the Panda, in Craig's form, gives the same distances."""
+    rows, tip = rows_and_tip(VENDORED / "ball_in_socket" / "urdf" / "panda.urdf", "panda_link8")
+    assert rows[2, 1:3] == pytest.approx([316.0, 82.5])
+    assert rows[4, 1] == pytest.approx(384.0)
+    assert np.linalg.norm(tip) == pytest.approx(107.0)
+    arm = load_arm(converted / "panda_1" / "arm.toml")
+    p = arm.nominal()
+    p[35:38] = tip
+    # At zero the flange stands 88 mm out and 333 + 316 + 384 − 107 mm up; here from joint 1's
+    # frame, which lies in the shoulder at 333 mm.
+    position = forward(np.zeros((1, 7)), p)[0][0]
+    assert np.linalg.norm(position) == pytest.approx(np.hypot(88.0, 316 + 384 - 107))
