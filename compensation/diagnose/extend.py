@@ -34,6 +34,8 @@ def extended(
     A constant that shifted is a constant again; what is wrong with the artefact stands in
     `artefact`, which `evaluate` applies and `correct` does not.
     """
+    if not last.findings:
+        return baseline.calibration
     own = -last.solution[last.layout.identified]
     directions = baseline.root @ own if baseline.held else own
     model = moved(last.model, baseline, directions)

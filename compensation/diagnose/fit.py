@@ -21,8 +21,10 @@ from armd.compensation.effects.effect import Candidate
 
 F64 = npt.NDArray[np.float64]
 
-#: A step that moves no point by more than this needs no second linearisation.
-SMALL_STEP_MM = 0.02
+#: A step errs by about its square over the arm's length; beyond this share of the noise the
+#: model is linearised anew.
+CURVED_SHARE = 0.1
+LENGTH_MM = 200.0
 MOST_STEPS = 6
 #: Findings of more columns than this are curves, held together by the catalogue's sizes.
 MOST_FREE_COLUMNS = 6
@@ -107,7 +109,7 @@ def fit(
         residual = linear.residual - _kinematic_part(findings, columns, amplitudes)
         absorbing, layout = _absorbing(linear, arm, baseline, findings, columns)
         extra = finding_columns(linear, noise_extra, arm)
-        for_noise = absorbing.joined(np.hstack([np.zeros((len(residual), 0)), *extra]))
+        for_noise = _for_noise(absorbing, layout, extra)
         clipped = residual
         for refining in (False, True):
             if refining or noise is None:
@@ -125,7 +127,8 @@ def fit(
         if not baseline.held:
             step = -solution[layout.identified]
             shift.append(absorbing.columns[:, layout.identified] @ step)
-        if max((np.abs(part).max() for part in shift), default=0.0) < SMALL_STEP_MM:
+        largest = max((float(np.abs(part).max()) for part in shift), default=0.0)
+        if largest**2 / LENGTH_MM < CURVED_SHARE * noise.scale_mm:
             break
         if not baseline.held:
             model = moved(model, baseline, step)
@@ -211,6 +214,15 @@ def _variance(candidate: Candidate) -> F64:
     if len(candidate.columns) <= MOST_FREE_COLUMNS:
         return np.full(len(candidate.columns), np.inf)
     return np.array([(CURVE_SCALE * column.typical) ** 2 for column in candidate.columns])
+
+
+def _for_noise(absorbing: Absorbing, layout: Layout, extra: Sequence[F64]) -> Absorbing:
+    """What absorbs while the noise is estimated: findings freely, curves too."""
+    variance = absorbing.variance.copy()
+    for at in layout.findings:
+        variance[at] = np.inf
+    free = [np.full(block.shape[1], np.inf) for block in extra]
+    return Absorbing(np.hstack([absorbing.columns, *extra]), np.concatenate([variance, *free]))
 
 
 def _gauge(baseline: Baseline, arm: Arm) -> F64:

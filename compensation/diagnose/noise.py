@@ -38,11 +38,6 @@ class Absorbing:
     columns: F64
     variance: F64
 
-    def joined(self, free: F64) -> Absorbing:
-        """With more columns that absorb freely."""
-        variance = np.concatenate([self.variance, np.full(free.shape[1], np.inf)])
-        return Absorbing(np.hstack([self.columns, free]), variance)
-
     def ridged(self, noise: Noise) -> Absorbing:
         """With the drift's variance filled in."""
         variance = np.where(np.isnan(self.variance), noise.drift_mm**2, self.variance)
@@ -210,7 +205,7 @@ def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
     drifts = bool(drifting.any())
     # 0.3 of the noise to begin with; a path of no drift is the lower edge of the search
     start = np.array([np.log(first), np.log(0.3 * first)]) if drifts else np.array([np.log(first)])
-    options = {"xatol": 0.02, "fatol": 0.02, "maxfev": 40}
+    options = {"xatol": 0.02, "fatol": 0.02, "maxfev": 30}
     best = minimize(cost, start, method="Nelder-Mead", options=options)
     return float(best.fun), float(np.exp(best.x[0])), float(np.exp(best.x[-1])) if drifts else 0.0
 

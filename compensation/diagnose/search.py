@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.arm import Arm
+from armd.compensation.diagnose.angles import between
 from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.evidence import (
     Scores,
@@ -33,15 +34,14 @@ from armd.compensation.effects.mount_drift import steady_drift
 F64 = npt.NDArray[np.float64]
 
 ALPHA = 0.01  # family-wise false-alarm rate on clean data
-DRAWS = 300
+DRAWS = 200
 MOST_FINDINGS = 10
 MOST_STEPS = 16
 #: A finding is renamed when another name is so many times as probable.
 CLEARLY = 10.0
 #: A place this much less probable than the best is still told as an alternative.
 LEAST_PROBABILITY = 0.01
-#: A rival that leaves the finding nothing to add (p above this) cannot be told from it.
-INDISTINGUISHABLE_P = 0.01
+MOST_RIVALS = 8
 
 Progress = Callable[[str, float], None]
 
@@ -262,21 +262,26 @@ class Search:
             family_wise(float(own.log_p[index]), self._tests),
             float(own.statistic[index]),
             probability[candidate.place],
-            self._rivals(candidate, probability, scores),
+            self._rivals(candidate, probability, scores, current),
         )
 
     def _rivals(
-        self, candidate: Candidate, probability: dict[tuple[str, str], float], scores: Scores
+        self,
+        candidate: Candidate,
+        probability: dict[tuple[str, str], float],
+        scores: Scores,
+        current: Fit,
     ) -> tuple[Rival, ...]:
         posterior = scores.log_posterior()
         rivals = []
-        for place in sorted(probability, key=lambda key: -probability[key]):
+        for place in sorted(probability, key=lambda key: -probability[key])[:MOST_RIVALS]:
             if place == candidate.place or probability[place] < LEAST_PROBABILITY:
                 continue
             of_place = [c.place == place for c in scores.signatures.candidates]
             best = int(np.argmax(np.where(of_place, posterior, -np.inf)))
-            rivals.append(Rival(scores.signatures.candidates[best], probability[place], np.nan))
-        return tuple(rivals[:8])
+            rivals.append((scores.signatures.candidates[best], probability[place]))
+        angles = between(candidate, [rival for rival, _ in rivals], current, self.arm)
+        return tuple(Rival(*rival, angle) for rival, angle in zip(rivals, angles, strict=True))
 
 
 def _honest(found: Sequence[Found]) -> tuple[Found, ...]:

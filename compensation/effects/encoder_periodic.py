@@ -16,7 +16,7 @@ from armd.compensation.effects.encoder_eccentricity import harmonic_columns
 
 ORDERS = range(3, 41)
 #: A curve over the turn is a group of all orders up to one of these.
-CURVES = (8, 16, 32)
+CURVES = (8, 20, 40)
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:
