@@ -6,6 +6,7 @@ ever made inside a Zenoh callback.
 
 from __future__ import annotations
 
+import base64
 import json
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,6 +15,8 @@ import zenoh
 
 from armd import keys
 from armd.daemon.publisher import JSON, Kept, Publisher
+from armd.drivers import raw
+from armd.drivers.sample import RawFrame
 from armd.errors import ArmdError
 
 Command = Callable[[zenoh.Parameters], str]
@@ -32,18 +35,22 @@ class Queries:
         serial: str,
         publisher: Publisher,
         info: Callable[[], dict[str, Any]],
+        preamble: Callable[[], list[RawFrame]],
         commands: Mapping[str, Command] | None,
     ) -> None:
         """*commands* None: every command is refused."""
         self._publisher = publisher
         self._info = info
+        self._preamble = preamble
         self._commands = commands
         self._command_prefix = keys.key(serial, keys.COMMAND) + "/"
         self._info_key = keys.key(serial, keys.INFO)
+        self._raw_key = keys.key(serial, keys.RAW)
         self._health_key = keys.key(serial, keys.HEALTH)
         answers: dict[str, _Answer] = {
             self._info_key: self._tell_info,
             self._health_key: self._tell_health,
+            self._raw_key: self._tell_preamble,
             publisher.measurements.key: _tell_past(publisher.measurements),
             publisher.events.key: _tell_past(publisher.events),
             self._command_prefix + "**": self._obey,
@@ -64,6 +71,16 @@ class Queries:
 
     def _tell_health(self, query: zenoh.Query) -> None:
         query.reply(self._health_key, json.dumps(self._publisher.health), encoding=JSON)
+
+    def _tell_preamble(self, query: zenoh.Query) -> None:
+        """For a recorder: what stands before the next raw frame."""
+        following = self._publisher.next_raw_frame
+        frames = self._preamble()
+        payloads = [raw.pack(following - len(frames) + i, frame) for i, frame in enumerate(frames)]
+        encoded = [base64.b64encode(payload).decode() for payload in payloads]
+        query.reply(
+            self._raw_key, json.dumps({"next": following, "frames": encoded}), encoding=JSON
+        )
 
     def _obey(self, query: zenoh.Query) -> None:
         if self._commands is None:

@@ -56,7 +56,7 @@ class Recorder:
     def __init__(self, file: IO[bytes], info: dict[str, Any]) -> None:
         self.counts = dict.fromkeys([keys.RAW, *TOPICS], 0)
         self.lost_frames = 0
-        self._next_frame: int | None = None
+        self._next_frame = 0
         self._writer = Writer(file, chunk_size=CHUNK_BYTES)
         self._writer.start(profile="armd", library=f"armd {__version__}")
         now_ns = time.time_ns()
@@ -73,12 +73,19 @@ class Recorder:
     def close(self) -> None:
         self._writer.finish()
 
+    def begin(self, following: int, preamble: list[bytes]) -> None:
+        """*preamble*: payloads to stand before raw frame number *following*."""
+        for payload in preamble:
+            self._add(keys.RAW, self._raw, payload, raw.unpack(payload)[1].unix_ns)
+        self._next_frame = following
+
     def take_frames(self, payloads: list[bytes]) -> None:
         """Payloads of the raw key, as published."""
         for payload in payloads:
             number, frame = raw.unpack(payload)
-            if self._next_frame is not None:
-                self.lost_frames += number - self._next_frame
+            if number < self._next_frame:  # the preamble knows what it told
+                continue
+            self.lost_frames += number - self._next_frame
             self._next_frame = number + 1
             self._add(keys.RAW, self._raw, payload, frame.unix_ns)
 
@@ -95,7 +102,7 @@ class Recorder:
 
     def _schema(self, what: str) -> int:
         schema = json.dumps(SCHEMAS[what]).encode()
-        return self._writer.register_schema(f"armd.{what}", "jsonschema", schema)
+        return int(self._writer.register_schema(f"armd.{what}", "jsonschema", schema))
 
     def _attach(self, name: str, text: str, now_ns: int) -> None:
         self._writer.add_attachment(now_ns, now_ns, name, "application/json", text.encode())

@@ -50,6 +50,7 @@ class Service:
             serial,
             self._publisher,
             lambda: describe(config, arm.calibration, arm.tip),
+            driver.preamble,
             {"reload": lambda _: self._reload(), "tip": self._select_tip}
             if config.file.commands.enabled
             else None,
@@ -78,7 +79,7 @@ class Service:
         self._systemd.ready()
         while not self._stopping:
             items = self._driver.read(READ_S)
-            self._publisher.put_raw(self._driver.take_raw(), self._driver.preamble)
+            self._publisher.put_raw(self._driver.take_raw())
             for item in items:
                 match item:
                     case Temperatures():

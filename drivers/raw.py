@@ -1,6 +1,7 @@
 """Raw frames on their way to a recorder: a small header, then the bytes as they crossed the wire.
 
-`armd/<serial>/@raw`: u64 number of the frame (from 0, without gaps unless one was lost) ·
+`armd/<serial>/@raw`: i64 number of the frame (without gaps unless one was lost; a recording's
+preamble comes before the frame that follows it, so it may begin below 0) ·
 i64 monotonic_ns · i64 unix_ns · u8 direction (0 rx, 1 tx, 2 link) · u8 length of channel ·
 channel · the bytes. Little-endian.
 """
@@ -12,7 +13,7 @@ from typing import Literal
 
 from armd.drivers.sample import RawFrame
 
-_HEADER = struct.Struct("<QqqBB")
+_HEADER = struct.Struct("<qqqBB")
 _DIRECTIONS: tuple[Literal["rx", "tx", "link"], ...] = ("rx", "tx", "link")
 
 

@@ -7,6 +7,7 @@ with armd.connect() as arm:
 
 from __future__ import annotations
 
+import base64
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -134,6 +135,12 @@ class Arm(_Closing):
     def info(self) -> dict[str, Any]:
         """Arm, calibration, units, payload layout."""
         return self._ask(keys.INFO)
+
+    def preamble(self) -> tuple[int, list[bytes]]:
+        """For a recorder of raw frames: the number of the next one, and the frames, as published,
+        that a decoder must be fed before it."""
+        reply = self._ask(keys.RAW)
+        return reply["next"], [base64.b64decode(frame) for frame in reply["frames"]]
 
     def command(self, name: str, **parameters: str) -> str:
         """`command("reload")`, `command("tip", name="ruby 3")`; returns what was done.

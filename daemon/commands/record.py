@@ -10,10 +10,12 @@ from pathlib import Path
 
 import armd
 from armd import keys
+from armd.client import Stream
 from armd.daemon.recorder import TOPICS, Recorder, default_path
 
 POLL_S = 0.01
-WAIT_S = 60.0
+WAIT_S = 60.0  # for an arm to show up
+FIRST_S = 1.0  # for its frames to begin
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,6 +47,11 @@ def run(args: argparse.Namespace) -> int:
         messages = {
             what: opened.enter_context(arm.stream(what)) for what in TOPICS if what != keys.POINT
         }
+        # Once frames arrive none is missed; the preamble tells what came before them.
+        waiting = _first(raw)
+        following, preamble = arm.preamble()
+        recorder.begin(following, preamble)
+        recorder.take_frames(waiting)
         print(f"armd: recording {arm.serial} to {output}", flush=True)
         end_s = time.monotonic() + (args.seconds or float("inf"))
         while not stopping and time.monotonic() < end_s:
@@ -56,3 +63,13 @@ def run(args: argparse.Namespace) -> int:
     counted = ", ".join(f"{n} {what.strip('@')}" for what, n in recorder.counts.items())
     print(f"armd: {output}: {counted}; {recorder.lost_frames} raw frames lost")
     return 1 if recorder.lost_frames else 0
+
+
+def _first(stream: Stream) -> list[bytes]:
+    """The first payloads that arrive; none from an arm that is silent."""
+    end_s = time.monotonic() + FIRST_S
+    while time.monotonic() < end_s:
+        if payloads := stream.take():
+            return payloads
+        time.sleep(POLL_S)
+    return []

@@ -43,9 +43,9 @@ def recorded(tmp_path_factory):
         running_daemon(folder, arm.port) as daemon,
     ):
         first, second = (start_recording(daemon.endpoint, path) for path in (whole, cut))
-        wait_until_grown(whole, 60_000)
+        wait_until_grown(whole, 150_000)
         first.send_signal(signal.SIGINT)
-        wait_until_grown(cut, 60_000)
+        wait_until_grown(cut, 150_000)
         second.kill()
         out, _ = first.communicate(timeout=PATIENCE_S)
         second.communicate()
@@ -112,14 +112,14 @@ def test_it_is_published_like_a_live_arm(recorded, tmp_path):
     endpoint = free_endpoint()
     command = [sys.executable, "-m", "armd.daemon.cli"]
     with subprocess.Popen(
-        [*command, "replay", str(recorded[0]), "--listen", endpoint, "--speed", "0.5"],
+        [*command, "replay", str(recorded[0]), "--listen", endpoint, "--speed", "0.05"],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ,
     ) as replay:
         assert replay.stdout is not None and "ready" in replay.stdout.readline()
         watched = subprocess.run(
-            [*command, "watch", "--json", "--seconds", "1", "--endpoint", endpoint],
+            [*command, "watch", "--json", "--seconds", "3", "--endpoint", endpoint],
             capture_output=True,
             text=True,
             timeout=PATIENCE_S,
