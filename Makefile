@@ -8,7 +8,6 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # The editable installation links file by file (strict mode, so that the type checker follows);
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
-export NUMBA_CACHE_DIR := $(CURDIR)/.cache/numba
 
 .PHONY: install demo test lint bench clean hidden soak system-test paper real
 install: $(VENV)/.installed
