@@ -35,6 +35,7 @@ class Publisher:
         )
         self._raw = session.declare_publisher(keys.key(serial, keys.RAW), congestion_control=drop)
         self.next_raw_frame = 0  # its number
+        self._recorded = False
         self.measurements = Kept(session, keys.key(serial, keys.MEASUREMENT))
         self.events = Kept(session, keys.key(serial, keys.EVENT))
         self.health: dict[str, Any] = {}
@@ -47,10 +48,14 @@ class Publisher:
         for start in range(0, len(data), POINT.itemsize):
             put(data[start : start + POINT.itemsize])
 
+    def look_for_recorders(self) -> None:
+        """Asked now and then: it costs Zenoh too much to be asked for every sample."""
+        status: Any = self._raw.matching_status  # Zenoh's stub calls it bool; it is always true
+        self._recorded = status.matching
+
     def put_raw(self, frames: Iterable[RawFrame]) -> None:
         """Publish raw frames while somebody records them."""
-        status: Any = self._raw.matching_status  # Zenoh's stub calls it bool; it is always true
-        if status.matching:
+        if self._recorded:
             for frame in frames:
                 self._raw.put(raw.pack(self.next_raw_frame, frame))
                 self.next_raw_frame += 1

@@ -147,6 +147,7 @@ class Service:
 
     def _tick(self, now_ns: int) -> None:
         self._queries.answer()
+        self._publisher.look_for_recorders()
         if self._reload_asked:
             self._reload_asked = False
             self._systemd.reloading()
