@@ -42,6 +42,8 @@ MOST_SECONDS = 10 * 365 * 86400.0
 LEAST_C, MOST_C = -60.0, 150.0
 MOST_RATE_RAD_S = 100.0
 MOST_MM = 1e6
+#: Rows whose Jacobians are held in memory at once.
+CHUNK = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -230,12 +232,14 @@ def approaches(readings: Readings, arm: Arm, q: F64, rate: F64) -> F64:
     length = np.linalg.norm(given, axis=1)
     readings.refuse(np.abs(length - 1) > 0.01, APPROACH[0], length, "a vector of length 1")
     approach: F64 = given / length[:, None]
-    moved = np.isnan(length) & np.isfinite(rate).all(axis=1) & (rate != 0).any(axis=1)
-    if moved.any():
-        jacobian = joint_jacobian(q[moved], arm.nominal())
-        velocity = np.einsum("nij,nj->ni", jacobian, rate[moved])
+    moved = np.flatnonzero(
+        np.isnan(length) & np.isfinite(rate).all(axis=1) & (rate != 0).any(axis=1)
+    )
+    for first in range(0, len(moved), CHUNK):
+        rows = moved[first : first + CHUNK]
+        velocity = np.einsum("nij,nj->ni", joint_jacobian(q[rows], arm.nominal()), rate[rows])
         speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-        approach[moved] = np.divide(
+        approach[rows] = np.divide(
             velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 0
         )
     return approach

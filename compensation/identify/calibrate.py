@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from armd import __version__
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration, Noise, constants_of
-from armd.compensation.identify.fit import Fit, Unknowns, fit
+from armd.compensation.identify.fit import Fit, fit
 from armd.compensation.identify.gauge import free_constants, unidentifiable
 from armd.compensation.identify.heldout import HeldOut, placement_folds
 from armd.compensation.identify.observations import Observations, gather
@@ -24,6 +24,7 @@ from armd.compensation.identify.thermal import (
     length_terms,
     temperature_groups,
 )
+from armd.compensation.identify.unknowns import Unknowns
 from armd.compensation.session import Session
 from armd.compensation.terms import Term
 from armd.errors import BadInput

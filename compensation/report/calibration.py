@@ -12,8 +12,9 @@ from plotly.subplots import make_subplots
 from armd.compensation import parameters
 from armd.compensation.identify.calibrate import Result
 from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.fit import Fit, in_words
+from armd.compensation.identify.fit import Fit
 from armd.compensation.identify.thermal import temperature_groups
+from armd.compensation.identify.unknowns import in_words
 from armd.compensation.report.page import MOST_POINTS, Page
 from armd.compensation.session import Session
 

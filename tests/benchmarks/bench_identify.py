@@ -20,11 +20,12 @@ from threadpoolctl import threadpool_limits
 
 from armd.compensation import parameters
 from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.identify.fit import Unknowns, fit
+from armd.compensation.identify.fit import fit
 from armd.compensation.identify.noise import ReadingNoise
 from armd.compensation.identify.observations import gather
 from armd.compensation.identify.poses import centres, fit_poses
 from armd.compensation.identify.thermal import length_terms
+from armd.compensation.identify.unknowns import Unknowns
 from armd.compensation.kinematics import forward
 
 TEMPERATURES_C = (15.0, 20.0, 25.0, 30.0)

@@ -13,11 +13,12 @@ from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.basis import basis_values, parameter_rows
 from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.fit import Fit, Unknowns, fit
+from armd.compensation.identify.fit import Fit, fit
 from armd.compensation.identify.gauge import free_constants, unidentifiable
 from armd.compensation.identify.observations import Observations, gather
 from armd.compensation.identify.poses import fit_poses
 from armd.compensation.identify.thermal import length_terms
+from armd.compensation.identify.unknowns import Unknowns
 from armd.compensation.kinematics import forward
 from armd.compensation.terms import Term
 

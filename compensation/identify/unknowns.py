@@ -1,0 +1,88 @@
+"""What an identification asks for: some constants, and coefficients of some terms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation import parameters
+from armd.compensation.identify.gauge import PLAUSIBLE
+from armd.compensation.identify.linearise import Linearisation
+from armd.compensation.terms import Temperature, Term
+
+F64 = npt.NDArray[np.float64]
+
+#: A term is plausible up to this share of its parameter's plausible departure (rms of its basis).
+PLAUSIBLE_TERM = 0.1
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """What is asked for: some constants by name, some terms by index."""
+
+    constants: Sequence[str]
+    terms: Sequence[int] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """As `covariance_of` in a calibration has it: names, then "term I"."""
+        return [*self.constants, *(f"term {i}" for i in self.terms)]
+
+    def words(self, terms: Sequence[Term]) -> list[str]:
+        """As a person reads them: a term by its parameter and basis."""
+        return [*self.constants, *(in_words(terms[i]) for i in self.terms)]
+
+    def values(self, constants: F64, terms: Sequence[Term]) -> F64:
+        """(C,) where the unknowns stand in constants (P,) and terms."""
+        coefficients = [terms[i].coefficient for i in self.terms]
+        return np.concatenate([constants[self._indices(constants)], coefficients])
+
+    def put(self, x: F64, constants: F64, terms: Sequence[Term]) -> tuple[F64, list[Term]]:
+        """Constants and terms with the unknowns (C,) in their places."""
+        constants, terms = constants.copy(), list(terms)
+        indices = self._indices(constants)
+        constants[indices] = x[: len(indices)]
+        for i, coefficient in zip(self.terms, x[len(indices) :], strict=True):
+            terms[i] = terms[i].model_copy(update={"coefficient": float(coefficient)})
+        return constants, terms
+
+    def columns(self, at: Linearisation, terms: Sequence[Term]) -> F64:
+        """d residual / d unknown (n, 3, C).
+
+        Zero for θ₁ and d₁: moving the whole arm about its first axis moves every placement alike.
+        """
+        asked = [terms[i] for i in self.terms]
+        by_term = at.term_columns(asked, at.basis[:, list(self.terms)])
+        by_constant = at.constant_columns(self.constants)
+        by_constant[:, :, [name in ("theta_1", "d_1") for name in self.constants]] = 0.0
+        return np.concatenate([by_constant, by_term], axis=2)
+
+    def plausible(self, terms: Sequence[Term], basis: F64) -> F64:
+        """Plausible departures (C,) in each unknown's own unit."""
+        sizes = [PLAUSIBLE[parameters.unit(name)] for name in self.constants]
+        for i in self.terms:
+            typical = float(np.sqrt(np.mean(basis[:, i] ** 2)))
+            unit = PLAUSIBLE[parameters.unit(terms[i].parameter)]
+            sizes.append(PLAUSIBLE_TERM * unit / max(typical, 1e-12))
+        return np.array(sizes)
+
+    def _indices(self, constants: F64) -> list[int]:
+        n_joints = (len(constants) - 9) // 5
+        return [parameters.index(name, n_joints) for name in self.constants]
+
+
+def in_words(term: Term) -> str:
+    """A term as a person reads it: d_2·ΔT²(t2)."""
+    factors = []
+    for factor in term.basis:
+        if isinstance(factor, Temperature):
+            power = "⁰¹²³⁴"[factor.order] if factor.order > 1 else ""
+            zone = f", {factor.zone_c[0]:.0f}…{factor.zone_c[1]:.0f} °C" if factor.zone_c else ""
+            factors.append(f"ΔT{power}({'+'.join(factor.weights)}{zone})")
+        else:
+            joint = getattr(factor, "joint", getattr(factor, "link", ""))
+            factors.append(f"{factor.kind}({joint})")
+    return "·".join([term.parameter, *factors])
