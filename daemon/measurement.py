@@ -74,13 +74,14 @@ class Averager:
         start = self._written % REMEMBERED
         first = min(len(points), REMEMBERED - start)
         self._past[start : start + first] = points[:first]
-        self._past[: len(points) - first] = points[first:]
+        if first < len(points):
+            self._past[: len(points) - first] = points[first:]
         self._written += len(points)
-        buttons = points["buttons"]
-        if self._buttons == 0 and not buttons.any():
+        buttons = points["buttons"].tolist()
+        if self._buttons == 0 and not any(buttons):
             return []
         presses = []
-        for row, now in enumerate(buttons.tolist()):
+        for row, now in enumerate(buttons):
             risen = now & ~self._buttons
             if risen:
                 presses.append(Press([bit for bit in range(32) if risen >> bit & 1], row))
