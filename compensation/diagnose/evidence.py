@@ -164,13 +164,17 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
         evidence[members] = _evidence(gram, u[which] / size, sums.signatures.typical[which] * size)
         simulated = np.einsum("cij,cir->cjr", vectors, ud[which] / size[:, :, None])
         simulated = ((simulated * with_root[:, :, None]) ** 2).sum(axis=1)
-        log_p = chi2.logsf(simulated, np.maximum(freedom[members], 1)[:, None])
+        log_p = _log_tail(simulated, np.maximum(freedom[members], 1)[:, None])
         log_p[freedom[members] == 0] = 0.0
-        if len(members):
-            least = np.minimum(least, log_p.min(axis=0))
-    log_p = np.where(freedom > 0, chi2.logsf(statistic, np.maximum(freedom, 1)), 0.0)
+        least = np.minimum(least, log_p.min(axis=0, initial=0.0))
+    log_p = np.where(freedom > 0, _log_tail(statistic, np.maximum(freedom, 1)), 0.0)
     evidence[freedom == 0] = -np.inf
     return Scores(sums.signatures, statistic, freedom, log_p, evidence, least)
+
+
+def _log_tail(statistic: F64, freedom: I64) -> F64:
+    """Log of the probability that χ² of so many degrees of freedom is larger."""
+    return np.asarray(chi2.logsf(statistic, freedom), dtype=np.float64)
 
 
 def inverse_factor(matrix: F64, least: float = 1e-10) -> F64:
@@ -220,7 +224,7 @@ def effective_tests(least_log_p: F64) -> float:
     if not len(least_log_p):
         return 1.0
     median = float(np.median(least_log_p))
-    return max(1.0, -np.log(2.0) / np.log1p(-min(np.exp(median), 0.999)))
+    return max(1.0, float(-np.log(2.0) / np.log1p(-min(np.exp(median), 0.999))))
 
 
 def family_wise(log_p: float, tests: float) -> float:

@@ -49,6 +49,7 @@ class Layout:
 class Fit:
     """Everything known after fitting: where the model stands, what is left, what absorbs."""
 
+    baseline: Baseline
     linear: Linear
     model: ModelState  # constants and own terms, findings not included
     findings: tuple[Candidate, ...]
@@ -102,7 +103,9 @@ def fit(
     noise (a steady drift) must not be counted as noise before they had their chance.
     """
     amplitudes = [values.copy() for values in amplitudes]
-    for _ in range(MOST_STEPS):
+    step_number = 0
+    while True:
+        step_number += 1
         linear = linearise(rests, with_findings(model, findings, amplitudes), arm)
         columns = finding_columns(linear, findings, arm)
         # Without the findings' own part, so that the solution is the whole amplitude.
@@ -110,13 +113,13 @@ def fit(
         absorbing, layout = _absorbing(linear, arm, baseline, findings, columns)
         extra = finding_columns(linear, noise_extra, arm)
         for_noise = _for_noise(absorbing, layout, extra)
-        clipped = residual
-        for refining in (False, True):
-            if refining or noise is None:
-                noise = noise_model.estimate(linear, clipped, for_noise, noise)
-            solution, inverse = _solve(absorbing.ridged(noise), layout, noise, clipped)
-            fitted = absorbing.columns @ solution
-            clipped = noise_model.winsorise(residual, fitted, noise)
+        if noise is None:
+            noise = noise_model.estimate(linear, residual, for_noise)
+        fitted = absorbing.columns @ _solve(absorbing.ridged(noise), layout, noise, residual)[0]
+        clipped = noise_model.winsorise(residual, fitted, noise)
+        noise = noise_model.estimate(linear, clipped, for_noise, noise)
+        fitted = absorbing.columns @ _solve(absorbing.ridged(noise), layout, noise, clipped)[0]
+        clipped = noise_model.winsorise(residual, fitted, noise)
         solution, inverse = _solve(absorbing.ridged(noise), layout, noise, clipped)
         fitted = absorbing.columns @ solution
         before = amplitudes
@@ -128,11 +131,13 @@ def fit(
             step = -solution[layout.identified]
             shift.append(absorbing.columns[:, layout.identified] @ step)
         largest = max((float(np.abs(part).max()) for part in shift), default=0.0)
-        if largest**2 / LENGTH_MM < CURVED_SHARE * noise.scale_mm:
+        near = largest**2 / LENGTH_MM < CURVED_SHARE * noise.scale_mm
+        if near or step_number == MOST_STEPS:
             break
         if not baseline.held:
             model = moved(model, baseline, step)
     return Fit(
+        baseline,
         linear,
         model,
         tuple(findings),

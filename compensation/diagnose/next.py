@@ -10,15 +10,21 @@ from armd.compensation.effects.catalogue import CATALOGUE
 SURE = 0.95
 
 
+def most_doubtful(diagnosis: Diagnosis) -> Found | None:
+    """The finding an experiment should settle; None when none is in doubt."""
+    doubtful = [found for found in diagnosis.found if found.rivals and found.probability < SURE]
+    return min(doubtful, key=lambda found: found.probability) if doubtful else None
+
+
 def next_experiment(diagnosis: Diagnosis) -> str:
     """What to measure next: to settle the most doubtful finding, or to confirm the mended model."""
-    doubtful = [found for found in diagnosis.found if found.rivals and found.probability < SURE]
-    if doubtful:
-        worst = min(doubtful, key=lambda found: found.probability)
+    worst = most_doubtful(diagnosis)
+    if worst is not None:
         rival = worst.rivals[0].candidate
         return (
             f"To tell {_named(worst)} from {_words(rival.cause)} ({rival.location}): "
-            f"{CATALOGUE[worst.candidate.cause].experiment}."
+            f"{CATALOGUE[worst.candidate.cause].experiment}; "
+            "`armd design` picks the poses."
         )
     if diagnosis.outliers:
         return "Measure the readings named as outliers again; the rest needs nothing."

@@ -205,8 +205,9 @@ def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
     drifts = bool(drifting.any())
     # 0.3 of the noise to begin with; a path of no drift is the lower edge of the search
     start = np.array([np.log(first), np.log(0.3 * first)]) if drifts else np.array([np.log(first)])
-    options = {"xatol": 0.02, "fatol": 0.02, "maxfev": 30}
-    best = minimize(cost, start, method="Nelder-Mead", options=options)
+    best = minimize(
+        cost, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxfev": 30}
+    )
     return float(best.fun), float(np.exp(best.x[0])), float(np.exp(best.x[-1])) if drifts else 0.0
 
 

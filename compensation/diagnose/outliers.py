@@ -72,8 +72,8 @@ def _freedom(ratio: float) -> float:
 
     def excess(log_tails: float) -> float:
         tails = np.exp(log_tails)
-        edge, middle = f_distribution.ppf([EDGE, MIDDLE], 3, tails)
-        return float(edge / middle - ratio)
+        edge = f_distribution.ppf(EDGE, 3, tails)
+        return float(edge / f_distribution.ppf(MIDDLE, 3, tails) - ratio)
 
     low, high = np.log(HEAVIEST), np.log(LIGHTEST)
     if excess(low) <= 0:

@@ -26,7 +26,7 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
     labels = np.array(rests.target_label)
     distances = observations.distances
     certified = np.unique(labels[observations.target[~observations.has_truth]])
-    certified = [name for name in certified if not observations.unknown[labels == name].any()]
+    named = [str(name) for name in certified if not observations.unknown[labels == name].any()]
     rate = states.rate[np.isfinite(states.rate)]
     return Scene(
         arm=arm,
@@ -38,7 +38,7 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
         rates=bool(rate.size and np.any(rate != 0.0)),
         approach=bool(np.isfinite(states.approach).all(axis=1).mean() > 0.5),
         artefact_c=bool(np.ptp(rests.artefact_rise_c) > 0.05),
-        targets=tuple(map(str, certified)) if len(certified) > 3 else (),
+        targets=tuple(named) if len(named) > 3 else (),
         distances=tuple(f"{labels[a]}, {labels[b]}" for a, b in distances.between),
         start_unix_s=float(states.time_s.min()),
         instants_unix_s=_grid(moments),

@@ -62,7 +62,9 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
     index = {name: i for i, name in enumerate(parameters.names(arm.n_joints))}
     basis_of: dict[str, int] = {}
     bases: list[list[Factor]] = []
-    parts, changes, typical, first, count = [], [], [], [], []
+    parts: list[tuple[Part, ...]] = []
+    changes: list[ArtefactChange | None] = []
+    typical, first, count = [], [], []
     for candidate in candidates:
         first.append(len(parts))
         count.append(len(candidate.columns))

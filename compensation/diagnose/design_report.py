@@ -1,0 +1,44 @@
+"""The next experiment as one self-contained page: a picture of the poses, and their table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from armd.compensation.arm import Arm
+from armd.compensation.diagnose.design import Experiment
+from armd.compensation.kinematics import frames
+from armd.compensation.report.page import Page
+
+
+def design_report(experiment: Experiment, arm: Arm, rows: Sequence[Mapping[str, Any]]) -> str:
+    """The page; *rows* is the table, one mapping per pose."""
+    page = Page(f"Next experiment with {arm.serial_number}")
+    page.text(
+        f"To {experiment.goal.words}. With the sessions there are, it stands "
+        f"{experiment.sigma_before:.1f} standard deviations out of the noise; with these "
+        f"{len(rows)} poses on one new placement of the artefact, {experiment.sigma_after:.1f}. "
+        "Put a target near each tip position, turn the joints as shown, and come to rest from "
+        "the side given."
+    )
+    page.figure(_picture(experiment), height=620)
+    page.table(list(rows[0]), [[str(value) for value in row.values()] for row in rows])
+    return page.html()
+
+
+def _picture(experiment: Experiment) -> go.Figure:
+    """The arm in every pose, base to tip, in mm of the base frame."""
+    origins = frames(experiment.states.q, experiment.parameters)[0]
+    figure = go.Figure()
+    for i, (joints, tip) in enumerate(zip(origins, experiment.tip_mm, strict=True), 1):
+        x, y, z = np.vstack([joints, tip]).T
+        figure.add_scatter3d(
+            x=x, y=y, z=z, mode="lines+markers", name=f"pose {i}", marker={"size": 3},
+        )  # fmt: skip
+    figure.update_scenes(
+        xaxis_title="x, mm", yaxis_title="y, mm", zaxis_title="z, mm", aspectmode="data"
+    )
+    return figure

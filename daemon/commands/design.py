@@ -1,0 +1,104 @@
+"""`armd design`: the poses to measure next."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from armd.compensation.arm import load_arm
+from armd.compensation.calibration import load_calibration
+from armd.compensation.diagnose.design import Experiment, design
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.session import load_session
+from armd.files import write_whole
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", nargs="+", help="sessions measured so far")
+    parser.add_argument("--arm", required=True, metavar="ARM.toml", help="what the arm is")
+    parser.add_argument(
+        "--calibration",
+        metavar="CAL.json",
+        help="the model under test, held; default: what `armd calibrate` makes of the sessions",
+    )
+    parser.add_argument("--poses", type=int, default=12, help="how many to choose (default 12)")
+    parser.add_argument("-o", "--output", metavar="POSES.csv", help="the table")
+    parser.add_argument("--json", metavar="OUT.json")
+    parser.add_argument("--report", metavar="R.html", help="the table with a picture")
+
+
+def run(args: argparse.Namespace) -> int:
+    arm = load_arm(args.arm)
+    calibration = load_calibration(args.calibration, arm).content if args.calibration else None
+    sessions = [load_session(path, arm) for path in args.session]
+    with Console(stderr=True).status("diagnosing …"):
+        diagnosis = diagnose(sessions, arm, calibration)
+        experiment = design(diagnosis, args.poses)
+    rows = table(experiment, arm.sensors)
+    if args.output:
+        text = io.StringIO()
+        writer = csv.DictWriter(text, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+        write_whole(args.output, text.getvalue())
+    if args.json:
+        result = {
+            "schema": "armd.design/1",
+            "goal": experiment.goal.words,
+            "sigma_before": experiment.sigma_before,
+            "sigma_after": experiment.sigma_after,
+            "poses": rows,
+        }
+        write_whole(args.json, json.dumps(result, indent=1) + "\n")
+    if args.report:
+        from armd.compensation.diagnose.design_report import design_report
+
+        write_whole(args.report, design_report(experiment, arm, rows))
+    _print(experiment, rows)
+    return 0
+
+
+def table(experiment: Experiment, sensors: list[str]) -> list[dict[str, Any]]:
+    """One row per pose: where the tip goes, how the arm stands, from where, how warm."""
+    states = experiment.states
+    return [
+        {
+            "pose": i + 1,
+            **{f"{a}_mm": round(float(v), 1) for a, v in zip("xyz", tip, strict=True)},
+            **{f"q{k}_deg": round(float(v), 1) for k, v in enumerate(np.degrees(states.q[i]), 1)},
+            **{
+                f"approach_joint_{k}": "+" if v > 0 else "-"
+                for k, v in enumerate(states.rate[i], 1)
+            },
+            **{
+                f"{name}_c": round(float(v), 1)
+                for name, v in zip(sensors, states.temperature_c[i], strict=True)
+            },
+        }
+        for i, tip in enumerate(experiment.tip_mm)
+    ]
+
+
+def _print(experiment: Experiment, rows: list[dict[str, Any]]) -> None:
+    console = Console()
+    console.print(
+        f"To {experiment.goal.words}: {experiment.sigma_before:.1f} standard deviations with "
+        f"these sessions, {experiment.sigma_after:.1f} with these poses on one new placement"
+    )
+    shown = Table("pose", "tip, mm", "joints, °", "turn last towards", "°C")
+    for row in rows:
+        shown.add_row(
+            str(row["pose"]),
+            " ".join(f"{row[f'{a}_mm']:.0f}" for a in "xyz"),
+            " ".join(f"{v:.0f}" for k, v in row.items() if k.endswith("_deg")),
+            "".join(str(v) for k, v in row.items() if k.startswith("approach_joint")),
+            " ".join(f"{v:.0f}" for k, v in row.items() if k.endswith("_c")),
+        )
+    console.print(shown)
