@@ -75,8 +75,7 @@ class Queries:
     def _tell_preamble(self, query: zenoh.Query) -> None:
         """For a recorder: what stands before the next raw frame."""
         following = self._publisher.next_raw_frame
-        frames = self._preamble()
-        payloads = [raw.pack(following - len(frames) + i, frame) for i, frame in enumerate(frames)]
+        payloads = [raw.pack(following, frame) for frame in self._preamble()]
         encoded = [base64.b64encode(payload).decode() for payload in payloads]
         query.reply(
             self._raw_key, json.dumps({"next": following, "frames": encoded}), encoding=JSON

@@ -18,7 +18,12 @@ from mcap.writer import Writer
 
 from armd import POINT, __version__, keys
 from armd.drivers import raw
-from armd.drivers.recording import CALIBRATION_ATTACHMENT, INFO_ATTACHMENT, RAW_TOPIC
+from armd.drivers.recording import (
+    CALIBRATION_ATTACHMENT,
+    INFO_ATTACHMENT,
+    PREAMBLE_TOPIC,
+    RAW_TOPIC,
+)
 
 CHUNK_BYTES = 1 << 16  # what a killed recorder may lose
 RAW_ENCODING = "armd.raw.v1"
@@ -75,8 +80,10 @@ class Recorder:
 
     def begin(self, following: int, preamble: list[bytes]) -> None:
         """*preamble*: payloads to stand before raw frame number *following*."""
+        channel = self._writer.register_channel(PREAMBLE_TOPIC, RAW_ENCODING, schema_id=0)
         for payload in preamble:
-            self._add(keys.RAW, self._raw, payload, raw.unpack(payload)[1].unix_ns)
+            unix_ns = raw.unpack(payload)[1].unix_ns
+            self._writer.add_message(channel, unix_ns, payload, unix_ns)
         self._next_frame = following
 
     def take_frames(self, payloads: list[bytes]) -> None:

@@ -1,7 +1,6 @@
 """Raw frames on their way to a recorder: a small header, then the bytes as they crossed the wire.
 
-`armd/<serial>/@raw`: i64 number of the frame (without gaps unless one was lost; a recording's
-preamble comes before the frame that follows it, so it may begin below 0) ·
+`armd/<serial>/@raw`: i64 number of the frame (without gaps unless one was lost) ·
 i64 monotonic_ns · i64 unix_ns · u8 direction (0 rx, 1 tx, 2 link) · u8 length of channel ·
 channel · the bytes. Little-endian.
 """

@@ -21,6 +21,7 @@ from armd.drivers.sample import RawFrame
 from armd.errors import BadInput
 
 RAW_TOPIC = "/raw"
+PREAMBLE_TOPIC = "/preamble"
 INFO_ATTACHMENT = "info.json"  # the daemon's answer to the info key when recording began
 CALIBRATION_ATTACHMENT = "calibration.json"  # the very file, byte by byte
 
@@ -48,11 +49,15 @@ class Recording:
             raise BadInput(path, "attachments", "no info.json", "a file of `armd record`")
         self.info: dict[str, Any] = json.loads(self.attachments[INFO_ATTACHMENT])
 
-    @property
-    def begins_in_mid_stream(self) -> bool:
-        """It was begun while the arm was connected, with a preamble (`Driver.preamble`)."""
-        first = next(self.frames(), None)
-        return first is not None and first.direction == "link" and b"up" not in first.data
+    def preamble(self) -> list[RawFrame]:
+        """What a decoder must be fed first (`Driver.preamble`), of a recording that was begun
+        while the arm was connected; otherwise empty."""
+        frames = []
+        for message in self.messages({PREAMBLE_TOPIC, RAW_TOPIC}):
+            if message.topic == RAW_TOPIC:
+                break
+            frames.append(raw.unpack(message.data)[1])
+        return frames
 
     def frames(self) -> Iterator[RawFrame]:
         """The raw frames as the daemon fed them to its decoder; raises `BadInput` where the

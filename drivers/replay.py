@@ -51,11 +51,12 @@ class ReplayDriver:
     """
 
     def __init__(self, config: ReplayConfig, expectation: Expectation) -> None:
-        recording = Recording(config.file)
+        self._recording = recording = Recording(config.file)
         self._speed = config.speed
         self._decoder = decoder_of(recording, expectation)
         self._frames: Iterator[RawFrame] = recording.frames()
         self._next: RawFrame | None = None
+        self._before: list[Item] = []  # what the preamble told
         self._ended = False
         self._began_ns = 0  # on this machine's clock, and on the recording's
         self._first_ns = 0
@@ -73,6 +74,9 @@ class ReplayDriver:
         return {**self._decoder.counters, "reconnects": 0}
 
     def open(self) -> None:
+        self._before = [
+            item for frame in self._recording.preamble() for item in self._decoder.feed(frame)
+        ]
         self._next = next(self._frames, None)
         self._began_ns = time.monotonic_ns()
         self._first_ns = self._next.monotonic_ns if self._next else 0
@@ -88,7 +92,7 @@ class ReplayDriver:
 
     def read(self, timeout_s: float) -> list[Item]:
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
-        items: list[Item] = []
+        items, self._before = self._before, []
         for _ in range(BATCH):
             if self._next is None:
                 return items + self._end(deadline_ns if not items else 0)

@@ -114,7 +114,7 @@ def _compare(recording: Recording, points: Points) -> int:
     tip had been at rest by then, nobody has told it."""
     replayed = dict(zip(points["seq"].tolist(), as_json(points), strict=True))
     from_ns = int(points["monotonic_ns"][0]) if len(points) else 0
-    from_ns += SETTLING_NS if recording.begins_in_mid_stream else 0
+    from_ns += SETTLING_NS if recording.preamble() else 0
     identical = different = 0
     for message in recording.messages({TOPICS[keys.POINT]}):
         point = json.loads(message.data)

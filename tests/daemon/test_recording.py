@@ -112,7 +112,7 @@ def test_it_is_published_like_a_live_arm(recorded, tmp_path):
     endpoint = free_endpoint()
     command = [sys.executable, "-m", "armd.daemon.cli"]
     with subprocess.Popen(
-        [*command, "replay", str(recorded[0]), "--listen", endpoint, "--speed", "0.05"],
+        [*command, "replay", str(recorded[0]), "--listen", endpoint, "--speed", "0.1"],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ,
