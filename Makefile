@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test lint bench clean hidden soak system-test paper real
+.PHONY: install demo test lint bench clean hidden soak fuzz system-test paper real
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -46,6 +46,10 @@ hidden: install
 MINUTES ?= 2
 soak: install
 	PYTHONPATH=tests $(BIN)/python tests/scenarios/soak.py --minutes $(MINUTES) --seed $(SEED)
+
+# A million damaged packets through the serial decoder: make fuzz FUZZ_SEED=7
+fuzz: install
+	$(BIN)/python -m pytest -m slow -s tests/drivers/test_fuzz.py
 
 # Installs armd on a Debian booted as a guest; fails with BROKEN=1, as a broken daemon must.
 system-test: install
