@@ -15,6 +15,7 @@ from armd.schema import load_toml, validate
 from armd.simulator.ahead import Ahead
 from armd.simulator.books import FaultLog, TruthFile
 from armd.simulator.canbus.device import CanArm
+from armd.simulator.canbus.timeline import GRID_HZ
 from armd.simulator.canbus.wires import Wire
 from armd.simulator.crystal import precise_timers
 from armd.simulator.faults import FAULTS, check_wire, parse_fault, random_faults
@@ -158,8 +159,8 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
     with ExitStack() as cleanup:
         truth = cleanup.enter_context(closing(TruthFile(options.truth)))
         log = cleanup.enter_context(closing(FaultLog(options.fault_log)))
-        physics = cleanup.enter_context(closing(Ahead(life(scenario))))
         if options.serial:
+            physics = cleanup.enter_context(closing(Ahead(life(scenario, scenario.rate_hz))))
             port = cleanup.enter_context(closing(PtyPort(options.link)))
             device = cleanup.enter_context(
                 closing(SerialDevice(scenario, physics, port, truth, log))
@@ -168,6 +169,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
             device.run()
             port.drain(0.5)  # a port closed at once takes the last samples with it
         else:
+            physics = cleanup.enter_context(closing(Ahead(life(scenario, GRID_HZ))))
             wire = cleanup.enter_context(closing(can_wire(options)))
             arm = cleanup.enter_context(closing(CanArm(scenario, physics, wire, truth, log)))
             print(wire.address, flush=True)
@@ -191,13 +193,13 @@ def can_wire(options: argparse.Namespace) -> Wire:
     return PythonCanWire(options.can, options.channel or CAN_WIRES[options.can])
 
 
-def life(scenario: Scenario) -> Iterator[Block]:
-    """The physics of a scenario, latch by latch."""
+def life(scenario: Scenario, rate_hz: int) -> Iterator[Block]:
+    """The physics of a scenario, *rate_hz* times a second."""
     warm_up = None
     if scenario.warm_up_k is not None:
         warm_up = WarmUp(scenario.warm_up_k, scenario.warm_up_s or scenario.seconds or 20.0)
     arm = TrueArm.default(scenario.seed)
-    return blocks(arm, scenario.seed, scenario.rate_hz, scenario.ambient_c, warm_up)
+    return blocks(arm, scenario.seed, rate_hz, scenario.ambient_c, warm_up)
 
 
 def measured_sessions(arguments: Sequence[str]) -> int:

@@ -45,7 +45,7 @@ class CanArm:
         self._wire = wire
         self._truth = truth
         self._log = log
-        self._timeline = Timeline(blocks, scenario.rate_hz)
+        self._timeline = Timeline(blocks)
         self._schedule = Schedule(scenario.fault, scenario.rate_hz)
         self._electronics = Electronics(scenario.seed)
         n_joints = len(self._timeline.at(0.0).encoder_rad)

@@ -1,6 +1,7 @@
-"""`make soak MINUTES=…`: simulator, daemon and subscribers under random faults, all accounted for.
+"""`make soak MINUTES=…`: simulator, daemon, recorder, subscribers under random faults.
 
-Prints a report as JSON; exit code 1 if a point was wrong or a loss unexplained.
+Prints a report as JSON; exit code 1 if a point was wrong, a loss unexplained, the recording not of
+every point delivered, or a process did not end well.
 """
 
 from __future__ import annotations
@@ -18,12 +19,14 @@ from pathlib import Path
 from typing import Any
 
 from audit import Audit
+from mcap.reader import make_reader
 from running_daemon import running_daemon
 from simulated_arm import SimulatedArm, simulated_arm
 from true_model import write_true_model
 
 import armd
 
+ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 RATE_HZ = 1000
 FAULTS_PER_MINUTE = 12
 STOP_AND_START_S = 7.0  # how long the second subscriber stands still, then runs
@@ -48,9 +51,31 @@ class Memory:
 
 
 @contextlib.contextmanager
+def recorder(endpoint: str, file: Path) -> Iterator[subprocess.Popen[str]]:
+    """`armd record`, once it records."""
+    command = [*ARMD, "record", "SIM-0001", "--endpoint", endpoint, "-o", str(file)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline().startswith("armd: recording")
+            yield process
+        finally:
+            process.terminate()
+
+
+def recorded_points(file: Path) -> int:
+    """Points in a recording."""
+    with file.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None and summary.statistics is not None
+    channel = next(c.id for c in summary.channels.values() if c.topic == "/point")
+    return summary.statistics.channel_message_counts.get(channel, 0)
+
+
+@contextlib.contextmanager
 def stopping_subscriber(endpoint: str) -> Iterator[subprocess.Popen[bytes]]:
     """`armd watch --json`, to be stopped and started by signals."""
-    command = [sys.executable, "-m", "armd.daemon.cli", "watch", "--json", "--endpoint", endpoint]
+    command = [*ARMD, "watch", "SIM-0001", "--json", "--endpoint", endpoint]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
         try:
             yield process
@@ -67,6 +92,7 @@ def soak(minutes: float, seed: int, folder: Path) -> dict[str, Any]:
     with (
         running_daemon(folder, str(folder / "port"), top='calibration = "calibration.json"') as d,
         armd.connect("SIM-0001", d.endpoint) as client,
+        recorder(d.endpoint, folder / "soak.mcap") as record,
         stopping_subscriber(d.endpoint) as second,
         simulated_arm(
             folder, *options, rate_hz=RATE_HZ, seconds=60 * minutes, link=True, arm_toml=False
@@ -75,6 +101,8 @@ def soak(minutes: float, seed: int, folder: Path) -> dict[str, Any]:
         audit = Audit(folder / "truth.bin", RATE_HZ)
         memory = Memory(d.process.pid)
         _follow(arm, client, audit, memory, second)
+        record.terminate()
+        recorder_code = record.wait(30)
         code, stop_s = d.stop()
     log = arm.events()
     report = audit.report(log)
@@ -86,6 +114,8 @@ def soak(minutes: float, seed: int, folder: Path) -> dict[str, Any]:
         "latched": len(arm.truth()),
         "sent": len(arm.truth()) - len(arm.withheld()),
         **report,
+        "recorded": recorded_points(folder / "soak.mcap"),
+        "recorder_exit_code": recorder_code,
         "memory_growth_mb": round(memory.growth_mb, 2),
         "daemon_exit_code": code,
         "daemon_stop_s": round(stop_s, 2),
@@ -130,8 +160,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="armd-soak-") as folder:
         report = soak(options.minutes, options.seed, Path(folder))
     print(json.dumps(report, indent=2))
-    good = report["wrong"] == 0 and report["unexplained"] == 0 and report["delivered"] > 0
-    return 0 if good and report["daemon_exit_code"] == 0 else 1
+    clean = ("wrong", "unexplained", "recorder_exit_code", "daemon_exit_code")
+    good = not any(report[name] for name in clean) and report["delivered"] > 0
+    return 0 if good and report["recorded"] == report["delivered"] else 1
 
 
 if __name__ == "__main__":
