@@ -8,35 +8,29 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from armd import __version__
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration, Noise, constants_of
 from armd.compensation.identify.fit import Fit, fit
-from armd.compensation.identify.gauge import free_constants, unidentifiable
+from armd.compensation.identify.gauge import free_constants
 from armd.compensation.identify.heldout import HeldOut, placement_folds
 from armd.compensation.identify.observations import Observations, gather
-from armd.compensation.identify.thermal import (
-    Comparison,
-    Trial,
-    length_terms,
-    temperature_groups,
+from armd.compensation.identify.requirements import (
+    choose_readings,
+    not_known,
+    require_enough,
+    require_plausible,
 )
+from armd.compensation.identify.thermal import Comparison, Trial, length_terms
 from armd.compensation.identify.unknowns import Unknowns
 from armd.compensation.session import Session
 from armd.compensation.terms import Term
-from armd.errors import BadInput
+from armd.errors import ArmdError
 
-Mask = npt.NDArray[np.bool_]
 Progress = Callable[[str], None]
 Method = Literal["polynomial", "zones", "components"]
-
-#: Residuals beyond this are not an arm's: another unit, another arm, a wrong direction.
-ABSURD_RMS_MM = 20.0
-#: Least rank, as a share of what ideal readings would give, that is worth a calibration.
-LEAST_RANK = 0.5
 
 
 @dataclass(frozen=True)
@@ -125,12 +119,14 @@ def _calibrate(
     files = ", ".join(str(session.path) for session in sessions)
     unknown = free_constants(arm)
     notes: list[str] = []
-    observations, groups = _readings(gather(sessions, arm), files, options, notes)
-    _enough(observations, unknown, files)
+    observations, groups = choose_readings(
+        gather(sessions, arm), files, options.thermal_order, notes
+    )
+    require_enough(observations, unknown, files)
     thermal = len(groups) > 1 and options.thermal_order != 0
     terms = length_terms(arm, [1]) if thermal else []
     first = _fit(observations, arm, unknown, terms, progress)
-    _plausible(first, arm, files)
+    require_plausible(first, files)
     trials: list[Trial] = []
     order, final = 0, first
     if thermal:
@@ -170,25 +166,13 @@ def _calibrate(
     )
 
 
-def not_known(found: Fit) -> list[str]:
-    """What the readings cannot tell apart, in words."""
-    names = found.unknowns.words(found.terms)
-    return unidentifiable(found.solution.null, names, found.observations.arm)
-
-
 def as_calibration(found: Fit, provenance: dict[str, Any]) -> Calibration:
     """A fit as the file the daemon runs."""
     arm, states = found.observations.arm, found.observations.states
-    used = {
-        name
-        for term in found.terms
-        for factor in term.basis
-        for name in getattr(factor, "weights", {})
-    }
+    used = {name for joint in arm.joint for name in joint.weights}
     ranges = {}
-    for name in arm.sensors:
-        column = states.temperature_c[:, arm.sensors.index(name)]
-        if name in used:
+    for name, column in zip(arm.sensors, states.temperature_c.T, strict=True):
+        if name in used and np.isfinite(column).any():
             ranges[name] = (float(np.nanmin(column)), float(np.nanmax(column)))
     return Calibration(
         arm=arm.serial_number,
@@ -205,51 +189,6 @@ def as_calibration(found: Fit, provenance: dict[str, Any]) -> Calibration:
         ),
         provenance=provenance,
     )
-
-
-def _readings(
-    observations: Observations, files: str, options: Options, notes: list[str]
-) -> tuple[Observations, list[tuple[float, Mask]]]:
-    """The readings to use, and their groups by temperature where a thermal model is possible."""
-    arm, wanted = observations.arm, options.thermal_order
-    if wanted == 0:
-        return observations, []
-    sensors = [s for s in arm.sensors if any(joint.weights.get(s) for joint in arm.joint)]
-    temperature_c = observations.states.temperature_c[:, [arm.sensors.index(s) for s in sensors]]
-    complete: Mask = np.all(np.isfinite(temperature_c), axis=1)
-    if not sensors or not complete.any():
-        if wanted:
-            found = "no readings that have them all" if sensors else "no joint with a temperature"
-            raise BadInput(files, "temperatures", found, "the sensors that arm.toml names")
-        notes.append("no temperatures: geometry only")
-        return observations, []
-    if not complete.all():
-        notes.append(f"{int((~complete).sum())} readings lack a temperature and are not used")
-        observations = observations.rows(complete)
-    groups = temperature_groups(observations)
-    needed = 2 if wanted is None else wanted + 1
-    if len(groups) < needed:
-        found = f"{len(groups)} ({', '.join(f'{mean:.1f} °C' for mean, _ in groups)})"
-        if wanted:
-            expected = f"at least {needed} for a thermal model of order {wanted}"
-            raise BadInput(files, "temperatures", found, expected)
-        notes.append(f"one temperature only, {groups[0][0]:.1f} °C: no thermal model (order 0)")
-    return observations, groups
-
-
-def _enough(observations: Observations, unknown: Sequence[str], files: str) -> None:
-    """Refuse readings that are fewer than the unknowns, whatever their poses."""
-    placements = len(np.unique(observations.placement))
-    touched = np.unique(observations.target[~observations.has_truth])
-    seats = int(observations.unknown[touched].sum())
-    identifiable = 4 * observations.arm.n_joints - 3
-    needed = -(-(identifiable + 6 * placements + 3 * seats) // 3) + 1
-    if observations.n < needed:
-        expected = (
-            f"at least {needed} for {len(unknown)} constants, {placements} placements"
-            f" and {seats} unknown points"
-        )
-        raise BadInput(files, "readings", f"{observations.n} poses", expected)
 
 
 def _fit(
@@ -273,28 +212,6 @@ def _fit(
     )
 
 
-def _plausible(found: Fit, arm: Arm, files: str) -> None:
-    """Refuse a fit that is none: residuals beyond any arm's, or poses that say next to nothing."""
-    if found.rms_um > 1e3 * ABSURD_RMS_MM:
-        raise BadInput(
-            files,
-            "readings",
-            f"residuals of {found.rms_um / 1e3:.0f} mm after fitting",
-            "readings of this arm (units of angles and lengths, directions, targets?)",
-        )
-    ideal = 4 * arm.n_joints - 3
-    constants = Unknowns(found.unknowns.constants)
-    rank = found.solution.rank - len(found.unknowns.terms)
-    if rank < LEAST_RANK * ideal:
-        words = "; ".join(not_known(found)[:4])
-        raise BadInput(
-            files,
-            "poses",
-            f"rank {max(rank, 0)} of {len(constants.names)} constants ({words}; …)",
-            f"poses that tell at least {int(LEAST_RANK * ideal) + 1} of {ideal} apart",
-        )
-
-
 def _choose(
     comparison: Comparison,
     trials: Sequence[Trial],
@@ -305,6 +222,8 @@ def _choose(
     """Thermal order and terms: as told, otherwise by the error at temperatures left out."""
     if options.thermal_method != "polynomial":
         name = {"zones": "two zones", "components": "principal components"}[options.thermal_method]
+        if name not in comparison.models:
+            raise ArmdError(f"{name}: {len(comparison.groups)} temperatures, expected at least 3")
         return 1, comparison.models[name]
     if options.thermal_order is not None:
         return options.thermal_order, length_terms(arm, range(1, options.thermal_order + 1))

@@ -18,6 +18,8 @@ F64 = npt.NDArray[np.float64]
 PARALLEL_DEG = 5.0
 #: Plausible departures from the drawing; a direction known worse than a tenth of this is unknown.
 PLAUSIBLE = {"mm": 10.0, "rad": 0.02}
+#: A direction this close (cosine) to all lengths in proportion is the arm's size.
+ALL_LENGTHS = 0.8
 
 
 def parallel_joints(arm: Arm) -> list[int]:
@@ -78,17 +80,18 @@ def _in_words(vector: F64, lead: int, names: Sequence[str], arm: Arm) -> str:
         shown = [names[i] for i in involved[:6]]
         more = f" and {len(involved) - 6} more" if len(involved) > 6 else ""
         text += " with " + ", ".join(shown) + more
-    return f"{text}: {_reason(together, arm)}"
+    return f"{text}: {_reason(vector, names, together, arm)}"
 
 
-def _reason(together: Sequence[str], arm: Arm) -> str:
+def _reason(vector: F64, names: Sequence[str], together: Sequence[str], arm: Arm) -> str:
     last = f"_{arm.n_joints}"
     if all(name in parameters.TIP_PARAMETERS or name.endswith(last) for name in together):
         return "the last joint's constants and the tip's offset place the same point"
     if all(name in ("theta_1", "d_1") for name in together):
         return "moving the whole arm about its first axis moves every placement alike"
-    stems = {name.split("_")[0] for name in together}
-    if len(together) > arm.n_joints and stems <= {"d", "a", "tip"}:
+    drawn = dict(zip(parameters.names(arm.n_joints), arm.nominal().tolist(), strict=True))
+    lengths = np.array([drawn.get(name, 0.0) * (parameters.unit(name) == "mm") for name in names])
+    if abs(vector @ lengths) > ALL_LENGTHS * np.linalg.norm(vector) * np.linalg.norm(lengths):
         return "no certified length tells the scale of the arm"
     if any("ΔT" in name for name in together):
         return "these temperatures and poses do not tell them apart"
