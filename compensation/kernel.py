@@ -6,7 +6,8 @@ cosines of its joints, for those joints that have pose-dependent terms, and for 
 
 Samples are worked off in blocks of 64, one row of a small array per quantity, every inner loop
 running over the samples of the block without a call or a branch, so that LLVM turns it into
-vector instructions. A live sample is a block of one and takes the same path; the result does not
+vector instructions; each such loop is a function of its own, for LLVM leaves loops within loops
+alone. A live sample is a block of one and takes the same path; the result does not
 depend on how the samples were cut into calls.
 
 Rows of a work array are addressed by constants or by one offset plus constants: that is how LLVM
@@ -180,29 +181,35 @@ def set_matrices(parameters: F64, matrices: F64) -> None:
 def uncorrected(q: F64, state: State, position: F64) -> None:
     """Tip positions (n, 3) mm by the constants alone."""
     folded, _, work = opened(state)
+    angle, trig, vectors = work.angle, work.trig, work.vectors
+    tip = folded.constants[5 * len(angle) :]
     for start in range(0, len(q), BLOCK):
         m = min(BLOCK, len(q) - start)
-        take_angles(q, start, work, m)
-        uncorrected_block(folded, work, m)
+        take_angles(q, start, m, angle, trig)
+        to_world(folded.plain, tip, trig, vectors, 0)
         for i in range(m):
             for axis in range(3):
-                position[start + i, axis] = work.vectors[9 + axis, i]
+                position[start + i, axis] = vectors[axis, i]
 
 
 @jit
 def correct(q: F64, rate: F64, approach: F64, state: State, position: F64, correction: F64) -> None:
     """Tip positions (n, 3) mm and, unless its length is 0, corrections (n, 3) mm."""
     folded, program, work = opened(state)
-    vectors = work.vectors
+    angle, trig, vectors = work.angle, work.trig, work.vectors
+    tip, plain_tip = folded.parameters[5 * len(angle) :], folded.constants[5 * len(angle) :]
     for start in range(0, len(q), BLOCK):
         m = min(BLOCK, len(q) - start)
-        take_angles(q, start, work, m)
-        corrected_block(rate, approach, start, folded, program, work, 1, m)
+        take_angles(q, start, m, angle, trig)
+        if len(program.parameter):
+            to_world_posed(rate, approach, start, m, folded, program, work, 1)
+        else:
+            to_world(folded.matrices, tip, trig, vectors, 0)
         for i in range(m):
             for axis in range(3):
                 position[start + i, axis] = vectors[axis, i]
         if len(correction):
-            uncorrected_block(folded, work, m)
+            to_world(folded.plain, plain_tip, trig, vectors, 9)
             for i in range(m):
                 for axis in range(3):
                     correction[start + i, axis] = vectors[axis, i] - vectors[9 + axis, i]
@@ -228,63 +235,77 @@ def correct_runs(
 
 
 @jit
-def take_angles(q: F64, start: int, work: Work, m: int) -> None:
+def take_angles(q: F64, start: int, m: int, angle: F64, trig: F64) -> None:
+    """Angles of m samples, their sines and cosines."""
     n_joints = q.shape[1]
     for i in range(m):
         for k in range(n_joints):
-            work.angle[k, i] = q[start + i, k]
-    for k in range(n_joints):
-        _sincos(work.angle, k, 1.0, work.trig, 2 * k, m)
+            angle[k, i] = q[start + i, k]
+    _sincos(angle, 0, n_joints, 1.0, trig, 0)
 
 
 @jit
-def uncorrected_block(folded: Folded, work: Work, m: int) -> None:
-    """Rows 9–11 of `work.vectors`: the tip by the constants alone."""
-    n_joints = len(work.angle)
-    _start(work.vectors, 9, folded.constants[5 * n_joints :], m)
-    for k in range(n_joints, -1, -1):
-        _fixed(folded.plain, k, work.trig, work.vectors, 9, m)
+def to_world(matrices: F64, tip: F64, trig: F64, vectors: F64, v: int) -> None:
+    """Rows v … v + 2 of *vectors*: the tip (v = 0 or 9), or the x and y axes of the last frame
+    (v = 3 takes both), in the world."""
+    _start(vectors, v, tip)
+    _fixed(matrices, len(matrices) - 1, 0, trig, vectors, v)
+    if v == 3:
+        _fixed(matrices, len(matrices) - 1, 0, trig, vectors, 6)
 
 
 @jit
-def corrected_block(
-    rate: F64, approach: F64, start: int, folded: Folded, program: Program, work: Work,
-    turned: int, m: int,
+def to_world_posed(
+    rate: F64, approach: F64, start: int, m: int, folded: Folded, program: Program, work: Work,
+    turned: int,
 ) -> None:  # fmt: skip
-    """Rows 0–2 of `work.vectors`: the tip; 3–8: two axes of the last frame, if *turned* is 3."""
-    vectors, n_joints = work.vectors, len(work.angle)
-    posed = len(program.parameter) > 0
-    _start(vectors, 0, folded.parameters[5 * n_joints :], m)
-    for v in range(3, 3 * turned):
-        for i in range(m):
-            vectors[v, i] = 1.0 if v in (3, 7) else 0.0
-    if posed:
-        _evaluate_factors(rate, approach, start, folded.plain, program, work, m)
-        if program.first[n_joints] < program.first[n_joints + 1]:
-            _spread(n_joints, 5 * n_joints, 3, folded, program, work, m)
-            for axis in range(3):
-                for i in range(m):
-                    vectors[axis, i] = work.posed[axis, i]
-    for k in range(n_joints, 0, -1):
-        if posed and program.first[k - 1] < program.first[k]:
-            _posed_joint(k - 1, folded, program, work, turned, m)
-        else:
-            for v in range(0, 3 * turned, 3):
-                _fixed(folded.matrices, k, work.trig, vectors, v, m)
-    if posed and program.first[n_joints + 1] < program.first[n_joints + 2]:
-        _posed_base(n_joints, folded, program, work, turned, m)
-    else:
+    """Like `to_world` with pose terms: the tip, and if *turned* is 3 the two axes."""
+    vectors, n_joints, first = work.vectors, len(work.angle), program.first
+    _start(vectors, 0, folded.parameters[5 * n_joints :])
+    _start(vectors, 3, folded.parameters)
+    _evaluate_factors(rate, approach, start, folded.plain, program, work, m)
+    if first[n_joints] < first[n_joints + 1]:
+        _spread(n_joints, 5 * n_joints, 3, folded, program, work)
+        for axis in range(3):
+            for i in range(BLOCK):
+                vectors[axis, i] = work.posed[axis, i]
+    k = n_joints
+    while k >= 0:
+        if _has_pose_terms(k, first):
+            if k > 0:
+                _posed_joint(k - 1, folded, program, work, turned)
+            else:
+                _posed_base(n_joints, folded, program, work, turned)
+            k -= 1
+            continue
+        low = k
+        while low > 0 and not _has_pose_terms(low - 1, first):
+            low -= 1
         for v in range(0, 3 * turned, 3):
-            _fixed(folded.matrices, 0, work.trig, vectors, v, m)
+            _fixed(folded.matrices, k, low, work.trig, vectors, v)
+        k = low - 1
 
 
 @jit
-def _sincos(angle: F64, row: int, order: float, out: F64, to: int, m: int) -> None:
-    """Rows *to* and *to* + 1 of *out*: sine and cosine of order · angle, error below 2e-16.
+def _has_pose_terms(k: int, first: I64) -> bool:
+    """Whether joint k (from 1), or the base for k = 0, differs from sample to sample."""
+    group = k - 1 if k > 0 else len(first) - 2
+    return bool(first[group] < first[group + 1])
+
+
+@jit
+def _sincos(angle: F64, first: int, rows: int, order: float, out: F64, to: int) -> None:
+    """Sines and cosines of order · angle, error below 2e-16, in turn from row *to* of *out* on.
 
     Reduction to ±π/4 by multiples of π/2, minimax polynomials (Cephes), quadrant by arithmetic.
     """
-    for i in range(m):
+    for k in range(rows):
+        _sincos_row(angle, first + k, order, out, to + 2 * k)
+
+
+@jit
+def _sincos_row(angle: F64, row: int, order: float, out: F64, to: int) -> None:
+    for i in range(BLOCK):
         x = order * angle[row, i]
         j = np.floor(x * (2 / math.pi) + 0.5)
         r = ((x - j * _HALF_PI_1) - j * _HALF_PI_2) - j * _HALF_PI_3
@@ -309,34 +330,42 @@ def _sincos(angle: F64, row: int, order: float, out: F64, to: int, m: int) -> No
 
 
 @jit
-def _start(vectors: F64, v: int, tip: F64, m: int) -> None:
-    """Rows v … v + 2: the tip's offset in the last frame."""
+def _start(vectors: F64, v: int, tip: F64) -> None:
+    """Rows v … v + 2: the tip's offset; from v = 3 on: the x and the y axis. In the last frame."""
+    if v == 3:
+        for row in range(3, 9):
+            value = 1.0 if row in (3, 7) else 0.0
+            for i in range(BLOCK):
+                vectors[row, i] = value
+        return
     for axis in range(3):
         value = tip[axis]
-        for i in range(m):
+        for i in range(BLOCK):
             vectors[v + axis, i] = value
 
 
 @jit
-def _fixed(matrices: F64, k: int, trig: F64, vectors: F64, v: int, m: int) -> None:
-    """Take rows v … v + 2 from link k to link k − 1 (k = 0: from the base frame to the world).
+def _fixed(matrices: F64, high: int, low: int, trig: F64, vectors: F64, v: int) -> None:
+    """Take rows v … v + 2 from link *high* through the joints *high* … *low*.
 
-    Rows 3–8 are axes, which have no place.
+    That is to link *low* − 1; *low* = 0 takes them through the base to the world as well. Rows
+    3–8 are axes, which have no place.
     """
+    place = 0.0 if 3 <= v < 9 else 1.0
+    for k in range(high, max(low, 1) - 1, -1):
+        _fixed_joint(matrices, k, place, trig, vectors, v)
+    if low == 0 and _displaced(matrices):
+        _fixed_base(matrices, place, vectors, v)
+
+
+@jit
+def _fixed_joint(matrices: F64, k: int, place: float, trig: F64, vectors: F64, v: int) -> None:
     m00, m01, m02, m03 = matrices[k, 0, 0], matrices[k, 0, 1], matrices[k, 0, 2], matrices[k, 0, 3]
     m10, m11, m12, m13 = matrices[k, 1, 0], matrices[k, 1, 1], matrices[k, 1, 2], matrices[k, 1, 3]
     m20, m21, m22, m23 = matrices[k, 2, 0], matrices[k, 2, 1], matrices[k, 2, 2], matrices[k, 2, 3]
-    if 3 <= v < 9:
-        m03 = m13 = m23 = 0.0
-    if k == 0:
-        for i in range(m):
-            x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
-            vectors[v, i] = m00 * x + m01 * y + m02 * z + m03
-            vectors[v + 1, i] = m10 * x + m11 * y + m12 * z + m13
-            vectors[v + 2, i] = m20 * x + m21 * y + m22 * z + m23
-        return
+    m03, m13, m23 = m03 * place, m13 * place, m23 * place
     sine = 2 * (k - 1)
-    for i in range(m):
+    for i in range(BLOCK):
         x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
         s, c = trig[sine, i], trig[sine + 1, i]
         along = m00 * x + m01 * y + m02 * z + m03
@@ -347,41 +376,63 @@ def _fixed(matrices: F64, k: int, trig: F64, vectors: F64, v: int, m: int) -> No
 
 
 @jit
+def _displaced(matrices: F64) -> bool:
+    """Whether the base does not stand where the drawing has it, which is rare."""
+    for row in range(3):
+        for column in range(4):
+            if matrices[0, row, column] != (1.0 if row == column else 0.0):
+                return True
+    return False
+
+
+@jit
+def _fixed_base(matrices: F64, place: float, vectors: F64, v: int) -> None:
+    m00, m01, m02, m03 = matrices[0, 0, 0], matrices[0, 0, 1], matrices[0, 0, 2], matrices[0, 0, 3]
+    m10, m11, m12, m13 = matrices[0, 1, 0], matrices[0, 1, 1], matrices[0, 1, 2], matrices[0, 1, 3]
+    m20, m21, m22, m23 = matrices[0, 2, 0], matrices[0, 2, 1], matrices[0, 2, 2], matrices[0, 2, 3]
+    m03, m13, m23 = m03 * place, m13 * place, m23 * place
+    for i in range(BLOCK):
+        x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
+        vectors[v, i] = m00 * x + m01 * y + m02 * z + m03
+        vectors[v + 1, i] = m10 * x + m11 * y + m12 * z + m13
+        vectors[v + 2, i] = m20 * x + m21 * y + m22 * z + m23
+
+
+@jit
 def _spread(
-    group: int, offset: int, rows: int, folded: Folded, program: Program, work: Work, m: int
+    group: int, offset: int, rows: int, folded: Folded, program: Program, work: Work
 ) -> None:
     """A group's parameters from *offset* on, sample by sample: rows of `work.posed`."""
     for row in range(rows):
         value = folded.parameters[offset + row]
-        for i in range(m):
+        for i in range(BLOCK):
             work.posed[row, i] = value
     product = work.product
     for t in range(program.first[group], program.first[group + 1]):
         coefficient = folded.coefficients[t]
-        for i in range(m):
+        for i in range(BLOCK):
             product[0, i] = coefficient
         for j in range(program.factor_first[t], program.factor_first[t + 1]):
             f = program.term_factors[j]
-            for i in range(m):
+            for i in range(BLOCK):
                 product[0, i] *= work.factors[f, i]
         row = program.parameter[t] - offset
-        for i in range(m):
+        for i in range(BLOCK):
             work.posed[row, i] += product[0, i]
 
 
 @jit
-def _posed_joint(k: int, folded: Folded, program: Program, work: Work, turned: int, m: int) -> None:
+def _posed_joint(k: int, folded: Folded, program: Program, work: Work, turned: int) -> None:
     """Like `_fixed` for joint k (from 0), its five parameters differing from sample to sample."""
-    _spread(k, 5 * k, 5, folded, program, work, m)
+    _spread(k, 5 * k, 5, folded, program, work)
     posed, angle, vectors = work.posed, work.angle, work.vectors
-    for i in range(m):
+    for i in range(BLOCK):
         posed[0, i] += angle[k, i]
-    _sincos(posed, 0, 1.0, posed, 6, m)
-    _sincos(posed, 3, 1.0, posed, 8, m)
-    _sincos(posed, 4, 1.0, posed, 10, m)
+    _sincos(posed, 0, 1, 1.0, posed, 6)
+    _sincos(posed, 3, 2, 1.0, posed, 8)
     for v in range(0, 3 * turned, 3):
         shift = 1.0 if v == 0 else 0.0
-        for i in range(m):
+        for i in range(BLOCK):
             x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
             x, z = posed[11, i] * x + posed[10, i] * z, posed[11, i] * z - posed[10, i] * x
             y, z = posed[9, i] * y - posed[8, i] * z, posed[8, i] * y + posed[9, i] * z
@@ -392,18 +443,14 @@ def _posed_joint(k: int, folded: Folded, program: Program, work: Work, turned: i
 
 
 @jit
-def _posed_base(
-    n_joints: int, folded: Folded, program: Program, work: Work, turned: int, m: int
-) -> None:
+def _posed_base(n_joints: int, folded: Folded, program: Program, work: Work, turned: int) -> None:
     """The base's displacement, differing from sample to sample."""
-    _spread(n_joints + 1, 5 * n_joints + 3, 6, folded, program, work, m)
+    _spread(n_joints + 1, 5 * n_joints + 3, 6, folded, program, work)
     posed, vectors = work.posed, work.vectors
-    _sincos(posed, 3, 1.0, posed, 6, m)
-    _sincos(posed, 4, 1.0, posed, 8, m)
-    _sincos(posed, 5, 1.0, posed, 10, m)
+    _sincos(posed, 3, 3, 1.0, posed, 6)
     for v in range(0, 3 * turned, 3):
         shift = 1.0 if v == 0 else 0.0
-        for i in range(m):
+        for i in range(BLOCK):
             x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
             y, z = posed[7, i] * y - posed[6, i] * z, posed[6, i] * y + posed[7, i] * z
             x, z = posed[9, i] * x + posed[8, i] * z, posed[9, i] * z - posed[8, i] * x
@@ -440,43 +487,43 @@ def _evaluate_factors(
     down, lever = work.down, work.lever
     if program.needs[1]:
         for axis in range(3):
-            for i in range(m):
+            for i in range(BLOCK):
                 down[axis, i] = program.gravity[0, axis]
-        _into_links(plain, trig, down, m)
+        _into_links(plain, trig, down)
     if program.needs[0]:
-        _levers(plain, trig, program.gravity, lever, m)
+        _levers(plain, trig, program.gravity, lever)
     if program.needs[2]:
         for i in range(m):
             for axis in range(3):
                 toward = approach[start + i, axis]
                 work.toward[axis, i] = 0.0 if np.isnan(toward) else toward
-        _into_links(plain, trig, work.toward, m)
+        _into_links(plain, trig, work.toward)
     for f in range(len(program.factors)):
         kind, k, detail = program.factors[f, 0], program.factors[f, 1], program.factors[f, 2]
         if kind in (SIN, COS):
             which = 0 if kind == SIN else 1
             if detail == 1:
-                for i in range(m):
+                for i in range(BLOCK):
                     factors[f, i] = trig[2 * k + which, i]
             else:
-                _sincos(work.angle, k, float(detail), work.posed, 0, m)
-                for i in range(m):
+                _sincos(work.angle, k, 1, float(detail), work.posed, 0)
+                for i in range(BLOCK):
                     factors[f, i] = work.posed[which, i]
         elif kind == ANGLE:
-            for i in range(m):
+            for i in range(BLOCK):
                 factors[f, i] = work.angle[k, i] ** detail
         elif kind == CURVE:
-            _curve(work.angle, k, program.curves, detail, program.curve_pieces[f], factors, f, m)
+            _curve(work.angle, k, program.curves, detail, program.curve_pieces[f], factors, f)
         elif kind == TORQUE:
             a = 3 * k  # the frame before the joint, whose z axis it turns about
-            for i in range(m):
+            for i in range(BLOCK):
                 factors[f, i] = lever[a, i] * down[a + 1, i] - lever[a + 1, i] * down[a, i]
         elif kind == MOMENT:
             a, b = 3 * (k + 1) + (detail + 1) % 3, 3 * (k + 1) + (detail + 2) % 3
-            for i in range(m):
+            for i in range(BLOCK):
                 factors[f, i] = lever[a, i] * down[b, i] - lever[b, i] * down[a, i]
         elif kind == DIRECTION:
-            for i in range(m):
+            for i in range(BLOCK):
                 factors[f, i] = down[3 * (k + 1) + detail, i]
         elif kind == SIDE:
             for i in range(m):
@@ -492,17 +539,15 @@ def _evaluate_factors(
                 factors[f, i] = 0.0 if np.isnan(toward) else toward
         else:
             last = len(work.toward) - 3
-            for i in range(m):
+            for i in range(BLOCK):
                 factors[f, i] = work.toward[last + detail, i]
 
 
 @jit
-def _curve(
-    angle: F64, k: int, curves: F64, at: int, pieces: int, factors: F64, f: int, m: int
-) -> None:
+def _curve(angle: F64, k: int, curves: F64, at: int, pieces: int, factors: F64, f: int) -> None:
     """A periodic piecewise cubic; pieces are counted from angle 0, their argument is in rad."""
     width = 2 * math.pi / pieces
-    for i in range(m):
+    for i in range(BLOCK):
         turns = angle[k, i] / (2 * math.pi)
         place = (turns - np.floor(turns)) * pieces
         piece = min(int(place), pieces - 1)
@@ -512,7 +557,7 @@ def _curve(
 
 
 @jit
-def _into_links(plain: F64, trig: F64, rows: F64, m: int) -> None:
+def _into_links(plain: F64, trig: F64, rows: F64) -> None:
     """Turn the vectors of rows 0–2, given in the world, into every frame: rows 3k … 3k + 2.
 
     Rows 0–2 themselves end in the frame before joint 1.
@@ -522,7 +567,7 @@ def _into_links(plain: F64, trig: F64, rows: F64, m: int) -> None:
         m10, m11, m12 = plain[k, 1, 0], plain[k, 1, 1], plain[k, 1, 2]
         m20, m21, m22 = plain[k, 2, 0], plain[k, 2, 1], plain[k, 2, 2]
         source, to = 3 * max(k - 1, 0), 3 * k
-        for i in range(m):
+        for i in range(BLOCK):
             x, y, z = rows[source, i], rows[source + 1, i], rows[source + 2, i]
             if k > 0:
                 s, c = trig[2 * k - 2, i], trig[2 * k - 1, i]
@@ -533,10 +578,10 @@ def _into_links(plain: F64, trig: F64, rows: F64, m: int) -> None:
 
 
 @jit
-def _levers(plain: F64, trig: F64, gravity: F64, lever: F64, m: int) -> None:
+def _levers(plain: F64, trig: F64, gravity: F64, lever: F64) -> None:
     """Mass moments (scaled to Nm under unit gravity) of all links beyond a frame, in that frame."""
     last = 3 * (len(plain) - 1)
-    for i in range(m):
+    for i in range(BLOCK):
         lever[last, i] = lever[last + 1, i] = lever[last + 2, i] = 0.0
     for k in range(len(plain) - 1, 0, -1):
         own_x, own_y, own_z, carried = gravity[k]
@@ -545,7 +590,7 @@ def _levers(plain: F64, trig: F64, gravity: F64, lever: F64, m: int) -> None:
         m20, m21, m22, m23 = plain[k, 2, 0], plain[k, 2, 1], plain[k, 2, 2], plain[k, 2, 3]
         m03, m13, m23 = carried * m03, carried * m13, carried * m23
         a = 3 * k
-        for i in range(m):
+        for i in range(BLOCK):
             x, y, z = lever[a, i] + own_x, lever[a + 1, i] + own_y, lever[a + 2, i] + own_z
             s, c = trig[2 * k - 2, i], trig[2 * k - 1, i]
             along = m00 * x + m01 * y + m02 * z + m03

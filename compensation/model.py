@@ -46,7 +46,7 @@ class Model:
             slow=np.array([term.coefficient for term in slow]),
             pose=np.array([term.coefficient for term in pose]),
         )
-        self._state = state_of(compile_terms(pose, arm), self.constants)
+        self.state = state_of(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
         self._lags: dict[str, Lag] = {}
         self._position = np.zeros((BLOCK, 3))
@@ -60,7 +60,7 @@ class Model:
         call. A sensor that a term uses must have a value.
         """
         values = self._values(_instants(celsius[None, :], unix_s, self.arm), self._lagged)[0]
-        kernel.fold(values, self._amounts, self._state)
+        kernel.fold(values, self._amounts, self.state)
         if self._uncertainty.known:
             # One row per sensor that reads one standard deviation too high.
             each = celsius + self._uncertainty.temperature_c * np.eye(len(celsius))
@@ -76,7 +76,7 @@ class Model:
         if n > len(self._position):
             self._position = np.zeros((2 * n, 3))
         position = self._position[:n]
-        kernel.uncorrected(np.ascontiguousarray(q), self._state, position)
+        kernel.uncorrected(np.ascontiguousarray(q), self.state, position)
         return position
 
     def correct(self, q: F64, rate: F64, approach: F64, points: npt.NDArray[np.void]) -> None:
@@ -89,7 +89,7 @@ class Model:
             np.ascontiguousarray(q),
             np.ascontiguousarray(rate),
             np.ascontiguousarray(approach),
-            self._state,
+            self.state,
             self._uncertainty.factor,
             self._uncertainty.floor,
             points,
@@ -108,7 +108,7 @@ class Model:
             np.ascontiguousarray(states.q),
             np.ascontiguousarray(states.rate),
             np.ascontiguousarray(states.approach),
-            State(self._state.sizes, self._state.numbers.copy(), np.empty_like(self._state.work)),
+            State(self.state.sizes, self.state.numbers.copy(), np.empty_like(self.state.work)),
             position,
             correction,
         )

@@ -12,11 +12,11 @@ from armd.compensation.kernel import (
     Program,
     State,
     Work,
-    corrected_block,
     opened,
     quaternion,
     take_angles,
-    uncorrected_block,
+    to_world,
+    to_world_posed,
 )
 from armd.compensation.kinematics import compiled_jacobian
 from armd.jit import jit
@@ -34,12 +34,17 @@ def fill(
     The covariance is (J·L)(J·L)' + *floor*, L being *factor* (P+T, r); NaN if *floor* is.
     """
     folded, program, work = opened(state)
-    vectors, count = work.vectors, len(folded.parameters)
+    angle, trig, vectors, count = work.angle, work.trig, work.vectors, len(folded.parameters)
+    tip, plain_tip = folded.parameters[5 * len(angle) :], folded.constants[5 * len(angle) :]
     for start in range(0, len(q), BLOCK):
         m = min(BLOCK, len(q) - start)
-        take_angles(q, start, work, m)
-        corrected_block(rate, approach, start, folded, program, work, 3, m)
-        uncorrected_block(folded, work, m)
+        take_angles(q, start, m, angle, trig)
+        if len(program.parameter):
+            to_world_posed(rate, approach, start, m, folded, program, work, 3)
+        else:
+            to_world(folded.matrices, tip, trig, vectors, 0)
+            to_world(folded.matrices, tip, trig, vectors, 3)
+        to_world(folded.plain, plain_tip, trig, vectors, 9)
         for i in range(m):
             point = points[start + i]
             for axis in range(3):

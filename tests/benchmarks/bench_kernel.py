@@ -1,0 +1,210 @@
+"""The batch kernel against C of the same mathematics; one live call; what a pose term costs.
+
+All in one process and one run, on the same inputs, the results held against each other. Every
+figure is the best of many short rounds taken in turn, so that a busy machine slows all alike.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from armd import POINT
+from armd.compensation import kernel
+from armd.compensation.arm import Arm
+from armd.compensation.calibration import Calibration, LoadedCalibration, constants_of
+from armd.compensation.model import Model
+
+F64 = npt.NDArray[np.float64]
+
+SAMPLES = 1 << 14
+ROUNDS = 60
+AGREEMENT_MM = 1e-9
+FLAGS = {
+    "one_by_one": ["-O3"],
+    "in_blocks": ["-O3", "-march=native", "-ffast-math"],
+}
+
+
+def run() -> dict[str, Any]:
+    """Nanoseconds per sample, and ratios."""
+    arm, angle = an_arm(), np.random.default_rng(1).uniform(-3, 3, (SAMPLES, 6))
+    coefficients = np.random.default_rng(2).normal(0, 1, (6, 5, 4)) * [1e-6, 1e-7, 1e-9, 1e-11]
+    celsius = np.linspace(22.0, 27.0, 6)
+    model = Model(arm, calibrated(arm, polynomial_terms(coefficients)))
+    model.fold(celsius, 0.0)
+    nothing = np.zeros((SAMPLES, 6)), np.zeros((SAMPLES, 3))
+    position = np.empty((SAMPLES, 3))
+    no_correction = np.empty((0, 3))
+
+    def batch() -> F64:
+        kernel.correct(angle, *nothing, model.state, position, no_correction)
+        return position
+
+    ways: dict[str, Callable[[], F64]] = {"kernel": batch}
+    with tempfile.TemporaryDirectory() as folder:
+        if shutil.which("gcc"):
+            for name, flags in FLAGS.items():
+                ways[name] = _c(name, flags, Path(folder), arm, coefficients, angle, celsius)
+        truth = ways["kernel"]().copy()
+        for name, way in ways.items():
+            apart = float(np.abs(way() - truth).max())
+            assert apart < AGREEMENT_MM, f"{name} differs by {apart} mm"
+        ns = {name: best / SAMPLES for name, best in best_ns(ways).items()}
+    figures: dict[str, Any] = {"batch_ns": ns["kernel"]}
+    if "in_blocks" in ns:
+        figures |= {
+            "c_scalar_ns": ns["one_by_one"],
+            "c_vectorised_ns": ns["in_blocks"],
+            "times_faster_than_scalar_c": ns["one_by_one"] / ns["kernel"],
+            "ratio_to_vectorised_c": ns["kernel"] / ns["in_blocks"],
+        }
+    return figures | {"live": live(model), "pose_terms": pose_terms(arm)}
+
+
+def live(model: Model) -> dict[str, float]:
+    """One sample: uncorrected tip, then the finished point with covariance."""
+    q, approach, points = np.zeros((1, 6)), np.zeros((1, 3)), np.zeros(1, POINT)
+    batch = np.zeros((64, 6)), np.zeros((64, 6)), np.zeros((64, 3)), np.zeros(64, POINT)
+    ways: dict[str, Callable[[], object]] = {
+        "uncorrected_call_ns": lambda: model.uncorrected(q),
+        "point_call_ns": lambda: model.correct(q, q, approach, points),
+        "point_of_64_ns": lambda: model.correct(*batch),
+        "fold_us": lambda: model.fold(np.full(6, 25.0), 0.0),
+    }
+    best = best_ns(ways, calls=20)
+    best["point_of_64_ns"] /= 64
+    best["fold_us"] /= 1000
+    return best
+
+
+def pose_terms(arm: Arm) -> dict[str, float]:
+    """What terms add to a sample in a batch, ns: the first of a joint, and each further one."""
+    harmonic = {"kind": "sin", "joint": 3}
+    first = [("theta_3", harmonic)]
+    sets = {
+        "none": [],
+        "first": first,
+        "eccentricity_everywhere": [
+            (f"theta_{k}", {"kind": kind, "joint": k})
+            for k in range(1, 7)
+            for kind in ("sin", "cos")
+        ],
+        "another_first_order": [*first, ("theta_3", {"kind": "cos", "joint": 3})],
+        "another_order": [*first, ("theta_3", {"kind": "sin", "joint": 3, "order": 2})],
+        "another_curve": [*first, ("theta_3", {"kind": "curve", "joint": 3, "values": [0.0] * 64})],
+        "another_gravity_torque": [*first, ("theta_3", {"kind": "gravity_torque", "joint": 3})],
+    }
+    q = np.random.default_rng(1).uniform(-3, 3, (SAMPLES, 6))
+    nothing = np.zeros((SAMPLES, 6)), np.zeros((SAMPLES, 3))
+    position, no_correction = np.empty((SAMPLES, 3)), np.empty((0, 3))
+
+    def way(chosen: list[tuple[str, dict[str, object]]]) -> Callable[[], object]:
+        terms = [
+            {"parameter": name, "basis": [factor], "coefficient": 1e-6} for name, factor in chosen
+        ]
+        state = Model(arm, calibrated(arm, terms)).state
+        return lambda: kernel.correct(q, *nothing, state, position, no_correction)
+
+    best = best_ns({name: way(chosen) for name, chosen in sets.items()})
+    ns = {name: value / SAMPLES for name, value in best.items()}
+    return {
+        "first_of_a_joint_ns": ns["first"] - ns["none"],
+        "twelve_over_six_joints_ns": ns["eccentricity_everywhere"] - ns["none"],
+        **{name + "_ns": ns[name] - ns["first"] for name in ns if name.startswith("another")},
+    }
+
+
+def best_ns(ways: dict[str, Callable[[], object]], calls: int = 1) -> dict[str, float]:
+    """The shortest time of one call of each, in ns, rounds taken in turn."""
+    best = dict.fromkeys(ways, float("inf"))
+    for way in ways.values():
+        way()
+    for _ in range(ROUNDS):
+        for name, way in ways.items():
+            start = time.perf_counter_ns()
+            for _ in range(calls):
+                way()
+            best[name] = min(best[name], (time.perf_counter_ns() - start) / calls)
+    return best
+
+
+def an_arm() -> Arm:
+    joints = [(280.0, 0.0, 90.0), (130.0, 520.0, 0.0), (0.0, 40.0, 90.0)]
+    joints += [(460.0, 0.0, -90.0), (0.0, 0.0, 90.0), (120.0, 0.0, 0.0)]
+    return Arm.model_validate(
+        {
+            "schema": "armd.arm/1",
+            "serial_number": "BENCH",
+            "temperature_sensor": [{"name": f"t{k}"} for k in range(1, 7)],
+            "joint": [
+                {"d_mm": d, "a_mm": a, "alpha_deg": alpha, "temperature": f"t{k}"}
+                for k, (d, a, alpha) in enumerate(joints, 1)
+            ],
+            "tip": {"offset_mm": [45.0, 0.0, 110.0]},
+        }
+    )
+
+
+def calibrated(arm: Arm, terms: list[dict[str, object]]) -> LoadedCalibration:
+    content = {
+        "schema": "armd.calibration/1",
+        "arm": arm.serial_number,
+        "created": "2026-01-01T00:00:00Z",
+        "reference_temperature_c": 20.0,
+        "constants": constants_of(arm.nominal(), 6),
+        "terms": terms,
+        "covariance_of": list(constants_of(arm.nominal(), 6))[:30],
+        "covariance": (np.eye(30) * 1e-10).tolist(),
+    }
+    return LoadedCalibration(Calibration.model_validate(content), "00" * 32, Path("bench.json"))
+
+
+def polynomial_terms(coefficients: F64) -> list[dict[str, object]]:
+    """All 30 parameters as fourth-order polynomials of their joint's temperature."""
+    names = ("theta", "d", "a", "alpha", "beta")
+    return [
+        {
+            "parameter": f"{name}_{k + 1}",
+            "basis": [{"kind": "temperature", "weights": {f"t{k + 1}": 1.0}, "order": order + 1}],
+            "coefficient": float(coefficients[k, j, order]),
+        }
+        for k in range(6)
+        for j, name in enumerate(names)
+        for order in range(4)
+    ]
+
+
+def _c(
+    name: str, flags: list[str], folder: Path, arm: Arm, coefficients: F64, angle: F64, celsius: F64
+) -> Callable[[], F64]:
+    library = folder / f"{name}.so"
+    source = Path(__file__).with_name("forward.c")
+    command = ["gcc", *flags, "-shared", "-fPIC", str(source), "-o", str(library), "-lm"]
+    subprocess.run(command, check=True)
+    function = getattr(ctypes.CDLL(str(library)), name)
+    n = len(angle)
+    arrays = [
+        angle,
+        np.tile(celsius - 20.0, (n, 1)),
+        arm.nominal()[:30].copy(),
+        coefficients,
+        arm.nominal()[30:33].copy(),
+        np.empty((n, 3)),
+    ]
+    pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]
+
+    def call() -> F64:
+        function(ctypes.c_long(n), *pointers)
+        return arrays[-1]
+
+    return call
