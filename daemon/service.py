@@ -27,6 +27,10 @@ from armd.drivers.sample import Driver, Event, SampleArray, Temperatures
 from armd.errors import ArmdError
 
 READ_S = 0.05
+#: Above this rate samples are gathered for a moment: waking up costs more than a sample does, and
+#: ten at a time cost a fifth of ten single ones.
+FAST_HZ = 2000.0
+GATHER_S = 0.001
 TICK_NS = 50_000_000
 
 
@@ -78,6 +82,8 @@ class Service:
         """Until `stop`; raises `ForeignArm` if the configuration says so."""
         self._systemd.ready()
         while not self._stopping:
+            if self._supervisor.rate_hz > FAST_HZ:
+                time.sleep(GATHER_S)
             items = self._driver.read(READ_S)
             self._publisher.put_raw(self._driver.take_raw())
             for item in items:

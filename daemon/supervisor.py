@@ -46,6 +46,11 @@ class Supervisor:
         if event.severity != "info":
             self._trouble = event.text
 
+    @property
+    def rate_hz(self) -> float:
+        """Points per second during the last second."""
+        return self._second.rate_hz
+
     def assess(self, now_ns: int) -> bool:
         """Renew state and reason; whether the state is another than before."""
         before = self.state
