@@ -60,12 +60,14 @@ class Evaluation:
         """Certified lengths against the fitted seats."""
         observations, targets = self.observations, self.poses.target_mm
         certified = observations.distances
+        known = np.isin(np.arange(len(targets)), observations.target) | ~observations.unknown
         return [
             {
                 "between": [observations.target_names[k] for k in (a, b)],
                 "error_um": 1e3 * float(np.linalg.norm(targets[a] - targets[b]) - length),
             }
             for (a, b), length in zip(certified.between, certified.length_mm, strict=True)
+            if known[a] and known[b]
         ]
 
 

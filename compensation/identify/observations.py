@@ -112,7 +112,7 @@ def gather(
     states = [session.states for session in sessions]
     return Observations(
         arm=arm,
-        session_names=[session.name for session in sessions],
+        session_names=_names(sessions),
         placement_names=[f"{s.name}/{name}" for s in sessions for name in s.placement_names],
         target_names=[f"{s.name}/{name}" for s in sessions for name in s.artefact.target_names],
         states=States(
@@ -141,6 +141,13 @@ def gather(
         target_session=np.repeat(np.arange(len(sessions)), sizes),
         distances=_distances(sessions, first_target),
     )
+
+
+def _names(sessions: Sequence[Session]) -> list[str]:
+    """The folders' names; whole paths where two folders share one."""
+    names = [session.name for session in sessions]
+    distinct = len(set(names)) == len(names)
+    return names if distinct else [str(session.path) for session in sessions]
 
 
 def _stretch(session: Session, correction: ArtefactCorrection) -> F64:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from armd.compensation import parameters
 from armd.compensation.identify.fit import Fit
 from armd.compensation.identify.gauge import unidentifiable
 from armd.compensation.identify.observations import Observations
@@ -17,6 +18,8 @@ Mask = npt.NDArray[np.bool_]
 
 #: Residuals beyond this are not an arm's: another unit, another arm, a wrong direction.
 ABSURD_RMS_MM = 20.0
+#: A link that differs from its drawing by more than this is another link, or in another unit.
+ABSURD_CHANGE_MM = 100.0
 #: Least rank, as a share of what ideal readings would give, that is worth a calibration.
 LEAST_RANK = 0.5
 
@@ -75,7 +78,19 @@ def require_plausible(found: Fit, files: str) -> None:
             f"residuals of {found.rms_um / 1e3:.0f} mm after fitting",
             "readings of this arm (units of angles and lengths, directions, targets?)",
         )
-    ideal = 4 * found.observations.arm.n_joints - 3
+    arm = found.observations.arm
+    links = slice(0, 5 * (arm.n_joints - 1))  # the last link and the tip may be anything
+    lengths = [parameters.unit(name) == "mm" for name in parameters.names(arm.n_joints)[links]]
+    change = np.abs(found.constants - arm.nominal())[links] * lengths
+    if change.max() > ABSURD_CHANGE_MM:
+        name = parameters.names(arm.n_joints)[int(np.argmax(change))]
+        raise BadInput(
+            files,
+            "readings",
+            f"{name} changed by {change.max():.0f} mm",
+            f"readings of this arm, lengths in mm (a change of {ABSURD_CHANGE_MM:g} mm at most)",
+        )
+    ideal = 4 * arm.n_joints - 3
     rank = found.solution.rank - len(found.unknowns.terms)
     if rank < LEAST_RANK * ideal:
         words = "; ".join(not_known(found)[:4])

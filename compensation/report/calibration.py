@@ -22,6 +22,8 @@ F64 = npt.NDArray[np.float64]
 
 #: Correlations stronger than this are worth knowing.
 WORTH_KNOWING = 0.9
+#: A constant with less than this share in every direction not identifiable stands alone.
+ALONE = 1e-3
 
 
 def calibration_report(result: Result, sessions: Sequence[Session]) -> str:
@@ -98,7 +100,7 @@ def _residual_vectors(page: Page, found: Fit) -> None:
     tip, residual = found.at.position_mm[rows], found.at.residual_mm[rows]
     size = float(np.median(np.linalg.norm(residual, axis=1))) or 1.0
     reach = float(np.linalg.norm(np.ptp(tip, axis=0)))
-    times = 10 ** np.round(np.log10(0.03 * reach / size))
+    times = 10 ** np.floor(np.log10(0.03 * reach / size))
     ends = np.stack([tip, tip + times * residual, np.full_like(tip, np.nan)], axis=1)
     x, y, z = ends.reshape(-1, 3).T
     figure = go.Figure(go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 3}))
@@ -154,7 +156,7 @@ def _parameters(page: Page, result: Result) -> None:
         angle = parameters.unit(name) == "rad"
         factor, unit = (np.degrees(1.0), "°") if angle else (1.0, "mm")
         small, small_unit = (np.degrees(3600.0), "″") if angle else (1e3, "µm")
-        known = "" if unknown[name] < 1e-6 else "only in combination"
+        known = "" if unknown[name] < ALONE else "only in combination"
         rows.append(
             [
                 name, unit, f"{nominal[name] * factor:.5f}", f"{identified[name] * factor:.5f}",

@@ -92,6 +92,39 @@ def test_one_temperature_gives_geometry_and_says_so(measured: Path, tmp_path: Pa
     assert any("one temperature only" in note for note in figures["notes"])
 
 
+def test_readings_without_a_temperature_are_left_out_and_counted(
+    measured: Path, tmp_path: Path
+) -> None:
+    """Field 18 is sensor t3: empty in three rows."""
+    holes = changed(
+        measured,
+        tmp_path / "holes",
+        readings=(r"^((?:1|2|4)\d\.[^,]*(?:,[^,]*){16}),[^,]*", r"\1,"),
+    )
+    result = tmp_path / "result.json"
+    assert calibrate(measured, tmp_path, holes, "T16", more=("--json", str(result))) == 0
+    figures = json.loads(result.read_text())
+    assert any("lack a temperature and are not used" in note for note in figures["notes"])
+    assert figures["n"] < 400
+    assert figures["rms_um"] < 4
+
+
+def test_truth_in_metres_is_refused(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    metres = changed(measured, tmp_path / "metres")
+    text = (metres / "session.toml").read_text()
+    numbers = re.compile(r"position_mm = \[(.*), (.*), (.*)\]")
+    text = numbers.sub(
+        lambda found: f"position_mm = {[float(group) / 1e3 for group in found.groups()]}", text
+    )
+    (metres / "session.toml").write_text(text)
+    assert calibrate(measured, tmp_path, metres) == 2
+    message = capsys.readouterr().err
+    assert "readings: found" in message
+    assert "readings of this arm" in message
+
+
 def test_a_thermal_model_of_one_temperature_is_refused(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
