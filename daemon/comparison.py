@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import median_filter
 
 from armd import Flag
 
+AROUND = 51  # points, over which the distance of two counts is taken
 F64 = npt.NDArray[np.float64]
 
 #: A record of the simulator's truth file: seq as published, true tip in the base frame.
@@ -53,6 +55,24 @@ def load_truth(path: Path) -> npt.NDArray[np.void]:
     """The records written so far; a last one that is not whole yet is left out."""
     data = path.read_bytes()
     return np.frombuffer(data, TRUTH, len(data) // TRUTH.itemsize)
+
+
+def numbered_like(
+    points: npt.NDArray[np.void], truth: npt.NDArray[np.void]
+) -> npt.NDArray[np.void]:
+    """The truth (n,) at each of *points* (n,), numbered as they are.
+
+    On CAN a latch has no number: `seq` of *truth* is its instant (CLOCK_MONOTONIC, ns). Both sides
+    count SYNCs, so what remains to be found is how far the two counts are apart; that changes only
+    when the bus is lost, however late this machine sometimes is.
+    """
+    instants = truth["seq"].astype(np.int64)
+    seq = points["seq"].astype(np.int64)
+    apart = median_filter(np.searchsorted(instants, points["monotonic_ns"]) - seq, AROUND)
+    found = np.zeros(len(points), TRUTH)
+    found["seq"] = points["seq"]
+    found["position_mm"] = truth["position_mm"][np.clip(seq + apart, 0, len(truth) - 1)]
+    return found
 
 
 def _placement(points: F64, true: F64) -> tuple[F64, F64]:

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
@@ -24,8 +25,7 @@ arm = "arm.toml"
 calibration = "calibration.json"
 
 [driver]
-kind = "serial"
-port = "{port}"
+{driver}
 
 [zenoh]
 listen = ["{endpoint}"]
@@ -38,13 +38,36 @@ steady_k_per_h = 360.0
 """
 
 
+@dataclass(frozen=True)
+class Wire:
+    """How the simulated arm is connected."""
+
+    name: str  # for a person
+    simulator: tuple[str, ...]  # its options
+    driver: (
+        str  # [driver] of armd.toml, with what the simulator prints in {place} or {host}, {port}
+    )
+    rate_hz: int
+
+
+SERIAL = Wire("its pty", ("--serial",), 'kind = "serial"\nport = "{place}"', 1000)
+CAN = Wire(
+    "CAN",
+    ("--can", "socketcand"),
+    'kind = "can"\ninterface = "socketcand"\nchannel = "can0"\nrate_hz = 500\n'
+    'host = "{host}"\nport = {port}',
+    500,
+)
+
+
 class Stage:
     """Enter it to start everything; leaving it stops the processes and removes the folder."""
 
-    def __init__(self, seed: int, rate_hz: int, warm_up_k: float, warm_up_s: float) -> None:
+    def __init__(self, wire: Wire, seed: int, warm_up_k: float, warm_up_s: float) -> None:
+        self._wire = wire
         self._seed = str(seed)
         self._simulation = [
-            *("--serial", "--rate", str(rate_hz), "--seed", self._seed),
+            *(*wire.simulator, "--rate", str(wire.rate_hz), "--seed", self._seed),
             *("--warm-up-k", str(warm_up_k), "--warm-up-s", str(warm_up_s)),
         ]
         self._stack = ExitStack()
@@ -74,12 +97,14 @@ class Stage:
         _do([*ARMD, "calibrate", *measured, "--arm", arm, "-o", calibration, "--thermal", "1"])
 
     def start(self) -> None:
-        """The arm on its pty, then the daemon, until it is ready."""
+        """The arm on its wire, then the daemon, until it is ready."""
         books = ["--arm-out", str(self.folder / "arm.toml"), "--truth", str(self.truth)]
         log = ["--fault-log", str(self.folder / "simulator.jsonl")]
-        port = self._start([*SIMULATOR, *self._simulation, *books, *log], "simulator.log")
+        place = self._start([*SIMULATOR, *self._simulation, *books, *log], "simulator.log")
         config = self.folder / "armd.toml"
-        config.write_text(CONFIG.format(port=port, endpoint=self.endpoint), encoding="utf-8")
+        host, _, port = place.rpartition(":")
+        driver = self._wire.driver.format(place=place, host=host, port=port)
+        config.write_text(CONFIG.format(driver=driver, endpoint=self.endpoint), encoding="utf-8")
         self._start([*ARMD, "run", str(config)], "daemon.log")
 
     def _start(self, command: list[str], log_name: str) -> str:

@@ -1,4 +1,4 @@
-"""`armd demo`: a simulated arm warms up on a real pty; its points arrive here over Zenoh."""
+"""`armd demo`: a simulated arm warms up on a real pty, or on CAN; its points arrive over Zenoh."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from rich.console import Console
 
 import armd
 from armd import POINT, Arm, Lost, keys
-from armd.daemon.comparison import Errors, compare, load_truth
+from armd.daemon.comparison import Errors, compare, load_truth, numbered_like
 from armd.daemon.screen import Screen, refreshes
-from armd.daemon.stage import Stage
+from armd.daemon.stage import CAN, SERIAL, Stage
 
-RATE_HZ = 1000
 WARM_UP_K = 10.0
 WARM_UP_S = 20.0
 REFRESH_S = 0.25
@@ -28,6 +27,7 @@ KEPT = 10
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument("--can", action="store_true", help="as CANopen nodes instead of a pty")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="which arm (1)")
 
 
@@ -35,14 +35,18 @@ def run(args: argparse.Namespace) -> int:
     """1 if samples were lost."""
     console = Console()
     meter = Meter()
-    with Stage(args.seed, RATE_HZ, WARM_UP_K, args.seconds or WARM_UP_S) as stage:
+    wire = CAN if args.can else SERIAL
+    with Stage(wire, args.seed, WARM_UP_K, args.seconds or WARM_UP_S) as stage:
         with console.status("measuring a simulated arm at five temperatures, and calibrating it…"):
             stage.calibrate()
-        with console.status("starting the arm on its pty, and the daemon…"):
+        with console.status(f"starting the arm on {wire.name}, and the daemon…"):
             stage.start()
         with armd.connect(endpoint=stage.endpoint) as arm:
             _watch(arm, meter, console, args.seconds)
-        errors = compare(meter.kept, load_truth(stage.truth))
+        truth = load_truth(stage.truth)
+        if wire is CAN:
+            truth = numbered_like(meter.kept, truth)
+        errors = compare(meter.kept, truth)
     console.print(_summary(meter, arm.lost, errors), highlight=False)
     return 1 if arm.lost.total else 0
 

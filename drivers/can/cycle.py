@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-LATE_MOST_NS = 20_000_000  # no answer to a SYNC comes later than this
+LATE_MOST_NS = 100_000_000  # no answer to a SYNC comes later than this
 
 
 @dataclass(frozen=True, slots=True)

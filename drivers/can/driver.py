@@ -101,31 +101,30 @@ class CanDriver:
     # --- one turn of the loop ----------------------------------------------------------------
 
     def _turn(self, network: OwnNetwork, deadline_ns: int) -> list[Item]:
-        """SYNC if it is due, what the nodes need, and all frames that are there."""
+        """All frames that are there, what the nodes need, and SYNC if it is due."""
         now_ns = time.monotonic_ns()
+        items = self._look_after_nodes(network, now_ns)
         due_ns = min(deadline_ns, self._line.act_ns)
         if self._config.sync == "producer":
-            if now_ns >= self._sync_due_ns and self._decoder.may_sync(now_ns):
-                network.send_sync()
-                late = (now_ns - self._sync_due_ns) // self._period_ns
-                self._sync_due_ns += (late + 1) * self._period_ns
             due_ns = min(due_ns, max(self._sync_due_ns, now_ns + HELD_SYNC_NS))
-        items = self._look_after_nodes(network, now_ns)
         try:
             items += self._receive(network, (due_ns - now_ns) / 1e9)
         except BusFault as fault:
             self._hang_up()
             return [*items, *self._line.lost("bus_fault", str(fault), time.monotonic_ns())]
-        if time.monotonic_ns() >= self._line.act_ns:
+        now_ns = time.monotonic_ns()
+        if now_ns >= self._line.act_ns:
             self._hang_up()
-            items += self._line.silent(time.monotonic_ns())
+            items += self._line.silent(now_ns)
         return items
 
     def _receive(self, network: OwnNetwork, timeout_s: float) -> list[Item]:
+        """Frames until there are none, then SYNC: so no answer waits unread when it goes out."""
         items = self._feed_sent(network)
         frame = network.receive(max(0.0, min(timeout_s, SLICE_S)))
         for _ in range(BURST):
             if frame is None:
+                self._sync_if_due(network)
                 break
             items += self._feed_sent(network)  # what was sent before this came
             items += self._feed(frame)
@@ -134,6 +133,14 @@ class CanDriver:
                 network.notify(message.identifier, bytearray(message.data), 0.0)
             frame = network.receive(0.0)
         return self._line.heard(self._decoder.last_sample_ns, items)
+
+    def _sync_if_due(self, network: OwnNetwork) -> None:
+        now_ns = time.monotonic_ns()
+        due = self._config.sync == "producer" and now_ns >= self._sync_due_ns
+        if due and self._decoder.may_sync(now_ns):
+            network.send_sync()
+            late = (now_ns - self._sync_due_ns) // self._period_ns
+            self._sync_due_ns += (late + 1) * self._period_ns
 
     def _look_after_nodes(self, network: OwnNetwork, now_ns: int) -> list[Item]:
         wanting = [node.number for node in self._decoder.nodes.values() if node.wants_configuration]

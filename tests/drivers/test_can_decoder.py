@@ -117,11 +117,11 @@ def test_nothing_is_delivered_before_every_joint_is_identified():
 
 def test_a_missing_reading_costs_its_cycle_and_the_doubtful_ones(bus):
     before = len(bus.samples)
-    bus.cycle(1, without=(2,)).cycle(15)  # as from a SYNC producer that does not wait for us
+    bus.cycle(1, without=(2,)).cycle(60)  # as from a SYNC producer that does not wait for us
     after = bus.samples[before:]
     assert after["lost_before"].tolist() == [True] + [False] * (len(after) - 1)
     assert bus.decoder.counters["incomplete"] == 1
-    assert bus.decoder.counters["withheld"] == 15 - len(after) == LATE_MOST_NS // (2 * MS) - 1
+    assert bus.decoder.counters["withheld"] == 60 - len(after) == LATE_MOST_NS // (2 * MS) - 1
 
 
 class Encoders:
@@ -144,12 +144,12 @@ class Encoders:
 delays = st.none() | st.integers(0, LATE_MOST_NS // MS)
 
 
-@given(st.lists(st.tuples(delays, delays), max_size=100))
+@given(st.lists(st.tuples(delays, delays), max_size=40))
 def test_late_and_lost_answers_never_make_a_mixed_cycle(story):
     assembler, encoders, everybody = CycleAssembler(), Encoders(), frozenset({1, 2})
     delivered = []
     number = 0
-    for now in range(1, 30 * len(story) + 30):  # a step is a millisecond
+    for now in range(1, (LATE_MOST_NS // MS + 3) * (len(story) + 1)):  # steps of a millisecond
         for _, joint, cycle_number in encoders.arrived(now):
             cycle = assembler.report(joint, Reading(cycle_number, 0), everybody)
             if cycle is not None:
@@ -184,7 +184,7 @@ def test_an_alarm_marks_its_joint_for_as_long_as_it_lasts(bus):
 )
 def test_a_joint_that_fails_is_invalid_with_its_reason_and_taken_back(bus, fault, reason):
     fault(bus)
-    bus.cycle(5)
+    bus.cycle(60)  # readings are in doubt for a while after a missing one
     assert (bus.samples["joint_invalid"][-3:] == 0b010).all()
     (event,) = [i for i in bus.items if isinstance(i, Event) and i.kind == "joint_invalid"]
     assert reason in event.text and "joint 2" in event.text
