@@ -63,5 +63,9 @@ paper: install
 real: install
 	$(BIN)/python tests/real/marks.py $(DATA)
 
+# Figures and ratios measured in one run, as text and as out/bench.json; BENCH="kernel wire"
+bench: install
+	PYTHONPATH=tests $(BIN)/python tests/benchmarks/run.py $(BENCH)
+
 clean:
 	rm -rf $(VENV) build .cache *.egg-info

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         type=Path,
         metavar="FILE",
-        help="arm.toml, armd.toml, a calibration, a session's folder, a scenario; "
+        help="arm.toml, armd.toml, a calibration, a session's folder, a scenario, MPE values; "
         "sessions and calibrations are held against their arm.toml, if that is among the files",
     )
 
@@ -133,6 +133,13 @@ def _session(path: Path, arms: Arms) -> str:
     return f" (columns not used: {', '.join(unused)})" if unused else ""
 
 
+def _mpe(path: Path, _: Arms) -> str:
+    from armd.compensation.verify.limits import load_limits
+
+    load_limits(path)
+    return ""
+
+
 def _scenario(path: Path, _: Arms) -> str:
     """The simulator knows its own files, and is a program of its own."""
     command = [sys.executable, "-m", "armd.simulator", "--check", str(path)]
@@ -156,5 +163,6 @@ CHECKERS: dict[str, Checker] = {
     "armd.daemon/1": _daemon,
     "armd.session/1": _session,
     "armd.scenario/1": _scenario,
+    "armd.mpe/1": _mpe,
 }
 READINGS = ("readings.csv", "readings.parquet")

@@ -59,10 +59,11 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "session/session.toml").write_text(SESSION)
     (tmp_path / "session/readings.csv").write_text(READINGS)
     (tmp_path / "scenario.toml").write_text(SCENARIO)
+    (tmp_path / "mpe.toml").write_text('schema = "armd.mpe/1"\n[mpe]\ne_uni_mm = 0.03\n')
     return tmp_path
 
 
-KINDS = ["arm.toml", "calibration.json", "armd.toml", "session", "scenario.toml"]
+KINDS = ["arm.toml", "calibration.json", "armd.toml", "session", "scenario.toml", "mpe.toml"]
 
 
 def check(*paths: Path) -> int:
@@ -106,6 +107,7 @@ BROKEN = [
     ("session/readings.csv", "q3", "q4", "column q3: found no such column"),
     ("session/readings.csv", "20\n1", "2000\n1", "column t1: found 2000, expected a temperature"),
     ("scenario.toml", "rate_hz", "rate", "rate: found an unknown key"),
+    ("mpe.toml", "0.03", "0", "mpe.e_uni_mm: found 0"),
     ("scenario.toml", "500", "-5", "rate_hz: found -5, expected"),
 ]
 

@@ -1,0 +1,267 @@
+"""The figures of ISO 10360-12:2016 and ASME B89.4.22 from one session.
+
+Which tests a session supports is told by its targets' names (docs/verify.md); a test whose
+readings are not all there is left out, with the reason. Lengths are compared at the artefact's
+temperature, its certified expansion taken into account.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.calibration import LoadedCalibration
+from armd.compensation.model import Model
+from armd.compensation.session import Session
+from armd.compensation.session_format import Distance
+from armd.compensation.verify.limits import TestUncertainty
+from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
+
+F64 = npt.NDArray[np.float64]
+
+ISO, ASME = "ISO 10360-12", "ASME B89.4.22"
+SPHERE = ("SPHERE.a", "SPHERE.b")
+#: The longest length of E_Uni is at least this part of the measuring range, twice the reach.
+LONGEST_SHARE = 0.66
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """One result: a signed error or a spread, with the test's own standard uncertainty."""
+
+    where: str
+    value_mm: float
+    standard_uncertainty_mm: float
+    length_mm: float = 0.0
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of a standard; each of its deviations has to lie within the limit."""
+
+    key: str  # as in mpe.toml, without _mm
+    name: str  # as the standard calls it
+    standard: str
+    deviations: tuple[Deviation, ...]
+
+    @property
+    def worst(self) -> Deviation:
+        return max(self.deviations, key=lambda deviation: abs(deviation.value_mm))
+
+
+@dataclass(frozen=True)
+class Verification:
+    figures: tuple[Figure, ...]
+    left_out: dict[str, str]  # figure key → why
+    remarks: tuple[str, ...]
+
+
+class NotSupported(Exception):
+    """The session does not hold what a figure needs."""
+
+
+def verify(
+    session: Session, arm: Arm, calibration: LoadedCalibration | None, test: TestUncertainty
+) -> Verification:
+    """All figures that *session* supports, under the calibration (or the nominal geometry)."""
+    position, _ = Model(arm, calibration).correct_states(session.states)
+    return figures_of(session, arm, position, test)
+
+
+def figures_of(session: Session, arm: Arm, position: F64, test: TestUncertainty) -> Verification:
+    """All figures of corrected points (n, 3) mm, one per reading; NaN for one that failed."""
+    readings = _Readings(session, arm, position, test)
+    figures: list[Figure] = []
+    left_out: dict[str, str] = {}
+    for keys, evaluate in TESTS.items():
+        try:
+            figures += evaluate(readings)
+        except (NotSupported, ArithmeticError) as reason:
+            left_out |= dict.fromkeys(keys, str(reason))
+    return Verification(tuple(figures), left_out, tuple(_remarks(session, arm, figures)))
+
+
+class _Readings:
+    """A session's corrected points, by target and placement."""
+
+    def __init__(self, session: Session, arm: Arm, position: F64, test: TestUncertainty) -> None:
+        self.tip_radius_mm = arm.tip.radius_mm
+        self.test = test
+        self._session = session
+        self._position = position
+        self._names = session.artefact.target_names
+        self._usable = np.isfinite(position).all(axis=1)
+
+    def points(self, target: str, placement: str | None = None) -> F64:
+        """Usable points (n, 3) at a target in the order of measuring."""
+        return self._position[self._rows(target, placement)]
+
+    def one_each(self, prefix: str, count: int) -> F64:
+        """Points (count, 3), one at each target whose name starts so."""
+        names = [name for name in self._names if name.startswith(prefix)]
+        points = [self.points(name) for name in names]
+        found = sum(len(at) > 0 for at in points)
+        if found < count:
+            raise NotSupported(f"{found} of {count} points on {prefix}*")
+        return np.vstack([at.mean(axis=0) for at in points if len(at)])
+
+    def placements(self, target: str) -> list[str]:
+        """Names of the placements in which a target was measured, in order of appearance."""
+        if target not in self._names:
+            return []
+        seen = self._session.placement[self._rows(target, None)]
+        return [self._session.placement_names[i] for i in dict.fromkeys(seen.tolist())]
+
+    def certified(self, between: tuple[str, str]) -> Distance:
+        for distance in self._session.artefact.distances:
+            if set(distance.between) == set(between):
+                return distance
+        raise NotSupported(f"no certified length between {between[0]} and {between[1]}")
+
+    def length(self, distance: Distance, placement: str | None = None) -> tuple[float, float]:
+        """A certified length at the temperature of its placement, and its standard uncertainty."""
+        artefact = self._session.artefact
+        rows = np.concatenate(
+            [self._rows(name, placement) for name in distance.between if placement is not None]
+            or [np.flatnonzero(self._usable)]
+        )
+        measured = self._session.artefact_c[rows]
+        known = measured[np.isfinite(measured)]
+        over_k = float(known.mean()) - artefact.reference_temperature_c if len(known) else 0.0
+        length = distance.length_mm * (1 + artefact.expansion_per_k * over_k)
+        thermal = artefact.expansion_per_k * distance.length_mm * self.test.artefact_temperature_c
+        return length, math.hypot(distance.standard_uncertainty_mm, thermal)
+
+    def _rows(self, target: str, placement: str | None) -> npt.NDArray[np.int64]:
+        if target not in self._names:
+            return np.zeros(0, np.int64)
+        session = self._session
+        chosen = self._usable & (session.target == self._names.index(target))
+        if placement is not None:
+            chosen &= session.placement == session.placement_names.index(placement)
+        return np.flatnonzero(chosen)
+
+
+def _probing(readings: _Readings) -> Iterator[Figure]:
+    """P_Size and P_Form: 25 points on the sphere, in two positions."""
+    diameter, uncertainty = readings.length(readings.certified(SPHERE))
+    size, form = [], []
+    for where in ("SPHERE1", "SPHERE2"):
+        points = readings.one_each(f"{where}.", 25)
+        centre, radius = fit_sphere(points)
+        distance = np.linalg.norm(points - centre, axis=1)
+        error = 2 * (radius - readings.tip_radius_mm) - diameter
+        size.append(Deviation(where, error, uncertainty))
+        spread = float(distance.max() - distance.min())
+        form.append(Deviation(where, spread, readings.test.sphere_form_mm))
+    yield Figure("p_size", "P_Size", ISO, tuple(size))
+    yield Figure("p_form", "P_Form", ISO, tuple(form))
+
+
+def _location(readings: _Readings) -> Iterator[Figure]:
+    """L_Dia.5×5: the sphere's centre from five points in each of five orientations."""
+    centres = np.array([fit_sphere(readings.one_each(f"LDIA.{k}.", 5))[0] for k in range(1, 6)])
+    diameter = 2 * smallest_sphere(centres)[1]
+    # A point displaced by the sphere's form moves the centre of five by about as much.
+    deviation = Deviation("5 orientations", diameter, readings.test.sphere_form_mm)
+    yield Figure("l_dia", "L_Dia.5×5", ISO, (deviation,))
+
+
+def _lengths(readings: _Readings) -> Iterator[Figure]:
+    """E_Uni: five lengths in seven placements, three repeats."""
+    placements = readings.placements("L0")
+    if len(placements) < 7:
+        raise NotSupported(f"{len(placements)} of 7 placements of the length bar L0 … L5")
+    deviations = []
+    for placement in placements:
+        start = readings.points("L0", placement)
+        for i in range(1, 6):
+            distance = readings.certified(("L0", f"L{i}"))
+            end = readings.points(f"L{i}", placement)
+            if min(len(start), len(end)) < 3:
+                raise NotSupported(f"{min(len(start), len(end))} of 3 repeats in {placement}")
+            length, uncertainty = readings.length(distance, placement)
+            for repeat in range(3):
+                measured = float(np.linalg.norm(end[repeat] - start[repeat]))
+                where = f"{placement} L{i} repeat {repeat + 1}"
+                deviations.append(Deviation(where, measured - length, uncertainty, length))
+    yield Figure("e_uni", "E_Uni", ISO, tuple(deviations))
+
+
+def _effective_diameter(readings: _Readings) -> Iterator[Figure]:
+    """Nine points on the sphere, three repeats."""
+    diameter, uncertainty = readings.length(readings.certified(SPHERE))
+    deviations = []
+    for repeat in (1, 2, 3):
+        _, radius = fit_sphere(readings.one_each(f"EFFDIA.{repeat}.", 9))
+        error = 2 * (radius - readings.tip_radius_mm) - diameter
+        deviations.append(Deviation(f"repeat {repeat}", error, uncertainty))
+    yield Figure("effective_diameter", "Effective diameter", ASME, tuple(deviations))
+
+
+def _articulation(readings: _Readings) -> Iterator[Figure]:
+    """Single-point articulation: ten readings of a seat in each of three zones of the reach."""
+    largest, spread = [], []
+    for seat in ("SPAT1", "SPAT2", "SPAT3"):
+        points = readings.points(seat)
+        if len(points) < 10:
+            raise NotSupported(f"{len(points)} of 10 articulations in {seat}")
+        distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
+        deviation = math.sqrt(float((distance**2).sum()) / (len(points) - 1))
+        largest.append(Deviation(seat, float(distance.max()), readings.test.seat_mm))
+        spread.append(Deviation(seat, 2 * deviation, readings.test.seat_mm))
+    yield Figure("spat_max", "SPAT max δ", ASME, tuple(largest))
+    yield Figure("spat_2s", "SPAT 2s", ASME, tuple(spread))
+
+
+def _volumetric(readings: _Readings) -> Iterator[Figure]:
+    """Twenty placements of two bars."""
+    deviations = []
+    for bar in ("BARS", "BARL"):
+        for placement in readings.placements(f"{bar}.a"):
+            distance = readings.certified((f"{bar}.a", f"{bar}.b"))
+            ends = [readings.points(f"{bar}.{end}", placement) for end in "ab"]
+            if not all(len(end) for end in ends):
+                continue
+            length, uncertainty = readings.length(distance, placement)
+            measured = float(np.linalg.norm(ends[1].mean(axis=0) - ends[0].mean(axis=0)))
+            deviations.append(Deviation(placement, measured - length, uncertainty, length))
+    if len(deviations) < 20:
+        raise NotSupported(f"{len(deviations)} of 20 placements of the bars BARS and BARL")
+    values = np.array([deviation.value_mm for deviation in deviations])
+    uncertainty = max(deviation.standard_uncertainty_mm for deviation in deviations)
+    rms = Deviation("20 placements", 2 * math.sqrt(float((values**2).mean())), uncertainty)
+    # Both ends of the range carry the bar's uncertainty, which two bars do not share.
+    span = Deviation("20 placements", float(np.ptp(values)), math.sqrt(2) * uncertainty)
+    yield Figure("volumetric_max", "Volumetric max |D|", ASME, tuple(deviations))
+    yield Figure("volumetric_2rms", "Volumetric 2·RMS", ASME, (rms,))
+    yield Figure("volumetric_range", "Volumetric range", ASME, (span,))
+
+
+TESTS: dict[tuple[str, ...], Callable[[_Readings], Iterator[Figure]]] = {
+    ("p_size", "p_form"): _probing,
+    ("l_dia",): _location,
+    ("e_uni",): _lengths,
+    ("effective_diameter",): _effective_diameter,
+    ("spat_max", "spat_2s"): _articulation,
+    ("volumetric_max", "volumetric_2rms", "volumetric_range"): _volumetric,
+}
+
+
+def _remarks(session: Session, arm: Arm, figures: list[Figure]) -> Iterator[str]:
+    rows = np.array([(joint.d_mm, joint.a_mm) for joint in arm.joint])
+    range_mm = 2 * (float(np.hypot(*rows.T).sum()) + math.hypot(*arm.tip.offset_mm))
+    for figure in figures:
+        longest = max(deviation.length_mm for deviation in figure.deviations)
+        if figure.key == "e_uni" and longest < LONGEST_SHARE * range_mm:
+            yield (
+                f"E_Uni: the longest length, {longest:.0f} mm, is less than 66 % of the measuring "
+                f"range, at most {range_mm:.0f} mm"
+            )
+    if session.artefact.expansion_per_k and not np.isfinite(session.artefact_c).any():
+        yield "no artefact_c: the artefact is taken to be at its reference temperature"

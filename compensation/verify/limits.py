@@ -1,0 +1,64 @@
+"""`mpe.toml`: what an arm is specified to hold, and how a result is decided upon."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from armd.schema import Strict, load_toml
+
+Limit = Annotated[float, Field(gt=0)] | None
+
+
+class Mpe(Strict):
+    """Maximum permissible errors in mm, by the figure they limit; what is absent is not judged."""
+
+    p_size_mm: Limit = None
+    p_form_mm: Limit = None
+    l_dia_mm: Limit = None
+    e_uni_mm: Limit = None
+    #: added to `e_uni_mm` for every metre measured: MPE = A + L·this
+    e_uni_mm_per_m: Annotated[float, Field(ge=0)] = 0.0
+    effective_diameter_mm: Limit = None
+    spat_max_mm: Limit = None
+    spat_2s_mm: Limit = None
+    volumetric_max_mm: Limit = None
+    volumetric_2rms_mm: Limit = None
+    volumetric_range_mm: Limit = None
+
+    def of(self, figure: str, length_mm: float) -> float | None:
+        """The limit of a figure (its key without ``_mm``), for a length where it depends on it."""
+        limit: float | None = getattr(self, f"{figure}_mm")
+        if limit is not None and figure == "e_uni":
+            return limit + self.e_uni_mm_per_m * length_mm / 1000
+        return limit
+
+
+class TestUncertainty(Strict):
+    """Standard uncertainties of the test itself, beyond the certified lengths'."""
+
+    __test__ = False  # no test, whatever pytest thinks of the name
+
+    artefact_temperature_c: Annotated[float, Field(ge=0)] = 0.1
+    sphere_form_mm: Annotated[float, Field(ge=0)] = 0.0
+    seat_mm: Annotated[float, Field(ge=0)] = 0.0
+
+
+class Limits(Strict):
+    """The content of an MPE file.
+
+    `decision` "guarded": ISO 14253-1, a result conforms if it lies within the limit reduced by
+    the test's expanded uncertainty (k = 2). "simple": within the limit.
+    """
+
+    schema_: Literal["armd.mpe/1"] = Field(default="armd.mpe/1", alias="schema")
+    decision: Literal["guarded", "simple"] = "guarded"
+    mpe: Mpe = Mpe()
+    uncertainty: TestUncertainty = TestUncertainty()
+
+
+def load_limits(path: str | Path) -> Limits:
+    """Read and check an MPE file; raises `BadInput` naming file, key, found and expected."""
+    return load_toml(path, Limits)

@@ -1,0 +1,115 @@
+"""From figures and limits to a verdict: the decision rule of ISO 14253-1."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from armd.compensation.verify.figures import Deviation, Figure, Verification
+from armd.compensation.verify.limits import Limits
+
+COVERAGE_FACTOR = 2.0
+
+Outcome = Literal["conforms", "does not conform", "not proven", "not judged", "not tested"]
+
+RULES = {
+    "guarded": "ISO 14253-1: conforms within the limit reduced by U (k = 2); between the limit "
+    "less U and the limit plus U nothing is proven",
+    "simple": "simple acceptance: conforms within the limit, whatever U",
+}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A figure and what became of it; `limit_mm` and U belong to the deciding deviation."""
+
+    figure: Figure
+    outcome: Outcome
+    deciding: Deviation
+    limit_mm: float | None
+
+    @property
+    def expanded_uncertainty_mm(self) -> float:
+        return COVERAGE_FACTOR * self.deciding.standard_uncertainty_mm
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Passed: everything that has a limit was tested and conforms."""
+
+    verification: Verification
+    limits: Limits | None
+    judged: tuple[Judged, ...]
+    not_tested: dict[str, str]  # figures with a limit that the session does not support
+
+    @property
+    def passed(self) -> bool:
+        return not self.not_tested and all(
+            item.outcome in ("conforms", "not judged") for item in self.judged
+        )
+
+    @property
+    def rule(self) -> str:
+        return RULES[self.limits.decision] if self.limits else "no limits given: no verdict"
+
+    def as_json(self) -> dict[str, Any]:
+        """As `armd verify --json` writes it."""
+        verification = self.verification
+        return {
+            "schema": "armd.verification/1",
+            "passed": self.passed if self.limits else None,
+            "decision_rule": self.rule,
+            "figures": {
+                item.figure.key: {
+                    "name": item.figure.name,
+                    "standard": item.figure.standard,
+                    "value_mm": item.deciding.value_mm,
+                    "at": item.deciding.where,
+                    "mpe_mm": item.limit_mm,
+                    "expanded_uncertainty_mm": item.expanded_uncertainty_mm,
+                    "outcome": item.outcome,
+                    "deviations": [
+                        {"at": d.where, "value_mm": d.value_mm, "length_mm": d.length_mm}
+                        for d in item.figure.deviations
+                    ],
+                }
+                for item in self.judged
+            },
+            "not_supported": verification.left_out,
+            "not_tested": self.not_tested,
+            "remarks": list(verification.remarks),
+        }
+
+
+def judge(verification: Verification, limits: Limits | None) -> Verdict:
+    """Decide on every figure; without *limits* the figures are told and nothing is decided."""
+    judged = tuple(_judge(figure, limits) for figure in verification.figures)
+    missing = {
+        key: reason
+        for key, reason in verification.left_out.items()
+        if limits is not None and limits.mpe.of(key, 0.0) is not None
+    }
+    return Verdict(verification, limits, judged, missing)
+
+
+def _judge(figure: Figure, limits: Limits | None) -> Judged:
+    """The deviation nearest to its limit, or farthest beyond it, decides."""
+    if limits is None or limits.mpe.of(figure.key, 0.0) is None:
+        return Judged(figure, "not judged", figure.worst, None)
+
+    def excess(deviation: Deviation) -> float:
+        limit = limits.mpe.of(figure.key, deviation.length_mm) or 0.0
+        guard = COVERAGE_FACTOR * deviation.standard_uncertainty_mm
+        return abs(deviation.value_mm) - limit + (guard if limits.decision == "guarded" else 0.0)
+
+    deciding = max(figure.deviations, key=excess)
+    limit = limits.mpe.of(figure.key, deciding.length_mm) or 0.0
+    guard = COVERAGE_FACTOR * deciding.standard_uncertainty_mm
+    outcome: Outcome
+    if excess(deciding) <= 0:
+        outcome = "conforms"
+    elif limits.decision == "guarded" and abs(deciding.value_mm) <= limit + guard:
+        outcome = "not proven"
+    else:
+        outcome = "does not conform"
+    return Judged(figure, outcome, deciding, limit)

@@ -1,0 +1,82 @@
+"""`armd verify`: ISO 10360-12 and ASME B89.4.22 results with a verdict."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from rich.console import Console
+from rich.table import Table
+
+from armd.compensation.arm import load_arm
+from armd.compensation.calibration import load_calibration
+from armd.compensation.session import load_session
+from armd.compensation.verify.figures import verify
+from armd.compensation.verify.limits import Limits, TestUncertainty, load_limits
+from armd.compensation.verify.report import verification_report
+from armd.compensation.verify.verdict import Verdict, judge
+from armd.errors import ArmdError
+from armd.files import write_whole
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", help="a session folder; its targets' names say which tests")
+    parser.add_argument("--arm", required=True, metavar="ARM.toml", help="what the arm is")
+    parser.add_argument("--calibration", metavar="CAL.json", help="without it: nominal geometry")
+    parser.add_argument("--mpe", metavar="MPE.toml", help="limits; without them no verdict")
+    parser.add_argument(
+        "--decision",
+        choices=["guarded", "simple"],
+        help="instead of the MPE file's: guarded by the uncertainty (ISO 14253-1), or simple",
+    )
+    parser.add_argument("--json", metavar="RESULT.json", help="all figures and the verdict")
+    parser.add_argument("--report", metavar="R.html", help="a report that opens offline")
+
+
+def run(args: argparse.Namespace) -> int:
+    arm = load_arm(args.arm)
+    calibration = load_calibration(args.calibration, arm) if args.calibration else None
+    limits = load_limits(args.mpe) if args.mpe else None
+    if limits is not None and args.decision:
+        limits = limits.model_copy(update={"decision": args.decision})
+    session = load_session(args.session, arm)
+    test = limits.uncertainty if limits else TestUncertainty()
+    verdict = judge(verify(session, arm, calibration, test), limits)
+    if not verdict.judged:
+        reasons = "; ".join(dict.fromkeys(verdict.verification.left_out.values()))
+        raise ArmdError(f"{args.session}: no test is complete: {reasons}")
+    if args.json:
+        write_whole(args.json, json.dumps(verdict.as_json(), indent=1) + "\n")
+    if args.report:
+        write_whole(args.report, verification_report(verdict, session, arm, calibration))
+    _print(verdict, limits)
+    return 0 if verdict.passed else 1
+
+
+def _print(verdict: Verdict, limits: Limits | None) -> None:
+    console = Console()
+    table = Table(box=None, pad_edge=False)
+    for heading in ("Figure", "Standard"):
+        table.add_column(heading)
+    for heading in ("worst, µm", "MPE, µm", "U (k = 2), µm", "n"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    for item in verdict.judged:
+        table.add_row(
+            item.figure.name,
+            item.figure.standard,
+            f"{1e3 * item.deciding.value_mm:+.1f}",
+            "" if item.limit_mm is None else f"{1e3 * item.limit_mm:.1f}",
+            f"{1e3 * item.expanded_uncertainty_mm:.1f}",
+            str(len(item.figure.deviations)),
+            item.outcome,
+        )
+    console.print(table)
+    for key, reason in verdict.verification.left_out.items():
+        status = "NOT TESTED, though it has a limit" if key in verdict.not_tested else "left out"
+        console.print(f"{key}: {status}: {reason}")
+    for remark in verdict.verification.remarks:
+        console.print(f"remark: {remark}")
+    console.print(f"decision rule: {verdict.rule}")
+    if limits is not None:
+        console.print("verdict: " + ("PASSED" if verdict.passed else "FAILED"))
