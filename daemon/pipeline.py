@@ -7,6 +7,7 @@ the same stream gives bit-identical points however it was cut into batches.
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,10 @@ from armd.jit import jit
 PointArray = npt.NDArray[np.void]
 F64 = npt.NDArray[np.float64]
 
+#: Temperatures are remembered for this long, so coarsely: link time constants are many minutes.
+MEMORY_S = 7200.0
+MEMORY_STEP_S = 10.0
+
 _INVALID = int(Flag.INVALID)
 
 
@@ -42,6 +47,7 @@ class Pipeline:
         self._flagger = Flagger(arm)
         self.temperature = TemperatureWatch(arm, limits)
         self._stamp_ns = 0  # of the last temperatures
+        self._past: deque[tuple[F64, int]] = deque(maxlen=round(MEMORY_S / MEMORY_STEP_S))
         self._begun = False
         self.use(arm, calibration)
 
@@ -51,12 +57,16 @@ class Pipeline:
         self._identity = 0 if calibration is None else calibration.identity
         self._own_flags = Flag.NOT_CALIBRATED if calibration is None else Flag(0)
         self.temperature.use(arm, None if calibration is None else calibration.content)
+        for celsius, stamp_ns in self._past:  # a term that lags remembers what it never saw
+            self._model.fold(celsius, stamp_ns * 1e-9)
         self._fold()
 
     def take_temperatures(self, reading: Temperatures) -> None:
         """Everything after this reading is corrected with it."""
         self.temperature.update(reading.celsius, reading.monotonic_ns)
         self._stamp_ns = reading.stamp_ns
+        if not self._past or self._stamp_ns - self._past[-1][1] >= MEMORY_STEP_S * 1e9:
+            self._past.append((self.temperature.held_c, self._stamp_ns))
         self._fold()
 
     def _fold(self) -> None:

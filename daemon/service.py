@@ -161,9 +161,8 @@ class Service:
                 self._reload()
             self._systemd.ready()
         second_over = self._supervisor.close_second(now_ns)
-        if self._supervisor.assess(now_ns):
-            state, reason = self._supervisor.state, self._supervisor.reason
-            self._tell_now("state", f"{state}: {reason}", "info")
+        for event in self._supervisor.assess(now_ns):
+            self._tell(event)
         if second_over:
             self._publisher.put_health(self._supervisor.health(now_ns))
             self._systemd.status(f"{self._supervisor.state}: {self._supervisor.reason}")

@@ -32,6 +32,7 @@ class Supervisor:
         self._tally = Tally(now_ns)
         self._second = Second()
         self._next_second_ns = now_ns + SECOND_NS
+        self._missing: tuple[str, ...] = ()
         self.state = State.NOT_READY
         self.reason = "starting"
 
@@ -51,11 +52,23 @@ class Supervisor:
         """Points per second during the last second."""
         return self._second.rate_hz
 
-    def assess(self, now_ns: int) -> bool:
-        """Renew state and reason; whether the state is another than before."""
-        before = self.state
+    def assess(self, now_ns: int) -> list[Event]:
+        """Renew state and reason; what has changed, told as events."""
+        before, missed = self.state, self._missing
+        self._missing = tuple(self._arm.pipeline.temperature.missing(self._latched_ns))
         self.state, self.reason = assess(self._seen(now_ns))
-        return self.state is not before
+        events = []
+        for sensor in sorted({*missed} ^ {*self._missing}) if self._came_ns is not None else ():
+            if sensor in self._missing:
+                text = f"sensor {sensor} is invalid or silent; its last value is held"
+                kind, severity = "temperature_missing", "warning"
+            else:
+                text, kind, severity = f"sensor {sensor} is back", "temperature_back", "info"
+            events.append(Event(kind, text, now_ns, severity, {"sensor": sensor}))
+        if self.state is not before:
+            severity = "info" if self.state in (State.READY, State.WARMING) else "warning"
+            events.append(Event("state", f"{self.state}: {self.reason}", now_ns, severity))
+        return events
 
     def close_second(self, now_ns: int) -> bool:
         """Whether a second is over, and its sum renewed."""
@@ -106,7 +119,7 @@ class Supervisor:
             lossy=lossy,
             invalid_joints=second.invalid_joints,
             warning_joints=second.warning_joints,
-            missing_sensors=tuple(temperature.missing(self._latched_ns)),
+            missing_sensors=self._missing,
             outside_sensors=tuple(temperature.outside()),
             drift=temperature.unsteady(self._config.file.health.steady_k_per_h),
         )

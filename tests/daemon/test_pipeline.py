@@ -12,6 +12,7 @@ from small_arm import reading, samples_of, small_arm, thermal_calibration
 
 from armd import Flag
 from armd.compensation.kinematics import forward
+from armd.compensation.terms import Temperature, Term
 from armd.daemon.config import Limits
 from armd.daemon.pipeline import Pipeline
 from armd.drivers.sample import Temperatures
@@ -184,6 +185,34 @@ def test_another_calibration_holds_from_the_next_sample_on():
     points, _ = pipeline.correct(still(1, 600))
     assert points["flags"] == Flag.AT_REST  # known temperatures, the rest goes on
     assert np.linalg.norm(points["correction_mm"]) > 0.03
+
+
+def test_a_reload_knows_the_temperatures_of_the_past():
+    arm = small_arm()
+    lagging = [
+        Term(
+            parameter="a_2",
+            basis=[Temperature(weights={"b": 1.0}, lag_s=600.0)],
+            coefficient=0.01,
+        )
+    ]
+    calibration = thermal_calibration(arm, terms=lagging)
+
+    def warm_up(pipeline: Pipeline) -> None:
+        for k in range(120):  # ten minutes, 10 K
+            pipeline.take_temperatures(reading([20.0, 20.0 + k / 12, 20.0], 5.0 * k))
+
+    first = Pipeline(arm, calibration, Limits())
+    warm_up(first)
+    reloaded = Pipeline(arm, None, Limits())
+    warm_up(reloaded)
+    reloaded.use(arm, calibration)
+    late = still(1, 595_000)
+    expected = first.correct(late)[0]["correction_mm"]
+    np.testing.assert_allclose(reloaded.correct(late)[0]["correction_mm"], expected, atol=2e-4)
+    settled = Pipeline(arm, calibration, Limits())
+    settled.take_temperatures(reading([20.0, 30.0, 20.0], 595.0))
+    assert np.abs(settled.correct(late)[0]["correction_mm"] - expected).max() > 0.02
 
 
 @settings(max_examples=20, deadline=None)
