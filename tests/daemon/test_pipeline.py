@@ -241,3 +241,15 @@ def test_a_replay_gives_the_same_bits_however_the_stream_is_cut(cuts, seed):
     head = np.split(samples[:half], np.cumsum(cuts)[np.cumsum(cuts) < half])
     tail = np.split(samples[half:], [k - half for k in np.cumsum(cuts) if half < k < n])
     assert replay([*(p for p in head if len(p)), warm, *(p for p in tail if len(p))]) == whole
+
+
+def test_an_arm_without_sensors_needs_no_temperature():
+    arm = small_arm()
+    joints = [joint.model_copy(update={"temperature": None}) for joint in arm.joint]
+    bare = arm.model_copy(update={"joint": joints, "temperature_sensor": []})
+    pipeline = Pipeline(bare, None, Limits())
+    points, _ = pipeline.correct(still(2))
+    pipeline.take_temperatures(Temperatures(np.zeros(0), 0, 10**9, 10**18))
+    points, _ = pipeline.correct(still(40_000, 2))
+    assert not flagged(points, Flag.TEMPERATURE_STALE | Flag.INVALID).any()
+    assert pipeline.temperature.unsteady(1.0) == ""
