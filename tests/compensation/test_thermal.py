@@ -1,0 +1,102 @@
+"""The thermal model: no more than the temperatures left out ask for, and no less."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import synthetic
+
+from armd.compensation.identify.calibrate import Options, Result, calibrate
+from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.observations import gather
+from armd.compensation.identify.thermal import angle_terms, length_terms, temperature_groups
+from armd.compensation.terms import Term
+
+ARM = synthetic.arm()
+ARCSEC = np.pi / 180 / 3600
+TEMPERATURES_C = (14.0, 18.0, 21.0, 25.0, 29.0, 33.0)
+
+
+def with_coefficients(terms: list[Term], *by_order: float) -> list[Term]:
+    return [
+        term.model_copy(update={"coefficient": by_order[term.basis[0].order - 1]}) for term in terms
+    ]
+
+
+def calibrated(true_terms: list[Term], options: Options | None = None) -> Result:
+    rng = np.random.default_rng(7)
+    truth = synthetic.disturbed(ARM, rng, 0.2)
+    sessions = [
+        synthetic.session(
+            ARM, truth, rng, terms=true_terms, readings=80, targets=5, temperature_c=celsius,
+            encoder_rad=0.5 * ARCSEC, name=f"T{celsius:.0f}",
+        )
+        for celsius in TEMPERATURES_C
+    ]  # fmt: skip
+    result = calibrate(sessions, ARM, options or Options())
+    # However it was chosen, the model holds at a temperature that took no part. Components know
+    # one temperature for all links, so what tells these apart (0.3 K here) stays uncorrected.
+    fresh = synthetic.session(ARM, truth, rng, terms=true_terms, temperature_c=23.0)
+    held = evaluate_model(
+        gather([fresh], ARM), result.fit.constants, result.fit.terms, ARM.reference_temperature_c
+    )
+    assert np.sqrt(np.mean(held.distance_um**2)) < 5
+    return result
+
+
+def test_no_expansion_no_thermal_model() -> None:
+    result = calibrated([])
+    assert result.thermal_order == 0
+    assert result.calibration.terms == []
+
+
+def test_linear_expansion_is_order_1() -> None:
+    result = calibrated(with_coefficients(length_terms(ARM, [1]), 5e-3))
+    assert result.thermal_order == 1
+    coefficients = [term.coefficient for term in result.calibration.terms]
+    uncertainties = [term.standard_uncertainty for term in result.calibration.terms]
+    deviations = (np.array(coefficients) - 5e-3) / np.array(uncertainties)
+    tip = np.array([term.parameter.startswith("tip") for term in result.calibration.terms])
+    assert np.abs(deviations[~tip]).max() < 4
+
+
+def test_expansion_that_bends_is_order_2() -> None:
+    assert calibrated(with_coefficients(length_terms(ARM, [1, 2]), 5e-3, 3e-4)).thermal_order == 2
+
+
+def test_an_angle_that_moves_with_temperature_is_taken_up() -> None:
+    lengths = with_coefficients(length_terms(ARM, [1]), 5e-3)
+    angles = with_coefficients(angle_terms(ARM, "theta"), 2.0 * ARCSEC)
+    result = calibrated([*lengths, *angles])
+    assert any(note.startswith("θ with temperature") for note in result.notes)
+
+
+def test_every_way_is_tried_on_the_same_data() -> None:
+    result = calibrated(with_coefficients(length_terms(ARM, [1]), 5e-3))
+    by_name = {trial.name: trial.heldout_rms_um for trial in result.trials}
+    without = by_name.pop("no thermal model")
+    assert len(by_name) == 4 + 2 + 4  # orders, zones and components, the paper's way
+    assert max(by_name.values()) < 0.5 * without
+
+
+@pytest.mark.parametrize("method", ["zones", "components"])
+def test_other_methods_can_be_chosen(method: str) -> None:
+    terms = with_coefficients(length_terms(ARM, [1]), 5e-3)
+    result = calibrated(terms, Options(thermal_method=method))
+    bases = [term.basis[0] for term in result.calibration.terms]
+    if method == "zones":
+        assert all(basis.zone_c is not None for basis in bases)
+    else:
+        assert all(len(basis.weights) == 6 for basis in bases)
+
+
+def test_placements_are_grouped_by_their_temperature() -> None:
+    rng = np.random.default_rng(1)
+    truth = synthetic.disturbed(ARM, rng, 0.2)
+    sessions = [
+        synthetic.session(ARM, truth, rng, readings=30, temperature_c=celsius)
+        for celsius in (20.0, 26.0, 20.2)
+    ]
+    groups = temperature_groups(gather(sessions, ARM))
+    assert [int(mask.sum()) for _, mask in groups] == [60, 30]
+    assert [mean for mean, _ in groups] == pytest.approx([20.1, 26.0], abs=0.2)
