@@ -39,8 +39,9 @@ def run(args: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, stop)
     with armd.connect(args.serial, args.endpoint, timeout_s=WAIT_S) as arm, ExitStack() as opened:
         output = args.output or default_path(arm.serial)
-        # Unbuffered: a chunk that is full is in the file, whatever happens to this process.
-        file = opened.enter_context(output.open("wb", buffering=0))
+        # Buffered: mcap would buffer a raw file itself, and not flush the last few bytes. What a
+        # killed recorder loses is the chunk in progress either way.
+        file = opened.enter_context(output.open("wb"))
         recorder = opened.enter_context(closing(Recorder(file, arm.info())))
         raw = opened.enter_context(arm.stream(keys.RAW))
         points = opened.enter_context(arm.stream(keys.POINT))
