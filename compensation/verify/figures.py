@@ -26,8 +26,6 @@ F64 = npt.NDArray[np.float64]
 
 ISO, ASME = "ISO 10360-12", "ASME B89.4.22"
 SPHERE = ("SPHERE.a", "SPHERE.b")
-#: The longest length of E_Uni is at least this part of the measuring range, twice the reach.
-LONGEST_SHARE = 0.66
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,10 @@ def figures_of(session: Session, arm: Arm, position: F64, test: TestUncertainty)
             figures += evaluate(readings)
         except (NotSupported, ArithmeticError) as reason:
             left_out |= dict.fromkeys(keys, str(reason))
-    return Verification(tuple(figures), left_out, tuple(_remarks(session, arm, figures)))
+    remarks = []
+    if session.artefact.expansion_per_k and not np.isfinite(session.artefact_c).any():
+        remarks.append("no artefact_c: the artefact is taken to be at its reference temperature")
+    return Verification(tuple(figures), left_out, tuple(remarks))
 
 
 class _Readings:
@@ -251,17 +252,3 @@ TESTS: dict[tuple[str, ...], Callable[[_Readings], Iterator[Figure]]] = {
     ("spat_max", "spat_2s"): _articulation,
     ("volumetric_max", "volumetric_2rms", "volumetric_range"): _volumetric,
 }
-
-
-def _remarks(session: Session, arm: Arm, figures: list[Figure]) -> Iterator[str]:
-    rows = np.array([(joint.d_mm, joint.a_mm) for joint in arm.joint])
-    range_mm = 2 * (float(np.hypot(*rows.T).sum()) + math.hypot(*arm.tip.offset_mm))
-    for figure in figures:
-        longest = max(deviation.length_mm for deviation in figure.deviations)
-        if figure.key == "e_uni" and longest < LONGEST_SHARE * range_mm:
-            yield (
-                f"E_Uni: the longest length, {longest:.0f} mm, is less than 66 % of the measuring "
-                f"range, at most {range_mm:.0f} mm"
-            )
-    if session.artefact.expansion_per_k and not np.isfinite(session.artefact_c).any():
-        yield "no artefact_c: the artefact is taken to be at its reference temperature"

@@ -55,6 +55,8 @@ class Limits(Strict):
 
     schema_: Literal["armd.mpe/1"] = Field(default="armd.mpe/1", alias="schema")
     decision: Literal["guarded", "simple"] = "guarded"
+    #: diameter of the space the arm measures in; the longest length of E_Uni is held against it
+    measuring_range_mm: Limit = None
     mpe: Mpe = Mpe()
     uncertainty: TestUncertainty = TestUncertainty()
 

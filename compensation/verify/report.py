@@ -20,16 +20,16 @@ def verification_report(
         page.text("PASSED" if verdict.passed else "FAILED")
     page.text(f"Decision rule: {verdict.rule}.")
     page.table(
-        ["figure", "standard", "deciding value, µm", "at", "MPE, µm", "U (k = 2), µm", "outcome"],
+        ["figure", "standard", "deciding value, µm", "at", "MPE, µm", "U, µm", "outcome"],
         [_row(item) for item in verdict.judged],
     )
     untested = [f"{key}: {reason}" for key, reason in verdict.verification.left_out.items()]
     if untested:
         page.heading("Not tested")
         page.items(untested)
-    if verdict.verification.remarks:
+    if verdict.remarks:
         page.heading("Remarks")
-        page.items(verdict.verification.remarks)
+        page.items(verdict.remarks)
     for item in verdict.judged:
         if len(item.figure.deviations) > 3:
             page.heading(f"{item.figure.name}: every result")

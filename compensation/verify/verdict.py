@@ -9,6 +9,8 @@ from armd.compensation.verify.figures import Deviation, Figure, Verification
 from armd.compensation.verify.limits import Limits
 
 COVERAGE_FACTOR = 2.0
+#: The longest length of E_Uni is at least this part of the measuring range.
+LONGEST_SHARE = 0.66
 
 Outcome = Literal["conforms", "does not conform", "not proven", "not judged", "not tested"]
 
@@ -52,6 +54,19 @@ class Verdict:
     def rule(self) -> str:
         return RULES[self.limits.decision] if self.limits else "no limits given: no verdict"
 
+    @property
+    def remarks(self) -> list[str]:
+        remarks = list(self.verification.remarks)
+        range_mm = self.limits.measuring_range_mm if self.limits else None
+        for figure in self.verification.figures:
+            longest = max(deviation.length_mm for deviation in figure.deviations)
+            if figure.key == "e_uni" and range_mm and longest < LONGEST_SHARE * range_mm:
+                remarks.append(
+                    f"E_Uni: the longest length, {longest:.0f} mm, is less than 66 % of the "
+                    f"measuring range of {range_mm:.0f} mm"
+                )
+        return remarks
+
     def as_json(self) -> dict[str, Any]:
         """As `armd verify --json` writes it."""
         verification = self.verification
@@ -77,7 +92,7 @@ class Verdict:
             },
             "not_supported": verification.left_out,
             "not_tested": self.not_tested,
-            "remarks": list(verification.remarks),
+            "remarks": self.remarks,
         }
 
 

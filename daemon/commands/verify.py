@@ -58,7 +58,7 @@ def _print(verdict: Verdict, limits: Limits | None) -> None:
     table = Table(box=None, pad_edge=False)
     for heading in ("Figure", "Standard"):
         table.add_column(heading)
-    for heading in ("worst, µm", "MPE, µm", "U (k = 2), µm", "n"):
+    for heading in ("worst, µm", "MPE, µm", "U, µm", "n"):
         table.add_column(heading, justify="right")
     table.add_column("")
     for item in verdict.judged:
@@ -75,7 +75,7 @@ def _print(verdict: Verdict, limits: Limits | None) -> None:
     for key, reason in verdict.verification.left_out.items():
         status = "NOT TESTED, though it has a limit" if key in verdict.not_tested else "left out"
         console.print(f"{key}: {status}: {reason}")
-    for remark in verdict.verification.remarks:
+    for remark in verdict.remarks:
         console.print(f"remark: {remark}")
     console.print(f"decision rule: {verdict.rule}")
     if limits is not None:

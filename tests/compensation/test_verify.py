@@ -148,7 +148,11 @@ def test_lengths_at_the_artefacts_temperature() -> None:
     assert lengths.worst.where == "P4 L5 repeat 3"
     assert lengths.worst.length_mm == pytest.approx(1000.1)
     assert lengths.worst.standard_uncertainty_mm == pytest.approx(math.hypot(0.0005, 0.001))
-    assert "less than 66 %" in verification.remarks[0]  # of 2 m
+    for range_mm, remarks in ((1500.0, 0), (1600.0, 1)):
+        limits = Limits.model_validate(
+            {"schema": "armd.mpe/1", "measuring_range_mm": range_mm, "mpe": {"e_uni_mm": 0.05}}
+        )
+        assert len(judge(verification, limits).remarks) == remarks
 
 
 def test_effective_diameter() -> None:
