@@ -192,7 +192,7 @@ class TestSerial(EveryWire):
         for epoch, boot in enumerate(arm.events("boot")):
             own = (truth["seq"] >> np.uint64(32)) == epoch
             period_ns = 1e9 / (boot["rate_hz"] * (1 + boot["clock_ppm"] * 1e-6))
-            seq = truth["seq"][own].astype(np.int64) & 0xFFFFFFFF
+            seq = truth["seq"][own].astype(np.int64)
             instants[own] = boot["latch_monotonic_ns"] + (seq - boot["seq"]) * period_ns
         _, windows = super().instants(arm, truth)
         return instants, windows
