@@ -24,7 +24,7 @@ LEVER_MM = 500.0
 KNOT_S = 900.0
 MOST_KNOTS = 8
 #: Beyond this many standard deviations of a rest's three components a residual counts as its edge.
-WINSOR_AT = 3.8
+WINSOR_AT = 3.3
 _TINY = 1e-10
 
 

@@ -308,10 +308,20 @@ def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
 
 
 def _draws(current: Fit, seed: int) -> F64:
-    """Whitened noise (N, R) as the fitted noise would make it, shared parts included."""
+    """Whitened noise (N, R) with no effect in it but with the tails that the residuals have.
+
+    Every rest keeps its own residual in size; its sign is drawn anew. What rests share is drawn
+    from its variance.
+    """
     rng = np.random.default_rng(seed)
-    draws = rng.standard_normal((len(current.residual), DRAWS))
+    n = 3 * current.linear.rests.n
+    left = current.noise.whiten(current.residual - current.fitted)
+    left /= np.sqrt(np.mean(left[:n] ** 2))
+    signs = np.ones((len(left), DRAWS))
+    signs[:n] = np.repeat(rng.choice([-1.0, 1.0], (n // 3, DRAWS)), 3, axis=0)
+    signs[n:] = rng.standard_normal((len(left) - n, DRAWS))
+    draws = left[:, None] * signs
     finite = np.isfinite(current.absorbing.variance)
     columns = current.noise.whiten(current.absorbing.columns[:, finite])
     spread = np.sqrt(current.absorbing.variance[finite])
-    return draws + columns @ (spread[:, None] * rng.standard_normal((finite.sum(), DRAWS)))
+    return draws + columns @ (spread[:, None] * rng.standard_normal((int(finite.sum()), DRAWS)))

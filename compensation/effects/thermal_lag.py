@@ -12,18 +12,17 @@ from armd.compensation.effects.effect import (
     temperature,
     tie,
 )
+from armd.compensation.terms import Temperature, Term
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 5400.0)
 TYPICAL_PER_K = 15e-6
 
 
 def _lagging(scene: Scene, weights: dict[str, float], lag_s: float, finest: bool) -> Candidate:
-    """Every link on these sensors follows them with one time constant and one coefficient."""
+    """Every link on these sensors follows them with one time constant."""
     links = [k for k in scene.joints if scene.weights(k) == weights and lengths(scene, k)]
-    pairs = [pair for k in links for pair in lengths(scene, k)]
-    terms = (
-        *tie(pairs, temperature(weights, lag_s=lag_s)),
-        *tie([(name, -mm) for name, mm in pairs], temperature(weights)),
+    column = _delayed_terms(scene, weights, lag_s) or _delayed_lengths(
+        [pair for k in links for pair in lengths(scene, k)], weights, lag_s
     )
     # Where one link has the sensor to itself, the link is the place; otherwise the sensor.
     where = f"link {links[0]}" if len(links) == 1 else f"sensor {', '.join(weights)}"
@@ -34,11 +33,38 @@ def _lagging(scene: Scene, weights: dict[str, float], lag_s: float, finest: bool
     return Candidate(
         "thermal_lag",
         where,
-        (Column("per kelvin", "1/K", TYPICAL_PER_K, terms),),
+        (column,),
         (*weights, "time_s"),
         (("time constant", lag_s, "s"),),
         None if finest else refine,
     )
+
+
+def _delayed_terms(scene: Scene, weights: dict[str, float], lag_s: float) -> Column | None:
+    """What the model has of these sensors, taken late: amplitude 1 if the lag is right."""
+    terms = []
+    for term in scene.terms:
+        if len(term.basis) != 1 or not isinstance(term.basis[0], Temperature):
+            continue
+        factor = term.basis[0]
+        if factor.weights != weights or factor.lag_s or factor.zone_c or not term.coefficient:
+            continue
+        late = factor.model_copy(update={"lag_s": lag_s})
+        for piece, sign in ((late, 1.0), (factor, -1.0)):
+            coefficient = sign * term.coefficient
+            terms.append(Term(parameter=term.parameter, basis=[piece], coefficient=coefficient))
+    return Column("share", "1", 1.0, tuple(terms)) if terms else None
+
+
+def _delayed_lengths(
+    pairs: list[tuple[str, float]], weights: dict[str, float], lag_s: float
+) -> Column:
+    """Lengths that follow late, where the model has no coefficient for them."""
+    terms = (
+        *tie(pairs, temperature(weights, lag_s=lag_s)),
+        *tie([(name, -mm) for name, mm in pairs], temperature(weights)),
+    )
+    return Column("per kelvin", "1/K", TYPICAL_PER_K, terms)
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:
