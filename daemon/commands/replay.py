@@ -32,7 +32,7 @@ from armd.files import whole_file
 from armd.schema import validate
 
 Points = npt.NDArray[np.void]
-SETTLING_NS = 1_000_000_000
+SETTLING_NS = 1_500_000_000
 COLUMNS = ["seq", "stamp_ns", "x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw", "flags"]
 
 
@@ -110,7 +110,7 @@ def _points(config: Config) -> Iterator[Points]:
 
 
 def _compare(recording: Recording, points: Points) -> int:
-    """Of a recording that began in mid-stream the first second does not count: for how long the
+    """Of a recording that began in mid-stream its beginning does not count: for how long the
     tip had been at rest by then, nobody has told it."""
     replayed = dict(zip(points["seq"].tolist(), as_json(points), strict=True))
     from_ns = int(points["monotonic_ns"][0]) if len(points) else 0

@@ -43,9 +43,9 @@ def recorded(tmp_path_factory):
         running_daemon(folder, arm.port) as daemon,
     ):
         first, second = (start_recording(daemon.endpoint, path) for path in (whole, cut))
-        wait_until_grown(whole, 150_000)
+        wait_until_grown(whole, 220_000)
         first.send_signal(signal.SIGINT)
-        wait_until_grown(cut, 150_000)
+        wait_until_grown(cut, 220_000)
         second.kill()
         out, _ = first.communicate(timeout=PATIENCE_S)
         second.communicate()
