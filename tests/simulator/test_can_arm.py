@@ -115,6 +115,25 @@ def test_every_sync_latches_the_true_arm(interface: str, tmp_path: Path) -> None
     assert error_um.max() < 50.0
 
 
+def test_the_arm_may_produce_sync(tmp_path: Path) -> None:
+    wire = ("--can", "socketcand")
+    with (
+        simulated_arm(tmp_path, "--sync-producer", wire=wire, rate_hz=SYNC_HZ, seconds=30) as arm,
+        host(arm, "socketcand") as bus,
+    ):
+        end = time.monotonic() + 1.0
+        ids = []
+        while time.monotonic() < end:
+            if (message := bus.recv(0.1)) is not None:
+                ids.append(message.arbitration_id)
+    first = ids.index(objects.SYNC_ID)
+    syncs = ids[first:].count(objects.SYNC_ID)
+    assert 10 < syncs <= SYNC_HZ + 5
+    # Bus order: the answers to a SYNC come before the next one.
+    for start in [i for i, can_id in enumerate(ids) if can_id == objects.SYNC_ID][:-1]:
+        assert ids[start + 1] in (0x181, 0x701)
+
+
 def test_faults_on_the_bus(tmp_path: Path) -> None:
     scenario = """
     fault = [

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import select
+import subprocess
+import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -279,6 +281,17 @@ def test_bad_usage_is_named(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert message in captured.err
+
+
+def test_armd_simulate_is_the_simulator() -> None:
+    """Its own help, its own exit codes, also through `armd`."""
+    armd = [sys.executable, "-m", "armd.daemon.cli", "simulate"]
+    shown = subprocess.run([*armd, "--help"], capture_output=True, text=True)
+    assert shown.returncode == 0
+    assert shown.stdout.startswith("usage: armd simulate")
+    wrong = subprocess.run([*armd, "--serial", "--rate", "0"], capture_output=True, text=True)
+    assert wrong.returncode == 2
+    assert wrong.stderr.startswith("armd: command line: rate_hz: found 0, expected")
 
 
 def test_help_lists_every_fault(capsys: pytest.CaptureFixture[str]) -> None:
