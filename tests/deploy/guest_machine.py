@@ -124,8 +124,8 @@ class Guest:
         results = self.folder / f"{stage}.tar"
         with results.open("wb") as file:
             file.truncate(RESULTS_BYTES)
-        words = f"root={self.machine.disk(0)} rw quiet panic=-1 systemd.show_status=no "
-        words += f"armd.stage={stage} armd.results={self.machine.disk(2)}"
+        words = f"root={self.machine.disk(0)} rw panic=-1 armd.stage={stage} "
+        words += f"armd.results={self.machine.disk(2)} systemd.journald.forward_to_console=1"
         command = self.machine.command([self.disk, self.payload, results], words)
         run(command, self.folder / f"{stage}.console", timeout_s)
         left = self.folder / stage

@@ -56,7 +56,7 @@ class Arm:
 
     def is_alive(self) -> bool:
         """Whether the liveliness token is there."""
-        return (HEARD / f"{self.serial}.alive").read_text() == "PUT"
+        return (HEARD / f"{self.serial}.alive").read_text() == "here"
 
     def _json(self) -> list[dict[str, Any]]:
         if not self._messages.exists():

@@ -34,7 +34,8 @@ def main(folder: Path) -> None:
                     file.write(sample.payload.to_bytes() + (b"" if point else b"\n"))
             while (sample := alive.try_recv()) is not None:
                 serial = str(sample.key_expr).split("/")[1]
-                (folder / f"{serial}.alive").write_text(sample.kind.name)
+                here = sample.kind == zenoh.SampleKind.PUT
+                (folder / f"{serial}.alive").write_text("here" if here else "gone")
             time.sleep(0.02)
 
 
