@@ -13,7 +13,9 @@ from threadpoolctl import threadpool_limits
 from armd import __version__
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration, Noise, constants_of
+from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit, fit
+from armd.compensation.identify.fit import rms_um as residual_rms_um
 from armd.compensation.identify.gauge import free_constants
 from armd.compensation.identify.heldout import HeldOut, placement_folds
 from armd.compensation.identify.observations import Observations, gather
@@ -48,6 +50,7 @@ class Result:
 
     calibration: Calibration
     fit: Fit
+    rms_um: float  # 3-D RMS of all readings at their best placements, as `armd evaluate` has it
     heldout_rms_um: float
     heldout_by: str  # "placement" or "reading"
     thermal_order: int
@@ -61,7 +64,7 @@ class Result:
         observations = self.fit.observations
         ranges = list(self.calibration.temperature_range_c.values())
         return {
-            "rms_um": self.fit.rms_um,
+            "rms_um": self.rms_um,
             "heldout_rms_um": self.heldout_rms_um,
             "heldout_by": self.heldout_by,
             "rank": self.fit.solution.rank,
@@ -134,11 +137,16 @@ def _calibrate(
         trials = comparison.trials()
         order, terms = _choose(comparison, trials, arm, options, notes)
         final = _fit(observations, arm, unknown, terms, progress, first)
+    if not final.converged:
+        notes.append(f"the fit did not settle within {final.steps} steps")
     folds, by = placement_folds(observations)
     columns = final.unknowns.columns(final.at, final.terms)
     scale = final.solution.scale
     heldout = HeldOut(final, columns, scale, final.at.residual_mm, folds)
     heldout_rms_um = heldout.rms_um(np.arange(len(scale)))
+    terms, reference_c = final.terms, final.reference_c
+    evaluation = evaluate_model(observations, final.constants, terms, reference_c)
+    rms_um = residual_rms_um(evaluation.residual_mm)
     provenance = {
         "command": options.command,
         "version": __version__,
@@ -147,7 +155,7 @@ def _calibrate(
             for s in sessions
         ],
         "readings": observations.n,
-        "rms_um": final.rms_um,
+        "rms_um": rms_um,
         "heldout_rms_um": heldout_rms_um,
         "heldout_by": by,
         "thermal_order": order,
@@ -156,6 +164,7 @@ def _calibrate(
     return Result(
         calibration=as_calibration(final, provenance),
         fit=final,
+        rms_um=rms_um,
         heldout_rms_um=heldout_rms_um,
         heldout_by=by,
         thermal_order=order,

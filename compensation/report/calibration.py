@@ -47,7 +47,7 @@ def _summary(page: Page, result: Result) -> None:
     page.table(
         ["", "value", "unit"],
         [
-            ["residual, 3-D RMS", f"{found.rms_um:.2f}", "µm"],
+            ["residual, 3-D RMS", f"{result.rms_um:.2f}", "µm"],
             [f"each {result.heldout_by} left out, 3-D RMS", f"{result.heldout_rms_um:.2f}", "µm"],
             ["readings", found.observations.n, ""],
             ["placements", len(np.unique(found.observations.placement)), ""],

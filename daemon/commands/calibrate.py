@@ -69,7 +69,7 @@ def _print(result: Result, output: str) -> None:
     console = Console()
     found = result.fit
     console.print(
-        f"{found.observations.n} readings, {found.rms_um:.2f} µm 3-D RMS,"
+        f"{found.observations.n} readings, {result.rms_um:.2f} µm 3-D RMS,"
         f" {result.heldout_rms_um:.2f} µm by leaving out each {result.heldout_by};"
         f" rank {found.solution.rank} of {len(found.unknowns.names)}"
     )
