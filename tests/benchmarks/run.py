@@ -18,12 +18,17 @@ from typing import Any
 from armd.files import write_whole
 
 #: Modules bench_NAME beside this file, each with run() → (nested) figures.
-NAMES = ["kernel", "identify", "timing"]
+NAMES = ["kernel", "daemon", "identify", "timing"]
 
 #: figure → (least, most) that was aimed at
 MARKS: dict[str, tuple[float | None, float | None]] = {
     "kernel.ratio_to_vectorised_c": (None, 1.3),
     "kernel.times_faster_than_scalar_c": (8.0, None),
+    "daemon.start.warm_s": (None, 3.0),
+    "daemon.1000_hz.p50_ratio": (None, 1.3),
+    "daemon.1000_hz.p99_ratio": (None, 2.0),
+    "daemon.5000_hz.lost": (None, 0.0),
+    "daemon.5000_hz.cpu_percent_of_a_core": (None, 20.0),
     "identify.ratio": (20.0, None),
 }
 

@@ -1,0 +1,135 @@
+"""From the latch in a simulated arm to a subscriber, beside Zenoh alone; losses, CPU, start-up.
+
+The bare figure is the same 136 bytes put by one process at the same rate and received by the same
+callback in this one; the daemon's starts at the true latch in the simulated arm, so it has the
+serial line, decoding, correction and publishing in it as well. Both rounds follow each other.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import zenoh
+from running_daemon import Heard, free_endpoint, running_daemon
+from simulated_arm import simulated_arm
+
+from armd import Flag
+from armd.compensation.arm import load_arm
+from armd.compensation.calibration import save_calibration
+from armd.compensation.known_expansion import known_expansion
+
+RATES_HZ = (1000, 5000)
+#: The mark is 60 s at 5 kHz without a loss.
+SECONDS = 60.0
+BARE_SECONDS = 20.0
+SETTLE_S = 5.0  # clock mapped, rates steady
+CALIBRATION = 'calibration = "calibration.json"'
+
+
+def run() -> dict[str, Any]:
+    figures: dict[str, Any] = {"start": start_up()}
+    for rate_hz in RATES_HZ:
+        bare, through = zenoh_alone(rate_hz), daemon(rate_hz)
+        for percentile in ("p50", "p99", "p99_9"):
+            key = f"{percentile}_us"
+            through[f"{percentile}_ratio"] = through["latency"][key] / bare[key]
+        figures[f"{rate_hz}_hz"] = {"zenoh_alone": bare, **through}
+    return figures
+
+
+def start_up() -> dict[str, float]:
+    """Seconds from the start of the process to its line `armd: ready`."""
+    seconds = {}
+    with tempfile.TemporaryDirectory() as folder, simulated_arm(Path(folder)) as arm:
+        _calibrate(arm.folder)
+        cache = {"NUMBA_CACHE_DIR": f"{folder}/cache"}
+        for state in ("cold_s", "warm_s"):
+            start = time.monotonic()
+            with running_daemon(arm.folder, arm.port, top=CALIBRATION, environment=cache) as daemon:
+                seconds[state] = time.monotonic() - start
+                daemon.stop()
+    return seconds
+
+
+def daemon(rate_hz: int) -> dict[str, Any]:
+    """Latency from the true latch, losses and CPU of `armd run` at a rate."""
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        simulated_arm(Path(folder), rate_hz=rate_hz, seconds=SECONDS + 60) as arm,
+    ):
+        _calibrate(arm.folder)
+        with running_daemon(arm.folder, arm.port, top=CALIBRATION) as armd, armd.listen() as heard:
+            time.sleep(SETTLE_S)
+            first, cpu_s, start = (
+                len(heard.payloads["point"]),
+                _cpu_s(armd.process.pid),
+                time.monotonic(),
+            )
+            time.sleep(SECONDS)
+            cpu_s, elapsed_s = _cpu_s(armd.process.pid) - cpu_s, time.monotonic() - start
+            last = len(heard.payloads["point"])
+            points = heard.points()[first:last]
+            arrived_ns = np.array(heard.arrived_ns["point"][first:last])
+            latency_us = (arrived_ns - arm.latch_ns(points["seq"])) / 1000
+            armd.stop()
+    steps = np.diff(points["seq"].astype(np.int64))
+    return {
+        "latency": _percentiles(latency_us),
+        "points": len(points),
+        "lost": int((steps - 1).sum()),
+        "flagged_lost": int(np.count_nonzero(points["flags"] & Flag.SAMPLES_LOST)),
+        "cpu_percent_of_a_core": 100 * cpu_s / elapsed_s,
+        "cpu_ms_per_1000_samples": 1e3 * cpu_s / len(points) * 1000,
+    }
+
+
+def zenoh_alone(rate_hz: int) -> dict[str, float]:
+    """Latency from put to callback of as many bytes at the same rate."""
+    endpoint, key = free_endpoint(), "bare/point"
+    script = Path(__file__).with_name("bare_put.py")
+    command = [sys.executable, str(script), endpoint, key, str(rate_hz), str(BARE_SECONDS)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as sender:
+        assert sender.stdout is not None
+        sender.stdout.readline()
+        config = zenoh.Config()
+        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("listen/endpoints", "[]")
+        heard = Heard()
+        with zenoh.open(config) as session:
+            session.declare_subscriber(
+                key,
+                lambda sample: (
+                    heard.arrived_ns["bare"].append(time.monotonic_ns()),
+                    heard.payloads["bare"].append(sample.payload.to_bytes()),
+                ),
+            )
+            sender.wait(BARE_SECONDS + 60)
+    put_ns = np.frombuffer(b"".join(heard.payloads["bare"]), np.int64).reshape(-1, 17)[:, 0]
+    latency_us = (np.array(heard.arrived_ns["bare"]) - put_ns) / 1000
+    return _percentiles(latency_us[int(rate_hz) :])  # the first second settles
+
+
+def _calibrate(folder: Path) -> None:
+    arm = load_arm(folder / "arm.toml")
+    save_calibration(folder / "calibration.json", known_expansion(arm, [2e-6] * arm.n_joints))
+
+
+def _percentiles(latency_us: npt.NDArray[np.float64]) -> dict[str, float]:
+    p50, p99, p99_9 = np.percentile(latency_us, [50, 99, 99.9])
+    return {"p50_us": float(p50), "p99_us": float(p99), "p99_9_us": float(p99_9)}
+
+
+def _cpu_s(pid: int) -> float:
+    """CPU seconds of a process, all its threads."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
