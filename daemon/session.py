@@ -13,7 +13,7 @@ from armd.daemon.config import Config
 from armd.errors import BadInput
 
 #: A frozen daemon's points and token vanish after this; a killed one's at once.
-LEASE_MS = 2000
+LEASE_MS = 4000
 CLOSE_S = 1.5
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 

@@ -58,7 +58,8 @@ class Supervisor:
         self._missing = tuple(self._arm.pipeline.temperature.missing(self._latched_ns))
         self.state, self.reason = assess(self._seen(now_ns))
         events = []
-        for sensor in sorted({*missed} ^ {*self._missing}) if self._came_ns is not None else ():
+        changed = {*missed} ^ {*self._missing} if self._arm.pipeline.temperature.heard else ()
+        for sensor in sorted(changed):
             if sensor in self._missing:
                 text = f"sensor {sensor} is invalid or silent; its last value is held"
                 kind, severity = "temperature_missing", "warning"

@@ -87,6 +87,11 @@ class TemperatureWatch:
             self._history.popleft()
         self._judge()
 
+    @property
+    def heard(self) -> bool:
+        """Any reading has come, be it of invalid channels."""
+        return bool(self._history)
+
     def missing(self, monotonic_ns: int) -> list[str]:
         """Names of the sensors in use without a value at this instant."""
         late = self._good_ns + STALE_AFTER_NS < monotonic_ns
