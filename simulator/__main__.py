@@ -10,7 +10,8 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Literal
 
-from armd.errors import ArmdError
+from armd.errors import ArmdError, BadInput
+from armd.files import write_whole
 from armd.schema import load_toml, validate
 from armd.simulator.ahead import Ahead
 from armd.simulator.books import FaultLog, TruthFile
@@ -141,8 +142,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             load_toml(options.check, Scenario)
             return 0
         scenario = read_scenario(options)
+        for path in (options.arm_out, options.truth, options.fault_log, options.link):
+            if path is not None and not path.parent.is_dir():
+                raise BadInput(path, "the folder", "nothing", "an existing folder")
         if options.arm_out is not None:
-            options.arm_out.write_text(arm_toml(scenario.serial_number), encoding="utf-8")
+            write_whole(options.arm_out, arm_toml(scenario.serial_number))
         return run(scenario, options)
     except ArmdError as error:
         for fault in (error, *getattr(error, "more", ())):

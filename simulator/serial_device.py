@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Iterator
 
@@ -62,11 +63,11 @@ class SerialDevice:
     def run(self) -> None:
         """Live for the scenario's seconds, or until interrupted."""
         seconds = self._scenario.seconds
-        stop_k = None if seconds is None else round(seconds * self._crystal.rate_hz)
+        stop_k = sys.maxsize if seconds is None else round(seconds * self._crystal.rate_hz)
         self._crystal.start()
         self._boot()
-        while stop_k is None or self._k < stop_k:
-            due_k = self._crystal.latches_by(time.monotonic_ns())
+        while self._k < stop_k:
+            due_k = min(self._crystal.latches_by(time.monotonic_ns()), stop_k)
             while self._k < due_k:
                 if self._k >= self._schedule.next_change:
                     self._change_faults()

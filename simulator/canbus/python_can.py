@@ -9,6 +9,7 @@ from contextlib import suppress
 
 import can
 
+from armd.errors import BadInput
 from armd.simulator.canbus.wires import Frame, monotonic_ns
 
 LOOPBACK = socket.inet_aton("127.0.0.1")
@@ -28,12 +29,20 @@ class PythonCanWire:
 
     def up(self) -> None:
         if self._bus is None:
-            if self._interface == "udp_multicast":
-                group, port = self.address.split(":")
-                self._bus = can.Bus(interface=self._interface, channel=group, port=int(port))
-                _keep_on_loopback(self._bus, group)
-            else:
-                self._bus = can.Bus(interface=self._interface, channel=self.address)
+            try:
+                self._bus = self._join()
+            except (OSError, ValueError, can.CanError) as error:
+                raise BadInput(
+                    "command line", "--channel", self.address, f"a bus: {error}"
+                ) from None
+
+    def _join(self) -> can.BusABC:
+        if self._interface != "udp_multicast":
+            return can.Bus(interface=self._interface, channel=self.address)
+        group, port = self.address.split(":")
+        bus = can.Bus(interface=self._interface, channel=group, port=int(port))
+        _keep_on_loopback(bus, group)
+        return bus
 
     def down(self) -> None:
         if self._bus is not None:
