@@ -47,6 +47,7 @@ class Run:
     counters: dict[str, int]
     truth: np.ndarray
     truth_ns: np.ndarray  # the instant of each row of truth
+    withheld: set[int]  # what the simulator never sent whole
     windows: dict[str, tuple[int, int]] = field(default_factory=dict)  # begin and end of faults
 
     def during(self, fault, margin_s=0.0):
@@ -115,6 +116,7 @@ class EveryWire:
             counters,
             truth,
             instants,
+            arm.withheld() if arm.events("withheld") else set(),
             windows,
         )
 
@@ -196,6 +198,12 @@ class TestSerial(EveryWire):
             instants[own] = boot["latch_monotonic_ns"] + (seq - boot["seq"]) * period_ns
         _, windows = super().instants(arm, truth)
         return instants, windows
+
+    def test_every_sample_that_was_sent_whole_comes_exactly_once(self, run):
+        got = run.samples["seq"]
+        sent = run.truth["seq"]
+        expected = set(sent[(sent >= got[0]) & (sent <= got[-1])].tolist()) - run.withheld
+        assert got.tolist() == sorted(expected)
 
     def test_a_reboot_begins_an_epoch(self, run):
         assert run.samples["seq"][-1] >> 32 == 1 and len(run.told("reboot")) == 1
