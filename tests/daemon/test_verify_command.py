@@ -1,0 +1,74 @@
+"""`armd verify` on a simulated verification session: exit code, JSON, report."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armd.daemon.cli import main
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with arm.toml and the session `verify`."""
+    folder = tmp_path_factory.mktemp("measured")
+    command = [sys.executable, "-m", "armd.simulator", "--session", "verify", "--seed", "3"]
+    subprocess.run([*command, "-o", str(folder)], check=True, capture_output=True)
+    return folder
+
+
+def verify(measured: Path, *more: str) -> int:
+    session, arm = str(measured / "verify"), str(measured / "arm.toml")
+    return main(["verify", session, "--arm", arm, *more])
+
+
+def mpe(folder: Path, **limits: float) -> str:
+    lines = [f"{key} = {value}" for key, value in limits.items()]
+    path = folder / "mpe.toml"
+    path.write_text("\n".join(['schema = "armd.mpe/1"', "[mpe]", *lines]))
+    return str(path)
+
+
+def test_wide_limits_are_met(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = mpe(tmp_path, p_size_mm=0.2, p_form_mm=0.5, l_dia_mm=0.5, e_uni_mm=0.5)
+    result, report = tmp_path / "result.json", tmp_path / "report.html"
+    files = ["--json", str(result), "--report", str(report)]
+    assert verify(measured, "--mpe", limits, *files) == 0
+    assert "verdict: PASSED" in capsys.readouterr().out
+    data = json.loads(result.read_text())
+    assert data["passed"] is True
+    assert data["not_supported"] == {}
+    assert len(data["figures"]) == 10
+    assert len(data["figures"]["e_uni"]["deviations"]) == 105
+    assert {item["outcome"] for item in data["figures"].values()} == {"conforms", "not judged"}
+    text = report.read_text()
+    assert "E_Uni: every result" in text
+    assert "<script src" not in text, "opens offline"
+    assert "<link" not in text
+
+
+def test_a_narrow_limit_is_not(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert verify(measured, "--mpe", mpe(tmp_path, p_size_mm=0.2, e_uni_mm=0.001)) == 1
+    assert "verdict: FAILED" in capsys.readouterr().out
+
+
+def test_without_limits_no_verdict(measured: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert verify(measured) == 0
+    output = capsys.readouterr().out
+    assert "no verdict" in output
+    assert "verdict:" not in output.replace("no verdict", "")
+
+
+def test_unknown_limits_are_refused(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert verify(measured, "--mpe", mpe(tmp_path, p_sise_mm=0.2)) == 2
+    assert "mpe.p_sise_mm: found an unknown key" in capsys.readouterr().err
