@@ -13,17 +13,17 @@ import numpy as np
 from cobs import cobs
 
 from armd.drivers import serial_wire as wire
+from armd.drivers.assembler import SampleAssembler
 from armd.drivers.clock import WINDOW, DeviceClock
 from armd.drivers.identity import Expectation
-from armd.drivers.joint_watch import JointWatch
-from armd.drivers.sample import Event, Item, RawFrame, Temperatures, sample_dtype
-from armd.drivers.sequence import Rows, Run, SequenceExtender
-from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
+from armd.drivers.sample import Event, Item, RawFrame, Temperatures
+from armd.drivers.sequence import Rows, SequenceExtender
+from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 
 EPOCH = b"epoch "  # a "link" frame that says in which epoch a recording begins
 HELD_SAMPLES = 8192  # kept while nobody has said whose arm this is
 PINGS_REMEMBERED = 64
-COUNTED = ("samples", "bad_crc", "bad_cobs", "malformed", "unknown", "foreign", "unidentified")
+COUNTED = ("bad_crc", "bad_cobs", "malformed", "unknown", "foreign", "unidentified")
 
 
 class SerialDecoder:
@@ -41,16 +41,11 @@ class SerialDecoder:
         self.accepted = False  # whether `hello` is the expected arm's
         self.last_sample_ns: int | None = None  # arrival of the last good SAMPLE, host monotonic
         self._expected = expectation
-        self._max_rate = max_joint_rate_deg_s
-        self._dtype = sample_dtype(expectation.n_joints)
+        self._assembler = SampleAssembler(expectation.n_joints, self.clock, max_joint_rate_deg_s)
         self._splitter = wire.Splitter()
         self._synchronised = False  # a first 0x00 has been seen on this connection
         self._sequence = SequenceExtender()
-        self._status_watch = JointWatch("joint_invalid", "the arm calls it invalid")
-        self._jump_watch = JointWatch("count_jump", "its count jumped")
-        self._unwrapper: Unwrapper | None = None
         self._boot_id: int | None = None
-        self._published: int | None = None  # the last seq delivered
         self._pings: dict[int, RawFrame] = {}  # by nonce, sent and not answered yet
         self._greeting: RawFrame | None = None  # what told whose arm this is
         self._warmth: RawFrame | None = None  # what told the temperatures last
@@ -63,6 +58,7 @@ class SerialDecoder:
     def counters(self) -> dict[str, int]:
         """Good samples and each kind of packet that was not delivered, since the beginning."""
         return {name: self._counted[name] for name in COUNTED} | {
+            "samples": self._assembler.delivered,
             "junk": self._splitter.junk,
             "lost": self._sequence.lost,
             "repeated": self._sequence.repeated,
@@ -225,9 +221,7 @@ class SerialDecoder:
             items.append(Event("reboot", "the arm has rebooted", frame.monotonic_ns, "warning"))
         self._boot_id = hello.boot_id
         self._greeting = replace(frame, data=wire.encode_hello(hello))
-        if self._unwrapper is None:
-            ranges = [1 << b for b in hello.bits]
-            self._unwrapper = Unwrapper(ranges, ranges, self._max_rate)
+        self._assembler.set_bits(hello.bits)
         text = f"arm {hello.serial_number} identified, {hello.rate_hz} samples a second"
         items.append(Event("identified", text, frame.monotonic_ns, "info", detail))
         if hello.n_sensors != self._expected.n_sensors:
@@ -246,8 +240,7 @@ class SerialDecoder:
     def _new_boot(self) -> None:
         """The device's clock and its encoders' turns start afresh."""
         self._forget_clock()
-        if self._unwrapper is not None:
-            self._unwrapper.restart()
+        self._assembler.new_boot()
 
     # --- holding and delivering ----------------------------------------------------------
 
@@ -286,7 +279,7 @@ class SerialDecoder:
                 self.hello = None  # ask again, but go on: the line was never broken
                 text = "the arm has rebooted: its clock runs from zero again"
                 items.append(Event("reboot", text, arrival_ns, "warning"))
-            items += self._assemble(run, unix_ns - arrival_ns)
+            items += self._assembler.assemble(run, unix_ns - arrival_ns)
         return items
 
     def _temperatures(
@@ -300,35 +293,6 @@ class SerialDecoder:
             arrival_ns = int(self.clock.to_host(np.array([device_ns]))[0])
         stamp_ns = arrival_ns + unix_minus_monotonic_ns
         return Temperatures(celsius, device_ns, arrival_ns, stamp_ns)
-
-    def _assemble(self, run: Run, unix_minus_monotonic_ns: int) -> list[Item]:
-        rows = run.rows
-        out = np.zeros(len(rows), self._dtype)
-        t_us = rows["t_us"].astype(np.int64)
-        out["seq"] = run.seq
-        out["device_ns"] = device_ns = t_us * 1000
-        out["clock_mapped"] = self.clock.mapped
-        out["monotonic_ns"] = (
-            self.clock.to_host(device_ns)
-            if self.clock.mapped
-            else run.arrival_ns - (device_ns[-1] - device_ns)
-        )
-        out["stamp_ns"] = out["monotonic_ns"] + unix_minus_monotonic_ns
-        out["buttons"] = rows["buttons"]
-        status = rows["joint_status"].astype(np.uint16)
-        assert self._unwrapper is not None
-        out["count"], jumped = self._unwrapper(rows["count"].astype(np.int64), t_us, status)
-        out["joint_invalid"] = status | jumped
-        out["lost_before"][1:] = run.seq[1:] != run.seq[:-1] + np.uint64(1)
-        if self._published is not None:
-            out["lost_before"][0] = int(run.seq[0]) != self._published + 1
-        self._published = int(run.seq[-1])
-        self._counted["samples"] += len(rows)
-        return [
-            *self._status_watch.events(out, status),
-            *self._jump_watch.events(out, jumped),
-            out,
-        ]
 
 
 def _weight(what: Rows | wire.TemperatureReading) -> int:

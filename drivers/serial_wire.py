@@ -259,17 +259,21 @@ class Splitter:
         self._skipping = False
 
     def push(self, data: bytes) -> list[bytes]:
-        packets = (self._tail + data).split(b"\0")
+        stream = self._tail + data
+        packets = stream.split(b"\0")
         self._tail = packets.pop()
+        if self._skipping or len(stream) > PACKET_LIMIT:
+            packets = self._without_junk(packets)
+        return [packet for packet in packets if packet]
+
+    def _without_junk(self, packets: list[bytes]) -> list[bytes]:
         if self._skipping and packets:
             packets.pop(0)
             self._skipping = False
         if len(self._tail) > PACKET_LIMIT:
             self.junk += not self._skipping
             self._skipping = True
+        if self._skipping:
             self._tail = b""
-        elif self._skipping:
-            self._tail = b""
-        whole = [p for p in packets if 0 < len(p) <= PACKET_LIMIT]
-        self.junk += sum(len(p) > PACKET_LIMIT for p in packets)
-        return whole
+        self.junk += sum(len(packet) > PACKET_LIMIT for packet in packets)
+        return [packet for packet in packets if len(packet) <= PACKET_LIMIT]
