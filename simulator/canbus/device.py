@@ -64,7 +64,7 @@ class CanArm:
         seconds = self._scenario.seconds
         self._crystal.start()
         self._start_ns = self._crystal.instant_ns(0)
-        self._log.write("start", **self._now())
+        self._log.write("start", start_monotonic_ns=self._start_ns, **self._now())
         while seconds is None or self._elapsed_s() < seconds:
             frames = self._wire.receive(self._patience_s())
             syncs_left = sum(frame.can_id == can.SYNC_ID for frame in frames)

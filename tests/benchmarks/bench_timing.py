@@ -66,7 +66,7 @@ def _can(seconds: float) -> dict[str, Any]:
     before_ns, after_ns = true_ns[after - 1], true_ns[after]
     nearer = samples["monotonic_ns"] - before_ns < after_ns - samples["monotonic_ns"]
     latch_ns = np.where(nearer, before_ns, after_ns)
-    return _figures(samples, latch_ns, start["monotonic_ns"], 0.0, seconds)
+    return _figures(samples, latch_ns, start["start_monotonic_ns"], 0.0, seconds)
 
 
 def _samples(arm: SimulatedArm, config: SerialConfig | CanConfig) -> np.ndarray:
