@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import synthetic
 from synthetic import disturbed, session, tracked
+from threadpoolctl import threadpool_limits
 
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
@@ -29,7 +30,8 @@ ARCSEC = np.pi / 180 / 3600
 def identify(arm: Arm, observations: Observations, terms: list[Term] | None = None) -> Fit:
     terms = terms or []
     unknowns = Unknowns(free_constants(arm), range(len(terms)))
-    return fit(observations, arm.nominal(), terms, unknowns, arm.reference_temperature_c)
+    with threadpool_limits(limits=1, user_api="blas"):
+        return fit(observations, arm.nominal(), terms, unknowns, arm.reference_temperature_c)
 
 
 def known_directions(found: Fit) -> np.ndarray:
