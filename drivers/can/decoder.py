@@ -7,7 +7,6 @@ recorded like all others, so a recording replays to the same samples.
 from __future__ import annotations
 
 import json
-import math
 from collections import Counter
 from dataclasses import replace
 from typing import Any
@@ -18,6 +17,7 @@ from armd.drivers.can import objects as can
 from armd.drivers.can.cycle import LATE_MOST_NS, Cycle, CycleAssembler, Reading
 from armd.drivers.can.node import Node
 from armd.drivers.can.sync_time import SyncTime
+from armd.drivers.can.thermometers import Thermometers
 from armd.drivers.identity import Expectation
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Event, Item, RawFrame, SampleArray, Temperatures, sample_dtype
@@ -46,10 +46,10 @@ class CanDecoder:
         self._max_rate = max_joint_rate_deg_s
         self._dtype = sample_dtype(expectation.n_joints)
         joints = range(1, expectation.n_joints + 1)
-        modules = can.TEMPERATURE_NODES[: math.ceil(expectation.n_sensors / 6)]
+        self._thermometers = Thermometers(expectation.n_sensors)
         self.nodes = {k: Node(k, f"joint {k}") for k in joints} | {
             number: Node(number, f"temperature module {number:#x}", values_due=False)
-            for number in modules
+            for number in self._thermometers.nodes
         }
         self._joints = [self.nodes[k] for k in joints]
         self._assembler = CycleAssembler()
@@ -60,8 +60,6 @@ class CanDecoder:
         self._first_latch_ns: int | None = None
         self._published: int | None = None
         self._raw_counts = np.zeros(expectation.n_joints, np.int64)
-        self._celsius = np.full((len(modules), can.CHANNELS_PER_MODULE), np.nan)
-        self._arriving = self._celsius.copy()  # values whose status has not come yet
         self._foreign = False
         self._bus_was_down = False
         self._await_all = True  # a connection begins with all joints, or we learn which is missing
@@ -260,21 +258,15 @@ class CanDecoder:
     # --- temperatures ----------------------------------------------------------------------
 
     def _temperature_data(self, node: Node, pdo: int, data: bytes, frame: RawFrame) -> list[Item]:
-        self._warmth[node.number, pdo] = frame
-        module = can.TEMPERATURE_NODES.index(node.number)
-        if pdo < can.STATUS_PDO_NUMBER and len(data) == can.VALUES_PDO.size:
-            first = can.CHANNELS_PER_PDO * (pdo - 1)
-            values = np.array(can.VALUES_PDO.unpack(data)) * can.PROCESS_VALUE_UNIT_C
-            self._arriving[module, first : first + can.CHANNELS_PER_PDO] = values
-            return []
-        if pdo != can.STATUS_PDO_NUMBER or len(data) != can.STATUS_PDO.size:
+        try:
+            celsius = self._thermometers.take(node.number, pdo, data)
+        except ValueError:
             self._counted["malformed"] += 1
             return []
+        self._warmth[node.number, pdo] = frame
+        if celsius is None:
+            return []
         items: list[Item] = self._recovered(node, frame.monotonic_ns) if node.reported() else []
-        invalid = np.array(can.STATUS_PDO.unpack(data)) & 1
-        self._celsius[module] = np.where(invalid == 1, np.nan, self._arriving[module])
-        self._arriving[module] = np.nan  # the next reading must be new
-        celsius = self._celsius.ravel()[: self._expected.n_sensors].copy()
         device_ns = frame.monotonic_ns - (self._first_latch_ns or 0)
         return [*items, Temperatures(celsius, device_ns, frame.monotonic_ns, frame.unix_ns)]
 
@@ -338,7 +330,7 @@ class CanDecoder:
             return []
         detail: dict[str, Any] = {"node": node.number, "reason": fault}
         if node.number in can.TEMPERATURE_NODES:
-            self._celsius[can.TEMPERATURE_NODES.index(node.number)] = np.nan
+            self._thermometers.lose(node.number)
             return [Event("sensors_lost", f"{node.name}: {fault}", now_ns, "error", detail)]
         detail["joint"] = node.number
         return [Event("joint_invalid", f"{node.name}: {fault}", now_ns, "error", detail)]
