@@ -9,7 +9,7 @@ from armd.compensation import kernel, parameters
 from armd.compensation.arm import Arm
 from armd.compensation.basis import Delay, basis_values
 from armd.compensation.calibration import LoadedCalibration
-from armd.compensation.kernel import BLOCK, Amounts, State
+from armd.compensation.kernel_state import BLOCK, Amounts, State, fold
 from armd.compensation.points import fill
 from armd.compensation.program import by_parameter, compile_terms, state_of
 from armd.compensation.state import Lag, States
@@ -60,7 +60,7 @@ class Model:
         call. A sensor that a term uses must have a value.
         """
         values = self._values(_instants(celsius[None, :], unix_s, self.arm), self._lagged)[0]
-        kernel.fold(values, self._amounts, self.state)
+        fold(values, self._amounts, self.state)
         if self._uncertainty.known:
             # One row per sensor that reads one standard deviation too high.
             each = celsius + self._uncertainty.temperature_c * np.eye(len(celsius))

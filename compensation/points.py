@@ -7,17 +7,9 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.kernel import (
-    BLOCK,
-    Program,
-    State,
-    Work,
-    opened,
-    quaternion,
-    take_angles,
-    to_world,
-    to_world_posed,
-)
+from armd.compensation.kernel import take_angles, to_world, to_world_posed
+from armd.compensation.kernel_chain import quaternion
+from armd.compensation.kernel_state import BLOCK, Program, State, Work, opened
 from armd.compensation.kinematics import compiled_jacobian
 from armd.jit import jit
 

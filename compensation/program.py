@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import kernel, parameters
+from armd.compensation import kernel_factors as codes
+from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.basis import AXES, curve_spline
 from armd.compensation.gravity import STANDARD_GRAVITY, link_masses
-from armd.compensation.kernel import BLOCK, Folded, Program, State
+from armd.compensation.kernel_state import BLOCK, Folded, Program, State
 from armd.compensation.terms import (
     SLOW_FACTORS,
     Angle,
@@ -59,9 +60,9 @@ def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
             term_factors.append(distinct[key])
         factor_first.append(len(term_factors))
     kinds = {kind for kind, _, _ in rows}
-    levers = bool(kinds & {kernel.TORQUE, kernel.MOMENT})
-    down = levers or kernel.DIRECTION in kinds
-    toward = kernel.APPROACH_TIP in kinds
+    levers = bool(kinds & {codes.TORQUE, codes.MOMENT})
+    down = levers or codes.DIRECTION in kinds
+    toward = codes.APPROACH_TIP in kinds
     return Program(
         parameter=parameter,
         first=np.searchsorted(parameter, groups).astype(np.int64),
@@ -96,26 +97,26 @@ def _code(factor: Factor, curve_at: int) -> tuple[int, int, int]:
     match factor:
         case Harmonic():
             return (
-                kernel.SIN if factor.kind == "sin" else kernel.COS,
+                codes.SIN if factor.kind == "sin" else codes.COS,
                 factor.joint - 1,
                 factor.order,
             )
         case Angle():
-            return kernel.ANGLE, factor.joint - 1, factor.power
+            return codes.ANGLE, factor.joint - 1, factor.power
         case Curve():
-            return kernel.CURVE, factor.joint - 1, curve_at
+            return codes.CURVE, factor.joint - 1, curve_at
         case GravityTorque():
-            return kernel.TORQUE, factor.joint - 1, 0
+            return codes.TORQUE, factor.joint - 1, 0
         case GravityDirection():
-            return kernel.DIRECTION, factor.link - 1, AXES.index(factor.axis)
+            return codes.DIRECTION, factor.link - 1, AXES.index(factor.axis)
         case GravityMoment():
-            return kernel.MOMENT, factor.link - 1, AXES.index(factor.axis)
+            return codes.MOMENT, factor.link - 1, AXES.index(factor.axis)
         case Side():
-            return kernel.SIDE, factor.joint - 1, 0
+            return codes.SIDE, factor.joint - 1, 0
         case Rate():
-            return kernel.RATE, factor.joint - 1, 0
+            return codes.RATE, factor.joint - 1, 0
         case Approach():
-            kind = kernel.APPROACH if factor.frame == "base" else kernel.APPROACH_TIP
+            kind = codes.APPROACH if factor.frame == "base" else codes.APPROACH_TIP
             return kind, 0, AXES.index(factor.axis)
         case _:
             raise AssertionError(f"{factor.kind} is no pose factor")

@@ -1,0 +1,207 @@
+"""From the tip to the world, joint after joint: the kernel's inner loops over a block.
+
+Rows of a work array are addressed by constants or by one offset plus constants: that is how LLVM
+proves that they do not overlap.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.kernel_state import BLOCK, Folded, Program, Work
+from armd.jit import jit
+
+F64 = npt.NDArray[np.float64]
+
+# π/2 in three parts, the first two short enough for exact products (Cody and Waite).
+_HALF_PI_1 = 2 * 7.85398125648498535156e-1
+_HALF_PI_2 = 2 * 3.77489470793079817668e-8
+_HALF_PI_3 = 2 * 2.69515142907905952645e-15
+
+
+@jit
+def sincos(angle: F64, first: int, rows: int, order: float, out: F64, to: int) -> None:
+    """Sines and cosines of order · angle, error below 2e-16, in turn from row *to* of *out* on.
+
+    Reduction to ±π/4 by multiples of π/2, minimax polynomials (Cephes), quadrant by arithmetic.
+    """
+    for k in range(rows):
+        _sincos_row(angle, first + k, order, out, to + 2 * k)
+
+
+@jit
+def _sincos_row(angle: F64, row: int, order: float, out: F64, to: int) -> None:
+    for i in range(BLOCK):
+        x = order * angle[row, i]
+        j = np.floor(x * (2 / math.pi) + 0.5)
+        r = ((x - j * _HALF_PI_1) - j * _HALF_PI_2) - j * _HALF_PI_3
+        z = r * r
+        s = 1.58962301576546568060e-10 * z - 2.50507477628578072866e-8
+        s = s * z + 2.75573136213857245213e-6
+        s = s * z - 1.98412698295895385996e-4
+        s = s * z + 8.33333333332211858878e-3
+        s = s * z - 1.66666666666666307295e-1
+        s = r + r * z * s
+        c = -1.13585365213876817300e-11 * z + 2.08757008419747316778e-9
+        c = c * z - 2.75573141792967388112e-7
+        c = c * z + 2.48015872888517045348e-5
+        c = c * z - 1.38888888888730564116e-3
+        c = c * z + 4.16666666666665929218e-2
+        c = 1.0 - 0.5 * z + z * z * c
+        quadrant = j - 4.0 * np.floor(j * 0.25)
+        odd = abs(quadrant - 2.0) == 1.0
+        sign = -1.0 if quadrant > 1.5 else 1.0
+        out[to, i] = sign * (c if odd else s)
+        out[to + 1, i] = sign * (-s if odd else c)
+
+
+@jit
+def start_vectors(vectors: F64, v: int, tip: F64) -> None:
+    """Rows v … v + 2: the tip's offset; from v = 3 on: the x and the y axis. In the last frame."""
+    if v == 3:
+        for row in range(3, 9):
+            value = 1.0 if row in (3, 7) else 0.0
+            for i in range(BLOCK):
+                vectors[row, i] = value
+        return
+    for axis in range(3):
+        value = tip[axis]
+        for i in range(BLOCK):
+            vectors[v + axis, i] = value
+
+
+@jit
+def fixed(matrices: F64, high: int, low: int, trig: F64, vectors: F64, v: int) -> None:
+    """Take rows v … v + 2 from link *high* through the joints *high* … *low*.
+
+    That is to link *low* − 1; *low* = 0 takes them through the base to the world as well. Rows
+    3–8 are axes, which have no place.
+    """
+    place = 0.0 if 3 <= v < 9 else 1.0
+    for k in range(high, max(low, 1) - 1, -1):
+        _fixed_joint(matrices, k, place, trig, vectors, v)
+    if low == 0 and _displaced(matrices):
+        _fixed_base(matrices, place, vectors, v)
+
+
+@jit
+def _fixed_joint(matrices: F64, k: int, place: float, trig: F64, vectors: F64, v: int) -> None:
+    m00, m01, m02, m03 = matrices[k, 0, 0], matrices[k, 0, 1], matrices[k, 0, 2], matrices[k, 0, 3]
+    m10, m11, m12, m13 = matrices[k, 1, 0], matrices[k, 1, 1], matrices[k, 1, 2], matrices[k, 1, 3]
+    m20, m21, m22, m23 = matrices[k, 2, 0], matrices[k, 2, 1], matrices[k, 2, 2], matrices[k, 2, 3]
+    m03, m13, m23 = m03 * place, m13 * place, m23 * place
+    sine = 2 * (k - 1)
+    for i in range(BLOCK):
+        x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
+        s, c = trig[sine, i], trig[sine + 1, i]
+        along = m00 * x + m01 * y + m02 * z + m03
+        across = m10 * x + m11 * y + m12 * z + m13
+        vectors[v, i] = c * along - s * across
+        vectors[v + 1, i] = s * along + c * across
+        vectors[v + 2, i] = m20 * x + m21 * y + m22 * z + m23
+
+
+@jit
+def _displaced(matrices: F64) -> bool:
+    """Whether the base does not stand where the drawing has it, which is rare."""
+    for row in range(3):
+        for column in range(4):
+            if matrices[0, row, column] != (1.0 if row == column else 0.0):
+                return True
+    return False
+
+
+@jit
+def _fixed_base(matrices: F64, place: float, vectors: F64, v: int) -> None:
+    m00, m01, m02, m03 = matrices[0, 0, 0], matrices[0, 0, 1], matrices[0, 0, 2], matrices[0, 0, 3]
+    m10, m11, m12, m13 = matrices[0, 1, 0], matrices[0, 1, 1], matrices[0, 1, 2], matrices[0, 1, 3]
+    m20, m21, m22, m23 = matrices[0, 2, 0], matrices[0, 2, 1], matrices[0, 2, 2], matrices[0, 2, 3]
+    m03, m13, m23 = m03 * place, m13 * place, m23 * place
+    for i in range(BLOCK):
+        x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
+        vectors[v, i] = m00 * x + m01 * y + m02 * z + m03
+        vectors[v + 1, i] = m10 * x + m11 * y + m12 * z + m13
+        vectors[v + 2, i] = m20 * x + m21 * y + m22 * z + m23
+
+
+@jit
+def spread(
+    group: int, offset: int, rows: int, folded: Folded, program: Program, work: Work
+) -> None:
+    """A group's parameters from *offset* on, sample by sample: rows of `work.posed`."""
+    for row in range(rows):
+        value = folded.parameters[offset + row]
+        for i in range(BLOCK):
+            work.posed[row, i] = value
+    product = work.product
+    for t in range(program.first[group], program.first[group + 1]):
+        coefficient = folded.coefficients[t]
+        for i in range(BLOCK):
+            product[0, i] = coefficient
+        for j in range(program.factor_first[t], program.factor_first[t + 1]):
+            f = program.term_factors[j]
+            for i in range(BLOCK):
+                product[0, i] *= work.factors[f, i]
+        row = program.parameter[t] - offset
+        for i in range(BLOCK):
+            work.posed[row, i] += product[0, i]
+
+
+@jit
+def posed_joint(k: int, folded: Folded, program: Program, work: Work, turned: int) -> None:
+    """Like `_fixed` for joint k (from 0), its five parameters differing from sample to sample."""
+    spread(k, 5 * k, 5, folded, program, work)
+    posed, angle, vectors = work.posed, work.angle, work.vectors
+    for i in range(BLOCK):
+        posed[0, i] += angle[k, i]
+    sincos(posed, 0, 1, 1.0, posed, 6)
+    sincos(posed, 3, 2, 1.0, posed, 8)
+    for v in range(0, 3 * turned, 3):
+        shift = 1.0 if v == 0 else 0.0
+        for i in range(BLOCK):
+            x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
+            x, z = posed[11, i] * x + posed[10, i] * z, posed[11, i] * z - posed[10, i] * x
+            y, z = posed[9, i] * y - posed[8, i] * z, posed[8, i] * y + posed[9, i] * z
+            x += shift * posed[2, i]
+            vectors[v, i] = posed[7, i] * x - posed[6, i] * y
+            vectors[v + 1, i] = posed[6, i] * x + posed[7, i] * y
+            vectors[v + 2, i] = z + shift * posed[1, i]
+
+
+@jit
+def posed_base(n_joints: int, folded: Folded, program: Program, work: Work, turned: int) -> None:
+    """The base's displacement, differing from sample to sample."""
+    spread(n_joints + 1, 5 * n_joints + 3, 6, folded, program, work)
+    posed, vectors = work.posed, work.vectors
+    sincos(posed, 3, 3, 1.0, posed, 6)
+    for v in range(0, 3 * turned, 3):
+        shift = 1.0 if v == 0 else 0.0
+        for i in range(BLOCK):
+            x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
+            y, z = posed[7, i] * y - posed[6, i] * z, posed[6, i] * y + posed[7, i] * z
+            x, z = posed[9, i] * x + posed[8, i] * z, posed[9, i] * z - posed[8, i] * x
+            vectors[v, i] = posed[11, i] * x - posed[10, i] * y + shift * posed[0, i]
+            vectors[v + 1, i] = posed[10, i] * x + posed[11, i] * y + shift * posed[1, i]
+            vectors[v + 2, i] = z + shift * posed[2, i]
+
+
+@jit
+def quaternion(vectors: F64, i: int) -> tuple[float, float, float, float]:
+    """x, y, z, w ≥ 0 of the frame whose x and y axes stand in rows 3–8 (Shepperd's choice)."""
+    xx, yx, zx = vectors[3, i], vectors[4, i], vectors[5, i]
+    xy, yy, zy = vectors[6, i], vectors[7, i], vectors[8, i]
+    xz, yz, zz = yx * zy - zx * yy, zx * xy - xx * zy, xx * yy - yx * xy
+    trace = xx + yy + zz
+    if trace > max(xx, yy, zz):
+        x, y, z, w = zy - yz, xz - zx, yx - xy, 1.0 + trace
+    elif xx > yy and xx > zz:
+        x, y, z, w = 1.0 + xx - yy - zz, yx + xy, xz + zx, zy - yz
+    elif yy > zz:
+        x, y, z, w = yx + xy, 1.0 + yy - xx - zz, zy + yz, xz - zx
+    else:
+        x, y, z, w = xz + zx, zy + yz, 1.0 + zz - xx - yy, yx - xy
+    scale = math.copysign(1.0 / math.sqrt(x * x + y * y + z * z + w * w), w)
+    return scale * x, scale * y, scale * z, scale * w
