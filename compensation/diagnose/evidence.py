@@ -217,16 +217,3 @@ def _log_prior(scores: Scores) -> F64:
             share = UNKNOWN_PRIOR if candidate.cause == "unknown" else (1 - UNKNOWN_PRIOR) / named
             prior[i] = np.log(share / (places[candidate.cause] * grid[candidate.place]))
     return prior
-
-
-def effective_tests(least_log_p: F64) -> float:
-    """How many independent tests the candidates amount to: median of the smallest p = ½^(1/K)."""
-    if not len(least_log_p):
-        return 1.0
-    median = float(np.median(least_log_p))
-    return max(1.0, float(-np.log(2.0) / np.log1p(-min(np.exp(median), 0.999))))
-
-
-def family_wise(log_p: float, tests: float) -> float:
-    """Probability that the smallest of *tests* p values falls below exp(log_p) by chance."""
-    return float(-np.expm1(tests * np.log1p(-min(np.exp(log_p), 1.0 - 1e-15))))

@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import chi2
 
-from armd.compensation.diagnose.evidence import family_wise, inverse_factor
+from armd.compensation.diagnose.evidence import inverse_factor
 from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.threshold import family_wise
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -28,6 +28,7 @@ from armd.compensation.kinematics import jacobian, joint_jacobian
 from armd.compensation.session import Session
 from armd.compensation.state import States
 from armd.compensation.terms import Term
+from armd.errors import BadInput
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -53,7 +54,8 @@ class Rests:
     sessions: tuple[Session, ...]
     observations: Observations  # n rests
     artefact_rise_c: F64  # (n,) artefact temperature − its reference, 0 missing
-    rest_of: I64  # (readings,) rest of each reading, counted through all sessions
+    rest_of: I64  # (readings,) rest of each reading, through all sessions; −1 not used
+    first: I64  # (n,) a reading of each rest
     target_label: tuple[str, ...]  # per target: its name within the artefact
 
     @property
@@ -104,11 +106,17 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
     """Join sessions and average the readings of each rest."""
     raw = gather(sessions, arm)
     rise = np.concatenate([s.artefact_c - s.artefact.reference_temperature_c for s in sessions])
+    used = _complete(raw, arm)
+    raw, rise = raw.rows(used), rise[used]
     rest_of = _rests(raw)
     first = np.unique(rest_of, return_index=True)[1]
+    rest_of_reading = np.full(len(used), -1, dtype=np.int64)
+    rest_of_reading[used] = rest_of
     states = raw.states
 
     def mean(values: F64) -> F64:
+        if values.size == 0:  # no sensors
+            return values[first]
         flat = values.reshape(len(values), -1)
         sums = np.stack([np.bincount(rest_of, column) for column in flat.T], axis=1)
         average: F64 = (sums / np.bincount(rest_of)[:, None]).reshape(-1, *values.shape[1:])
@@ -131,7 +139,22 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
         stretch=mean(raw.stretch),
     )
     labels = tuple(name for s in sessions for name in s.artefact.target_names)
-    return Rests(tuple(sessions), observations, np.nan_to_num(mean(rise)), rest_of, labels)
+    return Rests(
+        tuple(sessions),
+        observations,
+        np.nan_to_num(mean(rise)),
+        rest_of_reading,
+        np.flatnonzero(used)[first],
+        labels,
+    )
+
+
+def _complete(raw: Observations, arm: Arm) -> npt.NDArray[np.bool_]:
+    """Readings that have the temperatures of all joints; all of them, if none has."""
+    needed = [s for s in arm.sensors if any(joint.weights.get(s) for joint in arm.joint)]
+    columns = [arm.sensors.index(name) for name in needed]
+    complete = np.asarray(np.isfinite(raw.states.temperature_c[:, columns]).all(axis=1))
+    return complete if complete.any() else np.ones(raw.n, dtype=bool)
 
 
 def _rests(raw: Observations) -> I64:
@@ -165,6 +188,9 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     parameters[:, : 3 * n] = columns.reshape(3 * n, -1).T
     residual = np.zeros(size)
     residual[: 3 * n] = poses.residual(observations, position).ravel()
+    if not np.isfinite(residual).all():
+        files = ", ".join(str(session.path) for session in rests.sessions)
+        raise BadInput(files, "temperatures", "none", "those that the model under test needs")
     apart = poses.target_mm[distances.between[:, 0]] - poses.target_mm[distances.between[:, 1]]
     length = np.linalg.norm(apart, axis=1)
     residual[3 * n :] = length - distances.length_mm
@@ -184,10 +210,9 @@ def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
     """The observations under a correction of the artefact, as `identify` applies it."""
     observations = rests.observations
     corrected = gather(rests.sessions, observations.arm, correction)
-    first = np.unique(rests.rest_of, return_index=True)[1]
     return replace(
         observations,
-        stretch=corrected.stretch[first],
+        stretch=corrected.stretch[rests.first],
         position_mm=corrected.position_mm,
     )
 

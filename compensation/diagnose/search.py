@@ -15,18 +15,12 @@ import numpy.typing as npt
 from armd.compensation.arm import Arm
 from armd.compensation.diagnose.angles import between
 from armd.compensation.diagnose.baseline import Baseline
-from armd.compensation.diagnose.evidence import (
-    Scores,
-    Sums,
-    add_up,
-    effective_tests,
-    family_wise,
-    score,
-)
+from armd.compensation.diagnose.evidence import Scores, Sums, add_up, score
 from armd.compensation.diagnose.fit import Fit, fit
 from armd.compensation.diagnose.problem import Rests
 from armd.compensation.diagnose.scene import make_scene
 from armd.compensation.diagnose.signatures import Signatures, compile_candidates
+from armd.compensation.diagnose.threshold import effective_tests, family_wise, noise_draws
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, Scene
 from armd.compensation.effects.mount_drift import steady_drift
@@ -34,11 +28,11 @@ from armd.compensation.effects.mount_drift import steady_drift
 F64 = npt.NDArray[np.float64]
 
 ALPHA = 0.01  # family-wise false-alarm rate on clean data
-DRAWS = 200
 MOST_FINDINGS = 10
 MOST_STEPS = 16
 #: A finding is renamed when another name is so many times as probable.
 CLEARLY = 10.0
+MOST_RENAMINGS = 3
 #: A place this much less probable than the best is still told as an alternative.
 LEAST_PROBABILITY = 0.01
 MOST_RIVALS = 8
@@ -119,7 +113,11 @@ class Search:
             seen.add(key)
             current = self._pruned(self._fit(findings, current))
             sums, scores = self._survey(current)
-            current, sums, scores = self._swapped(current, sums, scores)
+            for _ in range(MOST_RENAMINGS):
+                before = current
+                current, sums, scores = self._swapped(current, sums, scores)
+                if current is before:
+                    break
         remaining = family_wise(float(scores.log_p.min(initial=0.0)), self._tests)
         found = _honest([self._account(i, current, sums) for i in range(len(current.findings))])
         steps = [first] if current.findings else []
@@ -162,8 +160,6 @@ class Search:
 
     def _swapped(self, current: Fit, sums: Sums, scores: Scores) -> tuple[Fit, Sums, Scores]:
         """With a finding renamed where, all others given, another name is clearly likelier."""
-        if len(current.findings) < 2:
-            return current, sums, scores
         for i, candidate in enumerate(current.findings):
             at = current.layout.findings[i]
             alone = score(sums, range(at.start, at.stop))
@@ -186,7 +182,7 @@ class Search:
         """All candidates against what is left; the threshold is simulated the first time."""
         if self._signatures is None:
             self._signatures = compile_candidates(self._candidates, current.linear, self.arm)
-            draws = _draws(current, self._seed)
+            draws = noise_draws(current, self._seed)
         else:
             draws = None
         sums = add_up(
@@ -305,23 +301,3 @@ def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
         else replace(f, candidate=replace(f.candidate, cause="unknown"))
         for f in found
     )
-
-
-def _draws(current: Fit, seed: int) -> F64:
-    """Whitened noise (N, R) with no effect in it but with the tails that the residuals have.
-
-    Every rest keeps its own residual in size; its sign is drawn anew. What rests share is drawn
-    from its variance.
-    """
-    rng = np.random.default_rng(seed)
-    n = 3 * current.linear.rests.n
-    left = current.noise.whiten(current.residual - current.fitted)
-    left /= np.sqrt(np.mean(left[:n] ** 2))
-    signs = np.ones((len(left), DRAWS))
-    signs[:n] = np.repeat(rng.choice([-1.0, 1.0], (n // 3, DRAWS)), 3, axis=0)
-    signs[n:] = rng.standard_normal((len(left) - n, DRAWS))
-    draws = left[:, None] * signs
-    finite = np.isfinite(current.absorbing.variance)
-    columns = current.noise.whiten(current.absorbing.columns[:, finite])
-    spread = np.sqrt(current.absorbing.variance[finite])
-    return draws + columns @ (spread[:, None] * rng.standard_normal((int(finite.sum()), DRAWS)))
