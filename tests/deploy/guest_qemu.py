@@ -16,7 +16,7 @@ for module in /modules/*; do /busybox insmod $module; done
 /busybox mount -t devtmpfs dev /dev
 /busybox mount -t ext4 /dev/vda /root
 /busybox mount -t devtmpfs dev /root/dev
-exec /busybox switch_root /root ${init:-/sbin/init}
+exec /busybox switch_root /root /sbin/init
 """
 
 
@@ -35,7 +35,7 @@ class Qemu:
     def command(self, disks: Sequence[Path], words: str) -> list[str]:
         tools = unpacked("qemu-system-x86")
         # Its libraries and firmware lie where they were unpacked, not where it was built to look.
-        libraries = ":".join(str(path) for path in tools.glob("usr/lib/*-linux-gnu"))
+        libraries = ":".join(str(path) for path in tools.glob("**/*-linux-gnu"))
         drives = [["-drive", f"file={disk},format=raw,if=virtio"] for disk in disks]
         return [
             *("env", f"LD_LIBRARY_PATH={libraries}", str(tools / "usr/bin/qemu-system-x86_64")),
