@@ -46,8 +46,8 @@ class MetricsServer:
 
 
 def render(health: dict[str, Any]) -> str:
-    """OpenMetrics text of a health message; an empty one (nothing published yet) has no metrics."""
-    return "\n".join([*(_lines(health) if health else ()), "# EOF", ""])
+    """OpenMetrics text of a health message."""
+    return "\n".join([*_lines(health), "# EOF", ""])
 
 
 def _lines(health: dict[str, Any]) -> Iterator[str]:

@@ -64,6 +64,7 @@ class Service:
         self._systemd = Systemd()
         now_ns = time.monotonic_ns()
         self._supervisor = Supervisor(config, driver, arm, now_ns)
+        self._publisher.put_health(self._supervisor.health(now_ns))  # "starting"
         self._next_tick_ns = now_ns
         self._stopping = False
         self._reload_asked = False
@@ -75,7 +76,7 @@ class Service:
         self._reload_asked = True
 
     def health(self) -> dict[str, Any]:
-        """The health message last published; empty before the first second is over."""
+        """The health message last published."""
         return self._publisher.health
 
     def run(self) -> None:

@@ -16,7 +16,6 @@ from armd.errors import ArmdError
 
 SIMULATOR = [sys.executable, "-m", "armd.simulator"]
 ARMD = [sys.executable, "-m", "armd.daemon.cli"]
-START_S = 60.0
 STOP_S = 5.0
 
 CONFIG = """\

@@ -39,11 +39,3 @@ def test_a_scrape():
     assert 'armd_temperature_celsius{serial="SIM-1",sensor="t1"} 20.5' in lines
     assert not any('sensor="t2"' in line for line in lines)
     assert lines[-1] == "# EOF"
-
-
-def test_before_the_first_second_there_is_nothing_to_tell():
-    with (
-        closing(MetricsServer(0, dict)) as server,
-        urllib.request.urlopen(f"http://127.0.0.1:{server.port}/metrics") as reply,
-    ):
-        assert reply.read() == b"# EOF\n"
