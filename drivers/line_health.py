@@ -14,7 +14,7 @@ BACK_OFF_FIRST_NS, BACK_OFF_MOST_NS = 20_000_000, 200_000_000
 
 
 class LineHealth:
-    """Knows since when no sample has come, and what is the matter if something is.
+    """Knows since when the arm is not heard, and what is the matter if something is.
 
     Silence is reported after 0.5 s; as long as it lasts, the line is to be opened afresh every
     *renew_ns*. Attempts to open it back off, shortly: recovery has a second to happen.
@@ -35,7 +35,7 @@ class LineHealth:
 
     @property
     def quiet_ns(self) -> int:
-        """Time without a sample."""
+        """Time without a word from the arm."""
         return time.monotonic_ns() - self._quiet_since_ns
 
     @property
@@ -58,15 +58,15 @@ class LineHealth:
         return [Event(kind, text, now_ns, "error", {"line": self._name})]
 
     def silent(self, now_ns: int) -> list[Item]:
-        """No sample for too long: an event, unless it is known; open the line afresh at once."""
-        events = self.lost("silence", f"no sample for 0.5 s on {self._name}", now_ns)
+        """Nothing for too long: an event, unless it is known; open the line afresh at once."""
+        events = self.lost("silence", f"nothing heard for 0.5 s on {self._name}", now_ns)
         self.open_due_ns = now_ns
         return events
 
     def heard(self, at_ns: int | None, items: list[Item]) -> list[Item]:
         """*items*, with a word on the recovery before the first samples after a loss.
 
-        *at_ns*: when the last good sample came, delivered or not.
+        *at_ns*: when the arm was last heard, whether or not that was delivered.
         """
         if at_ns is not None:
             self._quiet_since_ns = max(self._quiet_since_ns, at_ns)

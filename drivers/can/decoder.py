@@ -40,7 +40,8 @@ class CanDecoder:
         rate_hz: float,
         max_joint_rate_deg_s: float = MAX_JOINT_RATE_DEG_S,
     ) -> None:
-        self.last_sample_ns: int | None = None
+        self.last_sample_ns: int | None = None  # arrivals, host monotonic
+        self.last_heard_ns: int | None = None  # of any frame of one of our nodes
         self._expected = expectation
         self._period_ns = round(1e9 / rate_hz)
         self._max_rate = max_joint_rate_deg_s
@@ -127,6 +128,7 @@ class CanDecoder:
             self._counted["unknown"] += function != can.NMT_ID
             return []
         self._heard = True
+        self.last_heard_ns = now_ns
         if function == can.HEARTBEAT_BASE and len(message.data) == 1:
             fault = node.heartbeat(message.data[0] & 0x7F)
             return self._failed(node, fault, now_ns)

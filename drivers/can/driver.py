@@ -53,11 +53,15 @@ class CanDriver:
 
     @property
     def connected(self) -> bool:
-        return self._decoder.accepted and self._line.quiet_ns < SILENCE_NS
+        return self._decoder.accepted and self._without_sample_ns < SILENCE_NS
 
     @property
     def stale(self) -> bool:
-        return not self._decoder.accepted or self._line.quiet_ns > STALE_NS
+        return not self._decoder.accepted or self._without_sample_ns > STALE_NS
+
+    @property
+    def _without_sample_ns(self) -> int:
+        return time.monotonic_ns() - (self._decoder.last_sample_ns or 0)
 
     @property
     def counters(self) -> dict[str, int]:
@@ -132,7 +136,7 @@ class CanDriver:
             if message.identifier & ~0x7F == SDO_REPLY_BASE:
                 network.notify(message.identifier, bytearray(message.data), 0.0)
             frame = network.receive(0.0)
-        return self._line.heard(self._decoder.last_sample_ns, items)
+        return self._line.heard(self._decoder.last_heard_ns, items)
 
     def _sync_if_due(self, network: OwnNetwork) -> None:
         now_ns = time.monotonic_ns()

@@ -229,7 +229,7 @@ class EveryCan(EveryWire):
         ("fault", "reason"),
         [
             ("emcy", "emergency 0x5000"),
-            ("node_silent", "its heartbeat is lost"),
+            ("node_silent", ""),  # its heartbeat or its values, whichever is missed first
             ("node_reboot", ""),  # its silence or its boot-up, whichever is seen first
             ("heartbeat_loss", "its heartbeat is lost"),
         ],
