@@ -23,6 +23,7 @@ F64 = npt.NDArray[np.float64]
 
 #: Points of a curve over the turn: over ten to the shortest period there is.
 CURVE_POINTS = 360
+SEEN_POINTS = 3  # to either side of an angle measured
 NEGLIGIBLE = 1e-9  # of an effect's largest term
 
 
@@ -48,7 +49,7 @@ def extended(
         last.findings, last.amplitudes, last.layout.findings, strict=True
     ):
         if len(candidate.columns) > MOST_FREE_COLUMNS:
-            terms.append(_curve(candidate, values))
+            terms.append(_curve(candidate, values, last.linear.rests.observations.states.q))
             continue
         label = f"{candidate.cause} {candidate.location}"
         for j, column in enumerate(candidate.columns):
@@ -100,8 +101,12 @@ def _own_rows(baseline: Baseline, last: Fit, names: list[str]) -> list[tuple[str
     return rows
 
 
-def _curve(candidate: Candidate, values: F64) -> Term:
-    """Many harmonics of one joint as one curve over the turn: one factor for the live path."""
+def _curve(candidate: Candidate, values: F64, q: F64) -> Term:
+    """Many harmonics of one joint as one curve over the turn: one factor for the live path.
+
+    Where the joint never stood (angles *q* (n, N) of the rests), nothing is known: the curve is
+    its own mean there, not what the harmonics happen to do.
+    """
     turn = np.linspace(0.0, 2 * np.pi, CURVE_POINTS, endpoint=False)
     heights = np.zeros(CURVE_POINTS)
     joint, parameter = 1, ""
@@ -112,12 +117,24 @@ def _curve(candidate: Candidate, values: F64) -> Term:
         wave = np.sin if factor.kind == "sin" else np.cos
         heights += term.coefficient * float(value) * wave(factor.order * turn)
         joint, parameter = factor.joint, term.parameter
+    seen = _seen(q[:, joint - 1])
+    heights[~seen] = heights[seen].mean()
     return Term(
         parameter=parameter,
         basis=[Curve(joint=joint, values=heights.tolist())],
         coefficient=1.0,
         effect=f"{candidate.cause} {candidate.location}",
     )
+
+
+def _seen(angle: F64) -> npt.NDArray[np.bool_]:
+    """Points of the curve near which a joint stood."""
+    step = 2 * np.pi / CURVE_POINTS
+    at = np.round(angle / step).astype(int)
+    seen = np.zeros(CURVE_POINTS, dtype=bool)
+    for shift in range(-SEEN_POINTS, SEEN_POINTS + 1):
+        seen[(at + shift) % CURVE_POINTS] = True
+    return seen
 
 
 def _artefact(

@@ -28,7 +28,7 @@ LENGTH_MM = 200.0
 MOST_STEPS = 6
 #: Findings of more columns than this are curves, held together by the catalogue's sizes.
 MOST_FREE_COLUMNS = 6
-CURVE_SCALE = 10.0
+CURVE_SCALE = 3.0
 #: Where the data leave constants open (the last joint's turn against the tip's offset), the
 #: solution nearest to the model under test is taken: as if each were known this well.
 GAUGE = {"mm": 1.0, "rad": 2e-3}
