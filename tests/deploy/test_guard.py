@@ -68,7 +68,8 @@ class Floor:
         publisher = cleanup.enter_context(closing(Publisher(session, SERIAL)))
         publisher.events.put({"kind": "test"})
         commands = {"reload": lambda _: "reloaded"}
-        queries = Queries(session, SERIAL, publisher, lambda: {"arm": SERIAL}, commands)
+        info = {"arm": SERIAL}
+        queries = Queries(session, SERIAL, publisher, lambda: info, list, commands)
         over = threading.Event()
 
         def answer() -> None:
