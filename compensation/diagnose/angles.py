@@ -1,12 +1,14 @@
-"""How alike two causes look: the principal angle between their projected signatures."""
+"""How alike two causes look to these data."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import subspace_angles
+from scipy.stats import chi2
 
 from armd.compensation.arm import Arm
 from armd.compensation.diagnose.evidence import inverse_factor
@@ -16,31 +18,56 @@ from armd.compensation.effects.effect import Candidate
 F64 = npt.NDArray[np.float64]
 
 
-def between(
+@dataclass(frozen=True)
+class Likeness:
+    """A rival beside a finding, both whitened and clear of all else in the model."""
+
+    angle_deg: float  # smallest principal angle of the signatures; 0: not to be told apart
+    left_p: float  # significance of what the finding adds once the rival is in the model
+
+
+def compare(
     candidate: Candidate, rivals: Sequence[Candidate], current: Fit, arm: Arm
-) -> list[float]:
-    """Smallest principal angle in degrees between a finding and each rival, once whitened and
-    clear of what absorbs (other findings not counted). 0: the data cannot tell them apart."""
-    own, *others = (
-        _projected(block, current)
-        for block in finding_columns(current.linear, [candidate, *rivals], arm)
-    )
-    return [_angle(own, other) for other in others]
+) -> list[Likeness]:
+    """How alike *candidate*, one of the fit's findings, and each of *rivals* are."""
+    own = current.layout.findings[current.findings.index(candidate)]
+    blocks = finding_columns(current.linear, [candidate, *rivals], arm)
+    clear = _cleared([current.residual[:, None], *blocks], current, own)
+    residual, mine, *others = clear
+    return [Likeness(_angle(mine, other), _left(residual[:, 0], mine, other)) for other in others]
 
 
-def _projected(columns: F64, current: Fit) -> F64:
+def _cleared(blocks: Sequence[F64], current: Fit, without: slice) -> list[F64]:
+    """Blocks of columns, whitened and projected clear of what absorbs but for *without*."""
     keep = np.ones(len(current.absorbing.variance), dtype=bool)
-    for at in current.layout.findings:
-        keep[at] = False
+    keep[without] = False
     white = current.noise.whiten(current.absorbing.columns[:, keep])
     scale = np.sqrt((white**2).sum(axis=0))
     scale[scale == 0.0] = 1.0
     white /= scale
     ridge = 1.0 / (current.absorbing.variance[keep] * scale**2)
     factor = inverse_factor(white.T @ white + np.diag(ridge))
-    signal = current.noise.whiten(columns)
-    clear: F64 = signal - white @ (factor @ (factor.T @ (white.T @ signal)))
-    return clear
+    cleared = []
+    for block in blocks:
+        signal = current.noise.whiten(block)
+        cleared.append(signal - white @ (factor @ (factor.T @ (white.T @ signal))))
+    return cleared
+
+
+def _left(residual: F64, mine: F64, other: F64) -> float:
+    basis = _orthonormal(other)
+    more = _orthonormal(mine - basis @ (basis.T @ mine), float(np.abs(mine).max(initial=0.0)))
+    if more.shape[1] == 0:
+        return 1.0
+    return float(chi2.sf(float(((more.T @ residual) ** 2).sum()), more.shape[1]))
+
+
+def _orthonormal(columns: F64, size: float | None = None) -> F64:
+    """Basis of a span; directions far smaller than *size* (default: the columns') are nothing."""
+    u, s, _ = np.linalg.svd(columns, full_matrices=False)
+    largest = float(s.max(initial=0.0)) if size is None else size * np.sqrt(len(columns))
+    basis: F64 = u[:, s > max(1e-4 * largest, 1e-300)]
+    return basis
 
 
 def _angle(a: F64, b: F64) -> float:

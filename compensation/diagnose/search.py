@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.arm import Arm
-from armd.compensation.diagnose.angles import between
+from armd.compensation.diagnose.angles import compare
 from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.evidence import Scores, Sums, add_up, score
 from armd.compensation.diagnose.fit import Fit, fit
@@ -30,12 +30,16 @@ F64 = npt.NDArray[np.float64]
 ALPHA = 0.01  # family-wise false-alarm rate on clean data
 MOST_FINDINGS = 10
 MOST_STEPS = 16
+MOST_REFINED = 5
 #: A finding is renamed when another name is so many times as probable.
 CLEARLY = 10.0
 MOST_RENAMINGS = 3
 #: A place this much less probable than the best is still told as an alternative.
 LEAST_PROBABILITY = 0.01
 MOST_RIVALS = 8
+MOST_COMPARED = 20
+#: So is one that would leave the finding nothing significant to add.
+INDISTINGUISHABLE_P = 0.01
 
 Progress = Callable[[str, float], None]
 
@@ -106,7 +110,7 @@ class Search:
             best = self._best(scores)
             if best is None or len(current.findings) >= MOST_FINDINGS:
                 break
-            findings = [*current.findings, self._refined(best, current)]
+            findings = [*current.findings, self._refined(best, current, scores)]
             key = "".join(sorted(repr((c.place, c.setting)) for c in findings))
             if key in seen:  # a circle: the search stays where it stands
                 break
@@ -173,7 +177,7 @@ class Search:
                 findings = [c for j, c in enumerate(current.findings) if j != i]
                 without = self._fit(findings, current)
                 current = self._pruned(
-                    self._fit([*findings, self._refined(rival, without)], without)
+                    self._fit([*findings, self._refined(rival, without, alone)], without)
                 )
                 return current, *self._survey(current)
         return current, sums, scores
@@ -209,16 +213,29 @@ class Search:
         of_place = [c.place == place for c in scores.signatures.candidates]
         return scores.signatures.candidates[int(np.argmax(np.where(of_place, posterior, -np.inf)))]
 
-    def _refined(self, candidate: Candidate, current: Fit) -> Candidate:
-        """The best value of the non-linear parameters on a finer grid."""
+    def _refined(self, candidate: Candidate, current: Fit, scores: Scores) -> Candidate:
+        """The best value of the non-linear parameters on a finer grid.
+
+        The likeliest places that have such parameters are refined together: a step of the tip and
+        a slip of the last joint are told apart only at the right instant.
+        """
         if candidate.refine is None:
             return candidate
         finer = [candidate, *candidate.refine()]
+        posterior = scores.log_posterior()
+        seen = {candidate.place}
+        for i in np.argsort(-posterior):
+            rival = scores.signatures.candidates[i]
+            if len(seen) == MOST_REFINED or not np.isfinite(posterior[i]):
+                break
+            if rival.refine is not None and rival.place not in seen:
+                seen.add(rival.place)
+                finer += [rival, *rival.refine()]
         signatures = compile_candidates(finer, current.linear, self.arm)
-        scores = score(
+        fine = score(
             add_up(current.linear, current.noise, current.residual, current.absorbing, signatures)
         )
-        return finer[int(np.argmax(scores.log_evidence))]
+        return finer[int(np.argmax(fine.log_evidence))]
 
     def _own_sums(self, current: Fit) -> Sums:
         """Sums for the findings themselves as candidates."""
@@ -270,14 +287,41 @@ class Search:
     ) -> tuple[Rival, ...]:
         posterior = scores.log_posterior()
         rivals = []
-        for place in sorted(probability, key=lambda key: -probability[key])[:MOST_RIVALS]:
-            if place == candidate.place or probability[place] < LEAST_PROBABILITY:
+        for place in sorted(probability, key=lambda key: -probability[key])[:MOST_COMPARED]:
+            if place == candidate.place:
                 continue
             of_place = [c.place == place for c in scores.signatures.candidates]
             best = int(np.argmax(np.where(of_place, posterior, -np.inf)))
-            rivals.append((scores.signatures.candidates[best], probability[place]))
-        angles = between(candidate, [rival for rival, _ in rivals], current, self.arm)
-        return tuple(Rival(*rival, angle) for rival, angle in zip(rivals, angles, strict=True))
+            rival = _at_the_instant_of(
+                candidate, of_place, scores.signatures.candidates[best], scores
+            )
+            rivals.append((rival, probability[place]))
+        alike = compare(candidate, [rival for rival, _ in rivals], current, self.arm)
+        told = [
+            Rival(rival, share, likeness.angle_deg)
+            for (rival, share), likeness in zip(rivals, alike, strict=True)
+            if share >= LEAST_PROBABILITY
+            or (likeness.left_p > INDISTINGUISHABLE_P and rival.cause != "unknown")
+        ]
+        return tuple(told[:MOST_RIVALS])
+
+
+def _at_the_instant_of(
+    candidate: Candidate, of_place: Sequence[bool], best: Candidate, scores: Scores
+) -> Candidate:
+    """A rival step is compared at the finding's own, refined instant."""
+    when = {name: value for name, value, _ in candidate.setting}.get("instant")
+    if when is None or best.refine is None or best.setting[0][0] != "instant":
+        return best
+    grid = [c for c, own in zip(scores.signatures.candidates, of_place, strict=True) if own]
+    steps = [c for c in grid if c.setting and c.refine is not None]
+
+    def apart(step: Candidate) -> float:
+        return abs(step.setting[0][1] - when)
+
+    nearest = min(steps, key=apart)
+    assert nearest.refine is not None
+    return min([nearest, *nearest.refine()], key=apart)
 
 
 def _honest(found: Sequence[Found]) -> tuple[Found, ...]:

@@ -41,7 +41,8 @@ def _at(scene: Scene, joint: int, name: str, instant: float, finest: bool) -> Ca
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
+    # Every constant of the last joint only moves the tip in its frame: that is tip_offset.
+    for k in scene.joints[:-1]:
         for name, typical in TYPICAL.items():
             if scene.held:
                 unit = "mm" if name in ("d", "a") else "rad"
