@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -139,11 +139,18 @@ def content_hash(content: Mapping[str, Any]) -> str:
 def used_sensors(arm: Arm, calibration: Calibration | None) -> set[str]:
     """Names of the sensors that a joint or a term of the calibration depends on."""
     used = {name for joint in arm.joint for name, weight in joint.weights.items() if weight}
-    for term in calibration.terms if calibration is not None else []:
-        for factor in term.basis:
-            if isinstance(factor, Temperature | TemperatureRate):
-                used |= factor.weights.keys()
-    return used
+    return used | sensors_of(calibration.terms) if calibration is not None else used
+
+
+def sensors_of(terms: Sequence[Term]) -> set[str]:
+    """Names of the sensors that terms depend on."""
+    return {
+        name
+        for term in terms
+        for factor in term.basis
+        if isinstance(factor, Temperature | TemperatureRate)
+        for name in factor.weights
+    }
 
 
 def _belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:

@@ -11,13 +11,13 @@ import numpy.typing as npt
 
 from armd.compensation.arm import Arm
 from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.calibration import Calibration
+from armd.compensation.calibration import Calibration, sensors_of
 from armd.compensation.identify.observations import Observations, gather
 from armd.compensation.identify.poses import Poses, fit_poses
 from armd.compensation.kinematics import forward
 from armd.compensation.session import Session
 from armd.compensation.terms import Term
-from armd.errors import ArmdError
+from armd.errors import BadInput
 
 F64 = npt.NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -97,7 +97,10 @@ def evaluate_model(
     reference_c: float,
     progress: Progress | None = None,
 ) -> Evaluation:
-    """Residuals under constants (P,) and terms; memory stays bounded for millions of readings."""
+    """Residuals under constants (P,) and terms; memory stays bounded for millions of readings.
+
+    Raises `BadInput` where no reading has the temperatures that the terms need.
+    """
     states, arm = observations.states, observations.arm
     basis = basis_values(terms, states, arm, reference_c, constants)
     position = np.empty((observations.n, 3))
@@ -109,12 +112,27 @@ def evaluate_model(
             progress(f"{min(first + CHUNK, observations.n)} of {observations.n} readings")
     usable = np.isfinite(position[:, 0])
     if not usable.any():
-        raise ArmdError("no reading has the temperatures that the calibration needs")
+        raise _without_temperatures(observations, terms)
     if not usable.all():
         observations, position = observations.rows(usable), position[usable]
     poses = fit_poses(observations, position)
     residual = poses.residual(observations, position)
     return Evaluation(observations, poses, position, residual, int((~usable).sum()))
+
+
+def _without_temperatures(observations: Observations, terms: Sequence[Term]) -> BadInput:
+    """Names the sensor that most readings lack."""
+    sensors = observations.arm.sensors
+    missing = np.isnan(observations.states.temperature_c).sum(axis=0)
+    needed = sorted(sensors_of(terms), key=sensors.index)
+    worst = max(needed, key=lambda name: int(missing[sensors.index(name)]))
+    count = int(missing[sensors.index(worst)])
+    return BadInput(
+        ", ".join(observations.session_names),
+        f"column {worst}",
+        f"a temperature in {observations.n - count} of {observations.n} readings",
+        f"readings with every temperature the calibration needs ({', '.join(needed)})",
+    )
 
 
 def _statistics(distance_um: F64) -> dict[str, Any]:

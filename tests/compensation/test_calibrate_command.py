@@ -109,6 +109,21 @@ def test_readings_without_a_temperature_are_left_out_and_counted(
     assert figures["rms_um"] < 4
 
 
+def test_evaluate_without_a_needed_temperature_names_session_and_column(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Field 18 is sensor t3: empty in every row."""
+    assert calibrate(measured, tmp_path, "T16", "T26", more=("--thermal", "1")) == 0
+    blind = changed(
+        measured, tmp_path / "blind", readings=(r"^(\d[^,]*(?:,[^,]*){16}),[^,]*", r"\1,")
+    )
+    arm, calibration = str(measured / "arm.toml"), str(tmp_path / "cal.json")
+    assert armd(["evaluate", str(blind), "--arm", arm, "--calibration", calibration]) == 2
+    message = capsys.readouterr().err
+    assert "blind: column t3: found a temperature in 0 of " in message
+    assert "expected readings with every temperature the calibration needs (t2, t3, " in message
+
+
 def test_truth_in_metres_is_refused(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
