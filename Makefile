@@ -62,6 +62,7 @@ paper: install
 # Real measured data; DATA=../shared/data for copies of your own
 real: install
 	$(BIN)/python tests/real/marks.py $(DATA)
+	$(BIN)/python tests/real/diagnosis_marks.py $(DATA)
 
 # Figures and ratios measured in one run, as text and as out/bench.json; BENCH="kernel wire"
 bench: install
