@@ -103,7 +103,7 @@ def fit(
     noise (a steady drift) must not be counted as noise before they had their chance.
     """
     amplitudes = [values.copy() for values in amplitudes]
-    step_number = 0
+    step_number, before_this = 0, np.inf
     while True:
         step_number += 1
         linear = linearise(rests, with_findings(model, findings, amplitudes), arm)
@@ -132,8 +132,9 @@ def fit(
             shift.append(absorbing.columns[:, layout.identified] @ step)
         largest = max((float(np.abs(part).max()) for part in shift), default=0.0)
         near = largest**2 / LENGTH_MM < CURVED_SHARE * noise.scale_mm
-        if near or step_number == MOST_STEPS:
-            break
+        if near or step_number == MOST_STEPS or largest > before_this:
+            break  # a step longer than the last one leads away: the linear answer stands
+        before_this = largest
         if not baseline.held:
             model = moved(model, baseline, step)
     return Fit(

@@ -26,6 +26,7 @@ MOST_KNOTS = 8
 #: Beyond this many standard deviations of a rest's three components a residual counts as its edge.
 WINSOR_AT = 3.3
 _TINY = 1e-10
+MOST_RELATIVE = 1e6  # variance of a shared column over that of one rest
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,10 @@ def _sums(noise: Noise, residual: F64, fixed: F64, shared: F64) -> _Gram:
     clear = gram[f:, f:] - across.T @ across
     log_det = -2.0 * float(np.log(np.einsum("nii->ni", noise.whitener)).sum())
     freedom = len(residual) - int(kept.sum())
-    return _Gram(log_det, clear[:-1, :-1], clear[:-1, -1], float(clear[-1, -1]), freedom)
+    # What is absorbed entirely must not come out negative by rounding.
+    own, axes = np.linalg.eigh(clear[:-1, :-1])
+    matrix = (axes * np.maximum(own, 0.0)) @ axes.T
+    return _Gram(log_det, matrix, clear[:-1, -1], float(clear[-1, -1]), freedom)
 
 
 def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
@@ -200,7 +204,7 @@ def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
     def cost(log_values: F64) -> float:
         scale, drift = np.exp(log_values[0]), np.exp(log_values[-1])
         relative = np.where(drifting, drift**2, variance) / scale**2
-        return _likelihood(gram, scale, np.maximum(relative, 1e-8))
+        return _likelihood(gram, scale, np.clip(relative, 1e-8, MOST_RELATIVE))
 
     drifts = bool(drifting.any())
     # 0.3 of the noise to begin with; a path of no drift is the lower edge of the search
