@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from armd import __version__
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration, Noise, constants_of
+from armd.compensation.identify.certificate import Certificate, judge
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
@@ -57,6 +58,7 @@ class Result:
     thermal_method: str
     trials: list[Trial]
     unidentifiable: list[str]
+    certificate: Certificate
     notes: list[str] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
@@ -67,6 +69,7 @@ class Result:
             "rms_um": self.rms_um,
             "heldout_rms_um": self.heldout_rms_um,
             "heldout_by": self.heldout_by,
+            "certificate": asdict(self.certificate),
             "rank": self.fit.solution.rank,
             "unknowns": len(self.fit.unknowns.names),
             "unidentifiable": self.unidentifiable,
@@ -147,6 +150,8 @@ def _calibrate(
     terms, reference_c = final.terms, final.reference_c
     evaluation = evaluate_model(observations, final.constants, terms, reference_c)
     rms_um = residual_rms_um(evaluation.residual_mm)
+    drawn = evaluate_model(observations, arm.nominal(), [], reference_c)
+    certificate = judge(final, residual_rms_um(drawn.residual_mm), heldout_rms_um, by)
     provenance = {
         "command": options.command,
         "version": __version__,
@@ -159,6 +164,7 @@ def _calibrate(
         "heldout_rms_um": heldout_rms_um,
         "heldout_by": by,
         "thermal_order": order,
+        "certificate": asdict(certificate),
         "thermal_offset": "in the constants",
     }
     return Result(
@@ -171,6 +177,7 @@ def _calibrate(
         thermal_method=options.thermal_method if order else "none",
         trials=trials,
         unidentifiable=not_known(final),
+        certificate=certificate,
         notes=notes,
     )
 

@@ -57,6 +57,8 @@ def _summary(page: Page, result: Result) -> None:
             ["thermal order", result.thermal_order, ""],
         ],
     )
+    verdict = "granted" if result.certificate.granted else "refused"
+    page.text(f"Certificate {verdict}: {result.certificate.reason}.")
     if result.notes:
         page.items(result.notes)
     page.heading("Not identifiable from these sessions")

@@ -85,4 +85,6 @@ def _print(result: Result, output: str) -> None:
         console.print(f"{len(found.outliers)} outliers weighed down")
     for note in result.notes:
         console.print(note)
+    verdict = "granted" if result.certificate.granted else "refused"
+    console.print(f"certificate {verdict}: {result.certificate.reason}")
     console.print(f"written: {output}")

@@ -49,6 +49,7 @@ def test_calibrate_then_evaluate(measured: Path, tmp_path: Path) -> None:
     assert figures["rms_um"] < 4
     assert figures["heldout_rms_um"] < 4
     assert figures["thermal_order"] == 1
+    assert figures["certificate"]["granted"]
     low, high = figures["temperature_range_c"]
     assert 15 < low < 19
     assert 30 < high < 34
@@ -60,12 +61,20 @@ def test_calibrate_then_evaluate(measured: Path, tmp_path: Path) -> None:
     )
     page = report.read_text()
     assert "<script src" not in page  # opens offline
-    for words in ("Before and after", "Residual vectors", "Parameters", "SHA-256", "tip_z"):
+    for words in (
+        "Before and after",
+        "Certificate granted: each placement left out",
+        "Residual vectors",
+        "Parameters",
+        "SHA-256",
+        "tip_z",
+    ):
         assert words in page
 
     calibration = load_calibration(tmp_path / "cal.json").content
     assert calibration.provenance["sessions"][0]["name"] == "T16"
     assert len(calibration.provenance["sessions"][0]["sha256"]) == 64
+    assert calibration.provenance["certificate"] == figures["certificate"]
     assert set(calibration.temperature_range_c) <= {f"t{k}" for k in range(1, 7)}
     assert calibration.noise.reading_mm > 0
 

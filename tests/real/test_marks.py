@@ -23,20 +23,21 @@ def converted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("series", list(marks.UR10_MM))
 def test_ur10_reaches_its_mark(converted: Path, series: str) -> None:
-    drawn, found, _ = marks.ur10(converted, series)
+    drawn, found, _, granted = marks.ur10(converted, series)
+    assert granted
     assert drawn > 10
     assert round(found, 2) <= marks.UR10_MM[series]
 
 
 @pytest.mark.parametrize("robot", list(ROBOTS))
 def test_seats_reach_their_mark_or_are_refused(converted: Path, robot: str) -> None:
-    _, _, drawn, found = marks.seats(converted, robot)
-    reason = marks.refused(drawn, found)
+    _, result, _, found = marks.seats(converted, robot)
+    certificate = result.certificate
+    assert certificate.granted == (robot in marks.SEAT_MM), certificate.reason
     if robot in marks.SEAT_MM:
-        assert reason == ""
         assert round(float(np.mean(found.distance_um)) / 1e3, 3) <= marks.SEAT_MM[robot]
     else:
-        assert "no set of constants describes this arm" in reason
+        assert "no set of constants describes this arm" in certificate.reason
 
 
 def test_urdf_becomes_denavit_hartenberg(converted: Path) -> None:
