@@ -117,7 +117,8 @@ def fold(values: F64, amounts: Amounts, state: State) -> None:
     folded, _, _ = opened(state)
     slow = len(amounts.slow)
     parameters = folded.parameters
-    parameters[:] = folded.constants
+    for p in range(len(parameters)):  # a slice would compile two seconds of shape messages
+        parameters[p] = folded.constants[p]
     for t in range(slow):
         parameters[amounts.slow_parameter[t]] += amounts.slow[t] * values[t]
     for t in range(len(amounts.pose)):

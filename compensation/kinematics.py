@@ -71,7 +71,8 @@ def _base(p: F64, origin: F64, rotation: F64) -> None:
     cx, sx = math.cos(p[3]), math.sin(p[3])
     cy, sy = math.cos(p[4]), math.sin(p[4])
     cz, sz = math.cos(p[5]), math.sin(p[5])
-    origin[:] = p[:3]
+    for axis in range(3):
+        origin[axis] = p[axis]
     rotation[0, 0], rotation[0, 1] = cz * cy, cz * sy * sx - sz * cx
     rotation[1, 0], rotation[1, 1] = sz * cy, sz * sy * sx + cz * cx
     rotation[2, 0], rotation[2, 1] = -sy, cy * sx
@@ -122,6 +123,8 @@ def compiled_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
     n, n_joints = q.shape
     origins = np.empty((n_joints + 1, 3))
     rotations = np.empty((n_joints + 1, 3, 3))
+    # Loops over the three axes, not slices: these would allocate, and compile for seconds.
+    to_tip, beyond, y = np.empty(3), np.empty(3), np.empty(3)
     tip, base = 5 * n_joints, 5 * n_joints + 3
     for i in range(n):
         row = p[i if len(p) > 1 else 0]
@@ -142,14 +145,18 @@ def compiled_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
             before, block = rotations[k], derivatives[i, :, 5 * k : 5 * k + 5]
             ct, st = math.cos(q[i, k] + row[5 * k]), math.sin(q[i, k] + row[5 * k])
             ca, sa = math.cos(row[5 * k + 3]), math.sin(row[5 * k + 3])
-            block[:, 1] = before[:, 2]
-            block[:, 2] = ct * before[:, 0] + st * before[:, 1]
-            y = ca * (ct * before[:, 1] - st * before[:, 0]) + sa * before[:, 2]
-            _turn(before[0, 2], before[1, 2], before[2, 2], position[i] - origins[k], block[:, 0])
-            beyond = position[i] - origins[k + 1]
+            for axis in range(3):
+                to_tip[axis] = position[i, axis] - origins[k, axis]
+                beyond[axis] = position[i, axis] - origins[k + 1, axis]
+                across = ct * before[axis, 1] - st * before[axis, 0]
+                block[axis, 1] = before[axis, 2]
+                block[axis, 2] = ct * before[axis, 0] + st * before[axis, 1]
+                y[axis] = ca * across + sa * before[axis, 2]
+            _turn(before[0, 2], before[1, 2], before[2, 2], to_tip, block[:, 0])
             _turn(block[0, 2], block[1, 2], block[2, 2], beyond, block[:, 3])
             _turn(y[0], y[1], y[2], beyond, block[:, 4])
-        beyond = position[i] - row[base : base + 3]
+        for axis in range(3):
+            beyond[axis] = position[i, axis] - row[base + axis]
         cz, sz = math.cos(row[base + 5]), math.sin(row[base + 5])
         x = rotations[0, :, 0]
         _turn(x[0], x[1], x[2], beyond, derivatives[i, :, base + 3])
