@@ -196,7 +196,8 @@ def test_live_equals_offline() -> None:
         model.fold(states.temperature_c[i], float(states.time_s[i]))
         row = slice(i, i + 1)
         model.correct(states.q[row], states.rate[row], states.approach[row], points[row])
-    assert np.array_equal(points["position_mm"], offline)
+    # Two compiled functions: where LLVM fuses a·b+c in one and not in the other, last bits differ.
+    assert points["position_mm"] == pytest.approx(offline, rel=0, abs=1e-10)
     assert points["correction_mm"] == pytest.approx(correction, rel=1e-6, abs=1e-12)
 
 
