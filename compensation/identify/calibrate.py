@@ -33,7 +33,7 @@ from armd.compensation.terms import Term
 from armd.errors import ArmdError
 
 Progress = Callable[[str], None]
-Method = Literal["polynomial", "zones", "components"]
+Method = Literal["polynomial", "zones", "components", "per-temperature"]
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ class Options:
 
     thermal_order: int | None = None  # None: chosen by the error at temperatures left out
     thermal_method: Method = "polynomial"
+    offset: bool = False  # C of eq. 14, per temperature; in the other models it is in the constants
     command: str = ""  # for the provenance
 
 
@@ -53,7 +54,7 @@ class Result:
     fit: Fit
     rms_um: float  # 3-D RMS of all readings at their best placements, as `armd evaluate` has it
     heldout_rms_um: float
-    heldout_by: str  # "placement" or "reading"
+    heldout_by: str  # "placement", "reading" or "temperature"
     thermal_order: int
     thermal_method: str
     trials: list[Trial]
@@ -135,23 +136,33 @@ def _calibrate(
     require_plausible(first, files)
     trials: list[Trial] = []
     order, final = 0, first
+    per_temperature = thermal and options.thermal_method == "per-temperature"
     if thermal:
         comparison = Comparison(first, groups)
         trials = comparison.trials()
-        order, terms = _choose(comparison, trials, arm, options, notes)
-        final = _fit(observations, arm, unknown, terms, progress, first)
+        if per_temperature:
+            for _, group in groups:
+                require_enough(observations.rows(group), unknown, files)
+            order, final, heldout_rms_um = comparison.regressed(
+                trials, options.thermal_order, options.offset
+            )
+        else:
+            order, terms = _choose(comparison, trials, arm, options, notes)
+            final = _fit(observations, arm, unknown, terms, progress, first)
     if not final.converged:
         notes.append(f"the fit did not settle within {final.steps} steps")
-    folds, by = placement_folds(observations)
-    columns = final.unknowns.columns(final.at, final.terms)
-    scale = final.solution.scale
-    heldout = HeldOut(final, columns, scale, final.at.residual_mm, folds)
-    heldout_rms_um = heldout.rms_um(np.arange(len(scale)))
+    by = "temperature"
+    if not per_temperature:
+        folds, by = placement_folds(observations)
+        columns = final.unknowns.columns(final.at, final.terms)
+        scale = final.solution.scale
+        heldout = HeldOut(final, columns, scale, final.at.residual_mm, folds)
+        heldout_rms_um = heldout.rms_um(np.arange(len(scale)))
     terms, reference_c = final.terms, final.reference_c
     evaluation = evaluate_model(observations, final.constants, terms, reference_c)
     rms_um = residual_rms_um(evaluation.residual_mm)
     drawn = evaluate_model(observations, arm.nominal(), [], reference_c)
-    certificate = judge(final, residual_rms_um(drawn.residual_mm), heldout_rms_um, by)
+    certificate = judge(first, residual_rms_um(drawn.residual_mm), heldout_rms_um, by)
     provenance = {
         "command": options.command,
         "version": __version__,
@@ -165,7 +176,10 @@ def _calibrate(
         "heldout_by": by,
         "thermal_order": order,
         "certificate": asdict(certificate),
-        "thermal_offset": "in the constants",
+        "thermal_method": options.thermal_method if order else "none",
+        "thermal_offset": ("identified" if options.offset else "0")
+        if per_temperature
+        else "in the constants",
     }
     return Result(
         calibration=as_calibration(final, provenance),

@@ -25,12 +25,15 @@ class Certificate:
 
 
 def judge(found: Fit, drawn_rms_um: float, heldout_rms_um: float, heldout_by: str) -> Certificate:
-    """Judge by 3-D RMS errors: under the drawing, and of a fit that left the readings out."""
+    """Judge by 3-D RMS errors: under the drawing, and of a fit that left the readings out.
+
+    *found* tells what is known: all constants, and the lengths' linear growth where thermal.
+    """
     drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout_rms_um / 1e3
     share = heldout_rms_um / drawn_rms_um
     left = (
         f"each {heldout_by} left out misses by {heldout_mm:.4g} mm RMS,"
-        f" {share:.0%} of the {drawn_mm:.4g} mm under the drawing"
+        f" {100 * share:.2g}% of the {drawn_mm:.4g} mm under the drawing"
     )
     faults = []
     if share > MOST_LEFT:

@@ -18,7 +18,7 @@ from armd.compensation.identify.fit import Fit, rms_um
 from armd.compensation.identify.linearise import Linearisation
 from armd.compensation.identify.noise import robust_weights, whitening
 from armd.compensation.identify.observations import Observations
-from armd.compensation.identify.solution import solve
+from armd.compensation.identify.solution import Solution, solve
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -48,16 +48,16 @@ class HeldOut:
             _Fold(base, whiten, columns, ~out, out & good) for out in folds if (out & good).any()
         ]
 
-    def solve(self, fold: int, chosen: I64) -> F64:
-        """Changes (len(chosen),) of the chosen unknowns, fitted without the fold."""
+    def solve(self, fold: int, chosen: I64) -> Solution:
+        """The chosen unknowns' changes (len(chosen),), fitted without the fold."""
         triangle = self.folds[fold].triangle[:, [*chosen, -1]]
         scale = self.scale[chosen]
         triangle = np.asarray(np.linalg.qr(triangle * [*scale, 1.0], mode="r"))
-        return solve(triangle, scale, np.zeros(len(chosen))).step
+        return solve(triangle, scale, np.zeros(len(chosen)))
 
     def residuals(self, chosen: I64) -> list[F64]:
         """Residuals (m, 3) mm of each fold's readings, of a fit of *chosen* without them."""
-        return [fold.tried(chosen, self.solve(i, chosen)) for i, fold in enumerate(self.folds)]
+        return [fold.tried(chosen, self.solve(i, chosen).step) for i, fold in enumerate(self.folds)]
 
     def rms_um(self, chosen: I64) -> float:
         """3-D RMS over all folds."""

@@ -24,7 +24,10 @@ from armd.compensation.basis import basis_values
 from armd.compensation.identify.fit import Fit, rms_um
 from armd.compensation.identify.heldout import HeldOut, placement_folds
 from armd.compensation.identify.observations import Observations
+from armd.compensation.identify.per_temperature import regressed, regression
+from armd.compensation.identify.solution import Solution
 from armd.compensation.terms import Temperature, Term
+from armd.errors import ArmdError
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -177,8 +180,9 @@ class Comparison:
         rows = [Trial("no thermal model", [], self.heldout_rms_um([]))]
         rows += [Trial(n, terms, self.heldout_rms_um(terms)) for n, terms in self.models.items()]
         rows += [
-            Trial(f"per temperature, order {m} and offset", [], self._per_temperature_rms_um(m))
-            for m in range(1, min(MOST_ORDER, len(self.groups) - 2) + 1)
+            Trial(_regression_name(m, offset), [], self._regression_rms_um(m, offset))
+            for offset in (False, True)
+            for m in self._regression_orders
         ]
         return rows
 
@@ -203,34 +207,75 @@ class Comparison:
                 accepted.append(Trial(name, chosen, best))
         return accepted
 
+    def regressed(
+        self, trials: Sequence[Trial], wanted: int | None, offset: bool
+    ) -> tuple[int, Fit, float]:
+        """The paper's way: order, fit, and its error at temperatures left out (µm).
+
+        Raises `ArmdError` where the temperatures are too few for the order.
+        """
+        errors = {trial.name: trial.heldout_rms_um for trial in trials}
+        orders = [wanted] if wanted else self._regression_orders
+        if not orders or max(orders) not in self._regression_orders:
+            needed = (wanted or 1) + 2
+            raise ArmdError(
+                f"per temperature: found {len(self.groups)} temperatures,"
+                f" expected at least {needed} for order {wanted or 1}, one of them left out in turn"
+            )
+        order = orders[0]
+        for m in orders[1:]:
+            if (
+                errors[_regression_name(m, offset)]
+                < WORTH * errors[_regression_name(order, offset)]
+            ):
+                order = m
+        arm = self.fit.observations.arm
+        names = [s for s in arm.sensors if _weighs(arm, s)]
+        weights = {name: 1.0 / len(names) for name in names}
+        found = regressed(
+            self.fit, self._identified_alone, self._temperature_c, weights, order, offset
+        )
+        return order, found, errors[_regression_name(order, offset)]
+
     def _chosen(self, terms: Sequence[Term]) -> I64:
         places = [self._n_constants + self._place[_plain(term)] for term in terms]
         return np.array([*range(self._n_constants), *places], dtype=np.int64)
 
-    def _per_temperature_rms_um(self, order: int) -> float:
+    @property
+    def _regression_orders(self) -> range:
+        return range(1, min(MOST_ORDER, len(self.groups) - 2) + 1)
+
+    def _regression_rms_um(self, order: int, offset: bool) -> float:
         """The paper's way: constants at each temperature, then a polynomial through each."""
         constants = np.arange(self._n_constants)
-        identified = self._identified_alone
-        reference = self.fit.reference_c
-        rises = np.array([temperature for temperature, _ in self.groups]) - reference
+        identified = np.array([solution.step for solution in self._identified_alone])
         rows = []
         for fold, (temperature, _) in zip(self._heldout.folds, self._out, strict=True):
-            kept = rises != temperature - reference
-            powers = np.vander(rises[kept], order + 1)
-            polynomial = np.linalg.lstsq(powers, identified[kept], rcond=None)[0]
-            change = np.vander([temperature - reference], order + 1)[0] @ polynomial
-            rows.append(fold.tried(constants, change))
+            kept = self._temperature_c != temperature
+            from_c, linear = regression(
+                self._temperature_c[kept], order, offset, self.fit.reference_c
+            )
+            powers = np.vander([temperature - from_c], order + 1, increasing=True)[0]
+            rows.append(fold.tried(constants, powers @ linear @ identified[kept]))
         return rms_um(np.concatenate(rows))
 
+    @property
+    def _temperature_c(self) -> F64:
+        return np.array([temperature for temperature, _ in self.groups])
+
     @cached_property
-    def _identified_alone(self) -> F64:
-        """Constants (groups, C) identified from each temperature's readings only."""
+    def _identified_alone(self) -> list[Solution]:
+        """Changes of the constants identified from each temperature's readings only."""
         constants = np.arange(self._n_constants)
         alone = HeldOut(
             self.fit, self._columns[:, :, constants], self._heldout.scale[constants],
             self._residual, [~mask for _, mask in self.groups],
         )  # fmt: skip
-        return np.array([alone.solve(i, constants) for i in range(len(self.groups))])
+        return [alone.solve(i, constants) for i in range(len(self.groups))]
+
+
+def _regression_name(order: int, offset: bool) -> str:
+    return f"per temperature, order {order}" + " and offset" * offset
 
 
 def _plain(term: Term) -> str:

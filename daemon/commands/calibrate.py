@@ -14,6 +14,7 @@ from armd.compensation.arm import load_arm
 from armd.compensation.calibration import save_calibration
 from armd.compensation.identify.calibrate import Options, Result, calibrate
 from armd.compensation.session import load_session
+from armd.errors import BadInput
 from armd.files import write_whole
 
 ORDERS = {"auto": None, "off": 0, "1": 1, "2": 2, "3": 3, "4": 4}
@@ -33,18 +34,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--thermal-method",
-        choices=["polynomial", "zones", "components"],
+        choices=["polynomial", "zones", "components", "per-temperature"],
         default="polynomial",
-        help="polynomials of each joint's temperature, temperature zones, or principal components",
+        help="polynomials of each joint's temperature, temperature zones, principal components,"
+        " or identified at each temperature and regressed",
+    )
+    parser.add_argument(
+        "--offset",
+        action="store_true",
+        help="per temperature: an offset C beside the value at the reference (default: C = 0)",
     )
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.offset and args.thermal_method != "per-temperature":
+        expected = "it with --thermal-method per-temperature; else C is in the constants"
+        raise BadInput("command line", "--offset", args.thermal_method, expected)
     arm = load_arm(args.arm)
     sessions = [load_session(path, arm) for path in args.session]
     options = Options(
         thermal_order=ORDERS[args.thermal],
         thermal_method=args.thermal_method,
+        offset=args.offset,
         command=shlex.join(["armd", *sys.argv[1:]]),
     )
     console = Console(stderr=True)

@@ -9,6 +9,7 @@ import synthetic
 from armd.compensation.identify.calibrate import Options, Result, calibrate
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.observations import gather
+from armd.compensation.identify.per_temperature import regression
 from armd.compensation.identify.thermal import angle_terms, length_terms, temperature_groups
 from armd.compensation.terms import Term
 
@@ -75,7 +76,7 @@ def test_every_way_is_tried_on_the_same_data() -> None:
     result = calibrated(with_coefficients(length_terms(ARM, [1]), 5e-3))
     by_name = {trial.name: trial.heldout_rms_um for trial in result.trials}
     without = by_name.pop("no thermal model")
-    assert len(by_name) == 4 + 2 + 4  # orders, zones and components, the paper's way
+    assert len(by_name) == 4 + 2 + 8  # orders, zones and components, the paper's way, twice
     assert max(by_name.values()) < 0.5 * without
 
 
@@ -88,6 +89,47 @@ def test_other_methods_can_be_chosen(method: str) -> None:
         assert all(basis.zone_c is not None for basis in bases)
     else:
         assert all(len(basis.weights) == 6 for basis in bases)
+
+
+@pytest.mark.parametrize("offset", [False, True])
+def test_the_papers_own_way_can_be_chosen(offset: bool) -> None:
+    terms = with_coefficients(length_terms(ARM, [1]), 5e-3)
+    options = Options(thermal_order=1, thermal_method="per-temperature", offset=offset)
+    result = calibrated(terms, options)
+    assert result.thermal_order == 1
+    name = "per temperature, order 1" + " and offset" * offset
+    by_name = {trial.name: trial.heldout_rms_um for trial in result.trials}
+    assert (result.heldout_by, result.heldout_rms_um) == ("temperature", by_name[name])
+    calibration = result.calibration
+    assert calibration.provenance["thermal_method"] == "per-temperature"
+    assert calibration.provenance["thermal_offset"] == ("identified" if offset else "0")
+    # Every constant moves, by the mean of all sensors counted from the measured temperature
+    # nearest the reference.
+    assert {term.parameter for term in calibration.terms} >= {"theta_2", "a_2", "alpha_3", "tip_z"}
+    (reference_c,) = {term.basis[0].reference_c for term in calibration.terms}
+    assert reference_c == pytest.approx(21.0, abs=0.1)
+    by_parameter = {term.parameter: term for term in calibration.terms}
+    for parameter in ("d_3", "a_2", "d_5"):
+        term = by_parameter[parameter]
+        assert term.standard_uncertainty is not None
+        assert 0 < term.standard_uncertainty < 1e-3
+        assert abs(term.coefficient - 5e-3) < 5 * term.standard_uncertainty
+    variances = np.diag(calibration.covariance)
+    assert variances[-1] == pytest.approx(calibration.terms[-1].standard_uncertainty ** 2)
+
+
+def test_c_is_what_makes_the_reference_differ() -> None:
+    """Eq. 14: without C the polynomial meets what was identified nearest the reference."""
+    temperature_c = np.array([16.0, 20.5, 24.0, 30.0])
+    values = np.array([1.0, 3.0, 2.0, 7.0])
+    from_c, linear = regression(temperature_c, 1, False, 20.0)
+    p_ref, slope = linear @ values
+    assert (from_c, p_ref) == (20.5, 3.0)
+    rise = temperature_c - 20.5
+    assert slope == pytest.approx(rise @ (values - 3.0) / (rise @ rise))
+    assert regression(temperature_c, 1, True, 20.0)[1] @ values == pytest.approx(
+        np.polyfit(rise, values, 1)[::-1]
+    )
 
 
 def test_placements_are_grouped_by_their_temperature() -> None:
