@@ -41,6 +41,7 @@ class Measurement:
     standard_deviation_mm: list[float] | None  # per axis; None for a single point
     covariance_mm2: list[float] | None  # as the last point states it; None: not calibrated
     orientation: list[float] | None
+    angles_rad: list[float] | None  # (N,) as read, averaged like the position
     count: int
     duration_s: float
     flags: Flag
@@ -59,23 +60,28 @@ class Measurement:
 
 
 class Averager:
-    """Remembers the last points and averages a stretch of them."""
+    """Remembers the last points, with the joints' angles, and averages a stretch of them."""
 
-    def __init__(self, average_s: float) -> None:
+    def __init__(self, average_s: float, n_joints: int) -> None:
         self._average_ns = round(average_s * 1e9)
         self._past = np.zeros(REMEMBERED, POINT)
+        self._angles = np.zeros((REMEMBERED, n_joints))
         self._written = 0
         self._buttons = 0
         self._resting = False
 
-    def remember(self, points: npt.NDArray[np.void]) -> list[Press]:
-        """Keep a batch; returns the presses in it."""
-        points = points[-REMEMBERED:]
+    def remember(
+        self, points: npt.NDArray[np.void], angles: npt.NDArray[np.float64]
+    ) -> list[Press]:
+        """Keep a batch of points (n,) with angles (n, N) rad; returns the presses in it."""
+        points, angles = points[-REMEMBERED:], angles[-REMEMBERED:]
         start = self._written % REMEMBERED
         first = min(len(points), REMEMBERED - start)
         self._past[start : start + first] = points[:first]
+        self._angles[start : start + first] = angles[:first]
         if first < len(points):
             self._past[: len(points) - first] = points[first:]
+            self._angles[: len(points) - first] = angles[first:]
         self._written += len(points)
         buttons = points["buttons"].tolist()
         if self._buttons == 0 and not any(buttons):
@@ -98,15 +104,16 @@ class Averager:
     def average(self, trigger: Trigger, point: np.void, still_since_ns: int) -> Measurement:
         """The measurement that ends with *point*, one of those remembered."""
         end_ns = int(point["monotonic_ns"])
-        past = self._chronological()
+        past = self._chronological(self._past)
         times = past["monotonic_ns"]
         since_ns = max(still_since_ns, end_ns - self._average_ns)
-        chosen = past[(times >= since_ns) & (times <= end_ns)]
-        valid = chosen[(chosen["flags"] & Flag.INVALID) == 0]
+        wanted = (times >= since_ns) & (times <= end_ns) & ((past["flags"] & Flag.INVALID) == 0)
+        valid = past[wanted]
         usable = len(valid) > 0 and not int(point["flags"]) & Flag.INVALID
-        mean = deviation = None
+        mean = deviation = angles = None
         if usable:
             mean = valid["position_mm"].mean(axis=0).tolist()
+            angles = self._chronological(self._angles)[wanted].mean(axis=0).tolist()
             if len(valid) > 1:
                 deviation = valid["position_mm"].std(axis=0, ddof=1).tolist()
         return Measurement(
@@ -116,8 +123,9 @@ class Averager:
             monotonic_ns=end_ns,
             position_mm=mean,
             standard_deviation_mm=deviation,
-            covariance_mm2=_known(point["covariance_mm2"]) if usable else None,
+            covariance_mm2=known(point["covariance_mm2"]) if usable else None,
             orientation=point["orientation"].tolist() if usable else None,
+            angles_rad=angles,
             count=len(valid) if usable else 0,
             duration_s=float(valid["monotonic_ns"][-1] - valid["monotonic_ns"][0]) * 1e-9
             if usable
@@ -127,12 +135,13 @@ class Averager:
             calibration=int(point["calibration"]),
         )
 
-    def _chronological(self) -> npt.NDArray[np.void]:
+    def _chronological(self, past: npt.NDArray[Any]) -> npt.NDArray[Any]:
         if self._written < REMEMBERED:
-            return self._past[: self._written]
+            return past[: self._written]
         start = self._written % REMEMBERED
-        return np.concatenate([self._past[start:], self._past[:start]])
+        return np.concatenate([past[start:], past[:start]])
 
 
-def _known(values: npt.NDArray[np.floating[Any]]) -> list[float] | None:
+def known(values: npt.NDArray[np.floating[Any]]) -> list[float] | None:
+    """As a list; None unless all of them are finite."""
     return values.tolist() if np.isfinite(values).all() else None

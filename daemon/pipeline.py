@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,15 @@ MEMORY_S = 7200.0
 MEMORY_STEP_S = 10.0
 
 _INVALID = int(Flag.INVALID)
+
+
+class Joints(NamedTuple):
+    """What joints and tip did at n samples, as `Motion.follow` tells it."""
+
+    q: F64  # (n, N) rad, as read (before θ offset)
+    rate: F64  # (n, N) rad/s, its sign the side of approach; NaN unknown
+    approach: F64  # (n, 3) unit vectors, base frame; NaN unknown
+    still_since_ns: npt.NDArray[np.int64]  # (n,) monotonic instant since which the tip was still
 
 
 class Pipeline:
@@ -74,8 +83,8 @@ class Pipeline:
         self._slow_flags = int(self._own_flags | self.temperature.slow_flags)
         self._model.fold(self.temperature.held_c, self._stamp_ns * 1e-9)
 
-    def correct(self, samples: SampleArray) -> tuple[PointArray, npt.NDArray[np.int64]]:
-        """Points (n,) of samples (n,), and the instant (n,) ns since which the tip was still."""
+    def correct(self, samples: SampleArray) -> tuple[PointArray, Joints]:
+        """Points (n,) of samples (n,), and what the joints did."""
         now_ns = samples["monotonic_ns"]
         if not self._begun:
             self._begun = True
@@ -99,7 +108,7 @@ class Pipeline:
         for name in ("seq", "stamp_ns", "monotonic_ns", "buttons"):
             points[name] = samples[name]
         points["calibration"] = self._identity
-        return points, still_since_ns
+        return points, Joints(q, rate, approach, still_since_ns)
 
 
 @jit

@@ -11,14 +11,14 @@ from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 import zenoh
 
 from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config
 from armd.daemon.info import describe
 from armd.daemon.log import Log
-from armd.daemon.measurement import Averager, Press, Trigger
+from armd.daemon.measurement import Averager, Press, Trigger, known
+from armd.daemon.pipeline import Joints, PointArray
 from armd.daemon.publisher import Publisher
 from armd.daemon.queries import Queries
 from armd.daemon.supervisor import Supervisor
@@ -59,7 +59,7 @@ class Service:
             if config.file.commands.enabled
             else None,
         )
-        self._averager = Averager(config.file.measurement.average_s)
+        self._averager = Averager(config.file.measurement.average_s, config.arm.n_joints)
         self._log = Log()
         self._systemd = Systemd()
         now_ns = time.monotonic_ns()
@@ -108,27 +108,34 @@ class Service:
     # --- the stream ----------------------------------------------------------------------
 
     def _publish(self, samples: SampleArray) -> None:
-        points, still_since_ns = self._arm.pipeline.correct(samples)
+        points, joints = self._arm.pipeline.correct(samples)
         self._publisher.put_points(points)
         self._supervisor.note_points(points, samples, time.monotonic_ns())
-        for press in self._averager.remember(points):
-            self._press(press, points[press.row], int(still_since_ns[press.row]))
+        for press in self._averager.remember(points, joints.q):
+            self._press(press, points, joints)
         if self._config.file.measurement.trigger == "rest":
             for row in self._averager.rests(points):
-                self._measure("rest", points[row], int(still_since_ns[row]))
+                self._measure("rest", row, points, joints)
 
-    def _press(self, press: Press, point: np.void, still_since_ns: int) -> None:
+    def _press(self, press: Press, points: PointArray, joints: Joints) -> None:
+        point = points[press.row]
         names = ", ".join(str(button) for button in press.buttons)
         detail = {"buttons": press.buttons, "seq": int(point["seq"])}
         at_ns = int(point["monotonic_ns"])
         self._tell(Event("button", f"button {names} pressed", at_ns, "info", detail))
-        self._measure("button", point, still_since_ns)
+        self._measure("button", press.row, points, joints)
 
-    def _measure(self, trigger: Trigger, point: np.void, still_since_ns: int) -> None:
-        measurement = self._averager.average(trigger, point, still_since_ns)
-        temperatures = self._arm.pipeline.temperature.as_json()
+    def _measure(self, trigger: Trigger, row: int, points: PointArray, joints: Joints) -> None:
+        still_since_ns = int(joints.still_since_ns[row])
+        measurement = self._averager.average(trigger, points[row], still_since_ns)
         self._publisher.measurements.put(
-            measurement.as_json() | {"temperatures_c": temperatures, "tip": self._arm.tip}
+            measurement.as_json()
+            | {
+                "rates_rad_s": known(joints.rate[row]),
+                "approach": known(joints.approach[row]),
+                "temperatures_c": self._arm.pipeline.temperature.as_json(),
+                "tip": self._arm.tip,
+            }
         )
 
     # --- events --------------------------------------------------------------------------

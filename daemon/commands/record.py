@@ -1,17 +1,24 @@
-"""`armd record [SERIAL]`: everything an arm's daemon says, into an MCAP file."""
+"""`armd record [SERIAL]`: everything an arm's daemon says, into an MCAP file.
+
+`armd record --session DIR`: its measurements, into a session for `armd calibrate`.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
 import signal
 import time
+from collections import deque
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from pathlib import Path
 
 import armd
 from armd import keys
-from armd.client import Stream
+from armd.client import Arm, Stream
 from armd.daemon.recorder import TOPICS, Recorder, default_path
+from armd.errors import BadInput
 
 POLL_S = 0.01
 WAIT_S = 60.0  # for an arm to show up
@@ -21,14 +28,33 @@ FIRST_S = 1.0  # for its frames to begin
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
     parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
-    parser.add_argument(
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="(SERIAL-DATE.mcap in this folder)"
     )
+    output.add_argument(
+        "--session", metavar="DIR", type=Path, help="measurements instead, as a session's readings"
+    )
     parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself (at Ctrl-C)")
+    session = parser.add_argument_group("with --session")
+    session.add_argument(
+        "--artefact", metavar="FILE", type=Path, help="TOML with the table [artefact] (a seat)"
+    )
+    session.add_argument(
+        "--targets",
+        metavar="NAME,…",
+        type=lambda names: names.split(","),
+        help="where the tip goes, reading by reading, again and again (all of the artefact's)",
+    )
+    session.add_argument("--placement", metavar="NAME", help="of the artefact in the room (1)")
 
 
 def run(args: argparse.Namespace) -> int:
-    """0; 1 if raw frames were lost on the way here."""
+    """0; 1 if raw frames were lost on the way here, or a session got no reading."""
+    if args.session is None:
+        for option in ("artefact", "targets", "placement"):
+            if getattr(args, option) is not None:
+                raise BadInput("the command line", f"--{option}", "no --session", "it as well")
     stopping = False
 
     def stop(*_: object) -> None:
@@ -37,7 +63,43 @@ def run(args: argparse.Namespace) -> int:
 
     signal.signal(signal.SIGINT, stop)
     signal.signal(signal.SIGTERM, stop)
-    with armd.connect(args.serial, args.endpoint, timeout_s=WAIT_S) as arm, ExitStack() as opened:
+    with armd.connect(args.serial, args.endpoint, timeout_s=WAIT_S) as arm:
+        end_s = time.monotonic() + (args.seconds or float("inf"))
+        record = _record_frames if args.session is None else _record_session
+        return record(args, arm, lambda: not stopping and time.monotonic() < end_s)
+
+
+def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
+    from armd.compensation.arm import Arm as ArmFile
+    from armd.daemon.session_folder import SessionFolder, load_artefact
+
+    artefact = load_artefact(args.artefact, args.targets or [])
+    info = arm.info()
+    trigger = info["configuration"]["measurement"]["trigger"]
+    folder = SessionFolder(
+        args.session,
+        ArmFile.model_validate_json(json.dumps(info["arm"])),
+        artefact,
+        args.targets or artefact.target_names,
+        args.placement or "1",
+    )
+    heard: deque[bytes] = deque()
+    with arm.calling(keys.MEASUREMENT, heard.append):  # from now on, not those of the past
+        print(f"armd: {arm.serial} to {args.session}; first {folder.target}", flush=True)
+        while going_on():
+            time.sleep(POLL_S)
+            while heard:
+                measurement = json.loads(heard.popleft())
+                if measurement["trigger"] != trigger:
+                    continue  # a press in a rest that has been taken: not a second reading
+                told = folder.take(measurement)
+                print(f"{folder.n:4d}  {told}; next {folder.target}", flush=True)
+    print(f"armd: {args.session}: {folder.n} readings")
+    return 0 if folder.n else 1
+
+
+def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
+    with ExitStack() as opened:
         output = args.output or default_path(arm.serial)
         # Buffered: mcap would buffer a raw file itself, and not flush the last few bytes. What a
         # killed recorder loses is the chunk in progress either way.
@@ -54,8 +116,7 @@ def run(args: argparse.Namespace) -> int:
         recorder.begin(following, preamble)
         recorder.take_frames(waiting)
         print(f"armd: recording {arm.serial} to {output}", flush=True)
-        end_s = time.monotonic() + (args.seconds or float("inf"))
-        while not stopping and time.monotonic() < end_s:
+        while going_on():
             time.sleep(POLL_S)
             recorder.take_frames(raw.take())
             recorder.take_points(points.take())

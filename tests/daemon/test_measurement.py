@@ -20,42 +20,48 @@ def points_of(n: int, seed: int = 1) -> np.ndarray:
     return points
 
 
+def angles_of(points: np.ndarray) -> np.ndarray:
+    """(n, 2): other numbers for every point."""
+    return np.column_stack([points["seq"] * 1e-6, points["position_mm"][:, 0]])
+
+
 def test_the_average_of_a_rest_up_to_the_press():
-    averager, points = Averager(0.5), points_of(1000)
+    averager, points = Averager(0.5, 2), points_of(1000)
     points["buttons"][900:] = 2
-    (press,) = averager.remember(points)
+    (press,) = averager.remember(points, angles_of(points))
     assert press.row == 900 and press.buttons == [1]
     measured = averager.average("button", points[900], still_since_ns=300_000_000)
     taken = points["position_mm"][400:901]
     assert measured.count == 501 and measured.duration_s == 0.5
     np.testing.assert_allclose(measured.position_mm, taken.mean(axis=0))
     np.testing.assert_allclose(measured.standard_deviation_mm, taken.std(axis=0, ddof=1))
+    np.testing.assert_allclose(measured.angles_rad, [650e-6, taken[:, 0].mean()])
     json.dumps(measured.as_json(), allow_nan=False)
 
 
 def test_a_short_rest_is_averaged_from_its_begin():
-    averager, points = Averager(0.5), points_of(1000)
-    averager.remember(points)
+    averager, points = Averager(0.5, 2), points_of(1000)
+    averager.remember(points, angles_of(points))
     assert averager.average("button", points[900], 800_000_000).count == 101
 
 
 def test_pressed_in_motion_it_is_the_one_point():
-    averager, points = Averager(0.5), points_of(10)
-    averager.remember(points)
+    averager, points = Averager(0.5, 2), points_of(10)
+    averager.remember(points, angles_of(points))
     measured = averager.average("button", points[5], int(points["monotonic_ns"][5]))
     assert measured.count == 1 and measured.standard_deviation_mm is None
     assert measured.position_mm == points["position_mm"][5].tolist()
 
 
 def test_invalid_points_are_left_out_and_an_invalid_press_gives_no_position():
-    averager, points = Averager(0.5), points_of(100)
+    averager, points = Averager(0.5, 2), points_of(100)
     points["flags"][50:60] = Flag.INVALID
     points["position_mm"][50:60] = np.nan
-    averager.remember(points)
+    averager.remember(points, angles_of(points))
     measured = averager.average("button", points[99], 0)
     assert measured.count == 90 and np.isfinite(measured.position_mm).all()
     refused = averager.average("button", points[55], 0)
-    assert refused.count == 0 and refused.position_mm is None
+    assert refused.count == 0 and refused.position_mm is None and refused.angles_rad is None
     json.dumps(refused.as_json(), allow_nan=False)
 
 
@@ -63,23 +69,28 @@ def test_a_button_held_down_is_one_press_and_batches_do_not_matter():
     points = points_of(60)
     points["buttons"][10:40] = 1
     points["buttons"][20:50] |= 4
-    averager = Averager(0.5)
-    presses = [press for row in range(60) for press in averager.remember(points[row : row + 1])]
+    averager = Averager(0.5, 2)
+    presses = [
+        press
+        for row in range(60)
+        for press in averager.remember(points[row : row + 1], angles_of(points[row : row + 1]))
+    ]
     assert [press.buttons for press in presses] == [[0], [2]]
-    assert [press.row for press in Averager(0.5).remember(points)] == [10, 20]
+    assert [press.row for press in Averager(0.5, 2).remember(points, angles_of(points))] == [10, 20]
 
 
 def test_a_rest_begins_once():
     points = points_of(10)
     points["flags"][3:6] = Flag.AT_REST
-    averager = Averager(0.5)
+    averager = Averager(0.5, 2)
     assert averager.rests(points[:4]) == [3]
     assert averager.rests(points[4:]) == []
 
 
 def test_memory_is_bounded_and_the_last_points_are_kept():
-    averager, points = Averager(0.5), points_of(REMEMBERED + 5000)
+    averager, points = Averager(0.5, 2), points_of(REMEMBERED + 5000)
     for start in range(0, len(points), 777):
-        averager.remember(points[start : start + 777])
+        averager.remember(points[start : start + 777], angles_of(points[start : start + 777]))
     measured = averager.average("rest", points[-1], 0)
     np.testing.assert_allclose(measured.position_mm, points["position_mm"][-501:].mean(axis=0))
+    np.testing.assert_allclose(measured.angles_rad, angles_of(points)[-501:].mean(axis=0))

@@ -170,10 +170,10 @@ def test_flag_8_until_the_clock_is_mapped():
 
 
 def test_flag_9_after_half_a_second_of_rest():
-    points, still_since_ns = calibrated().correct(still(600))
+    points, joints = calibrated().correct(still(600))
     resting = flagged(points, Flag.AT_REST)
     assert np.argmax(resting) == 500 and resting[500:].all()
-    assert (still_since_ns == points["monotonic_ns"][0]).all()
+    assert (joints.still_since_ns == points["monotonic_ns"][0]).all()
 
 
 def test_another_calibration_holds_from_the_next_sample_on():

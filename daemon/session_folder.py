@@ -1,0 +1,120 @@
+"""Measurements of a running arm become a session's folder, as `armd calibrate` reads it."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+from armd import Flag
+from armd.compensation.arm import Arm
+from armd.compensation.session import APPROACH, READINGS, write_session
+from armd.compensation.session_format import Artefact
+from armd.errors import BadInput
+from armd.schema import Strict, load_toml, validate
+
+SEAT = "seat"
+
+
+class ArtefactFile(Strict):
+    """The content of an artefact's file: the table `[artefact]` of session.toml."""
+
+    artefact: Artefact
+
+
+class SessionFolder:
+    """A session in the making: on disk it is whole after every reading, so none is ever lost."""
+
+    def __init__(
+        self, path: Path, arm: Arm, artefact: Artefact, targets: Sequence[str], placement: str
+    ) -> None:
+        """The tip goes to *targets* in turn, again and again. Raises `BadInput` if *path* holds a
+        session already, or the artefact has no target of that name."""
+        if path.exists() and not path.is_dir():
+            raise BadInput(path, "the session", "a file", "a new or empty folder")
+        for name in ("session.toml", *READINGS):
+            if (path / name).exists():
+                raise BadInput(path, "the folder", name, "a new or empty folder")
+        for name in targets:
+            if name not in artefact.target_names:
+                expected = f"targets of the artefact: {', '.join(artefact.target_names)}"
+                raise BadInput("the command line", "--targets", repr(name), expected)
+        self._path = path
+        self._arm = arm
+        self._artefact = artefact.model_dump(by_alias=True, exclude_defaults=True)
+        self._targets = cycle(targets)
+        self._placement = placement
+        self._started_s = 0  # Unix time of the first reading, in whole seconds
+        self._rows: list[dict[str, str | float]] = []
+        self.target = next(self._targets)  # of the next reading
+
+    @property
+    def n(self) -> int:
+        return len(self._rows)
+
+    def take(self, measurement: dict[str, Any]) -> str:
+        """Write one more reading; returns what became of it, for the operator.
+
+        A measurement that is no reading is left out, and its target stays the next.
+        """
+        if reason := _unfit(measurement):
+            return f"left out, {reason}"
+        if not self._rows:
+            self._started_s = measurement["stamp_ns"] // 10**9
+        self._rows.append(self._row(measurement))
+        content = {
+            "schema": "armd.session/1",
+            "arm": self._arm.serial_number,
+            "started": datetime.datetime.fromtimestamp(self._started_s, datetime.UTC),
+            "artefact": self._artefact,
+        }
+        columns = {name: [row[name] for row in self._rows] for name in self._rows[0]}
+        write_session(self._path, content, columns)
+        taken, self.target = self.target, next(self._targets)
+        spread_um = 1000 * math.hypot(*measurement["standard_deviation_mm"])
+        return f"{taken}: {measurement['count']} points, scatter {spread_um:.1f} µm"
+
+    def _row(self, measurement: dict[str, Any]) -> dict[str, str | float]:
+        joints = range(1, self._arm.n_joints + 1)
+        unknown = [math.nan] * self._arm.n_joints
+        # At rest the rates tell sides only. Without the direction of travel a reader would take
+        # one from them, so they go together.
+        approach = measurement["approach"]
+        rates = measurement["rates_rad_s"] if approach else None
+        celsius = measurement["temperatures_c"]
+        return {
+            "time_s": (measurement["stamp_ns"] - self._started_s * 10**9) * 1e-9,
+            "placement": self._placement,
+            "target": self.target,
+            **{f"q{k}": value for k, value in zip(joints, measurement["angles_rad"], strict=True)},
+            **{f"w{k}": value for k, value in zip(joints, rates or unknown, strict=True)},
+            **{name: _number(celsius[name]) for name in self._arm.sensors},
+            **dict(zip(APPROACH, approach or [math.nan] * 3, strict=True)),
+        }
+
+
+def load_artefact(path: Path | None, targets: Sequence[str]) -> Artefact:
+    """The artefact of a file; without one, *targets* (none: one) that are unknown fixed points."""
+    if path is not None:
+        return load_toml(path, ArtefactFile).artefact
+    seats = [{"name": name} for name in dict.fromkeys(targets or [SEAT])]
+    return validate("--targets", {"name": SEAT, "target": seats}, Artefact)
+
+
+def _unfit(measurement: dict[str, Any]) -> str:
+    """Why a measurement is no reading; empty if it is one."""
+    flags = Flag(measurement["flags"])
+    if measurement["count"] == 0:
+        return "the arm's points are invalid"
+    if Flag.TEMPERATURE_STALE in flags:
+        return "a temperature in use is stale"
+    if Flag.AT_REST not in flags:
+        return "the tip had not rested for half a second"
+    return ""
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
