@@ -15,6 +15,9 @@ from armd.errors import BadInput
 #: A frozen daemon's points and token vanish after this; a killed one's at once.
 LEASE_MS = 4000
 CLOSE_S = 1.5
+#: Batches of 64 kB that may wait for one subscriber: six seconds of points at 1 kHz. With Zenoh's
+#: own two, a subscriber that the system lets stand for half a second loses points.
+WAITING_BATCHES = 16
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 
 
@@ -58,6 +61,7 @@ def open_session(config: Config) -> zenoh.Session:
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
             "transport/link/tx/lease": LEASE_MS,
+            "transport/link/tx/queue/size/data": WAITING_BATCHES,
         }.items():
             settings.insert_json5(key, json.dumps(value))
     # The cache of measurements and events needs time stamps.
