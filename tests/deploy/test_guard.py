@@ -13,10 +13,12 @@ import trustme
 import zenoh
 
 import armd
+from armd import keys
 from armd.daemon.config import load_config
 from armd.daemon.publisher import Publisher
 from armd.daemon.queries import Queries
 from armd.daemon.session import open_session
+from armd.drivers.sample import RawFrame
 from armd.simulator.truth.nominal import arm_toml
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "deploy/zenoh"
@@ -69,13 +71,16 @@ class Floor:
         publisher.events.put({"kind": "test"})
         commands = {"reload": lambda _: "reloaded"}
         info = {"arm": SERIAL}
-        queries = Queries(session, SERIAL, publisher, lambda: info, list, commands)
+        frame = RawFrame(1, 2, "rx", b"bytes")
+        queries = Queries(session, SERIAL, publisher, lambda: info, lambda: [frame], commands)
         over = threading.Event()
 
         def answer() -> None:
             while not over.wait(0.01):
                 queries.answer()
                 publisher.put_health({"state": "READY"})
+                publisher.look_for_recorders()
+                publisher.put_raw([frame])
 
         thread = threading.Thread(target=answer)
         cleanup.callback(thread.join)
@@ -137,3 +142,15 @@ def test_without_our_certificate_nobody_connects(floor: Floor, fault: str) -> No
 def test_the_controller_itself_needs_no_certificate(floor: Floor) -> None:
     with armd.connect(endpoint=f"tcp/127.0.0.1:{floor.tcp}") as arm:
         assert arm.command("reload") == "reloaded"
+
+
+def test_only_the_controller_itself_may_record(floor: Floor) -> None:
+    with armd.connect(endpoint=f"tcp/127.0.0.1:{floor.tcp}") as arm:
+        assert len(arm.preamble()[1]) == 1
+        with arm.stream(keys.RAW) as stream:
+            assert b"bytes" in next(stream.follow(10.0))[0]
+    with armd.connect(endpoint=floor.client("inspection")) as arm:
+        with pytest.raises(armd.ArmdError):
+            arm.preamble()
+        with arm.stream(keys.RAW) as stream:
+            assert list(stream.follow(1.0)) == []
