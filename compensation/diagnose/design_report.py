@@ -17,12 +17,13 @@ from armd.compensation.report.page import Page
 def design_report(experiment: Experiment, arm: Arm, rows: Sequence[Mapping[str, Any]]) -> str:
     """The page; *rows* is the table, one mapping per pose."""
     page = Page(f"Next experiment with {arm.serial_number}")
+    question = experiment.question
     page.text(
-        f"To {experiment.goal.words}. With the sessions there are, it stands "
-        f"{experiment.sigma_before:.1f} standard deviations out of the noise; with these "
-        f"{len(rows)} poses on one new placement of the artefact, {experiment.sigma_after:.1f}. "
-        "Put a target near each tip position, turn the joints as shown, and come to rest from "
-        "the side given."
+        f"To {question.words}: {experiment.climate.words}. {question.quantity.capitalize()}: "
+        f"{experiment.before:.2f} {question.unit} with the sessions there are, "
+        f"{experiment.after:.2f} with these {len(rows)} poses on one new placement of the "
+        "artefact too. Put a target near each tip position, turn the joints as shown, and come "
+        "to rest from the side given."
     )
     page.figure(_picture(experiment), height=620)
     page.table(list(rows[0]), [[str(value) for value in row.values()] for row in rows])
@@ -36,7 +37,8 @@ def _picture(experiment: Experiment) -> go.Figure:
     for i, (joints, tip) in enumerate(zip(origins, experiment.tip_mm, strict=True), 1):
         x, y, z = np.vstack([joints, tip]).T
         figure.add_scatter3d(
-            x=x, y=y, z=z, mode="lines+markers", name=f"pose {i}", marker={"size": 3},
+            x=x, y=y, z=z, mode="lines+markers+text", name=f"pose {i}", marker={"size": 3},
+            text=[""] * len(joints) + [str(i)],
         )  # fmt: skip
     figure.update_scenes(
         xaxis_title="x, mm", yaxis_title="y, mm", zaxis_title="z, mm", aspectmode="data"

@@ -2,44 +2,61 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.search import Found
 from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.effects.effect import Candidate
 
 #: A finding less probable than this is worth an experiment of its own.
 SURE = 0.95
 
 
-def most_doubtful(diagnosis: Diagnosis) -> Found | None:
-    """The finding an experiment should settle; None when none is in doubt."""
-    doubtful = [found for found in diagnosis.found if found.rivals and found.probability < SURE]
-    return min(doubtful, key=lambda found: found.probability) if doubtful else None
+@dataclass(frozen=True)
+class Doubt:
+    """A finding that these data leave open, and what else it could be."""
+
+    index: int  # among the diagnosis' findings
+    found: Found
+    rival: Candidate  # the most probable one
+
+    @property
+    def words(self) -> str:
+        """What an experiment is to do about it."""
+        return f"tell {_named(self.found.candidate)} from {_named(self.rival)}"
+
+
+def most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
+    """The finding an experiment should settle first; None when none is in doubt."""
+    doubts = [
+        Doubt(i, found, found.rivals[0].candidate)
+        for i, found in enumerate(diagnosis.found)
+        if found.rivals and found.probability < SURE
+    ]
+    return min(doubts, key=lambda doubt: doubt.found.probability, default=None)
 
 
 def next_experiment(diagnosis: Diagnosis) -> str:
     """What to measure next: to settle the most doubtful finding, or to confirm the mended model."""
-    worst = most_doubtful(diagnosis)
-    if worst is not None:
-        rival = worst.rivals[0].candidate
-        return (
-            f"To tell {_named(worst)} from {_words(rival.cause)} ({rival.location}): "
-            f"{CATALOGUE[worst.candidate.cause].experiment}; "
-            "`armd design` picks the poses."
-        )
+    doubt = most_doubtful(diagnosis)
+    if doubt is not None:
+        cause = doubt.found.candidate.cause
+        return f"To {doubt.words}: {CATALOGUE[cause].experiment}; `armd design` picks the poses."
     if diagnosis.outliers:
         return "Measure the readings named as outliers again; the rest needs nothing."
     if diagnosis.found:
-        found = diagnosis.found[-1]
+        found = diagnosis.found[-1].candidate
         return (
             f"To confirm {_named(found)} with the extended calibration: "
-            f"{CATALOGUE[found.candidate.cause].experiment}."
+            f"{CATALOGUE[found.cause].experiment}."
         )
-    return "Nothing significant is left to find; measure again after the next season or transport."
+    return (
+        "Nothing significant is left to find; measure again after the next season or transport. "
+        "`armd design` picks poses that tighten the least well known parameter."
+    )
 
 
-def _named(found: Found) -> str:
-    return f"{_words(found.candidate.cause)} ({found.candidate.location})"
-
-
-def _words(cause: str) -> str:
-    return cause.replace("_", " ")
+def _named(candidate: Candidate) -> str:
+    place = "" if candidate.cause == "unknown" else f" ({candidate.location})"
+    return candidate.cause.replace("_", " ") + place

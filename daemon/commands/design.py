@@ -51,9 +51,12 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         result = {
             "schema": "armd.design/1",
-            "goal": experiment.goal.words,
-            "sigma_before": experiment.sigma_before,
-            "sigma_after": experiment.sigma_after,
+            "goal": experiment.question.words,
+            "quantity": experiment.question.quantity,
+            "unit": experiment.question.unit,
+            "before": experiment.before,
+            "after": experiment.after,
+            "climate": experiment.climate.words,
             "poses": rows,
         }
         write_whole(args.json, json.dumps(result, indent=1) + "\n")
@@ -88,9 +91,12 @@ def table(experiment: Experiment, sensors: list[str]) -> list[dict[str, Any]]:
 
 def _print(experiment: Experiment, rows: list[dict[str, Any]]) -> None:
     console = Console()
+    question = experiment.question
     console.print(
-        f"To {experiment.goal.words}: {experiment.sigma_before:.1f} standard deviations with "
-        f"these sessions, {experiment.sigma_after:.1f} with these poses on one new placement"
+        f"To {question.words}: {experiment.climate.words}, these poses on one new placement\n"
+        f"{question.quantity}: {experiment.before:.2f} {question.unit} with these sessions, "
+        f"{experiment.after:.2f} with the experiment too",
+        soft_wrap=True,
     )
     shown = Table("pose", "tip, mm", "joints, °", "turn last towards", "°C")
     for row in rows:

@@ -1,0 +1,156 @@
+"""What could be measured next: poses and a climate, and their whitened rows on the unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation import parameters
+from armd.compensation.arm import Arm
+from armd.compensation.basis import basis_values, parameter_rows
+from armd.compensation.diagnose.diagnose import Diagnosis
+from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.noise import LEVER_MM, Noise
+from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.kinematics import jacobian, joint_jacobian
+from armd.compensation.state import States
+from armd.compensation.terms import Term
+
+F64 = npt.NDArray[np.float64]
+
+POOL = 300
+#: Least height of the tip over the base, and reach kept clear around the column.
+LOWEST_MM, CLEAR_MM = 0.0, 150.0
+#: Air temperatures to choose from, about the reference.
+AIR_K = (0.0, -5.0, 5.0)
+HEATED_K = 4.0  # of one sensor's link, by hand or by its own motor
+RATE_RAD_S = 0.05
+DAY_S = 86400.0
+
+
+@dataclass(frozen=True)
+class Climate:
+    """Temperatures that an operator can keep through one session."""
+
+    air_c: float
+    heated: str = ""  # sensor whose link is warmed by HEATED_K
+
+    @property
+    def words(self) -> str:
+        link = f", the link of {self.heated} warmed by {HEATED_K:.0f} K" if self.heated else ""
+        return f"air and artefact at {self.air_c:.0f} °C{link}"
+
+
+def climates(diagnosis: Diagnosis) -> list[Climate]:
+    """Climates to choose from, the least trouble first; the first alone without temperatures."""
+    last = diagnosis.search.last
+    reference = last.model.reference_c
+    seen = np.isfinite(last.linear.rests.observations.states.temperature_c)
+    sensors = [name for i, name in enumerate(diagnosis.arm.sensors) if seen[:, i].any()]
+    if not sensors:
+        return [Climate(reference)]
+    return [Climate(reference + k) for k in AIR_K] + [Climate(reference, s) for s in sensors]
+
+
+def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
+    """Poses within the limits, each joint coming to rest from either side, at the reference."""
+    arm, last = diagnosis.arm, diagnosis.search.last
+    rng = np.random.default_rng(seed)
+    low = np.array([np.radians(j.min_deg) if j.min_deg is not None else -np.pi for j in arm.joint])
+    high = np.array([np.radians(j.max_deg) if j.max_deg is not None else np.pi for j in arm.joint])
+    q = rng.uniform(low, high, (12 * POOL, arm.n_joints))
+    position = jacobian(q, last.model.constants)[0]
+    clear = (position[:, 2] > LOWEST_MM) & (np.hypot(*position[:, :2].T) > CLEAR_MM)
+    q = (q[clear] if clear.any() else q)[:POOL]
+    approach = rng.normal(size=(len(q), 3))
+    approach /= np.linalg.norm(approach, axis=1, keepdims=True)
+    return States(
+        q=q,
+        rate=RATE_RAD_S * rng.choice([-1.0, 1.0], q.shape),
+        temperature_c=np.full((len(q), len(arm.sensors)), last.model.reference_c),
+        time_s=np.full(len(q), last.linear.rests.observations.states.time_s.max() + DAY_S),
+        approach=approach,
+        series=np.arange(len(q)),
+    )
+
+
+def in_climate(poses: States, climate: Climate, arm: Arm) -> States:
+    """The same poses at the climate's temperatures."""
+    temperature = np.full(poses.temperature_c.shape, climate.air_c)
+    if climate.heated:
+        temperature[:, arm.sensors.index(climate.heated)] += HEATED_K
+    return States(poses.q, poses.rate, temperature, poses.time_s, poses.approach, poses.series)
+
+
+def rows_of(
+    states: States, climate: Climate, last: Fit, candidates: Sequence[Candidate], arm: Arm
+) -> tuple[F64, F64]:
+    """Whitened rows (n, 3, k) and tips (n, 3) mm of readings on one new placement.
+
+    Unknowns: the identified constants and terms (held: the directions of their covariance), the
+    candidates' columns, the six of the placement.
+    """
+    model, baseline = last.linear.model, last.baseline
+    values = basis_values(model.terms, states, arm, model.reference_c, model.constants)
+    p = parameter_rows(model.constants, model.terms, np.nan_to_num(values))
+    position, jac = jacobian(states.q, p)
+    probes = [
+        [baseline.model.terms[i].model_copy(update={"coefficient": 1.0})] for i in baseline.terms
+    ]
+    slopes = [_moves(probe, states, jac, last, arm) for probe in probes]
+    own = np.stack([*(jac[:, :, i] for i in baseline.parameters), *slopes], axis=2)
+    if baseline.held:
+        own = own @ baseline.root
+    columns = [column for candidate in candidates for column in candidate.columns]
+    extra = [
+        _moves(column.terms, states, jac, last, arm) + _artefact(column, position, climate, last)
+        for column in columns
+    ]
+    stacked = [own, *(block[:, :, None] for block in extra), _placement(position)]
+    whitener = _whitener(joint_jacobian(states.q, p), last.noise)
+    rows: F64 = whitener @ np.concatenate(stacked, axis=2)
+    return rows, position
+
+
+def _moves(terms: Sequence[Term], states: States, jac: F64, last: Fit, arm: Arm) -> F64:
+    """Motion of the tip (n, 3), mm per unit of a tie of terms."""
+    names = {name: i for i, name in enumerate(parameters.names(arm.n_joints))}
+    model = last.linear.model
+    values = np.nan_to_num(
+        basis_values(list(terms), states, arm, model.reference_c, model.constants)
+    )
+    total = np.zeros(jac.shape[:2])
+    for term, value in zip(terms, values.T, strict=True):
+        total += term.coefficient * value[:, None] * jac[:, :, names[term.parameter]]
+    return total
+
+
+def _artefact(column: Column, position: F64, climate: Climate, last: Fit) -> F64:
+    """Motion (n, 3) of the targets, mm per unit; the new targets are not those that moved."""
+    if column.artefact is None or column.artefact.kind in ("target", "distance"):
+        return np.zeros_like(position)
+    rise = climate.air_c - last.model.reference_c if column.artefact.kind == "expansion" else 1.0
+    moves: F64 = -rise * (position - position.mean(axis=0))
+    return moves
+
+
+def _placement(position: F64) -> F64:
+    """Columns (n, 3, 6) of a placement: mm, then rotations in units of 1/100 rad."""
+    columns = np.zeros((len(position), 3, 6))
+    columns[:, :, :3] = -np.eye(3)
+    lever = (position - position.mean(axis=0)) / 100.0
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        columns[:, i, 3 + j], columns[:, j, 3 + i] = -lever[:, k], lever[:, k]
+    return columns
+
+
+def _whitener(joints: F64, noise: Noise) -> F64:
+    """(n, 3, 3): the noise of the sessions, as it would be in poses of Jacobian (n, 3, joints)."""
+    turning = joints / LEVER_MM
+    share = noise.encoder_share
+    blocks = share * turning @ turning.transpose(0, 2, 1) + (1 - share) * np.eye(3)
+    whitener: F64 = np.linalg.inv(np.linalg.cholesky(blocks)) / noise.scale_mm
+    return whitener
