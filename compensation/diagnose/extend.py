@@ -14,7 +14,7 @@ from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import ArtefactCorrection, Calibration, constants_of
 from armd.compensation.diagnose.baseline import Baseline, moved
-from armd.compensation.diagnose.fit import MOST_FREE_COLUMNS, Fit
+from armd.compensation.diagnose.fit import MOST_FREE_COLUMNS, Fit, mount_term
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.session import Session
 from armd.compensation.terms import Curve, Harmonic, Term
@@ -25,6 +25,9 @@ F64 = npt.NDArray[np.float64]
 CURVE_POINTS = 360
 SEEN_POINTS = 3  # to either side of an angle measured
 NEGLIGIBLE = 1e-9  # of an effect's largest term
+#: The first link's growth joins the model where it is known so many times better than its size:
+#: the findings were fitted beside it, and without it would stand in for it.
+GROWTH_KNOWN = 5.0
 
 
 def extended(
@@ -74,6 +77,12 @@ def extended(
                         effect=label,
                     )
                 )
+    growth = _growth(last, arm)
+    if growth is not None:
+        row = np.zeros(len(last.solution))
+        row[last.layout.mount] = 1.0
+        rows.append((f"term {len(terms)}", row))
+        terms.append(growth)
     matrix = np.array([row for _, row in rows]).reshape(len(rows), len(last.solution))
     covariance = matrix @ last.inverse @ matrix.T
     return baseline.calibration.model_copy(
@@ -88,6 +97,18 @@ def extended(
             "content_sha256": "",
         }
     )
+
+
+def _growth(last: Fit, arm: Arm) -> Term | None:
+    """The first link's growth as a term, where a ramp showed it."""
+    term = mount_term(last.model, arm)
+    if term is None:
+        return None
+    at = last.layout.mount.start
+    value, sigma = -float(last.solution[at]), float(np.sqrt(max(last.inverse[at, at], 0.0)))
+    if not 0.0 < GROWTH_KNOWN * sigma < abs(value):
+        return None
+    return term.model_copy(update={"coefficient": value, "standard_uncertainty": sigma})
 
 
 def _own_rows(baseline: Baseline, last: Fit, names: list[str]) -> list[tuple[str, F64]]:

@@ -18,6 +18,7 @@ from armd.compensation.diagnose.noise import Absorbing, Noise
 from armd.compensation.diagnose.problem import Linear, ModelState, Rests, linearise
 from armd.compensation.diagnose.signatures import compile_candidates
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.terms import Temperature, Term
 
 F64 = npt.NDArray[np.float64]
 
@@ -41,6 +42,7 @@ class Layout:
 
     identified: slice  # constants and terms (when held: the directions of their covariance)
     findings: tuple[slice, ...]
+    mount: slice  # one column or none: the first link's growth, see `mount_term`
     shared: int  # first of those that targets and drift share
     gauge: F64  # (identified,) variance with which to choose where the data leave it open
 
@@ -195,23 +197,33 @@ def _absorbing(
         np.hstack([block.columns for block in blocks]),
         np.concatenate([block.variance for block in blocks]),
     )
-    return joined, Layout(places[1], tuple(places[2:-3]), places[-2].start, _gauge(baseline, arm))
+    return joined, Layout(
+        places[1], tuple(places[2:-3]), places[-3], places[-2].start, _gauge(baseline, arm)
+    )
 
 
-def _column_of_the_mount(linear: Linear, arm: Arm) -> Absorbing:
-    """How the first link grows with its temperature, where the model under test is silent on it.
+def mount_term(model: ModelState, arm: Arm) -> Term | None:
+    """How the first link grows per kelvin (1 mm/K), where the model under test is silent on it.
 
     Within one temperature that is the placement's, so a calibration leaves it out; a ramp during
     one placement shows it, and no cause is to be found in that.
     """
-    silent = not any(term.parameter == "d_1" and term.basis for term in linear.model.terms)
-    states = linear.rests.observations.states
+    silent = not any(term.parameter == "d_1" and term.basis for term in model.terms)
     weights = arm.joint[0].weights
     if not (silent and weights):
+        return None
+    return Term(parameter="d_1", basis=[Temperature(weights=weights)], coefficient=1.0)
+
+
+def _column_of_the_mount(linear: Linear, arm: Arm) -> Absorbing:
+    term = mount_term(linear.model, arm)
+    if term is None:
         return Absorbing(np.zeros((len(linear.residual), 0)), np.zeros(0))
+    states = linear.rests.observations.states
+    weights = arm.joint[0].weights
     temperature = sum(w * states.temperature_c[:, arm.sensors.index(s)] for s, w in weights.items())
     rise = np.nan_to_num(temperature - linear.model.reference_c)
-    column = linear.signature(parameters.index("d_1", arm.n_joints), rise)
+    column = linear.signature(parameters.index(term.parameter, arm.n_joints), rise)
     return Absorbing(column[:, None], np.array([np.inf]))
 
 

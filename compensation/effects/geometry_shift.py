@@ -1,5 +1,6 @@
 """A constant of a joint is no longer what the calibration says: knocked, re-mounted."""
 
+import math
 from collections.abc import Iterator
 
 from armd.compensation.effects.effect import (
@@ -21,6 +22,9 @@ TYPICAL = {
     "alpha": 10 * ARC_SECOND,
     "beta": 10 * ARC_SECOND,
 }
+#: β is a constant of its own only between nearly parallel axes (sine of the angle between them);
+#: where the next axis stands across, it turns about the joint's own axis and is θ again.
+PARALLEL = 0.5
 
 
 def _at(scene: Scene, joint: int, name: str, instant: float, finest: bool) -> Candidate:
@@ -44,6 +48,8 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
     # Every constant of the last joint only moves the tip in its frame: that is tip_offset.
     for k in scene.joints[:-1]:
         for name, typical in TYPICAL.items():
+            if name == "beta" and abs(math.sin(scene.constant(k, "alpha"))) > PARALLEL:
+                continue
             if scene.held:
                 unit = "mm" if name in ("d", "a") else "rad"
                 column = Column(name, unit, typical, tie([(f"{name}_{k}", 1.0)]))
