@@ -28,6 +28,7 @@ from armd.compensation.diagnose.next import Doubt, most_doubtful
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.kinematics import jacobian
 from armd.compensation.state import States
+from armd.errors import BadInput
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -81,7 +82,10 @@ class Experiment:
 
 
 def design(diagnosis: Diagnosis, poses: int = 12, seed: int = 1) -> Experiment:
-    """Choose a climate and *poses* poses for the next session, on one new placement."""
+    """Choose a climate and *poses* poses for the next session, on one new placement.
+
+    Raises `BadInput` when nothing is in doubt and the calibration tells no uncertainties.
+    """
     last, arm = diagnosis.search.last, diagnosis.arm
     doubt = most_doubtful(diagnosis)
     candidates = [] if doubt is None else [last.findings[doubt.index], doubt.rival]
@@ -127,6 +131,8 @@ def _rivals(doubt: Doubt, last: Fit, size: int) -> Question:
 def _weakest(last: Fit, arm: Arm, known: F64, richest: F64, poses: States) -> Question:
     """The constant known least well, in µm at the tip, of those that poses can settle at all."""
     baseline = last.baseline
+    if not baseline.parameters:
+        raise BadInput("calibration", "covariance", "none", "that of the constants to tighten")
     names = parameters.names(arm.n_joints)
     moves = jacobian(poses.q, last.model.constants)[1]  # (n, 3, P) mm per unit
     lever_um = 1e3 * np.sqrt((moves**2).sum(axis=1).mean(axis=0))

@@ -14,9 +14,11 @@ from rich.table import Table
 
 from armd.compensation.arm import load_arm
 from armd.compensation.calibration import load_calibration
+from armd.compensation.diagnose.conditions import POOL
 from armd.compensation.diagnose.design import Experiment, design
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.session import load_session
+from armd.errors import BadInput
 from armd.files import write_whole
 
 
@@ -35,6 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    if not 1 <= args.poses <= POOL:
+        raise BadInput("--poses", "value", str(args.poses), f"1 to {POOL}")
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm).content if args.calibration else None
     sessions = [load_session(path, arm) for path in args.session]
