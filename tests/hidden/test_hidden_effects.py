@@ -86,10 +86,9 @@ def test_clean_data_are_met_with_silence_and_an_unchanged_model() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("noise", ["heavy tails", "slow drift"])
-def test_odd_noise_is_no_cause(noise: str) -> None:
+def test_slow_drift_is_no_cause() -> None:
     for seed in range(3):
-        judged = run_case(300 + seed, [], NOISES[noise])
+        judged = run_case(300 + seed, [], NOISES["slow drift"])
         assert judged.diagnosis.found == ()
         assert judged.diagnosis.outliers == ()
 
