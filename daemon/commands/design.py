@@ -17,6 +17,7 @@ from armd.compensation.calibration import load_calibration
 from armd.compensation.diagnose.conditions import POOL
 from armd.compensation.diagnose.design import Experiment, design
 from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.next import next_experiment
 from armd.compensation.session import load_session
 from armd.errors import BadInput
 from armd.files import write_whole
@@ -61,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
             "before": experiment.before,
             "after": experiment.after,
             "climate": experiment.climate.words,
+            "next_experiment": next_experiment(diagnosis),
             "poses": rows,
         }
         write_whole(args.json, json.dumps(result, indent=1) + "\n")
@@ -68,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
         from armd.compensation.diagnose.design_report import design_report
 
         write_whole(args.report, design_report(experiment, arm, rows))
-    _print(experiment, rows)
+    _print(experiment, rows, next_experiment(diagnosis))
     return 0
 
 
@@ -93,7 +95,7 @@ def table(experiment: Experiment, sensors: list[str]) -> list[dict[str, Any]]:
     ]
 
 
-def _print(experiment: Experiment, rows: list[dict[str, Any]]) -> None:
+def _print(experiment: Experiment, rows: list[dict[str, Any]], sentence: str) -> None:
     console = Console()
     question = experiment.question
     console.print(
@@ -112,3 +114,4 @@ def _print(experiment: Experiment, rows: list[dict[str, Any]]) -> None:
             " ".join(f"{v:.0f}" for k, v in row.items() if k.endswith("_c")),
         )
     console.print(shown)
+    console.print(f"armd diagnose says: {sentence}", soft_wrap=True)

@@ -48,6 +48,7 @@ def test_nothing_in_doubt_the_command_tightens_a_parameter_that_is_no_gauge(tmp_
     assert not GAUGES & set(result["quantity"].split())
     assert 0.1 < result["after"] < 0.9 * result["before"] < 50.0
     assert f"{result['before']:.2f} µm at the tip" in said
+    assert result["next_experiment"] in said
     assert f"{result['after']:.2f}" in page
     assert "http://" not in page.split("<body>")[1]
     assert [int(row["pose"]) for row in rows] == list(range(1, 10))
