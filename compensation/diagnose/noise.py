@@ -26,6 +26,7 @@ MOST_KNOTS = 8
 #: Beyond this many standard deviations of a rest's three components a residual counts as its edge.
 WINSOR_AT = 3.3
 _TINY = 1e-10
+LEAST_MM = 1e-6  # no reading is better than a nanometre, even where everything is absorbed
 MOST_RELATIVE = 1e6  # variance of a shared column over that of one rest
 
 
@@ -199,10 +200,10 @@ def _sums(noise: Noise, residual: F64, fixed: F64, shared: F64) -> _Gram:
 def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
     """(−2 log likelihood, s, drift) at the best scale and drift for a share."""
     drifting = np.isnan(variance)
-    first = float(np.sqrt(max(gram.square, 1e-12) / max(gram.freedom, 1)))
+    first = max(float(np.sqrt(max(gram.square, 0.0) / max(gram.freedom, 1))), LEAST_MM)
 
     def cost(log_values: F64) -> float:
-        scale, drift = np.exp(log_values[0]), np.exp(log_values[-1])
+        scale, drift = max(np.exp(log_values[0]), LEAST_MM), np.exp(log_values[-1])
         relative = np.where(drifting, drift**2, variance) / scale**2
         return _likelihood(gram, scale, np.clip(relative, 1e-8, MOST_RELATIVE))
 
@@ -212,7 +213,8 @@ def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
     best = minimize(
         cost, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxfev": 30}
     )
-    return float(best.fun), float(np.exp(best.x[0])), float(np.exp(best.x[-1])) if drifts else 0.0
+    scale, drift = float(np.exp(best.x[0])), float(np.exp(best.x[-1]))
+    return float(best.fun), max(scale, LEAST_MM), drift if drifts else 0.0
 
 
 def _likelihood(gram: _Gram, scale: float, relative: F64) -> float:
@@ -225,7 +227,7 @@ def _likelihood(gram: _Gram, scale: float, relative: F64) -> float:
         gram.freedom * 2.0 * np.log(scale)
         + gram.log_det
         + 2.0 * np.log(np.diag(factor)).sum()
-        + (gram.square - towards @ towards) / scale**2
+        + max(float(gram.square - towards @ towards), 0.0) / scale**2  # rounding may leave less
     )
 
 

@@ -178,6 +178,10 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     """Fit placements and unknown seats under *model*; everything else becomes columns."""
     observations = _corrected(rests, model.artefact)
     values = basis_values(model.terms, observations.states, arm, model.reference_c, model.constants)
+    if not np.isfinite(values).all():
+        files = ", ".join(str(session.path) for session in rests.sessions)
+        needs = "those that the model under test needs"
+        raise BadInput(files, "temperatures", "missing in some readings", needs)
     rows = parameter_rows(model.constants, model.terms, values)
     position, columns = jacobian(observations.states.q, rows)
     poses = fit_poses(observations, position)
@@ -188,9 +192,6 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     parameters[:, : 3 * n] = columns.reshape(3 * n, -1).T
     residual = np.zeros(size)
     residual[: 3 * n] = poses.residual(observations, position).ravel()
-    if not np.isfinite(residual).all():
-        files = ", ".join(str(session.path) for session in rests.sessions)
-        raise BadInput(files, "temperatures", "none", "those that the model under test needs")
     apart = poses.target_mm[distances.between[:, 0]] - poses.target_mm[distances.between[:, 1]]
     length = np.linalg.norm(apart, axis=1)
     residual[3 * n :] = length - distances.length_mm

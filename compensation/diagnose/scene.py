@@ -24,7 +24,6 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
     varied = np.isfinite(temperatures).all(axis=0) & (np.ptp(temperatures, axis=0) > 0.05)
     moments = _moments(states.time_s)
     labels = np.array(rests.target_label)
-    distances = observations.distances
     certified = np.unique(labels[observations.target[~observations.has_truth]])
     named = [str(name) for name in certified if not observations.unknown[labels == name].any()]
     rate = states.rate[np.isfinite(states.rate)]
@@ -39,11 +38,26 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
         approach=bool(np.isfinite(states.approach).all(axis=1).mean() > 0.5),
         artefact_c=bool(np.ptp(rests.artefact_rise_c) > 0.05),
         targets=tuple(named) if len(named) > 3 else (),
-        distances=tuple(f"{labels[a]}, {labels[b]}" for a, b in distances.between),
+        distances=_checked_distances(rests, baseline),
         start_unix_s=float(states.time_s.min()),
         instants_unix_s=_grid(moments),
         all_instants_unix_s=moments,
     )
+
+
+def _checked_distances(rests: Rests, baseline: Baseline) -> tuple[str, ...]:
+    """Certified distances, where something else knows a length that can contradict them.
+
+    With constants free and one distance all that is known of size, an arm shrunk to nothing
+    would leave no residual at all: the data cannot tell whether that distance is right.
+    """
+    observations = rests.observations
+    between = observations.distances.between
+    positions = observations.has_truth.any() or not observations.unknown.all()
+    if not (baseline.held or positions or len(between) > 1):
+        return ()
+    labels = rests.target_label
+    return tuple(f"{labels[a]}, {labels[b]}" for a, b in between)
 
 
 def _moments(time_s: F64) -> F64:

@@ -1,0 +1,77 @@
+"""The Kinova's seats: millimetres of error, one certified distance, no rates, no temperatures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import diagnosis_marks
+import numpy as np
+import pytest
+from convert import convert
+from rich.console import Console
+
+from armd.compensation.arm import Arm, TemperatureSensor, load_arm
+from armd.compensation.calibration import ArtefactCorrection
+from armd.compensation.diagnose.baseline import from_calibration
+from armd.compensation.diagnose.diagnose import model_under_test
+from armd.compensation.diagnose.fit import fit
+from armd.compensation.diagnose.noise import LEAST_MM
+from armd.compensation.diagnose.problem import ModelState, Rests, gather_rests, linearise
+from armd.compensation.diagnose.scene import make_scene
+from armd.compensation.effects.effect import ArtefactChange, Candidate, Column
+from armd.compensation.session import Session, load_session
+from armd.compensation.terms import Temperature, Term
+from armd.errors import BadInput
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("real")
+    convert(made)
+    return made / "dinova_1"
+
+
+@pytest.fixture(scope="module")
+def seats(folder: Path) -> tuple[Arm, Session, Rests]:
+    arm = load_arm(folder / "arm.toml")
+    session = load_session(folder / "seats", arm)
+    return arm, session, gather_rests([session], arm)
+
+
+def test_backlash_is_not_named_without_its_evidence(folder: Path) -> None:
+    console = Console(width=300, record=True)
+    assert diagnosis_marks.kinova(folder, console) == []
+    assert "backlash cannot be told" in console.export_text()
+
+
+def test_the_only_length_is_not_doubted(seats: tuple[Arm, Session, Rests]) -> None:
+    """An arm shrunk to nothing has no residual: what alone says its size cannot be a finding."""
+    arm, session, rests = seats
+    free = model_under_test([session], arm, None)
+    assert make_scene(rests, arm, free).distances == ()
+    held = from_calibration(free.calibration, arm, held=True)
+    assert len(make_scene(rests, arm, held).distances) == 1
+
+
+def test_noise_stays_finite_where_everything_is_absorbed(
+    seats: tuple[Arm, Session, Rests],
+) -> None:
+    arm, session, rests = seats
+    column = Column("distance", "mm", 0.05, artefact=ArtefactChange("distance", index=0))
+    shrinks = Candidate("artefact_length", "artefact", (column,), ("target",))
+    baseline = model_under_test([session], arm, None)
+    found = fit(rests, arm, baseline, baseline.model, [shrinks], [np.zeros(1)])
+    assert found.noise.scale_mm >= LEAST_MM
+    assert np.isfinite(found.solution).all()
+
+
+def test_only_missing_temperatures_are_called_that(seats: tuple[Arm, Session, Rests]) -> None:
+    arm, _, rests = seats
+    arm = arm.model_copy(update={"temperature_sensor": [TemperatureSensor(name="t1")]})
+    states = replace(rests.observations.states, temperature_c=np.full((rests.n, 1), np.nan))
+    rests = replace(rests, observations=replace(rests.observations, states=states))
+    warm = Term(parameter="d_2", basis=[Temperature(weights={"t1": 1.0})], coefficient=1.0)
+    model = ModelState(arm.nominal(), (warm,), 20.0, ArtefactCorrection())
+    with pytest.raises(BadInput, match="temperatures: found missing"):
+        linearise(rests, model, arm)
