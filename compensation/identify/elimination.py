@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import svd
 
 from armd.compensation.identify.linearise import Linearisation
 
@@ -162,7 +163,9 @@ class _Range:
 
     def __init__(self, matrix: F64, yardstick: F64) -> None:
         orthonormal, triangle = np.linalg.qr(matrix)  # first: tall matrices are slow to decompose
-        u, s, vt = np.linalg.svd(triangle, full_matrices=False)
+        # Many singular values are nearly equal here (every target measured equally well); divide
+        # and conquer, LAPACK's gesdd, now and then does not converge on such clusters.
+        u, s, vt = svd(triangle, full_matrices=False, check_finite=False, lapack_driver="gesvd")
         keep = s > NUISANCE_RANK * yardstick.max(initial=0.0)
         self.u, self.s, self.v = orthonormal @ u[:, keep], s[keep], vt[keep].T
 
