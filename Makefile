@@ -39,7 +39,7 @@ test: lint
 CASES ?= 40
 SEED ?= 1
 hidden: install
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
 
 # Simulator, daemon and subscribers under random faults, every point accounted for:
 # make soak MINUTES=60 SEED=3
