@@ -37,7 +37,7 @@ class Flagger:
         )
         self._last_seq = np.full(1, -1, np.int64)
 
-    def flags(
+    def finish(
         self,
         samples: npt.NDArray[np.void],
         q: npt.NDArray[np.float64],
@@ -45,45 +45,56 @@ class Flagger:
         slow: int,
         stale_after_ns: int,
         invalid_after_ns: int,
-    ) -> npt.NDArray[np.uint32]:
-        """Flags (n,) of samples with angles (n, N) rad.
+        calibration: int,
+        points: npt.NDArray[np.void],
+    ) -> None:
+        """Flag the points (n,) of samples with angles (n, N) rad, and copy what is the samples'.
 
-        *slow* holds for the whole batch: flags 1, 3 and 7, which change with a temperature or a
-        calibration. After the two instants the temperature is stale, and held no longer.
+        An invalid point's numbers become NaN. *slow* holds for the whole batch: flags 1, 3 and 7,
+        which change with a temperature or a calibration. After the two instants the temperature
+        is stale, and held no longer.
         """
-        flags = np.empty(len(samples), np.uint32)
-        _flag(
-            samples["seq"].astype(np.int64), samples["monotonic_ns"],
-            samples["joint_invalid"], samples["joint_warning"], samples["clock_mapped"],
-            q, still_since_ns, slow, stale_after_ns, invalid_after_ns,
-            self._low, self._high, self._last_seq, flags,
+        _finish(
+            samples, q, still_since_ns, slow, stale_after_ns, invalid_after_ns,
+            np.uint64(calibration), self._low, self._high, self._last_seq, points,
         )  # fmt: skip
-        return flags
 
 
 @jit
-def _flag(
-    seq: Any, time_ns: Any, joint_invalid: Any, joint_warning: Any, clock_mapped: Any,
-    q: Any, still_since_ns: Any, slow: int, stale_after_ns: int, invalid_after_ns: int,
-    low: Any, high: Any, last_seq: Any, flags: Any,
+def _finish(
+    samples: Any, q: Any, still_since_ns: Any, slow: int, stale_after_ns: int,
+    invalid_after_ns: int, calibration: Any, low: Any, high: Any, last_seq: Any, points: Any,
 ) -> None:  # fmt: skip
-    for i in range(len(seq)):
-        now = time_ns[i]
+    for i in range(len(samples)):
+        sample, point = samples[i], points[i]
+        now, seq = sample.monotonic_ns, np.int64(sample.seq)
         flag = slow
-        if joint_invalid[i] != 0 or now > invalid_after_ns:
+        if sample.joint_invalid != 0 or now > invalid_after_ns:
             flag |= _INVALID
+            for part in range(3):
+                point.position_mm[part] = math.nan
+                point.correction_mm[part] = math.nan
+            for part in range(4):
+                point.orientation[part] = math.nan
+            for part in range(6):
+                point.covariance_mm2[part] = math.nan
         elif now - still_since_ns[i] >= REST_AFTER_NS:
             flag |= _REST
         if now > stale_after_ns:
             flag |= _STALE
-        if joint_warning[i] != 0:
+        if sample.joint_warning != 0:
             flag |= _WARNING
         for k in range(q.shape[1]):
             if q[i, k] < low[k] or q[i, k] > high[k]:
                 flag |= _END_STOP
-        if last_seq[0] >= 0 and seq[i] != last_seq[0] + 1:
+        if last_seq[0] >= 0 and seq != last_seq[0] + 1:
             flag |= _LOST
-        if not clock_mapped[i]:
+        if not sample.clock_mapped:
             flag |= _CLOCK
-        last_seq[0] = seq[i]
-        flags[i] = flag
+        last_seq[0] = seq
+        point.flags = flag
+        point.seq = sample.seq
+        point.stamp_ns = sample.stamp_ns
+        point.monotonic_ns = now
+        point.buttons = sample.buttons
+        point.calibration = calibration

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from armd import Flag
 from armd.daemon.pipeline import PointArray
 from armd.drivers.sample import SampleArray
+from armd.jit import jit
 
 
 @dataclass(frozen=True)
@@ -31,21 +33,24 @@ class Second:
 
 
 class Tally:
-    """Collects batches as they pass, which costs the stream next to nothing, and sums them up
-    when the second is over."""
+    """Counts batches as they pass and sums them up when the second is over."""
 
     def __init__(self, now_ns: int) -> None:
         self.published = 0
         self.flagged: Counter[str] = Counter()  # since the start
         self._since_ns = now_ns
-        self._points: list[PointArray] = []
-        self._samples: list[SampleArray] = []
+        self._clear()
+
+    def _clear(self) -> None:
+        self._points = 0
+        self._by_bit = np.zeros(32, np.int64)  # points that carried a flag
+        self._joints = np.zeros(2, np.uint16)  # bits of joints that were invalid, that warned
         self._latency_ns: list[int] = []
 
     def add(self, points: PointArray, samples: SampleArray, published_ns: int) -> None:
         """A batch and its samples, put at *published_ns* (CLOCK_MONOTONIC)."""
-        self._points.append(points)
-        self._samples.append(samples)
+        self._points += len(points)
+        _count(points["flags"], samples, self._by_bit, self._joints)
         self._latency_ns.append(published_ns - int(points["monotonic_ns"][-1]))
 
     def close_second(self, now_ns: int) -> Second:
@@ -54,19 +59,19 @@ class Tally:
         self._since_ns = now_ns
         if not self._points:
             return Second(seconds)
-        flags = np.concatenate([points["flags"] for points in self._points])
-        flagged = {flag.name or "": int((flags & flag > 0).sum()) for flag in Flag}
+        by_bit = self._by_bit.tolist()
+        flagged = {flag.name or "": by_bit[flag.bit_length() - 1] for flag in Flag}
         flagged = {name: count for name, count in flagged.items() if count}
         latency_ms = np.array(self._latency_ns) * 1e-6
         p50, p99 = np.percentile(latency_ms, [50, 99])
         second = Second(
             seconds,
-            points=len(flags),
+            points=self._points,
             invalid=flagged.get("INVALID", 0),
-            flags=int(np.bitwise_or.reduce(flags)),
+            flags=sum(1 << bit for bit, count in enumerate(by_bit) if count),
             flagged=flagged,
-            invalid_joints=self._joints("joint_invalid"),
-            warning_joints=self._joints("joint_warning"),
+            invalid_joints=_numbers(int(self._joints[0])),
+            warning_joints=_numbers(int(self._joints[1])),
             latency_ms={
                 "p50": round(float(p50), 3),
                 "p99": round(float(p99), 3),
@@ -75,12 +80,19 @@ class Tally:
         )
         self.published += second.points
         self.flagged.update(flagged)
-        self._points, self._samples, self._latency_ns = [], [], []
+        self._clear()
         return second
 
-    def _joints(self, name: str) -> tuple[int, ...]:
-        """Numbers of the joints whose bit stood in any sample."""
-        bits = 0
-        for samples in self._samples:
-            bits |= int(np.bitwise_or.reduce(samples[name]))
-        return tuple(k for k in range(1, 17) if bits >> (k - 1) & 1)
+
+@jit
+def _count(flags: Any, samples: Any, by_bit: Any, joints: Any) -> None:
+    for i in range(len(flags)):
+        for bit in range(len(by_bit)):
+            by_bit[bit] += flags[i] >> bit & 1
+        joints[0] |= samples[i].joint_invalid
+        joints[1] |= samples[i].joint_warning
+
+
+def _numbers(bits: int) -> tuple[int, ...]:
+    """Of the joints whose bit stands."""
+    return tuple(k for k in range(1, 17) if bits >> (k - 1) & 1)

@@ -52,21 +52,28 @@ class Motion:
         self._last_q = np.zeros(n)
         self._turned_q = np.zeros(n)
         self._side = np.zeros(n)
+        self._rate = np.empty((0, n))
+        self._approach = np.empty((0, 3))
+        self._still_since_ns = np.empty(0, np.int64)
 
     def follow(
-        self, q: F64, position_mm: F64, monotonic_ns: I64, valid: npt.NDArray[np.bool_]
+        self, q: F64, position_mm: F64, monotonic_ns: I64, invalid: npt.NDArray[np.uint16]
     ) -> tuple[F64, F64, I64]:
-        """Joint angles (n, N) rad and tip (n, 3) mm at (n,) ns, and which rows hold.
+        """Joint angles (n, N) rad and tip (n, 3) mm at (n,) ns; a row holds where *invalid* is 0.
 
         Returns rate (n, N) rad/s whose sign is the side of approach (at rest it stays, on a value
         of almost 0; NaN while unknown), approach (n, 3) unit vectors (NaN while unknown) and the
-        instant (n,) ns since which the tip has been still.
+        instant (n,) ns since which the tip has been still. The next call overwrites them.
         """
-        rate = np.empty_like(q)
-        approach = np.empty((len(q), 3))
-        still_since_ns = np.empty(len(q), np.int64)
+        n = len(q)
+        if n > len(self._rate):
+            self._rate = np.empty((2 * n, q.shape[1]))
+            self._approach = np.empty((2 * n, 3))
+            self._still_since_ns = np.empty(2 * n, np.int64)
+        rate, approach = self._rate[:n], self._approach[:n]
+        still_since_ns = self._still_since_ns[:n]
         _follow(
-            q, position_mm, monotonic_ns, valid,
+            q, position_mm, monotonic_ns, invalid,
             self._floor_mm, self._floats, self._integers, self._last_q, self._turned_q, self._side,
             rate, approach, still_since_ns,
         )  # fmt: skip
@@ -75,14 +82,14 @@ class Motion:
 
 @jit
 def _follow(
-    q: Any, position: Any, time_ns: Any, valid: Any,
+    q: Any, position: Any, time_ns: Any, invalid: Any,
     floor: float, state: Any, clock: Any, last_q: Any, turned_q: Any, sides: Any,
     rate: Any, approach: Any, still_since: Any,
 ) -> None:  # fmt: skip
     n, joints = q.shape
     for i in range(n):
         now = time_ns[i]
-        if not valid[i]:
+        if invalid[i] != 0:
             clock[_SEEN] = 0
             still_since[i] = now
             for k in range(joints):

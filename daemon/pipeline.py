@@ -31,8 +31,6 @@ F64 = npt.NDArray[np.float64]
 MEMORY_S = 7200.0
 MEMORY_STEP_S = 10.0
 
-_INVALID = int(Flag.INVALID)
-
 
 class Joints(NamedTuple):
     """What joints and tip did at n samples, as `Motion.follow` tells it."""
@@ -54,6 +52,7 @@ class Pipeline:
         self._middle, self._one_turn = _ranges(arm)
         self._motion = Motion(turns, _reach_mm(arm))
         self._flagger = Flagger(arm)
+        self._angles = np.empty((0, len(turns)))
         self.temperature = TemperatureWatch(arm, limits)
         self._stamp_ns = 0  # of the last temperatures
         self._past: deque[tuple[F64, int]] = deque(maxlen=round(MEMORY_S / MEMORY_STEP_S))
@@ -84,30 +83,26 @@ class Pipeline:
         self._model.fold(self.temperature.held_c, self._stamp_ns * 1e-9)
 
     def correct(self, samples: SampleArray) -> tuple[PointArray, Joints]:
-        """Points (n,) of samples (n,), and what the joints did."""
-        now_ns = samples["monotonic_ns"]
+        """Points (n,) of samples (n,), and what the joints did; the latter until the next call."""
+        n, now_ns = len(samples), samples["monotonic_ns"]
         if not self._begun:
             self._begun = True
             self.temperature.begin(int(now_ns[0]))
-        q = np.empty((len(samples), len(self._radians)))
+        if n > len(self._angles):
+            self._angles = np.empty((2 * n, len(self._radians)))
+        q = self._angles[:n]
         _angles(samples["count"], self._radians, self._middle, self._one_turn, q)
-        valid = samples["joint_invalid"] == 0
         tip_mm = self._model.uncorrected(q)
-        rate, approach, still_since_ns = self._motion.follow(q, tip_mm, now_ns, valid)
-
-        points = np.zeros(len(samples), POINT)
+        rate, approach, still_since_ns = self._motion.follow(
+            q, tip_mm, now_ns, samples["joint_invalid"]
+        )
+        points = np.zeros(n, POINT)
         self._model.correct(q, rate, approach, points)
-        points["flags"] = self._flagger.flags(
+        self._flagger.finish(
             samples, q, still_since_ns, self._slow_flags,
             self.temperature.stale_after_ns, self.temperature.invalid_after_ns,
+            self._identity, points,
         )  # fmt: skip
-        invalid = (points["flags"] & _INVALID) != 0
-        if invalid.any():
-            for name in ("position_mm", "orientation", "covariance_mm2", "correction_mm"):
-                points[name][invalid] = math.nan
-        for name in ("seq", "stamp_ns", "monotonic_ns", "buttons"):
-            points[name] = samples[name]
-        points["calibration"] = self._identity
         return points, Joints(q, rate, approach, still_since_ns)
 
 

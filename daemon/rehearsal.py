@@ -7,6 +7,7 @@ import numpy as np
 
 from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config
+from armd.daemon.health import Tally
 from armd.daemon.pipeline import Pipeline
 from armd.drivers.sample import Temperatures, sample_dtype
 
@@ -18,5 +19,5 @@ def rehearse(config: Config, arm: ArmInUse) -> None:
     samples["monotonic_ns"] = [0, 1_000_000]
     celsius = np.full(len(config.arm.sensors), config.arm.reference_temperature_c)
     pipeline.take_temperatures(Temperatures(celsius, 0, 0, 0))
-    pipeline.correct(samples)
-    pipeline.correct(samples[:1])
+    points, _ = pipeline.correct(samples)
+    Tally(0).add(points, samples, 0)

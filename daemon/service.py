@@ -85,9 +85,7 @@ class Service:
         while not self._stopping:
             if self._supervisor.rate_hz > FAST_HZ:
                 time.sleep(GATHER_S)
-            items = self._driver.read(READ_S)
-            self._publisher.put_raw(self._driver.take_raw())
-            for item in items:
+            for item in self._driver.read(READ_S):
                 match item:
                     case Temperatures():
                         self._arm.pipeline.take_temperatures(item)
@@ -95,6 +93,7 @@ class Service:
                         self._pass_on(item)
                     case samples:
                         self._publish(samples)
+            self._publisher.put_raw(self._driver.take_raw())
             now_ns = time.monotonic_ns()
             if now_ns >= self._next_tick_ns:
                 self._next_tick_ns = now_ns + TICK_NS

@@ -157,7 +157,8 @@ class TemperatureWatch:
         residuals = values - values.mean(axis=0) - np.outer(centred, slopes)
         errors = np.sqrt((residuals**2).sum(axis=0) / (len(hours) - 2) / spread)
         steps = np.abs(np.diff(values, axis=0))
-        jumps = (np.where(steps > STEP_K, steps, 0.0) / np.diff(hours)[:, None]).max(axis=0)
+        within = np.maximum(np.diff(hours), 1e-12)[:, None]  # a reading told twice is no step
+        jumps = (np.where(steps > STEP_K, steps, 0.0) / within).max(axis=0)
         worst = int(np.argmax(np.maximum(np.abs(slopes) - 3 * errors, jumps)))
         return Drift(
             self.sensors[steady[worst]],

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from armd.drivers.clock import DeviceClock
+from armd.drivers.clock import DeviceClock, host_ns
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, sample_dtype
 from armd.drivers.sequence import Run
-from armd.drivers.unwrap import Unwrapper
+from armd.drivers.serial_wire import sample_layout
+from armd.drivers.unwrap import Unwrapper, unwrap
+from armd.jit import jit
 
 
 class SampleAssembler:
-    """Fills `SampleArray`s of one arm; `delivered` counts their rows."""
+    """Makes `SampleArray`s of one arm; `delivered` counts their rows."""
 
     def __init__(self, n_joints: int, clock: DeviceClock, max_joint_rate_deg_s: float) -> None:
         self.delivered = 0
@@ -22,9 +25,12 @@ class SampleAssembler:
         self._clock = clock
         self._max_rate = max_joint_rate_deg_s
         self._unwrapper: Unwrapper | None = None
-        self._last_seq: int | None = None
+        self._next_seq = np.zeros(1, np.uint64)
         self._status_watch = JointWatch("joint_invalid", "the arm calls it invalid")
         self._jump_watch = JointWatch("count_jump", "its count jumped")
+        # Rows come from bytes or from a copy of rows; to the compiled loop they are all the same.
+        self._rows = np.zeros(1, sample_layout(n_joints))
+        self._jumped = np.zeros(1, np.uint16)
 
     def set_bits(self, bits: Sequence[int]) -> None:
         """Counts of joint k wrap at 2^bits[k-1]; to be told before the first run."""
@@ -40,30 +46,66 @@ class SampleAssembler:
     def assemble(self, run: Run, unix_minus_monotonic_ns: int) -> list[Item]:
         """One array, after the events its joints give rise to."""
         assert self._unwrapper is not None
-        rows = run.rows
-        out = np.zeros(len(rows), self._dtype)
-        t_us = rows["t_us"].astype(np.int64)
-        out["seq"] = run.seq
-        out["device_ns"] = device_ns = t_us * 1000
-        out["clock_mapped"] = self._clock.mapped
-        out["monotonic_ns"] = monotonic_ns = (
-            self._clock.to_host(device_ns)
-            if self._clock.mapped
-            else run.arrival_ns - (device_ns[-1] - device_ns)
-        )
-        out["stamp_ns"] = monotonic_ns + unix_minus_monotonic_ns
-        out["buttons"] = rows["buttons"]
+        n = len(run.rows)
+        if n > len(self._rows):
+            self._rows = np.zeros(2 * n, self._rows.dtype)
+            self._jumped = np.zeros(2 * n, np.uint16)
+        rows, jumped = self._rows[:n], self._jumped[:n]
+        rows[:] = run.rows
+        out = np.empty(n, self._dtype)
+        trouble = _assemble(
+            rows, np.uint64(run.epoch << 32), self._clock.mapped, *self._clock.line,
+            run.arrival_ns, unix_minus_monotonic_ns, self.delivered > 0, self._next_seq,
+            *self._unwrapper.memory, out, jumped,
+        )  # fmt: skip
+        self.delivered += n
+        if not trouble and not self._status_watch.active and not self._jump_watch.active:
+            return [out]
         status = rows["joint_status"].astype(np.uint16)
-        out["count"], jumped = self._unwrapper(rows["count"].astype(np.int64), t_us, status)
-        out["joint_invalid"] = status | jumped
-        if len(rows) > 1:
-            out["lost_before"][1:] = run.seq[1:] != run.seq[:-1] + np.uint64(1)
-        if self._last_seq is not None:
-            out["lost_before"][0] = int(run.seq[0]) != self._last_seq + 1
-        self._last_seq = int(run.seq[-1])
-        self.delivered += len(rows)
         return [
             *self._status_watch.events(out, status),
             *self._jump_watch.events(out, jumped),
             out,
         ]
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache: before the first sample, not while it waits."""
+        other = SampleAssembler(self._rows["count"].shape[1], self._clock, self._max_rate)
+        other.set_bits([20] * self._rows["count"].shape[1])
+        other.assemble(Run(other._rows, 0, 0, False), 0)
+
+
+@jit
+def _assemble(
+    rows: Any, epoch: Any, mapped: bool, anchor_device_ns: int, anchor_host_ns: int, drift: float,
+    arrival_ns: int, unix_minus_monotonic_ns: int, follows: bool, next_seq: Any,
+    range_counts: Any, counts_per_us: Any, memory: Any, out: Any, jumped: Any,
+) -> int:  # fmt: skip
+    """Fill *out*, and *jumped* with the bits of joints whose counts did; whether any joint of any
+    row is in trouble. *next_seq* (1,) is the number that would follow the last one, if any."""
+    last_ns = np.int64(rows[len(rows) - 1].t_us) * 1000
+    trouble = 0
+    for i in range(len(rows)):
+        row, sample = rows[i], out[i]
+        seq, t_us = epoch | np.uint64(row.seq), np.int64(row.t_us)
+        device_ns = t_us * 1000
+        if mapped:
+            monotonic_ns = host_ns(device_ns, anchor_device_ns, anchor_host_ns, drift)
+        else:
+            monotonic_ns = arrival_ns - (last_ns - device_ns)
+        status = np.uint16(row.joint_status)
+        jumps = unwrap(row.count, t_us, status, range_counts, counts_per_us, memory, sample.count)
+        sample.seq = seq
+        sample.device_ns = device_ns
+        sample.stamp_ns = monotonic_ns + unix_minus_monotonic_ns
+        sample.monotonic_ns = monotonic_ns
+        sample.joint_invalid = status | jumps
+        sample.joint_warning = 0
+        sample.buttons = row.buttons
+        sample.clock_mapped = mapped
+        sample.lost_before = follows and seq != next_seq[0]
+        next_seq[0] = seq + np.uint64(1)
+        follows = True
+        jumped[i] = jumps
+        trouble |= status | jumps
+    return trouble

@@ -9,9 +9,11 @@ quickest decide, the others hardly count.
 from __future__ import annotations
 
 from collections import deque
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from armd.jit import jit
 
 WINDOW = 64  # exchanges remembered
 ENOUGH = 8  # exchanges before the mapping is trusted
@@ -56,10 +58,14 @@ class DeviceClock:
         self._exchanges.append((device_ns, middle, received_ns - sent_ns))
         self._fit()
 
-    def to_host(self, device_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Instants (m,) on the host's clock; only meaningful while `mapped`."""
-        since = device_ns - self._device_ns
-        return self._host_ns + since + np.round(since * self.drift).astype(np.int64)
+    @property
+    def line(self) -> tuple[int, int, float]:
+        """What `host_ns` takes: an instant on both clocks, and the drift."""
+        return self._device_ns, self._host_ns, self.drift
+
+    def to_host(self, device_ns: int) -> int:
+        """An instant on the host's clock; only meaningful while `mapped`."""
+        return int(host_ns(device_ns, *self.line))
 
     def _fit(self) -> None:
         anchor, host, _ = self._exchanges[-1]
@@ -73,3 +79,10 @@ class DeviceClock:
         self.drift = float((s * suy - su * sy) / (s * suu - su * su))
         self._device_ns = anchor
         self._host_ns = host + round(float((sy - self.drift * su) / s))
+
+
+@jit
+def host_ns(device_ns: Any, anchor_device_ns: int, anchor_host_ns: int, drift: float) -> Any:
+    """The host's instant of the device's, on the line through an instant of both."""
+    since = device_ns - anchor_device_ns
+    return anchor_host_ns + since + np.int64(np.rint(since * drift))

@@ -18,6 +18,11 @@ class JointWatch:
         self._trouble = trouble  # what follows "joint 3: "
         self._last_bad_ns: dict[int, int] = {}  # joint (from 1) → device_ns
 
+    @property
+    def active(self) -> bool:
+        """Some joint has not recovered yet."""
+        return bool(self._last_bad_ns)
+
     def events(self, samples: SampleArray, bad: npt.NDArray[np.uint16]) -> list[Event]:
         """What *bad* (m,), bit k-1 for joint k, of the consecutive *samples* (m,) gives rise to."""
         if not self._last_bad_ns and not bad.any():

@@ -70,8 +70,10 @@ class LineHealth:
         """
         if at_ns is not None:
             self._quiet_since_ns = max(self._quiet_since_ns, at_ns)
+        if self._trouble is None:
+            return items
         first = next((i for i, item in enumerate(items) if isinstance(item, np.ndarray)), None)
-        if self._trouble is None or first is None:
+        if first is None:
             return items
         (kind, since_ns), self._trouble = self._trouble, None
         now_ns = time.monotonic_ns()

@@ -9,7 +9,7 @@ longer than we have been waiting.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,12 +21,11 @@ LATENESS_NS = 100_000_000  # by how much bytes may arrive late
 CERTAIN = 32  # so many packets running on in the past are a reboot, whatever the clock says
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
+class Run(NamedTuple):
     """Consecutive accepted rows with their extended numbers."""
 
     rows: Rows
-    seq: npt.NDArray[np.uint64]
+    epoch: int
     arrival_ns: int
     rebooted: bool  # the arm rebooted just before this run
 
@@ -114,11 +113,11 @@ class SequenceExtender:
         self._suspects.clear()
 
     def _accept(self, rows: Rows, arrival_ns: int, rebooted: bool = False) -> Run:
-        seq = rows["seq"].astype(np.uint64)
+        seq = rows["seq"]
         first, last = int(seq[0]), int(seq[-1])
         if self._last is not None and not rebooted:
             gap = (first - self._last[0]) % WRAP - 1
             self.lost += gap if first > self._last[0] or gap < WRAP // 2 else 0
         self.lost += last - first + 1 - len(rows)
         self._last = (last, int(rows["t_us"][-1]), arrival_ns)
-        return Run(rows, seq | np.uint64(self.epoch << 32), arrival_ns, rebooted)
+        return Run(rows, self.epoch, arrival_ns, rebooted)

@@ -82,6 +82,10 @@ class SerialDecoder:
             return []
         return self._decode(frame)
 
+    def warm_up(self) -> None:
+        """Compile, or load from the cache: before the first sample, not while it waits."""
+        self._assembler.warm_up()
+
     def preamble(self) -> list[RawFrame]:
         """What a fresh decoder must be fed to go on from here: epoch, identity, temperatures and
         the exchanges that make the clock."""
@@ -157,7 +161,9 @@ class SerialDecoder:
         if not run:
             return []
         rows = wire.decode_samples(run, self._expected.n_joints)
-        if rows["t_us"].max() >= wire.T_US_LIMIT:
+        if (len(rows) > 1 or rows["t_us"][0] >= wire.T_US_LIMIT) and (
+            rows["t_us"].max() >= wire.T_US_LIMIT
+        ):
             sane = rows["t_us"] < wire.T_US_LIMIT
             self._counted["malformed"] += int((~sane).sum())
             rows = rows[sane]
@@ -290,7 +296,7 @@ class SerialDecoder:
         celsius[:n] = reading.celsius[:n]
         device_ns = reading.t_us * 1000
         if self.clock.mapped:
-            arrival_ns = int(self.clock.to_host(np.array([device_ns]))[0])
+            arrival_ns = self.clock.to_host(device_ns)
         stamp_ns = arrival_ns + unix_minus_monotonic_ns
         return Temperatures(celsius, device_ns, arrival_ns, stamp_ns)
 

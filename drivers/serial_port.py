@@ -22,7 +22,6 @@ from armd.drivers.identity import Expectation
 from armd.drivers.line_health import SILENCE_NS, STALE_NS, LineHealth
 from armd.drivers.sample import RAW_FRAMES_KEPT, Direction, Event, Item, RawFrame
 from armd.drivers.serial_decoder import SerialDecoder
-from armd.drivers.unwrap import warm_up
 
 READ_BYTES = 1 << 16
 IDENTIFY_INTERVAL_NS = 100_000_000
@@ -60,7 +59,7 @@ class SerialDriver:
 
     def open(self) -> None:
         """Get ready; the port itself is opened by the first `read`, which goes on trying."""
-        warm_up()
+        self._decoder.warm_up()
 
     def close(self) -> None:
         if self._serial is not None:

@@ -6,6 +6,7 @@ One plain loop, compiled: the same rule for one sample and for a million.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,60 +31,64 @@ _MEMORY = np.dtype(
 )
 
 
-def _unwrap(
-    raw: npt.NDArray[np.int64],
-    t_us: npt.NDArray[np.int64],
-    withheld: npt.NDArray[np.uint16],
-    range_counts: npt.NDArray[np.int64],
-    counts_per_us: npt.NDArray[np.float64],
-    memory: npt.NDArray[np.void],
-    out: npt.NDArray[np.int64],
-    jumped: npt.NDArray[np.uint16],
-) -> None:
-    for row in range(raw.shape[0]):
-        now = t_us[row]
-        for k in range(raw.shape[1]):
-            joint = memory[k]
-            span = range_counts[k]
-            half = span // 2
-            if not joint.started:
-                joint.believed = (raw[row, k] + half) % span - half
-                joint.believed_us = now
-                joint.reading = joint.believed
-            from_believed = (raw[row, k] - joint.believed + half) % span - half
-            count = joint.believed + from_believed
-            out[row, k] = count
-            if withheld[row] >> k & 1:
-                continue
-            joint.started = True
+@jit
+def unwrap(
+    raw: Any, now: Any, withheld: Any, range_counts: Any, counts_per_us: Any, memory: Any, out: Any
+) -> Any:
+    """One cycle: counts (N,) at *now* µs into *out*; returns the bits of joints that jumped."""
+    jumped = np.uint16(0)
+    for k in range(len(raw)):
+        joint = memory[k]
+        reading = np.int64(raw[k])
+        span = range_counts[k]
+        half = span // 2
+        if not joint.started:
+            joint.believed = (reading + half) % span - half
+            joint.believed_us = now
+            joint.reading = joint.believed
+        from_believed = (reading - joint.believed + half) % span - half
+        count = joint.believed + from_believed
+        out[k] = count
+        if withheld >> k & 1:
+            continue
+        joint.started = True
 
-            bound = MARGIN_COUNTS + counts_per_us[k] * (now - joint.believed_us)
-            plausible = abs(from_believed) <= bound or half <= bound
-            if joint.doubt == 0:
-                if not plausible:
-                    joint.doubt = SETTLE_SAMPLES + 1
-                    joint.may_return = True
-            elif plausible and joint.may_return:
-                joint.doubt = 0
+        bound = MARGIN_COUNTS + counts_per_us[k] * (now - joint.believed_us)
+        plausible = abs(from_believed) <= bound or half <= bound
+        if joint.doubt == 0:
+            if not plausible:
+                joint.doubt = SETTLE_SAMPLES + 1
+                joint.may_return = True
+        elif plausible and joint.may_return:
+            joint.doubt = 0
+        else:
+            step = (reading - joint.reading + half) % span - half
+            steady = MARGIN_COUNTS + counts_per_us[k] * (now - joint.reading_us)
+            if abs(step) > steady:  # another jump: this encoder is wild
+                joint.doubt = SETTLE_SAMPLES + 1
+                joint.may_return = False
             else:
-                step = (raw[row, k] - joint.reading + half) % span - half
-                steady = MARGIN_COUNTS + counts_per_us[k] * (now - joint.reading_us)
-                if abs(step) > steady:  # another jump: this encoder is wild
-                    joint.doubt = SETTLE_SAMPLES + 1
-                    joint.may_return = False
-                else:
-                    joint.doubt -= 1
+                joint.doubt -= 1
 
-            joint.reading = count
-            joint.reading_us = now
-            if joint.doubt == 0:
-                joint.believed = count
-                joint.believed_us = now
-            else:
-                jumped[row] |= np.uint16(1 << k)
+        joint.reading = count
+        joint.reading_us = now
+        if joint.doubt == 0:
+            joint.believed = count
+            joint.believed_us = now
+        else:
+            jumped |= np.uint16(1 << k)
+    return jumped
 
 
-_compiled = jit(_unwrap)
+@jit
+def _unwrap_all(
+    raw: Any, t_us: Any, withheld: Any, range_counts: Any, counts_per_us: Any, memory: Any,
+    out: Any, jumped: Any,
+) -> None:  # fmt: skip
+    for row in range(len(raw)):
+        jumped[row] = unwrap(
+            raw[row], t_us[row], withheld[row], range_counts, counts_per_us, memory, out[row]
+        )
 
 
 class Unwrapper:
@@ -110,6 +115,11 @@ class Unwrapper:
         """Forget all readings: the turns are unknown again."""
         self._memory = np.zeros(len(self._range), _MEMORY)
 
+    @property
+    def memory(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], npt.NDArray[np.void]]:
+        """What `unwrap` takes and keeps."""
+        return self._range, self._counts_per_us, self._memory
+
     def __call__(
         self,
         raw: npt.NDArray[np.int64],
@@ -122,7 +132,7 @@ class Unwrapper:
         """
         out = np.empty_like(raw)
         jumped = np.zeros(len(raw), dtype=np.uint16)
-        _compiled(raw, t_us, invalid, self._range, self._counts_per_us, self._memory, out, jumped)
+        _unwrap_all(raw, t_us, invalid, *self.memory, out, jumped)
         return out, jumped
 
 

@@ -30,10 +30,12 @@ def _sources() -> str:
     changed in another file: so every state of them all has a folder of its own.
     """
     digest = hashlib.sha256()
-    for file in sorted((Path(__file__).parent / "compensation").rglob("*.py")):
-        source = file.read_bytes()
-        if b"@jit" in source:
-            digest.update(source)
+    rooms = Path(__file__).parent
+    for room in ("drivers", "compensation", "daemon"):
+        for file in sorted((rooms / room).rglob("*.py")):
+            source = file.read_bytes()
+            if b"@jit" in source:
+                digest.update(source)
     return digest.hexdigest()[:12]
 
 

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from armd.daemon.motion import REST_AFTER_NS, SIDE_PLAY_RAD, Motion
 
 COUNTS = [1 << 23] * 3
+VALID = np.zeros(1000, np.uint16)
 REACH_MM = 1000.0
 
 
@@ -19,7 +20,7 @@ def follow(position_mm: np.ndarray, rate_hz: int = 1000, q: np.ndarray | None = 
     q = np.zeros((n, 3)) if q is None else q
     time_ns = np.arange(n) * (10**9 // rate_hz)
     motion = Motion(COUNTS, REACH_MM)
-    rate, approach, still_ns = motion.follow(q, position_mm, time_ns, np.ones(n, bool))
+    rate, approach, still_ns = motion.follow(q, position_mm, time_ns, np.zeros(n, np.uint16))
     return rate, approach, time_ns - still_ns >= REST_AFTER_NS
 
 
@@ -73,18 +74,18 @@ def test_after_a_gap_nobody_knows_whether_it_rested():
     motion = Motion(COUNTS, REACH_MM)
     q, tip = np.zeros((1000, 3)), np.zeros((1000, 3))
     time_ns = np.arange(1000) * 1_000_000
-    motion.follow(q, tip, time_ns, np.ones(1000, bool))
+    motion.follow(q, tip, time_ns, VALID)
     later_ns = time_ns + 2_000_000_000
-    still_ns = motion.follow(q, tip, later_ns, np.ones(1000, bool))[2]
+    still_ns = motion.follow(q, tip, later_ns, VALID)[2]
     assert (still_ns == later_ns[0]).all()
 
 
 def test_an_invalid_sample_ends_a_rest():
-    valid = np.ones(1000, bool)
-    valid[700] = False
+    invalid = VALID.copy()
+    invalid[700] = 1
     time_ns = np.arange(1000) * 1_000_000
     motion = Motion(COUNTS, REACH_MM)
-    still_ns = motion.follow(np.zeros((1000, 3)), np.zeros((1000, 3)), time_ns, valid)[2]
+    still_ns = motion.follow(np.zeros((1000, 3)), np.zeros((1000, 3)), time_ns, invalid)[2]
     assert still_ns[699] == 0 and still_ns[701] == time_ns[701]
 
 
@@ -117,10 +118,11 @@ def test_batches_do_not_matter(cuts, seed):
     q = np.cumsum(rng.normal(0, 1e-3, (n, 3)), axis=0)
     tip = np.cumsum(rng.normal(0, 0.02, (n, 3)), axis=0)
     time_ns = np.cumsum(rng.integers(5 * 10**5, 2 * 10**8, n))
-    valid = rng.random(n) > 0.05
-    whole = Motion(COUNTS, REACH_MM).follow(q, tip, time_ns, valid)
+    invalid = (rng.random(n) < 0.05).astype(np.uint16)
+    whole = Motion(COUNTS, REACH_MM).follow(q, tip, time_ns, invalid)
     motion, parts = Motion(COUNTS, REACH_MM), []
     for rows in np.split(np.arange(n), np.cumsum(cuts)[:-1]):
-        parts.append(motion.follow(q[rows], tip[rows], time_ns[rows], valid[rows]))
+        said = motion.follow(q[rows], tip[rows], time_ns[rows], invalid[rows])
+        parts.append([each.copy() for each in said])
     for one, cut in zip(whole, zip(*parts, strict=True), strict=True):
         np.testing.assert_array_equal(one, np.concatenate(cut))

@@ -31,7 +31,7 @@ class Feed:
     def push(self, *pairs, after_ns=MS):
         self.now_ns += after_ns
         for run in self.extender.push(rows(*pairs), self.now_ns):
-            self.accepted += [int(seq) for seq in run.seq]
+            self.accepted += [run.epoch << 32 | int(seq) for seq in run.rows["seq"]]
             self.reboots += run.rebooted
         return self
 
