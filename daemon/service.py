@@ -13,6 +13,7 @@ from typing import Any
 
 import zenoh
 
+from armd.daemon import root
 from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config
 from armd.daemon.info import describe
@@ -82,6 +83,8 @@ class Service:
     def run(self) -> None:
         """Until `stop`; raises `ForeignArm` if the configuration says so."""
         self._systemd.ready()
+        if root.is_root():
+            self._tell_now("runs_as_root", root.WARNING, "warning")
         while not self._stopping:
             if self._supervisor.rate_hz > FAST_HZ:
                 time.sleep(GATHER_S)

@@ -10,6 +10,7 @@ from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config
 from armd.daemon.health import Second, Tally
 from armd.daemon.pipeline import PointArray
+from armd.daemon.root import is_root
 from armd.daemon.state import Seen, State, assess
 from armd.drivers.sample import Driver, Event, SampleArray
 
@@ -102,6 +103,7 @@ class Supervisor:
             "latency": second.latency_ms,
             "calibration": None if calibration is None else calibration.sha256[:16],
             "tip": self._arm.tip,
+            "as_root": is_root(),
         }
 
     def _silent_s(self, now_ns: int) -> float | None:

@@ -12,6 +12,7 @@ from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config, load_config
 from armd.daemon.metrics import MetricsServer
 from armd.daemon.rehearsal import rehearse
+from armd.daemon.root import refuse_root_service
 from armd.daemon.service import Service
 from armd.daemon.session import zenoh_session
 from armd.drivers.identity import Expectation
@@ -21,9 +22,11 @@ from armd.errors import BadInput
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("config", metavar="CONFIG", type=Path, help="armd.toml")
+    parser.add_argument("--allow-root", action="store_true", help="as a service too")
 
 
 def run(args: argparse.Namespace) -> int:
+    refuse_root_service(args.allow_root)
     return serve(load_config(args.config))
 
 

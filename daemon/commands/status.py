@@ -9,6 +9,7 @@ import argparse
 import json
 
 import armd
+from armd.daemon.root import WARNING
 from armd.daemon.screen import temperatures
 from armd.daemon.state import State
 
@@ -34,4 +35,6 @@ def run(args: argparse.Namespace) -> int:
         print(f"sensors      {temperatures(health) or 'none'}")
         drops = {name: n for name, n in health["drops"].items() if n and name != "samples"}
         print(f"drops        {', '.join(f'{n} {name}' for name, n in drops.items()) or 'none'}")
+        if health.get("as_root"):
+            print(f"warning      {WARNING}")
     return 0 if state in GOOD else 1

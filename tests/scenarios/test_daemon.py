@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -134,6 +135,16 @@ def test_status_for_people_and_scripts(live: Live) -> None:
     )
     assert nobody.returncode == 2
     assert nobody.stderr.startswith("armd: tcp/127.0.0.1:")
+
+
+def test_root_is_warned_of_everywhere(live: Live) -> None:
+    is_root = os.geteuid() == 0
+    assert live.heard.json("health")[-1]["as_root"] == is_root
+    assert ("armd runs as root" in live.armd("status").stdout) == is_root
+    assert ("runs_as_root: armd runs as root" in live.daemon.log.read_text()) == is_root
+    with armd.connect(endpoint=live.daemon.endpoint) as arm:
+        told = [event for event in arm.events(seconds=2.0) if event["kind"] == "runs_as_root"]
+    assert len(told) == is_root
 
 
 def test_health_says_what_a_person_wants_to_know(live: Live) -> None:
