@@ -3,11 +3,12 @@
 #
 #   sudo deploy/install.sh                     from PyPI
 #   sudo deploy/install.sh --wheelhouse DIR    without a network; DIR was filled elsewhere by
-#                                              pip wheel -c requirements.txt -w DIR .
+#                                              deploy/wheelhouse.sh
 #   sudo deploy/install.sh --uninstall         removes it; configuration and recordings stay
 #   sudo deploy/install.sh --uninstall --purge removes those too
 #
-# Running it again upgrades: what is there already is left or replaced, never doubled.
+# Running it again upgrades: what is there already is left or replaced, never doubled. Where systemd
+# is not running, as when an image is being made, it is only enabled and starts with the machine.
 set -eu
 
 here=$(cd "$(dirname "$0")" && pwd)
@@ -21,9 +22,20 @@ users=/usr/local/lib/sysusers.d
 say() { printf 'armd: %s\n' "$*"; }
 fail() { printf 'armd: %s\n' "$*" >&2; exit 2; }
 
-usage() { sed -n '2,11s/^# \{0,1\}//p' "$0"; }
+usage() { sed -n '2,12s/^# \{0,1\}//p' "$0"; }
 
-running() { systemctl list-units --plain --no-legend 'armd.service' 'armd@*.service' | cut -d' ' -f1; }
+booted() { [ -d /run/systemd/system ]; }
+
+running() {
+    if booted; then
+        systemctl list-units --plain --no-legend 'armd.service' 'armd@*.service' | cut -d' ' -f1
+    fi
+}
+
+reload() {
+    if booted; then systemctl daemon-reload; fi
+    if [ -S /run/udev/control ]; then udevadm control --reload; fi
+}
 
 uninstall() {
     for unit in $(running); do systemctl stop "$unit"; done
@@ -31,11 +43,13 @@ uninstall() {
     rm -f "$units/armd.service" "$units/armd@.service" "$rules/70-armd.rules" \
         "$networks/80-armd-can.network" "$users/armd.conf" /usr/local/bin/armd
     rm -rf "$venv" /var/cache/armd
+    for folder in "$rules" "${rules%/*}" "$networks" "$units" "${units%/*}" "$users"; do
+        rmdir "$folder" 2>/dev/null || true # only if nobody else has anything there
+    done
     # Instances enabled by hand leave links that lead nowhere now.
     find /etc/systemd/system -name 'armd@*.service' -type l -delete
-    systemctl daemon-reload
+    reload
     systemctl reset-failed 'armd*' 2>/dev/null || true
-    udevadm control --reload
     if [ "$purge" = yes ]; then
         rm -rf /etc/armd /var/lib/armd
         if getent passwd armd >/dev/null; then userdel armd; fi
@@ -73,13 +87,15 @@ install_system() {
     install -D -m 644 "$here/armd@.service" "$units/armd@.service"
     install -D -m 644 "$here/udev/70-armd.rules" "$rules/70-armd.rules"
     install -D -m 644 "$here/network/80-armd-can.network" "$networks/80-armd-can.network"
-    systemctl daemon-reload
-    udevadm control --reload
-    udevadm trigger --subsystem-match=tty --subsystem-match=usb-serial --action=add
+    reload
+    if booted; then
+        udevadm trigger --subsystem-match=tty --subsystem-match=usb-serial --action=add
+    fi
     systemctl enable --quiet armd.service
 }
 
 start() {
+    if ! booted; then say "installed; it starts with the machine"; return; fi
     if [ ! -e /etc/armd/armd.toml ] && [ -z "$(running)" ]; then
         say "installed; describe the arm in /etc/armd/armd.toml, then: systemctl start armd"
         return
@@ -107,6 +123,9 @@ if [ "$action" = uninstall ]; then uninstall; exit; fi
 python=${PYTHON:-python3}
 "$python" -c 'import ensurepip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null ||
     fail "$python: expected Python 3.11 or newer with venv (Debian: apt install python3-venv)"
+"$python" -c 'import sys; sys.exit(sys.base_prefix.startswith(("/home/", "/root/")))' ||
+    fail "$python: found a Python in somebody's home, where the service sees nothing; expected" \
+        "the system's: PYTHON=/usr/bin/python3 $0"
 umask 022
 install_program
 install_system

@@ -1,0 +1,80 @@
+"""`deploy/install.sh` from the package index, twice, and away again, on a throw-away root."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import throwaway_root
+from debian_packages import unpacked
+from throwaway_root import ThrowawayRoot
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+
+INSTALL = Path(__file__).resolve().parents[2] / "deploy/install.sh"
+NEEDED_BYTES = 3 << 30
+AS_ARMD = ["setpriv", "--reuid=armd", "--regid=armd", "--clear-groups"]
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ThrowawayRoot]:
+    ask = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest"]
+    if subprocess.run([*ask, tmp_path_factory.mktemp("index"), "pyserial"]).returncode != 0:
+        pytest.skip("no package index to install from")
+    memory = Path("/dev/shm")
+    if not memory.is_dir() or shutil.disk_usage(memory).free < NEEDED_BYTES:
+        pytest.skip(f"{memory} has no {NEEDED_BYTES >> 30} GiB free")
+    with tempfile.TemporaryDirectory(dir=memory, prefix="armd-root-") as folder:
+        try:
+            copy = ThrowawayRoot(Path(folder))
+        except throwaway_root.Unavailable as error:
+            pytest.skip(str(error))
+        yield copy
+
+
+def install(root: ThrowawayRoot, *options: str) -> str:
+    run = root.run("sh", INSTALL, *options)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return run.stdout.splitlines()[-1]
+
+
+def test_from_the_index_twice_and_away(root: ThrowawayRoot) -> None:
+    if root.run("sh", "-c", "command -v udevadm").returncode != 0:  # as in a container
+        root.path("/usr/bin").mkdir(parents=True)
+        shutil.copy(unpacked("udev") / "bin/udevadm", root.path("/usr/bin"))
+    before = root.changes()
+
+    assert install(root) == "armd: installed; it starts with the machine"
+    first = root.changes()
+    assert "/etc/systemd/system/multi-user.target.wants/armd.service" in first
+    version = root.run(*AS_ARMD, "armd", "--version")
+    assert version.returncode == 0, version.stderr
+
+    install(root)
+    compiled = {path for path in root.changes() ^ first if "__pycache__" in path}
+    assert root.changes() ^ first == compiled
+
+    root.path("/etc/armd/armd.toml").write_text("mine")
+    install(root, "--uninstall")
+    left = root.changes() - before - passwords()
+    assert left == {"/etc/armd", "/etc/armd/armd.toml"}
+    assert "armd" in root.path("/etc/passwd").read_text()
+
+    install(root, "--uninstall", "--purge")
+    assert root.changes() - before - backups() == set()
+
+
+def passwords() -> set[str]:
+    """The lists of users and groups, in which armd's own stays."""
+    return {f"/etc/{name}" for name in ("passwd", "group", "shadow", "gshadow")} | backups()
+
+
+def backups() -> set[str]:
+    """What every change of those leaves behind."""
+    names = ("passwd-", "group-", "shadow-", "gshadow-", "subuid-", "subgid-", ".pwd.lock")
+    return {f"/etc/{name}" for name in names}
