@@ -24,6 +24,8 @@ class Machine(Protocol):
     """What can boot a disk image."""
 
     modules: Path
+    stage_s: float
+    """What a stage may take: a few minutes at nearly native speed."""
 
     def command(self, disks: Sequence[Path], words: str) -> list[str]:
         """The command that boots from the first of *disks* with *words* for the kernel."""
@@ -34,6 +36,8 @@ class Machine(Protocol):
 
 class Uml:
     """A Linux kernel that is a program: nearly native speed, no privilege, one CPU."""
+
+    stage_s = 1500.0
 
     def __init__(self) -> None:
         tools = unpacked("user-mode-linux", "mmdebstrap")
@@ -56,8 +60,8 @@ class Uml:
 
 
 def machine(folder: Path) -> Machine:
-    """User-Mode Linux if it runs here, else qemu; ARMD_GUEST=uml or qemu decides otherwise."""
-    choice = os.environ.get("ARMD_GUEST", "")
+    """User-Mode Linux if it runs here, else qemu; MACHINE=uml or qemu decides otherwise."""
+    choice = os.environ.get("MACHINE", "")
     if choice != "qemu":
         uml = Uml()
         command = uml.command([build_image(uml.modules)], f"root={uml.disk(0)} init=/sbin/hello")
@@ -115,11 +119,11 @@ class Guest:
         )
         make_filesystem(self.payload, payload, "payload", "1000M")
 
-    def boot(self, stage: str, timeout_s: float) -> Path:
+    def boot(self, stage: str) -> Path:
         """Boot, let the guest run *stage*, and return the folder of what it left behind.
 
-        Raises `TimeoutError` when the machine has not switched itself off in *timeout_s*.
-        The exit code says nothing: User-Mode Linux ends with 0 even after a kernel panic.
+        Raises `TimeoutError` when the machine does not switch itself off in its time. The exit
+        code says nothing: User-Mode Linux ends with 0 even after a kernel panic.
         """
         results = self.folder / f"{stage}.tar"
         with results.open("wb") as file:
@@ -127,7 +131,7 @@ class Guest:
         words = f"root={self.machine.disk(0)} rw panic=-1 armd.stage={stage} "
         words += f"armd.results={self.machine.disk(2)} systemd.journald.forward_to_console=1"
         command = self.machine.command([self.disk, self.payload, results], words)
-        run(command, self.folder / f"{stage}.console", timeout_s)
+        run(command, self.folder / f"{stage}.console", self.machine.stage_s)
         left = self.folder / stage
         with tarfile.open(results) as archive:
             archive.extractall(left, filter="data")

@@ -1,4 +1,4 @@
-"""A whole PC in software: runs anywhere, Python in it twenty times slower."""
+"""A whole PC in software: runs anywhere, has USB, and Python in it is twenty times slower."""
 
 from __future__ import annotations
 
@@ -20,11 +20,26 @@ exec /busybox switch_root /root /sbin/init
 """
 
 
+#: Two FTDI adapters in a USB socket each: the arm's, whose bytes the guest itself carries to and
+#: from a virtio port, through a socket between the two; and one that is none of armd's business.
+USB = """
+    -device qemu-xhci,id=usb -device virtio-serial-pci
+    -chardev socket,id=arm,path={socket},server=on,wait=off
+    -chardev socket,id=adapter,path={socket},reconnect=1
+    -device virtserialport,chardev=arm,name=arm
+    -device usb-serial,bus=usb.0,chardev=adapter,serial=SIM-0001,always-plugged=on
+    -chardev null,id=none
+    -device usb-serial,bus=usb.0,chardev=none,serial=OTHER,always-plugged=on
+"""
+
+
 class Qemu:
-    """The cloud kernel under `qemu-system-x86_64 -accel tcg`."""
+    """Debian's kernel under `qemu-system-x86_64 -accel tcg`."""
+
+    stage_s = 2 * 3600.0
 
     def __init__(self) -> None:
-        kernel = unpacked("linux-image-cloud-amd64")
+        kernel = unpacked("linux-image-amd64")
         (self.image,) = kernel.glob("boot/vmlinuz-*")
         (self.modules,) = kernel.glob("lib/modules/*")
         self.initrd = CACHE / f"initrd-{self.modules.name}.gz"
@@ -40,8 +55,9 @@ class Qemu:
         return [
             *("env", f"LD_LIBRARY_PATH={libraries}", str(tools / "usr/bin/qemu-system-x86_64")),
             *("-L", str(tools / "usr/share/qemu"), "-L", str(tools / "usr/share/seabios")),
-            *("-accel", "tcg", "-cpu", "max", "-m", "3G", "-nodefaults", "-nographic"),
-            *("-no-reboot", "-serial", "stdio"),
+            *("-accel", "tcg", "-cpu", "max", "-smp", "2", "-m", "3G", "-nodefaults"),
+            *("-nographic", "-no-reboot", "-serial", "stdio"),
+            *USB.format(socket=disks[0].with_suffix(".plug")).split(),
             *(word for drive in drives for word in drive),
             *("-kernel", str(self.image), "-initrd", str(self.initrd)),
             *("-append", f"console=ttyS0 {words}"),

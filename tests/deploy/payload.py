@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -13,7 +14,6 @@ from armd.simulator.truth.nominal import arm_toml
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 GUEST = Path(__file__).with_name("guest")
-GUEST_PYTHON = (3, 11)
 ARMD_TOML = """\
 schema = "armd.daemon/1"
 arm = "arm.toml"
@@ -38,12 +38,11 @@ listen = ["tcp/127.0.0.1:7448"]
 """
 
 
-def make_payload(folder: Path, scratch: Path) -> None:
-    """Fill *folder* with everything the guest finds under /mnt."""
-    shutil.copytree(REPOSITORY / "deploy", folder / "deploy")
+def make_payload(folder: Path, scratch: Path, python: str) -> None:
+    """Fill *folder* with everything that a guest with that *python* finds under /mnt."""
+    add_checks(folder)
     shutil.copy(REPOSITORY / "requirements.txt", folder)
-    shutil.copytree(GUEST, folder / "guest", ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copytree(_wheelhouse(scratch), folder / "wheelhouse")
+    shutil.copytree(_wheelhouse(python), folder / "wheelhouse")
     config = folder / "config"
     config.mkdir()
     (config / "armd.toml").write_text(ARMD_TOML)
@@ -54,18 +53,17 @@ def make_payload(folder: Path, scratch: Path) -> None:
     (second / "arm.toml").write_text(arm_toml("CAN-0001"))
 
 
-def _wheelhouse(scratch: Path) -> Path:
-    """armd and everything it needs as wheels; the dependencies' stay in the cache."""
-    if sys.version_info[:2] != GUEST_PYTHON:
-        wanted = ".".join(map(str, GUEST_PYTHON))
-        raise RuntimeError(f"wheels for the guest want Python {wanted}, this is {sys.version}")
-    source = scratch / "source"
-    hidden = shutil.ignore_patterns(".*", "__pycache__", "build", "tests", "out", "*.egg-info")
-    shutil.copytree(REPOSITORY, source, ignore=hidden)
-    wheels = CACHE / "wheelhouse"
-    pip = [sys.executable, "-m", "pip", "wheel", "-qq", "--disable-pip-version-check"]
-    pip += ["--constraint", str(REPOSITORY / "requirements.txt"), "--wheel-dir", str(wheels)]
-    subprocess.run([*pip, "--find-links", str(wheels), str(source)], check=True)
+def add_checks(folder: Path) -> None:
+    """What every guest is given: the files to install, and the checks of them."""
+    shutil.copytree(REPOSITORY / "deploy", folder / "deploy")
+    shutil.copytree(GUEST, folder / "guest", ignore=shutil.ignore_patterns("__pycache__"))
+
+
+def _wheelhouse(python: str) -> Path:
+    """armd and everything it needs, by the documented command; kept in the cache."""
+    wheels = CACHE / f"wheelhouse-{python}"
+    fill = [REPOSITORY / "deploy/wheelhouse.sh", "--python", python, wheels]
+    subprocess.run(fill, check=True, env={**os.environ, "PYTHON": sys.executable})
     return wheels
 
 

@@ -1,7 +1,6 @@
-"""Carry bytes between the simulated arm's port and /dev/ptya0, whose other end is /dev/ttya0.
+"""Carry bytes between the simulated arm's port and the far end of the controller's.
 
-Unlike the arm's own pseudo-terminal, ttya0 is a device that udev knows. What the other side does
-not take in time is dropped, as on a wire.
+What the other side does not take in time is dropped, as on a wire.
 """
 
 from __future__ import annotations
@@ -14,10 +13,12 @@ import sys
 import time
 import tty
 
+from plug import plug
+
 
 def main(port: str) -> None:
     arm = _open(port)
-    controller = os.open("/dev/ptya0", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    controller = os.open(plug().far_end, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     notify = os.environ["NOTIFY_SOCKET"]
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd:
         systemd.sendto(b"READY=1", notify)
@@ -25,7 +26,7 @@ def main(port: str) -> None:
         for source in select.select([arm, controller], [], [], 1.0)[0]:
             try:
                 data = os.read(source, 4096)
-            except OSError:  # nobody has opened ttya0 at the moment
+            except OSError:  # nobody has opened the controller's port
                 time.sleep(0.01)
                 continue
             with contextlib.suppress(BlockingIOError):

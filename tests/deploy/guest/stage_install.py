@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 from controller import PAYLOAD, UNIT, sh, show
+from plug import PseudoTerminal, plug
 
 INSTALL = f"sh {PAYLOAD}/deploy/install.sh --wheelhouse {PAYLOAD}/wheelhouse"
 
@@ -55,8 +56,9 @@ def takes_the_configuration() -> None:
     for unit in (PAYLOAD / "guest/units").iterdir():
         shutil.copy(unit, units)
     (units / f"{UNIT}.d").mkdir()
-    shutil.copy(PAYLOAD / "guest/armd-guest.conf", units / f"{UNIT}.d")
-    shutil.copy(PAYLOAD / "guest/60-arm-test.rules", "/etc/udev/rules.d")
+    if isinstance(plug(), PseudoTerminal):
+        shutil.copy(PAYLOAD / "guest/armd-guest.conf", units / f"{UNIT}.d")
+        shutil.copy(PAYLOAD / "guest/60-arm-test.rules", "/etc/udev/rules.d")
     if (PAYLOAD / "broken").exists():
         broken = f"[Service]\nExecStart=\nExecStart=python3 {PAYLOAD}/guest/broken_daemon.py\n"
         (units / f"{UNIT}.d/broken.conf").write_text(broken)

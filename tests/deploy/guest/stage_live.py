@@ -181,6 +181,22 @@ def refuses_commands() -> str:
     return answer.splitlines()[-1]
 
 
+def refuses_to_be_a_service_of_root() -> str:
+    drop_in = Path("/run/systemd/system/armd.service.d/root.conf")
+    drop_in.parent.mkdir(parents=True, exist_ok=True)
+    drop_in.write_text("[Service]\nUser=root\nGroup=root\n")
+    sh("systemctl daemon-reload && systemctl stop armd")
+    try:
+        sh("! systemctl start armd")
+        assert show("ExecMainStatus") == "2", show("ExecMainStatus")
+        assert show("ActiveState") == "failed", "it was restarted"
+    finally:
+        drop_in.unlink()
+        sh("systemctl daemon-reload && systemctl reset-failed armd && systemctl start armd")
+    live_again("its return")
+    return next(line for line in journal().splitlines() if "found root" in line)
+
+
 def stops_cleanly() -> str:
     start_s = time.monotonic()
     sh("systemctl stop armd")
@@ -223,6 +239,7 @@ CHECKS = [
     reloads_between_two_samples,
     refuses_commands,
     sandbox_is_in_force,
+    refuses_to_be_a_service_of_root,
     stops_cleanly,
     uninstalls_and_keeps_the_configuration,
     purges_everything,
