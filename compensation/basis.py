@@ -61,8 +61,8 @@ def basis_values(
     """The product of each term's factors at each row, (n, T).
 
     *constants* (P,) pose the gravity factors and the tip's frame. A missing rate or approach
-    contributes nothing (0); a missing temperature gives NaN. Lags are followed within each series
-    of *states*, unless the live path brings its own *delay*.
+    contributes nothing (0); a missing temperature or time gives NaN. Lags are followed within each
+    series of *states*, unless the live path brings its own *delay*.
     """
     basis = _Basis(states, arm, reference_c, constants, delay)
     values = np.ones((states.n, len(terms)))
@@ -125,7 +125,8 @@ class _Basis:
             case Time():
                 return ((states.time_s - factor.since_unix_s) / 3600) ** factor.power
             case After():
-                return (states.time_s >= factor.instant_unix_s).astype(float)
+                known = np.isfinite(states.time_s)
+                return np.where(known, states.time_s >= factor.instant_unix_s, np.nan)
             case Harmonic():
                 wave = np.sin if factor.kind == "sin" else np.cos
                 return wave(factor.order * q[:, factor.joint - 1])

@@ -96,9 +96,7 @@ def load_session(path: str | Path, arm: Arm) -> Session:
     numbers = number_columns(arm)
     readings = load_readings(_readings_path(folder), numbers, ["placement", "target"])
     placement, placement_names = readings.names("placement")
-    time_s = readings.required("time_s")
-    expected = "seconds since `started`"
-    readings.refuse(np.abs(time_s) > MOST_SECONDS, "time_s", time_s, expected)
+    time_s = times(readings)
     q = angles(readings, arm, file.angle_unit)
     rate = rates(readings, arm.n_joints)
     return Session(
@@ -190,6 +188,16 @@ def temperatures(readings: Readings, sensors: list[str]) -> F64:
         absurd = (values < LEAST_C) | (values > MOST_C)
         readings.refuse(absurd, name, values, f"a temperature in °C, {LEAST_C:g} to {MOST_C:g}")
     return columns
+
+
+def times(readings: Readings) -> F64:
+    """Seconds since `started` (n,); all NaN where the whole column is empty: nobody knows when."""
+    time_s = readings.number("time_s")
+    if not np.isnan(time_s).all():
+        time_s = readings.required("time_s")
+    expected = "seconds since `started`"
+    readings.refuse(np.abs(time_s) > MOST_SECONDS, "time_s", time_s, expected)
+    return time_s
 
 
 def number_columns(arm: Arm) -> list[str]:

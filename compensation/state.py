@@ -20,7 +20,7 @@ class States:
     q: F64  # (n, N) rad, as read (before the θ offset); signed as it stands
     rate: F64  # (n, N) rad/s, NaN missing; its sign is the side of approach
     temperature_c: F64  # (n, S) in the order of arm.sensors, NaN missing
-    time_s: F64  # (n,) Unix seconds
+    time_s: F64  # (n,) Unix seconds; NaN missing, in a whole session
     approach: F64  # (n, 3) unit vectors, base frame, NaN missing
     series: I64  # (n,) rows with one number are one run in time; lags are filtered within it
 
@@ -44,7 +44,8 @@ class Lag:
     """S temperatures delayed by τ·dy/dt = x − y, fed row by row or in arrays alike.
 
     Exact for an input that runs straight between its readings; starts settled at the first value
-    of each sensor. A missing value (NaN) gives NaN for that row and is bridged by a straight line.
+    of each sensor. A missing value or time (NaN) gives NaN for that row and is bridged by a
+    straight line.
     """
 
     def __init__(self, lag_s: float, n_sensors: int) -> None:
@@ -83,7 +84,7 @@ def _follow(
     for s in range(sensors):
         for i in range(n):
             x = values[i, s]
-            if np.isnan(x):
+            if np.isnan(x) or np.isnan(time_s[i]):
                 delayed[i, s] = np.nan
                 continue
             dt = time_s[i] - last_s[s]

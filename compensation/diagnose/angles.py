@@ -41,17 +41,15 @@ def _cleared(blocks: Sequence[F64], current: Fit, without: slice) -> list[F64]:
     """Blocks of columns, whitened and projected clear of what absorbs but for *without*."""
     keep = np.ones(len(current.absorbing.variance), dtype=bool)
     keep[without] = False
-    white = current.noise.whiten(current.absorbing.columns[:, keep])
-    scale = np.sqrt((white**2).sum(axis=0))
-    scale[scale == 0.0] = 1.0
-    white /= scale
-    ridge = 1.0 / (current.absorbing.variance[keep] * scale**2)
-    factor = inverse_factor(white.T @ white + np.diag(ridge))
-    cleared = []
-    for block in blocks:
-        signal = current.noise.whiten(block)
-        cleared.append(signal - white @ (factor @ (factor.T @ (white.T @ signal))))
-    return cleared
+    white, scale, gram = current.white
+    ridge = 1.0 / (current.absorbing.variance[keep] * scale[keep] ** 2)
+    factor = inverse_factor(gram[np.ix_(keep, keep)] + np.diag(ridge))
+    signals = current.noise.whiten(np.hstack(blocks))
+    across = white.T @ signals
+    weights = np.zeros_like(across)
+    weights[keep] = factor @ (factor.T @ across[keep])
+    cleared = signals - white @ weights
+    return np.split(cleared, np.cumsum([block.shape[1] for block in blocks])[:-1], axis=1)
 
 
 def _left(residual: F64, mine: F64, other: F64) -> float:

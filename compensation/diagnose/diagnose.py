@@ -13,7 +13,7 @@ from armd.compensation.calibration import Calibration
 from armd.compensation.diagnose.baseline import Baseline, from_calibration
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fit import Fit
-from armd.compensation.diagnose.gain import Gain, cross_validate, gains
+from armd.compensation.diagnose.gain import Gain, cross_validate, gains, groups_of
 from armd.compensation.diagnose.outliers import find_outliers
 from armd.compensation.diagnose.problem import Rests, gather_rests
 from armd.compensation.diagnose.search import ALPHA, Found, Progress, Result, Search
@@ -147,9 +147,7 @@ def _held_out(
         model = extended(baseline, fit, arm, sessions) if fit.findings else baseline.calibration
         found = evaluate(holdout, arm, model)
         squares.append((found.residual_mm**2).sum(axis=1))
-    observations = found.observations
-    groups = observations.placement * len(observations.target_names) + observations.target
-    return squares, groups, _within_noise(result.last, found)
+    return squares, groups_of(found.observations), _within_noise(result.last, found)
 
 
 def _within_noise(last: Fit, found: Evaluation) -> npt.NDArray[np.bool_]:

@@ -7,7 +7,7 @@ cost a few matrix products, and any column may be taken out of the model again w
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -121,6 +121,21 @@ class Scores:
     log_p: F64  # (C,)
     log_evidence: F64  # (C,) log Bayes factor against nothing, prior not included
     least_log_p: F64  # (R,) of the simulated noise: smallest over all candidates
+
+    def without(self, held: npt.NDArray[np.bool_]) -> Scores:
+        """With the candidates *held* (C,) counted as absorbed."""
+        return replace(
+            self,
+            freedom=np.where(held, 0, self.freedom),
+            log_p=np.where(held, 0.0, self.log_p),
+            log_evidence=np.where(held, -np.inf, self.log_evidence),
+        )
+
+    def silent(self, causes: Iterable[str]) -> tuple[str, ...]:
+        """Those of *causes* that have no candidate, or only candidates that are absorbed."""
+        candidates = zip(self.signatures.candidates, self.freedom, strict=True)
+        alive = {candidate.cause for candidate, freedom in candidates if freedom > 0}
+        return tuple(sorted(set(causes) - alive))
 
     def log_posterior(self) -> F64:
         """(C,) log of evidence × prior, normalised over the candidates: which one, if one."""

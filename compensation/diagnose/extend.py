@@ -14,7 +14,7 @@ from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import ArtefactCorrection, Calibration, constants_of
 from armd.compensation.diagnose.baseline import Baseline, moved
-from armd.compensation.diagnose.fit import MOST_FREE_COLUMNS, Fit, mount_term
+from armd.compensation.diagnose.fit import Fit, is_curve, mount_term
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.session import Session
 from armd.compensation.terms import Curve, Harmonic, Term
@@ -51,7 +51,7 @@ def extended(
     for candidate, values, at in zip(
         last.findings, last.amplitudes, last.layout.findings, strict=True
     ):
-        if len(candidate.columns) > MOST_FREE_COLUMNS:
+        if is_curve(candidate):
             terms.append(_curve(candidate, values, last.linear.rests.observations.states.q))
             continue
         label = f"{candidate.cause} {candidate.location}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -27,9 +28,12 @@ F64 = npt.NDArray[np.float64]
 CURVED_SHARE = 0.1
 LENGTH_MM = 200.0
 MOST_STEPS = 6
-#: Findings of more columns than this are curves, held together by the catalogue's sizes.
+#: Findings of more columns than this are curves, whose amplitudes share one likely size: this
+#: many times the catalogue's to begin with, then the data's own (empirical Bayes).
 MOST_FREE_COLUMNS = 6
 CURVE_SCALE = 3.0
+CURVE_SCALES = (0.3, 100.0)
+SIZING_STEPS = 6
 #: Where the data leave constants open (the last joint's turn against the tip's offset), the
 #: solution nearest to the model under test is taken: as if each were known this well.
 GAUGE = {"mm": 1.0, "rad": 2e-3}
@@ -65,6 +69,27 @@ class Fit:
     fitted: F64  # (N,) of it what the absorbing columns explain
     solution: F64  # (b,)
     inverse: F64  # (b, b) covariance of the solution
+
+    @cached_property
+    def white(self) -> tuple[F64, F64, F64]:
+        """Whitened absorbing columns (N, b) of unit length, by what they were divided, and their
+        products (b, b)."""
+        normal = _normal(self.absorbing, self.noise, self.residual)
+        return normal.white, normal.scale, normal.gram
+
+    def net_signature(self, index: int) -> F64:
+        """Motion (n, 3) in mm of the tip by a finding, clear of all else that absorbs."""
+        own = self.layout.findings[index]
+        moves = -self.absorbing.columns[:, own] @ self.amplitudes[index]
+        keep = np.delete(np.arange(len(self.solution)), own)
+        white, scale, gram = self.white
+        variance = _with_gauge(self.absorbing.variance, self.layout)[keep]
+        ridge = np.diag(1.0 / (variance * scale[keep] ** 2))
+        factor = inverse_factor(gram[np.ix_(keep, keep)] + ridge, 1e-13)
+        side = (white.T @ self.noise.whiten(moves))[keep]
+        taken = self.absorbing.columns[:, keep] @ (factor @ (factor.T @ side) / scale[keep])
+        net: F64 = (moves - taken)[: 3 * self.linear.rests.n].reshape(-1, 3)
+        return net
 
 
 def with_findings(
@@ -105,6 +130,7 @@ def fit(
     noise (a steady drift) must not be counted as noise before they had their chance.
     """
     amplitudes = [values.copy() for values in amplitudes]
+    sizes = [CURVE_SCALE] * len(findings)
     step_number, before_this = 0, np.inf
     while True:
         step_number += 1
@@ -112,7 +138,7 @@ def fit(
         columns = finding_columns(linear, findings, arm)
         # Without the findings' own part, so that the solution is the whole amplitude.
         residual = linear.residual - _kinematic_part(findings, columns, amplitudes)
-        absorbing, layout = _absorbing(linear, arm, baseline, findings, columns)
+        absorbing, layout = _absorbing(linear, arm, baseline, findings, columns, sizes)
         extra = finding_columns(linear, noise_extra, arm)
         for_noise = _for_noise(absorbing, layout, extra)
         if noise is None:
@@ -122,7 +148,8 @@ def fit(
         noise = noise_model.estimate(linear, clipped, for_noise, noise)
         fitted = absorbing.columns @ _solve(absorbing.ridged(noise), layout, noise, clipped)[0]
         clipped = noise_model.winsorise(residual, fitted, noise)
-        solution, inverse = _solve(absorbing.ridged(noise), layout, noise, clipped)
+        absorbing, sizes = _sized(absorbing.ridged(noise), layout, findings, sizes, noise, clipped)
+        solution, inverse = _solve(absorbing, layout, noise, clipped)
         fitted = absorbing.columns @ solution
         before = amplitudes
         amplitudes = [-solution[at] for at in layout.findings]
@@ -147,7 +174,7 @@ def fit(
         tuple(amplitudes),
         tuple(inverse[at, at] for at in layout.findings),
         noise,
-        absorbing.ridged(noise),
+        absorbing,
         layout,
         clipped,
         residual,
@@ -174,6 +201,7 @@ def _absorbing(
     baseline: Baseline,
     findings: Sequence[Candidate],
     columns: Sequence[F64],
+    sizes: Sequence[float],
 ) -> tuple[Absorbing, Layout]:
     own = baseline.columns(linear, arm)
     if baseline.held:
@@ -184,8 +212,8 @@ def _absorbing(
         Absorbing(linear.nuisance, np.full(linear.nuisance.shape[1], np.inf)),
         Absorbing(own, np.full(own.shape[1], 1.0 if baseline.held else np.inf)),
         *(
-            Absorbing(block, _variance(candidate))
-            for candidate, block in zip(findings, columns, strict=True)
+            Absorbing(block, _variance(candidate, size))
+            for candidate, block, size in zip(findings, columns, sizes, strict=True)
         ),
         _column_of_the_mount(linear, arm),
         targets,
@@ -227,11 +255,42 @@ def _column_of_the_mount(linear: Linear, arm: Arm) -> Absorbing:
     return Absorbing(column[:, None], np.array([np.inf]))
 
 
-def _variance(candidate: Candidate) -> F64:
-    """Amplitudes are free, those of a curve as large as the catalogue allows."""
-    if len(candidate.columns) <= MOST_FREE_COLUMNS:
+def is_curve(candidate: Candidate) -> bool:
+    """Whether its amplitudes are held together by one likely size."""
+    return len(candidate.columns) > MOST_FREE_COLUMNS
+
+
+def _variance(candidate: Candidate, size: float) -> F64:
+    """Amplitudes are free, those of a curve of a size in units of the catalogue's."""
+    if not is_curve(candidate):
         return np.full(len(candidate.columns), np.inf)
-    return np.array([(CURVE_SCALE * column.typical) ** 2 for column in candidate.columns])
+    return np.array([(size * column.typical) ** 2 for column in candidate.columns])
+
+
+def _sized(
+    absorbing: Absorbing,
+    layout: Layout,
+    findings: Sequence[Candidate],
+    sizes: Sequence[float],
+    noise: Noise,
+    residual: F64,
+) -> tuple[Absorbing, list[float]]:
+    """With each curve's likely size as the data have it: expectation–maximisation, few steps."""
+    sizes = list(sizes)
+    curves = [i for i, candidate in enumerate(findings) if is_curve(candidate)]
+    if not curves:
+        return absorbing, sizes
+    normal = _normal(absorbing, noise, residual)
+    variance = absorbing.variance.copy()
+    for _ in range(SIZING_STEPS):
+        solution, inverse = normal.solved(_with_gauge(variance, layout))
+        for i in curves:
+            at = layout.findings[i]
+            unit = _variance(findings[i], 1.0)
+            square = (solution[at] ** 2 + np.diag(inverse)[at]) / unit
+            sizes[i] = float(np.clip(np.sqrt(square.mean()), *CURVE_SCALES))
+            variance[at] = sizes[i] ** 2 * unit
+    return Absorbing(absorbing.columns, variance), sizes
 
 
 def _for_noise(absorbing: Absorbing, layout: Layout, extra: Sequence[F64]) -> Absorbing:
@@ -255,12 +314,37 @@ def _gauge(baseline: Baseline, arm: Arm) -> F64:
 
 def _solve(absorbing: Absorbing, layout: Layout, noise: Noise, residual: F64) -> tuple[F64, F64]:
     """Generalised least squares: solution (b,) with B x ≈ residual, and its covariance (b, b)."""
+    variance = _with_gauge(absorbing.variance, layout)
+    return _normal(absorbing, noise, residual).solved(variance)
+
+
+def _with_gauge(variance: F64, layout: Layout) -> F64:
+    at = layout.identified
+    held = variance.copy()
+    held[at] = np.minimum(held[at], layout.gauge)
+    return held
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """Normal equations of *white* columns, divided by *scale* (b,), to solve under any prior."""
+
+    white: F64  # (N, b)
+    gram: F64  # (b, b)
+    side: F64  # (b,)
+    scale: F64
+
+    def solved(self, variance: F64) -> tuple[F64, F64]:
+        """Solution (b,) and its covariance (b, b), amplitudes a priori of *variance* (b,)."""
+        ridge = np.diag(1.0 / (variance * self.scale**2))
+        factor = inverse_factor(self.gram + ridge, 1e-13)
+        inverse = factor @ factor.T / np.outer(self.scale, self.scale)
+        return inverse @ (self.scale * self.side), inverse
+
+
+def _normal(absorbing: Absorbing, noise: Noise, residual: F64) -> _Normal:
     white = noise.whiten(absorbing.columns)
     scale = np.sqrt((white**2).sum(axis=0))
     scale[scale == 0.0] = 1.0
     white /= scale
-    variance = absorbing.variance.copy()
-    variance[layout.identified] = np.minimum(variance[layout.identified], layout.gauge)
-    factor = inverse_factor(white.T @ white + np.diag(1.0 / (variance * scale**2)), 1e-13)
-    inverse = factor @ factor.T / np.outer(scale, scale)
-    return inverse @ (scale * (white.T @ noise.whiten(residual))), inverse
+    return _Normal(white, white.T @ white, white.T @ noise.whiten(residual), scale)

@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from armd.compensation.diagnose.evidence import inverse_factor
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.diagnose.threshold import family_wise
+from armd.compensation.identify.observations import Observations
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -24,6 +25,8 @@ Mask = npt.NDArray[np.bool_]
 
 MOST_FOLDS = 8
 BLOCKS = 5  # of readings, where there is one placement only
+#: Readings with truth of their own share nothing but their time: they are resampled in blocks.
+TRUTH_BLOCKS = 40
 RESAMPLES = 1000
 
 
@@ -34,6 +37,11 @@ class Gain:
     before_um: float
     after_um: float
     interval_um: tuple[float, float]
+
+    @property
+    def shown(self) -> bool:
+        """Whether held-out readings improve beyond doubt."""
+        return self.interval_um[0] > 0.0
 
 
 def gains(squares: Sequence[F64], groups: I64, kept: Mask, seed: int = 1) -> list[Gain]:
@@ -109,9 +117,17 @@ def cross_validate(last: Fit, tests: float, alpha: float) -> CrossValidated:
             own = own[:, np.abs(own).max(axis=0) > 0]
             left = left - own @ np.linalg.lstsq(own, left, rcond=1e-9)[0]
             squares[step][folds == fold] = (left.reshape(-1, 3) ** 2).sum(axis=1)
-    observations = last.linear.rests.observations
+    return CrossValidated(squares, groups_of(last.linear.rests.observations))
+
+
+def groups_of(observations: Observations) -> I64:
+    """(n,) what readings are resampled by: placement and target, or blocks of time."""
     groups = observations.placement * len(observations.target_names) + observations.target
-    return CrossValidated(squares, groups)
+    truth = observations.has_truth
+    if truth.any():
+        order = _ranks(observations.states.time_s[truth])
+        groups[truth] = groups.max() + 1 + order * TRUTH_BLOCKS // len(order)
+    return groups
 
 
 def _of_the_arm(last: Fit) -> I64:
@@ -149,6 +165,12 @@ def _folds(last: Fit) -> I64:
     names, placement = np.unique(observations.placement, return_inverse=True)
     if len(names) > 1:
         return placement % min(len(names), MOST_FOLDS)
-    order = np.argsort(np.argsort(observations.states.time_s, kind="stable"), kind="stable")
+    order = _ranks(observations.states.time_s)
     blocks: I64 = order * BLOCKS // max(len(order), 1)
     return blocks
+
+
+def _ranks(time_s: F64) -> I64:
+    """(n,) the place of each reading in the order of time."""
+    ranks: I64 = np.argsort(np.argsort(time_s, kind="stable"), kind="stable")
+    return ranks

@@ -97,7 +97,7 @@ def drift_columns(linear: Linear) -> Absorbing:
         rows = np.flatnonzero(observations.session == session)
         time = observations.states.time_s[rows]
         span = float(np.ptp(time))
-        if len(rows) < 6 or span <= 0:
+        if len(rows) < 6 or not span > 0:  # NaN: no times
             continue
         knots = np.linspace(time.min(), time.max(), min(MOST_KNOTS, 2 + int(span / KNOT_S)))
         for knot in knots:

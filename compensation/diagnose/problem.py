@@ -181,7 +181,9 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     if not np.isfinite(values).all():
         files = ", ".join(str(session.path) for session in rests.sessions)
         needs = "those that the model under test needs"
-        raise BadInput(files, "temperatures", "missing in some readings", needs)
+        missing = np.isnan(observations.states.temperature_c).any()
+        what = "temperatures" if missing else "times"
+        raise BadInput(files, what, "missing in some readings", needs)
     rows = parameter_rows(model.constants, model.terms, values)
     position, columns = jacobian(observations.states.q, rows)
     poses = fit_poses(observations, position)

@@ -2,74 +2,110 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import plotly.graph_objects as go
 
 from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.result import place_of
-from armd.compensation.effects.effect import Candidate
+from armd.compensation.diagnose.signature_plot import signature_plot
 from armd.compensation.report.page import Page
 
-F64 = npt.NDArray[np.float64]
-
-BINS = 24
+#: With more groups of readings than this a table of them is no help.
+MOST_GROUPS = 40
 
 
 def diagnosis_report(diagnosis: Diagnosis, result: dict[str, Any]) -> str:
     """The page; *result* is the diagnosis as its JSON has it."""
     page = Page(f"Diagnosis of {diagnosis.arm.serial_number}")
     _at_a_glance(page, diagnosis, result)
-    for index, found in enumerate(diagnosis.found):
-        finding = result["findings"][index]
-        page.heading(f"{index + 1}. {finding['cause']}, {finding['location']}")
-        page.text(finding["reading"] + ".")
-        page.text(
-            f"Why: {finding['reason']}. It moves the tip by {finding['tip_rms_um']:.2f} µm (3-D "
-            f"RMS) in these readings; its signature stands {finding['signal_to_noise']:.1f} "
-            "standard deviations out of the noise."
-        )
-        _evidence(page, finding)
-        _amplitudes(page, finding)
-        _signature(page, diagnosis, index, found.candidate)
+    for index in range(len(diagnosis.found)):
+        _finding(page, diagnosis, index, result["findings"][index])
     if diagnosis.outliers:
         page.heading("Readings that belong to no effect")
         page.table(
             ["session", "row", "error, µm"],
-            [[o.session, o.row, f"{o.error_um:.1f}"] for o in diagnosis.outliers],
+            [[o.session, o.row, f"{o.error_um:.4g}"] for o in diagnosis.outliers],
         )
     _what_stays(page, diagnosis, result)
+    _cannot_tell(page, result)
     page.heading("Next experiment")
     page.text(result["next_experiment"])
     return page.html()
 
 
+def _name(finding: dict[str, Any]) -> str:
+    place = "" if finding["location"] == "-" else f", {finding['location']}"
+    return f"{finding['cause'].replace('_', ' ')}{place}"
+
+
 def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
     baseline = result["baseline"]
+    page.text(result["verdict"])
+    readings, sessions = sum(s.n for s in diagnosis.sessions), len(diagnosis.sessions)
+    if diagnosis.holdout:
+        held = sum(s.n for s in diagnosis.holdout)
+        heldout = f"{held} readings of {len(diagnosis.holdout)} other session(s)"
+    else:
+        heldout = "each placement in turn"
+    model = (
+        "the calibration given"
+        if diagnosis.baseline.held
+        else "what armd calibrate makes of these sessions"
+    )
     page.text(
-        f"{sum(s.n for s in diagnosis.sessions)} readings in {len(diagnosis.sessions)} sessions. "
-        f"Model under test: {'the calibration given' if diagnosis.baseline.held else 'what'}"
-        f"{'' if diagnosis.baseline.held else ' armd calibrate makes of the same sessions'}. "
-        f"Held out: {'other sessions' if diagnosis.holdout else 'each placement in turn'}."
+        f"{readings} readings in {sessions} session{'' if sessions == 1 else 's'}. "
+        f"Model under test: {model}. Held out: {heldout}."
     )
     labels, values = ["model under test"], [baseline["heldout_rms_um"]]
     low, high = [0.0], [0.0]
-    for finding in result["findings"]:
+    for number, finding in enumerate(result["findings"], 1):
         gain = finding["gain"]
-        labels.append(f"+ {finding['cause']}<br>{finding['location']}")
+        labels.append(f"+ {number}. " + _name(finding).replace(", ", "<br>"))
         values.append(gain["heldout_rms_um_after"])
         best, worst = (gain["heldout_rms_um_before"] - g for g in reversed(gain["interval_um"]))
         low.append(max(values[-1] - best, 0.0))
         high.append(max(worst - values[-1], 0.0))
     error = {"type": "data", "array": high, "arrayminus": low, "symmetric": False}
-    figure = go.Figure(go.Bar(x=labels, y=values, error_y=error))
-    figure.add_hline(y=baseline["noise_floor_um"], line_dash="dot", annotation_text="noise alone")
+    text = [f"{value:.4g}" for value in values]
+    bars = go.Bar(x=labels, y=values, error_y=error, text=text, textposition="inside")
+    figure = go.Figure(bars)
+    figure.add_hline(
+        y=baseline["noise_floor_um"], line_dash="dot", annotation_text="noise alone",
+        annotation_position="top right",
+    )  # fmt: skip
     figure.update_yaxes(title="3-D RMS on held-out readings, µm", rangemode="tozero")
     page.figure(figure)
-    if not result["findings"]:
-        page.text("Nothing significant was found: the residuals are what the noise makes of them.")
+    if result["findings"]:
+        page.text(
+            "Each bar has one finding more than the one before; whiskers: 95 % of its gain over "
+            "that one."
+        )
+
+
+def _finding(page: Page, diagnosis: Diagnosis, index: int, finding: dict[str, Any]) -> None:
+    page.heading(f"{index + 1}. {_name(finding)}")
+    page.text(_sentence(finding["reading"]))
+    gain = finding["gain"]
+    low, high = gain["interval_um"]
+    page.text(
+        f"Held-out readings: {gain['heldout_rms_um_before']:.4g} µm before, "
+        f"{gain['heldout_rms_um_after']:.4g} µm after (gain {low:.3g} to {high:.3g} µm, 95 %)."
+        + ("" if gain["shown"] else " They do not bear it out: a lead to follow, not a fact.")
+    )
+    page.text(
+        f"Why: {finding['reason']}. In these readings it moves the tip by "
+        f"{finding['tip_rms_um']:.3g} µm (3-D RMS) that nothing else in the model takes up, "
+        f"{finding['signal_to_noise']:.1f} standard deviations out of the noise."
+    )
+    page.figure(signature_plot(diagnosis, index))
+    _evidence(page, finding)
+    _amplitudes(page, finding)
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + "."
 
 
 def _evidence(page: Page, finding: dict[str, Any]) -> None:
@@ -93,72 +129,12 @@ def _amplitudes(page: Page, finding: dict[str, Any]) -> None:
     )
 
 
-def _signature(page: Page, diagnosis: Diagnosis, index: int, candidate: Candidate) -> None:
-    """Residuals along the finding's own direction, against the variable that matters."""
-    last = diagnosis.search.last
-    n = last.linear.rests.n
-    signature = -(last.absorbing.columns[:, last.layout.findings[index]] @ last.amplitudes[index])
-    signature = signature[: 3 * n].reshape(n, 3)
-    left = (last.residual - last.fitted)[: 3 * n].reshape(n, 3)
-    size = np.linalg.norm(signature, axis=1)
-    middle = max(float(np.median(size)), 1e-12)
-    # One number per reading: the residual before this finding, seen along its signature.
-    along = ((left - signature) * signature).sum(axis=1) / np.maximum(size, 0.05 * middle)
-    sign = _sign(signature)
-    name, values, unit = _variable(diagnosis, candidate)
-    figure = go.Figure()
-    figure.add_scatter(
-        x=values, y=-1e3 * along * sign, mode="markers", name="residual without it",
-        marker={"size": 4, "opacity": 0.5},
-    )  # fmt: skip
-    order = np.argsort(values)
-    groups = np.array_split(order, min(BINS, max(len(order) // 5, 1)))
-    figure.add_scatter(
-        x=[float(values[g].mean()) for g in groups],
-        y=[1e3 * float((size * sign)[g].mean()) for g in groups],
-        mode="lines+markers",
-        name="fitted signature, mean",
-    )
-    figure.update_xaxes(title=f"{name}, {unit}" if unit else name)
-    figure.update_yaxes(title="along the signature, µm")
-    page.figure(figure)
-
-
-def _sign(signature: F64) -> F64:
-    """Which way a signature points, along the direction it varies most in."""
-    axis = np.linalg.svd(signature, full_matrices=False)[2][0]
-    sign: F64 = np.where(signature @ axis >= 0.0, 1.0, -1.0)
-    return sign
-
-
-def _variable(diagnosis: Diagnosis, candidate: Candidate) -> tuple[str, F64, str]:
-    """Values of the first variable the finding depends on; the reading's number otherwise."""
-    rests = diagnosis.search.last.linear.rests
-    states = rests.observations.states
-    name = candidate.depends_on[0] if candidate.depends_on else ""
-    if name[:1] == "q" and name[1:].isdigit():
-        return name, np.degrees(states.q[:, int(name[1:]) - 1]), "°"
-    if name[:1] == "w" and name[1:].isdigit():
-        return name, states.rate[:, int(name[1:]) - 1], "rad/s"
-    if name in diagnosis.arm.sensors:
-        return name, states.temperature_c[:, diagnosis.arm.sensors.index(name)], "°C"
-    if name == "time_s":
-        return "time since the first reading", (states.time_s - states.time_s.min()) / 3600, "h"
-    if name == "artefact_c":
-        return "artefact above its reference", rests.artefact_rise_c, "K"
-    if name == "target":
-        return "target", rests.observations.target.astype(float), "number"
-    if name.startswith("approach_"):
-        return name, states.approach[:, "xyz".index(name[-1])], ""
-    return "reading", np.arange(rests.n, dtype=float), "number"
-
-
 def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
     page.heading("What stays unexplained")
     unexplained = result["unexplained"]
     page.text(
-        f"{diagnosis.remaining_rms_um:.2f} µm 3-D RMS stay, of which the noise accounts for "
-        f"{diagnosis.noise_floor_um:.2f} µm. "
+        f"{diagnosis.remaining_rms_um:.4g} µm 3-D RMS stay in the readings used; the noise alone "
+        f"would leave {diagnosis.noise_floor_um:.4g} µm. "
         + (
             f"What is left is significant and depends on {', '.join(unexplained['depends_on'])}."
             if unexplained["significant"]
@@ -170,11 +146,42 @@ def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> Non
     page.table(
         ["noise found in these readings", "standard deviation"],
         [
-            ["encoders, each", f"{np.degrees(noise.encoder_rad) * 3600:.2f}″"],
-            ["repeat of a point, each axis", f"{noise.repeat_mm * 1e3:.2f} µm"],
-            ["slow drift of the base, each axis", f"{noise.drift_mm * 1e3:.2f} µm"],
+            ["encoders, each", f"{np.degrees(noise.encoder_rad) * 3600:.3g}″"],
+            ["repeat of a point, each axis", f"{noise.repeat_mm * 1e3:.3g} µm"],
+            ["slow drift of the base, each axis", f"{noise.drift_mm * 1e3:.3g} µm"],
         ],
     )
+    groups = list(_groups(diagnosis))
+    if 1 < len(groups) <= MOST_GROUPS:
+        page.table(
+            ["placement", "target", "rests", "left, 3-D RMS µm", "of which common to all, µm"],
+            groups,
+        )
+
+
+def _groups(diagnosis: Diagnosis) -> Iterator[list[object]]:
+    """What is left of each placement's readings at each target."""
+    last = diagnosis.search.last
+    observations = last.linear.rests.observations
+    left = 1e3 * (last.raw_residual - last.fitted)[: 3 * observations.n].reshape(-1, 3)
+    pairs = np.stack([observations.placement, observations.target], axis=1)
+    for placement, target in np.unique(pairs, axis=0):
+        own = left[(pairs == (placement, target)).all(axis=1)]
+        yield [
+            observations.placement_names[placement],
+            observations.target_names[target],
+            len(own),
+            f"{np.sqrt((own**2).sum(axis=1).mean()):.4g}",
+            f"{np.linalg.norm(own.mean(axis=0)):.4g}",
+        ]
+
+
+def _cannot_tell(page: Page, result: dict[str, Any]) -> None:
+    if not result["cannot_tell"]:
+        return
+    page.heading("What these data cannot tell")
+    page.text("No size of these causes would show in these readings:")
     page.table(
-        ["finding", "where"], [[f.candidate.cause, place_of(f.candidate)] for f in diagnosis.found]
+        ["cause", "it needs"],
+        [[row["cause"].replace("_", " "), row["needs"]] for row in result["cannot_tell"]],
     )

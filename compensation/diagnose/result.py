@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.fit import MOST_FREE_COLUMNS
+from armd.compensation.diagnose.fit import is_curve
 from armd.compensation.diagnose.gain import Gain
 from armd.compensation.diagnose.next import next_experiment
 from armd.compensation.diagnose.search import Found
@@ -44,9 +44,53 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             if diagnosis.significant_rest
             else [],
         },
+        "verdict": verdict(diagnosis),
+        "cannot_tell": [
+            {"cause": cause, "needs": needs_of(cause), "experiment": CATALOGUE[cause].experiment}
+            for cause in diagnosis.search.untold
+        ],
         "extended_calibration": extended_path,
         "next_experiment": next_experiment(diagnosis),
     }
+
+
+def verdict(diagnosis: Diagnosis) -> str:
+    """What came of it, in a sentence or two."""
+    sentences = []
+    shown = [gain.shown for gain in diagnosis.gains]
+    if not shown:
+        sentences.append("No cause was found.")
+    elif not any(shown):
+        sentences.append(
+            f"{_count(len(shown), 'cause')} found, but none improves held-out readings beyond "
+            "doubt: leads to follow, no reason yet to run the extended calibration."
+        )
+    else:
+        before, after = diagnosis.gains[0].before_um, diagnosis.gains[-1].after_um
+        sentences.append(
+            f"{_count(len(shown), 'cause')} found; with them held-out readings err by "
+            f"{after:.4g} µm instead of {before:.4g} µm."
+        )
+        if not all(shown):
+            doubtful = ", ".join(str(i) for i, yes in enumerate(shown, 1) if not yes)
+            sentences.append(f"Held-out readings do not bear out number {doubtful}.")
+    if diagnosis.significant_rest:
+        on = ", ".join(diagnosis.search.remaining_depends_on) or "nothing that was recorded"
+        sentences.append(f"Something significant is left; it depends on {on}.")
+    elif not shown and not diagnosis.outliers:
+        sentences.append("The residuals are what the noise makes of them.")
+    return " ".join(sentences)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def needs_of(cause: str) -> str:
+    """What sessions must hold for a cause to show at all."""
+    return (
+        CATALOGUE[cause].needs or "poses or conditions that set it apart from placements and seats"
+    )
 
 
 def _finding(diagnosis: Diagnosis, index: int, found: Found, gain: Gain) -> dict[str, Any]:
@@ -90,7 +134,7 @@ def parameters_of(
     """Amplitudes with standard uncertainties, then what was scanned (order, instant, …)."""
     rows: list[dict[str, str | float]] = []
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    if len(candidate.columns) > MOST_FREE_COLUMNS and candidate.cause == "encoder_periodic":
+    if is_curve(candidate):
         power = (amplitudes.reshape(-1, 2) ** 2).sum(axis=1)
         size = float(np.sqrt(power.sum() / 2))
         along = amplitudes / max(float(np.linalg.norm(amplitudes)), 1e-300)
@@ -111,11 +155,10 @@ def _row(name: str, value: float, unit: str, sigma: float) -> dict[str, str | fl
 
 
 def tip_rms_um(diagnosis: Diagnosis, index: int) -> float:
-    """How far the effect moves the tip in these readings, 3-D RMS in µm."""
-    last = diagnosis.search.last
-    at = last.layout.findings[index]
-    moves = last.absorbing.columns[:, at] @ last.amplitudes[index]
-    return 1e3 * float(np.sqrt((moves**2).sum() / max(last.linear.rests.n, 1)))
+    """How far the effect moves the tip in these readings, 3-D RMS in µm: what placements,
+    constants and the other findings cannot take up."""
+    moves = diagnosis.search.last.net_signature(index)
+    return 1e3 * float(np.sqrt((moves**2).sum() / max(len(moves), 1)))
 
 
 def _gain(gain: Gain) -> dict[str, Any]:
@@ -123,6 +166,7 @@ def _gain(gain: Gain) -> dict[str, Any]:
         "heldout_rms_um_before": gain.before_um,
         "heldout_rms_um_after": gain.after_um,
         "interval_um": list(gain.interval_um),
+        "shown": gain.shown,
     }
 
 

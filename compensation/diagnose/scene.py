@@ -22,7 +22,8 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
     states = observations.states
     temperatures = states.temperature_c
     varied = np.isfinite(temperatures).all(axis=0) & (np.ptp(temperatures, axis=0) > 0.05)
-    moments = _moments(states.time_s)
+    timed = bool(np.isfinite(states.time_s).all())
+    moments = _moments(states.time_s) if timed else np.empty(0)
     labels = np.array(rests.target_label)
     certified = np.unique(labels[observations.target[~observations.has_truth]])
     named = [str(name) for name in certified if not observations.unknown[labels == name].any()]
@@ -34,12 +35,13 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
         reference_c=baseline.model.reference_c,
         held=baseline.held,
         sensors=tuple(name for name, ok in zip(arm.sensors, varied, strict=True) if ok),
+        timed=timed,
         rates=bool(rate.size and np.any(rate != 0.0)),
         approach=bool(np.isfinite(states.approach).all(axis=1).mean() > 0.5),
         artefact_c=bool(np.ptp(rests.artefact_rise_c) > 0.05),
         targets=tuple(named) if len(named) > 3 else (),
         distances=_checked_distances(rests, baseline),
-        start_unix_s=float(states.time_s.min()),
+        start_unix_s=float(states.time_s.min()) if timed else 0.0,
         instants_unix_s=_grid(moments),
         all_instants_unix_s=moments,
     )

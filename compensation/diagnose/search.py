@@ -76,6 +76,7 @@ class Result:
     tests: float
     remaining_p: float  # family-wise p of the strongest candidate left out
     remaining_depends_on: tuple[str, ...]
+    untold: tuple[str, ...]  # causes that these data could not show whatever their size
 
 
 class Search:
@@ -94,23 +95,27 @@ class Search:
         self.baseline = baseline
         self.scene = make_scene(rests, arm, baseline)
         self._candidates = list(catalogue.candidates(self.scene))
-        self._steady = [steady_drift(self.scene)]
+        self._steady = [steady_drift(self.scene)] if self.scene.timed else []
         self._progress = progress
         self._seed = seed
         self._tests = 1.0
         self._signatures: Signatures | None = None
+        self._parts: dict[int, tuple[Candidate, npt.NDArray[np.bool_]]] = {}
+        self._own: tuple[Fit, Sums] | None = None  # the last fit's, see `_own_sums`
 
     def run(self) -> Result:
         """Search forward, looking back after every step."""
         first = current = self._fit([])
         sums, scores = self._survey(current)
+        untold = scores.silent(set(catalogue.CATALOGUE) - {"outliers", "unknown"})
         seen: set[str] = set()
         for step in range(MOST_STEPS):
             self._progress(f"{len(current.findings)} found", step / MOST_STEPS)
             best = self._best(scores)
             if best is None or len(current.findings) >= MOST_FINDINGS:
                 break
-            findings = [*current.findings, self._refined(best, current, scores)]
+            best = self._refined(best, current, scores)
+            findings = _joined(current.findings, best)
             key = "".join(sorted(repr((c.place, c.setting)) for c in findings))
             if key in seen:  # a circle: the search stays where it stands
                 break
@@ -135,6 +140,7 @@ class Search:
             self._tests,
             remaining,
             scores.signatures.candidates[int(np.argmin(scores.log_p))].depends_on,
+            untold,
         )
 
     def _fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
@@ -152,7 +158,7 @@ class Search:
         while len(current.findings) > 1:
             sums = self._own_sums(current)
             log_p = [
-                float(score(sums, range(at.start, at.stop)).log_p[i])
+                float(score(sums, _range(at)).log_p[i])
                 for i, at in enumerate(current.layout.findings)
             ]
             weakest = int(np.argmax(log_p))
@@ -165,8 +171,7 @@ class Search:
     def _swapped(self, current: Fit, sums: Sums, scores: Scores) -> tuple[Fit, Sums, Scores]:
         """With a finding renamed where, all others given, another name is clearly likelier."""
         for i, candidate in enumerate(current.findings):
-            at = current.layout.findings[i]
-            alone = score(sums, range(at.start, at.stop))
+            alone = self._score(sums, current, without=i)
             places = alone.places()
             own = self._posterior_of(candidate, i, current, alone)
             best = max(places, key=lambda key: places[key])
@@ -176,9 +181,8 @@ class Search:
                     continue
                 findings = [c for j, c in enumerate(current.findings) if j != i]
                 without = self._fit(findings, current)
-                current = self._pruned(
-                    self._fit([*findings, self._refined(rival, without, alone)], without)
-                )
+                refined = self._refined(rival, without, alone)
+                current = self._pruned(self._fit(_joined(findings, refined), without))
                 return current, *self._survey(current)
         return current, sums, scores
 
@@ -197,10 +201,32 @@ class Search:
             self._signatures,
             draws,
         )
-        scores = score(sums)
+        scores = self._score(sums, current)
         if draws is not None:
             self._tests = effective_tests(scores.least_log_p)
         return sums, scores
+
+    def _score(self, sums: Sums, current: Fit, without: int | None = None) -> Scores:
+        """All candidates' scores, one finding taken out of the model.
+
+        What is left of a curve, held to a likely size, is the curve's: parts of a finding are
+        no candidates beside it.
+        """
+        at = range(0) if without is None else _range(current.layout.findings[without])
+        held = np.zeros(len(sums.signatures.candidates), dtype=bool)
+        for i, finding in enumerate(current.findings):
+            if i != without:
+                held |= self._parts_of(finding, sums.signatures.candidates)
+        return score(sums, at).without(held)
+
+    def _parts_of(
+        self, finding: Candidate, candidates: Sequence[Candidate]
+    ) -> npt.NDArray[np.bool_]:
+        """(C,) which of all candidates are within a finding; kept, as it is asked often."""
+        if id(finding) not in self._parts:
+            inside = np.array([candidate.within(finding) for candidate in candidates])
+            self._parts[id(finding)] = finding, inside
+        return self._parts[id(finding)][1]
 
     def _best(self, scores: Scores) -> Candidate | None:
         """The most probable place among all, if anything is significant; there its best value."""
@@ -239,10 +265,14 @@ class Search:
 
     def _own_sums(self, current: Fit) -> Sums:
         """Sums for the findings themselves as candidates."""
+        if self._own is not None and self._own[0] is current:
+            return self._own[1]
         signatures = compile_candidates(current.findings, current.linear, self.arm)
-        return add_up(
+        sums = add_up(
             current.linear, current.noise, current.residual, current.absorbing, signatures
         )
+        self._own = current, sums
+        return sums
 
     def _posterior_of(
         self, candidate: Candidate, index: int, current: Fit, scores: Scores
@@ -253,7 +283,7 @@ class Search:
         if candidate.refine is not None or candidate in scores.signatures.candidates:
             return weight
         at = current.layout.findings[index]
-        own = score(self._own_sums(current), range(at.start, at.stop))
+        own = score(self._own_sums(current), _range(at))
         best = scores.log_evidence[of_place].max(initial=-np.inf)
         if not np.isfinite(best):
             return weight
@@ -263,9 +293,8 @@ class Search:
         """Significance, probability and rivals of one finding, given all the others."""
         candidate = current.findings[index]
         at = current.layout.findings[index]
-        without = range(at.start, at.stop)
-        own = score(self._own_sums(current), without)
-        scores = score(sums, without)
+        own = score(self._own_sums(current), _range(at))
+        scores = self._score(sums, current, without=index)
         weights = scores.places()
         weights[candidate.place] = self._posterior_of(candidate, index, current, scores)
         total = sum(weights.values())
@@ -304,6 +333,15 @@ class Search:
             or (likeness.left_p > INDISTINGUISHABLE_P and rival.cause != "unknown")
         ]
         return tuple(told[:MOST_RIVALS])
+
+
+def _joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
+    """The findings with one more, which takes the place of those it contains."""
+    return [*(c for c in findings if not c.within(more)), more]
+
+
+def _range(at: slice) -> range:
+    return range(at.start, at.stop)
 
 
 def _at_the_instant_of(

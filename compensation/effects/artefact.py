@@ -54,6 +54,7 @@ EXPANSION = Effect(
     "measure a second artefact of another material at the same temperatures",
     expansion,
     read_expansion,
+    "artefact temperatures (artefact_c) that vary over the readings",
 )
 LENGTH = Effect(
     "artefact_length",
@@ -62,4 +63,5 @@ LENGTH = Effect(
     "have the target measured again, or add a second artefact",
     length,
     read_length,
+    "certified positions or lengths that can contradict each other, or a calibration to test",
 )

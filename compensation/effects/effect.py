@@ -67,6 +67,10 @@ class Candidate:
         """What a finding is told apart by: cause and location."""
         return self.cause, self.location
 
+    def within(self, other: Candidate) -> bool:
+        """Whether *other* has all that this one could add: an order of a curve, say."""
+        return self.place == other.place and all(c in other.columns for c in self.columns)
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -78,6 +82,7 @@ class Scene:
     reference_c: float
     held: bool  # True: constants and terms come from a calibration given, and stay
     sensors: tuple[str, ...]  # with data
+    timed: bool  # times of all readings known
     rates: bool  # joint rates known
     approach: bool  # directions of approach known
     artefact_c: bool
@@ -124,6 +129,8 @@ class Effect:
     candidates: Callable[[Scene], Iterator[Candidate]]
     #: physical reading of fitted amplitudes, e.g. "the disc sits 0.4 µm off centre"
     reading: Callable[[Candidate, F64], str]
+    #: what sessions must hold for the cause to show at all; empty: any poses will do
+    needs: str = ""
 
 
 def tie(parameter_weights: Sequence[tuple[str, float]], *basis: Factor) -> tuple[Term, ...]:

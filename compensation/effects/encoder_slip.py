@@ -49,4 +49,5 @@ EFFECT = Effect(
     "repeat a few poses measured before the moment named",
     candidates,
     reading,
+    "the time of each reading (time_s)",
 )

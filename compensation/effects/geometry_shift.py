@@ -72,4 +72,5 @@ EFFECT = Effect(
     "calibrate again at one temperature and compare",
     candidates,
     reading,
+    "the time of each reading (time_s), or a calibration to compare with",
 )

@@ -35,4 +35,5 @@ EFFECT = Effect(
     "measure the same poses from both sides of each joint",
     candidates,
     reading,
+    "joint rates at the readings (w1, w2, …): their signs tell the side from which each joint came",
 )

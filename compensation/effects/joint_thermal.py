@@ -49,4 +49,5 @@ EFFECT = Effect(
     "measure the same poses at two more temperatures",
     candidates,
     reading,
+    "temperatures that vary over the readings",
 )

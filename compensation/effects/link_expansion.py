@@ -46,4 +46,5 @@ EFFECT = Effect(
     "measure at two more temperatures, at least 6 K apart",
     candidates,
     reading,
+    "temperatures that vary over the readings",
 )

@@ -38,7 +38,8 @@ def steady_drift(scene: Scene) -> Candidate:
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:
-    yield steady_drift(scene)
+    if scene.timed:
+        yield steady_drift(scene)
     for instant in scene.instants_unix_s:
         yield _at(scene, instant, False)
 
@@ -57,4 +58,5 @@ EFFECT = Effect(
     "measure one seat at the start and the end of every placement",
     candidates,
     reading,
+    "the time of each reading (time_s)",
 )

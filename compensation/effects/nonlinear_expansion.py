@@ -44,4 +44,5 @@ EFFECT = Effect(
     "measure at the two ends and the middle of the temperature range",
     candidates,
     reading,
+    "temperatures that vary over the readings, and the sensor of each joint in arm.toml",
 )

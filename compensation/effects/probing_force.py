@@ -51,4 +51,5 @@ EFFECT = Effect(
     "touch the same target from several directions, softly and hard",
     candidates,
     reading,
+    "the direction of approach at the readings (approach_x, …)",
 )

@@ -44,4 +44,5 @@ EFFECT = Effect(
     "let the arm rest overnight and compare all sensors",
     candidates,
     reading,
+    "a calibration to compare with, with terms of temperature",
 )

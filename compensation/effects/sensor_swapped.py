@@ -73,4 +73,5 @@ EFFECT = Effect(
     "warm one link by hand and watch which sensor answers",
     candidates,
     reading,
+    "temperatures of two sensors at least that vary against each other",
 )

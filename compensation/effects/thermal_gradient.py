@@ -70,4 +70,5 @@ EFFECT = Effect(
     "warm the arm from one side and measure before it evens out",
     candidates,
     reading,
+    "temperatures of two sensors at least that vary against each other",
 )

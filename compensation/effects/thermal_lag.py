@@ -68,6 +68,8 @@ def _delayed_lengths(
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:
+    if not scene.timed:
+        return
     seen: list[dict[str, float]] = []
     for k in scene.joints:
         weights = scene.weights(k)
@@ -92,4 +94,6 @@ EFFECT = Effect(
     "measure during a ramp of 4 K/h or more, up and down",
     candidates,
     reading,
+    "temperatures that vary over the readings, their times, and the sensor of each joint in "
+    "arm.toml",
 )

@@ -26,4 +26,5 @@ EFFECT = Effect(
     "measure one target in motion, slowly and fast",
     candidates,
     reading,
+    "joint rates at the readings (w1, w2, …), some of them taken in motion",
 )

@@ -47,4 +47,5 @@ EFFECT = Effect(
     "measure one seat from ten directions",
     candidates,
     reading,
+    "the time of each reading (time_s), or a calibration to compare with",
 )

@@ -65,9 +65,11 @@ def _functions(
         for order in (1, 2):
             factor = temperature({name: 1.0}, order=order)
             yield (name,), [(f"ΔT({name})^{order}", "1/K", 5.0**order, (factor,))]
+        if not scene.timed:
+            continue
         rate = TemperatureRate(weights={name: 1.0}, smoothing_s=300.0)
         yield (name, "time_s"), [(f"d{name}/dt", "s/K", 1e-3, (rate,))]
-    for power in (1, 2):
+    for power in (1, 2) if scene.timed else ():
         since = Time(since_unix_s=scene.start_unix_s, power=power)
         yield ("time_s",), [(f"t^{power}", "1/h", 1.0, (since,))]
     if scene.rates:

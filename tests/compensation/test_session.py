@@ -92,6 +92,13 @@ def test_reads_what_was_written(folder: Path, parquet: bool) -> None:
     assert len(session.fingerprint()) == 64
 
 
+def test_times_may_be_missing_but_not_here_and_there(folder: Path) -> None:
+    write_session(folder, session_file(), columns() | {"time_s": [float("nan")] * 12})
+    assert np.isnan(load_session(folder, ARM).states.time_s).all()
+    write_session(folder, session_file(), columns() | {"time_s": [0.0] * 11 + [float("nan")]})
+    assert "row 12" in refusal(folder)
+
+
 def test_counts_and_degrees_become_radians(folder: Path) -> None:
     table = columns()
     for k, sign in ((1, 1), (2, -1), (3, 1)):

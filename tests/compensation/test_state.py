@@ -49,6 +49,11 @@ def test_a_gap_is_bridged_straight() -> None:
     assert gappy[[0, 1, 3, 4]] == pytest.approx(whole[[0, 1, 3, 4]], abs=1e-12)
 
 
+def test_without_times_nothing_is_delayed_by_a_known_amount() -> None:
+    times = np.full(5, np.nan)
+    assert np.isnan(lagged(times, np.ones((5, 1)), np.zeros(5, np.int64), 2.0)).all()
+
+
 def test_runs_do_not_touch_each_other_and_order_does_not_matter() -> None:
     rng = np.random.default_rng(1)
     series = np.repeat([7, 2], 20)

@@ -11,32 +11,38 @@ from __future__ import annotations
 
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from convert import VENDORED, convert
+from marks import rows_of
 from rich.console import Console
 from rich.table import Table
 
 from armd.compensation.arm import Arm, load_arm
 from armd.compensation.calibration import Calibration, constants_of
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
+from armd.compensation.diagnose.result import needs_of, place_of, verdict
 from armd.compensation.diagnose.thermal_series import diagnose_series
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.identify.fit import Unknowns, fit
 from armd.compensation.identify.gauge import free_constants
 from armd.compensation.identify.observations import gather
 from armd.compensation.session import Session, load_session
-from armd.compensation.terms import Curve, Term
+from armd.compensation.terms import After, Curve, Term, Time
 
 #: 3-D RMS held out, mm, with the extended model.
 UR10_MM = {"A": 0.11, "B": 0.15, "C": 0.11}
 #: Joints whose angle error the data are known to carry.
 JOINTS = {"joint 1", "joint 2", "joint 3"}
-#: A curve found on one series, unchanged, must lower another's held-out error to below this share.
-#: (Joint 1 stood elsewhere in series C than in A and B: little of its curve can carry over.)
-TRANSFER = 1.0
-SPINDLE = ("disp3_um", "disp5_um")
+#: Causes of which the Kinova's readings, without times and rates, hold no evidence.
+UNTIMED = {"joint_backlash", "time_skew", "encoder_slip", "mount_drift", "geometry_shift"}
+#: A joint's curve is carried to another series where that many of its readings stand at angles
+#: at which the joint stood before, within so many degrees.
+LEAST_SHARE, NEAR_DEG = 0.3, 3
+SPINDLE = ("disp1_um", "disp2_um", "disp3_um", "disp4_um", "disp5_um")
 
 
 def rms_mm(sessions: list[Session], arm: Arm, calibration: Calibration) -> float:
@@ -44,103 +50,181 @@ def rms_mm(sessions: list[Session], arm: Arm, calibration: Calibration) -> float
     return float(np.sqrt((found.distance_um**2).mean())) / 1e3
 
 
-def transferred(
-    curves: list[Term], train: Session, heldout: Session, arm: Arm, start: Calibration
+def ur10(folder: Path, console: Console) -> list[str]:
+    arm = load_arm(folder / "arm.toml")
+    missed = []
+    trains = {s: load_session(folder / f"{s}-train", arm) for s in UR10_MM}
+    heldouts = {s: load_session(folder / f"{s}-heldout", arm) for s in UR10_MM}
+    diagnoses: dict[str, Diagnosis] = {}
+    summary = Table("UR10 series", "periodic on joints", "before mm", "after mm", "mark mm", "s")
+    for series, mark in UR10_MM.items():
+        started = time.monotonic()
+        diagnosis = diagnose([trains[series]], arm, holdout=[heldouts[series]])
+        seconds = time.monotonic() - started
+        diagnoses[series] = diagnosis
+        _findings(f"UR10 series {series}", diagnosis, console)
+        places = [f.candidate.place for f in diagnosis.found]
+        joints = {where for cause, where in places if cause == "encoder_periodic"}
+        before = rms_mm([heldouts[series]], arm, diagnosis.baseline.calibration)
+        after = rms_mm([heldouts[series]], arm, diagnosis.extended)
+        named = ", ".join(sorted(where.split()[-1] for where in joints))
+        summary.add_row(series, named, f"{before:.3f}", f"{after:.3f}", f"{mark}", f"{seconds:.0f}")
+        if round(after, 2) > mark or not joints >= JOINTS:
+            missed.append(f"UR10 series {series}")
+    console.print(summary)
+    return missed + _transfers(diagnoses, trains, heldouts, arm, console)
+
+
+def _findings(title: str, diagnosis: Diagnosis, console: Console) -> None:
+    """Every finding with its gain on readings held out."""
+    table = Table(title, "where", "P", "held out, mm", "gain, 95 %, mm", "")
+    for found, gain in zip(diagnosis.found, diagnosis.gains, strict=True):
+        low, high = (value / 1e3 for value in gain.interval_um)
+        table.add_row(
+            found.candidate.cause,
+            place_of(found.candidate),
+            f"{found.probability:.2f}",
+            f"{gain.before_um / 1e3:.4f} → {gain.after_um / 1e3:.4f}",
+            f"{low:+.4f} to {high:+.4f}",
+            "" if gain.shown else "not borne out",
+        )
+    console.print(table)
+
+
+def _transfers(
+    diagnoses: dict[str, Diagnosis],
+    trains: dict[str, Session],
+    heldouts: dict[str, Session],
+    arm: Arm,
+    console: Console,
+) -> list[str]:
+    """Curves found on one series, unchanged, on another; only its constants are identified anew.
+
+    Judged where the joints concerned stood in both series: elsewhere a curve knows nothing.
+    """
+    missed = []
+    table = Table(
+        "UR10 of", "on", "curves of joints", "readings", "without mm", "curves mm",
+        "all terms mm", "own curves mm",
+    )  # fmt: skip
+    for source, one in diagnoses.items():
+        for series, other in diagnoses.items():
+            if series == source:
+                continue
+            curves, own = _curves(one.extended), _curves(other.extended)
+            seen = {k: trains[source].states.q[:, k - 1] for k in curves}
+            joints = [
+                k for k, q in seen.items() if _near(trains[series], k, q).mean() > LEAST_SHARE
+            ]
+            train, heldout = (
+                rows_of(s, np.all([_near(s, k, seen[k]) for k in joints], axis=0))
+                for s in (trains[series], heldouts[series])
+            )
+            carried = [curves[k] for k in joints]
+            figures = [
+                _with_terms(terms, train, heldout, arm, other.baseline.calibration)
+                for terms in (
+                    [],
+                    carried,
+                    carried + _other_pose_terms(one.extended),
+                    [own[k] for k in joints if k in own],
+                )
+            ]
+            named = ", ".join(map(str, sorted(joints)))
+            table.add_row(source, series, named, str(heldout.n), *(f"{mm:.3f}" for mm in figures))
+            if figures[1] >= figures[0]:
+                missed.append(f"UR10 curves of {source} on {series}")
+    console.print(table)
+    return missed
+
+
+def _curves(calibration: Calibration) -> dict[int, Term]:
+    """The curves over the turn, by joint."""
+    return {
+        factor.joint: term
+        for term in calibration.terms
+        for factor in term.basis
+        if isinstance(factor, Curve)
+    }
+
+
+def _other_pose_terms(calibration: Calibration) -> list[Term]:
+    """Terms found, other than curves and what a moment did."""
+    return [
+        term
+        for term in calibration.terms
+        if term.basis and not any(isinstance(f, Curve | After | Time) for f in term.basis)
+    ]
+
+
+def _near(session: Session, joint: int, seen_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """(n,) readings at which a joint stands near an angle where it was seen, turns aside."""
+    turn = np.zeros(360, dtype=bool)
+    at = np.round(np.degrees(seen_rad)).astype(int)
+    for shift in range(-NEAR_DEG, NEAR_DEG + 1):
+        turn[(at + shift) % 360] = True
+    near: npt.NDArray[np.bool_] = turn[
+        np.round(np.degrees(session.states.q[:, joint - 1])).astype(int) % 360
+    ]
+    return near
+
+
+def _with_terms(
+    terms: list[Term], train: Session, heldout: Session, arm: Arm, start: Calibration
 ) -> float:
-    """Held-out RMS in mm of a series whose constants are identified with foreign *curves*."""
+    """Held-out RMS in mm with *terms* as they are, the constants identified beside them."""
     found = fit(
         gather([train], arm),
         start.vector(arm.n_joints),
-        curves,
+        terms,
         Unknowns(free_constants(arm), range(0)),
         start.reference_temperature_c,
     )
     update = {
         "constants": constants_of(found.constants, arm.n_joints),
-        "terms": curves,
+        "terms": terms,
         "covariance_of": [],
         "covariance": [],
     }
     return rms_mm([heldout], arm, start.model_copy(update=update))
 
 
-def ur10(folder: Path, console: Console) -> list[str]:
-    arm = load_arm(folder / "arm.toml")
-    missed = []
-    table = Table("UR10 series", "periodic on", "other", "before mm", "after mm", "mark mm")
-    diagnoses: dict[str, Diagnosis] = {}
-    trains = {s: load_session(folder / f"{s}-train", arm) for s in UR10_MM}
-    heldouts = {s: load_session(folder / f"{s}-heldout", arm) for s in UR10_MM}
-    for series, mark in UR10_MM.items():
-        diagnosis = diagnose([trains[series]], arm)
-        diagnoses[series] = diagnosis
-        places = [f.candidate.place for f in diagnosis.found]
-        joints = {where for cause, where in places if cause == "encoder_periodic"}
-        others = [f"{cause} {where}" for cause, where in places if cause != "encoder_periodic"]
-        before = rms_mm([heldouts[series]], arm, diagnosis.baseline.calibration)
-        after = rms_mm([heldouts[series]], arm, diagnosis.extended)
-        table.add_row(
-            series,
-            ", ".join(sorted(w.split()[-1] for w in joints)),
-            ", ".join(others),
-            f"{before:.3f}",
-            f"{after:.3f}",
-            f"{mark}",
-        )
-        if round(after, 2) > mark or not joints >= JOINTS:
-            missed.append(f"UR10 series {series}")
-    console.print(table)
-    table = Table("UR10 curves of", "on series", "without mm", "with, unchanged mm")
-    for source, diagnosis in diagnoses.items():
-        curves = [t for t in diagnosis.extended.terms if any(isinstance(b, Curve) for b in t.basis)]
-        for series in UR10_MM:
-            if series == source:
-                continue
-            start = diagnoses[series].baseline.calibration
-            without = rms_mm([heldouts[series]], arm, start)
-            with_them = transferred(curves, trains[series], heldouts[series], arm, start)
-            table.add_row(source, series, f"{without:.3f}", f"{with_them:.3f}")
-            if with_them > TRANSFER * without:
-                missed.append(f"UR10 curves of {source} on {series}")
-    console.print(table)
-    return missed
-
-
 def kinova(folder: Path, console: Console) -> list[str]:
-    """No joint rates were recorded: backlash cannot be told from these data, and armd says so."""
+    """Neither times nor joint rates were recorded: what only they tell must not be claimed."""
     arm = load_arm(folder / "arm.toml")
     session = load_session(folder / "seats", arm)
+    started = time.monotonic()
     diagnosis = diagnose([session], arm)
-    named = [f"{f.candidate.cause} {f.candidate.location}" for f in diagnosis.found]
-    sided = np.isfinite(session.states.rate).any()
-    verdict = (
-        "sides of approach known"
-        if sided
-        else "no joint rates in the set: backlash cannot be told from anything that differs by pose"
-    )
-    console.print(
-        f"Kinova: {diagnosis.rms_um / 1e3:.2f} mm; found {', '.join(named) or 'nothing'}; {verdict}"
-    )
-    wrong = [name for name in named if name.startswith("joint_backlash")]
-    return ["Kinova: backlash without its evidence"] if wrong and not sided else []
+    seconds = time.monotonic() - started
+    console.print(f"Kinova, {diagnosis.rms_um / 1e3:.2f} mm, {seconds:.0f} s. {verdict(diagnosis)}")
+    _findings("Kinova", diagnosis, console)
+    for cause in UNTIMED:
+        if cause in diagnosis.search.untold:
+            console.print(f"Kinova: {cause} cannot be told; it needs {needs_of(cause)}")
+    named = {f.candidate.cause for f in diagnosis.found}
+    told = UNTIMED - set(diagnosis.search.untold) | (UNTIMED & named)
+    return [f"Kinova: {cause} without its evidence" for cause in sorted(told)]
 
 
 def spindle(file: Path, console: Console) -> list[str]:
+    """A thermal model without kinematics: first 60 % of time to fit, the rest to judge."""
     data = np.genfromtxt(file, delimiter=",", names=True)
     temperatures = np.stack([data[f"T{i}_C"] for i in range(1, 17)], axis=1)
+    displacements = np.stack([data[name] for name in SPINDLE], axis=1)
     missed = []
     table = Table(
-        "spindle", "mean only µm", "static µm", "with lag µm", "lag", "memory of static, 1 h"
-    )
-    for name in SPINDLE:
-        found = diagnose_series(data["t_s"].astype(float), temperatures, data[name])
-        lag = "none" if found.time_constant_s is None else f"{found.time_constant_s:.0f} s"
+        "spindle", "mean only µm", "static µm", "with lag µm", "gain, 95 %, µm", "lag s",
+        "static residual's memory, 1 h",
+    )  # fmt: skip
+    results = diagnose_series(data["t_s"].astype(float), temperatures, displacements)
+    for name, found in zip(SPINDLE, results, strict=True):
         table.add_row(
             name,
             f"{found.mean_um:.1f}",
             f"{found.static_um:.2f}",
             f"{found.lagged_um:.2f}",
-            lag,
+            f"{found.gain_um[0]:.2f} to {found.gain_um[1]:.2f}",
+            "none" if found.time_constant_s is None else f"{found.time_constant_s:.0f}",
             f"{found.static_memory:.2f}",
         )
         if not found.lag_found or found.lagged_um >= found.static_um:

@@ -73,11 +73,12 @@ def two_sigma(folder: Path, robot: str, most_times: int) -> tuple[float, int]:
         kept = distance <= distance.mean() + 2 * distance.std()
         if kept.all() or times == most_times:
             break
-        session = _rows(session, kept)
+        session = rows_of(session, kept)
     return float(distance.mean()), whole - session.n
 
 
-def _rows(session: Session, kept: np.ndarray) -> Session:
+def rows_of(session: Session, kept: np.ndarray) -> Session:
+    """The session with some of its readings only."""
     return replace(
         session,
         states=session.states.rows(kept),

@@ -1,4 +1,5 @@
-"""The Kinova's seats: millimetres of error, one certified distance, no rates, no temperatures."""
+"""The Kinova's seats: millimetres of error, one certified distance; no times, no rates, no
+temperatures."""
 
 from __future__ import annotations
 
@@ -19,6 +20,7 @@ from armd.compensation.diagnose.fit import fit
 from armd.compensation.diagnose.noise import LEAST_MM
 from armd.compensation.diagnose.problem import ModelState, Rests, gather_rests, linearise
 from armd.compensation.diagnose.scene import make_scene
+from armd.compensation.effects.catalogue import candidates
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column
 from armd.compensation.session import Session, load_session
 from armd.compensation.terms import Temperature, Term
@@ -42,7 +44,16 @@ def seats(folder: Path) -> tuple[Arm, Session, Rests]:
 def test_backlash_is_not_named_without_its_evidence(folder: Path) -> None:
     console = Console(width=300, record=True)
     assert diagnosis_marks.kinova(folder, console) == []
-    assert "backlash cannot be told" in console.export_text()
+    assert "joint_backlash cannot be told; it needs joint rates" in console.export_text()
+
+
+def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session, Rests]) -> None:
+    arm, session, rests = seats
+    scene = make_scene(rests, arm, model_under_test([session], arm, None))
+    assert not scene.timed
+    for candidate in candidates(scene):
+        assert "time_s" not in candidate.depends_on
+        assert "instant" not in {name for name, _, _ in candidate.setting}
 
 
 def test_the_only_length_is_not_doubted(seats: tuple[Arm, Session, Rests]) -> None:

@@ -1,0 +1,137 @@
+"""One finding as a picture: what the readings show, and the fitted effect over it.
+
+An effect on one parameter that depends on one variable (a joint's angle error over its angle) is
+drawn in the parameter's own unit: fitted effect plus what is left, reading by reading. Any other
+is drawn in µm at the tip, along the effect's own direction.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import plotly.graph_objects as go
+
+from armd.compensation import parameters
+from armd.compensation.diagnose.diagnose import Diagnosis
+from armd.compensation.diagnose.signatures import compile_candidates
+from armd.compensation.effects.effect import ARC_SECOND, Candidate
+from armd.compensation.report.page import MOST_POINTS
+
+F64 = npt.NDArray[np.float64]
+
+BINS = 24
+#: Readings whose lever on the parameter is below this share of the median tell nothing of it.
+LEAST_LEVER = 0.3
+
+
+def signature_plot(diagnosis: Diagnosis, index: int) -> go.Figure:
+    """Residuals against the variable that matters, with the fitted effect over them."""
+    candidate = diagnosis.search.last.findings[index]
+    moved = {term.parameter for column in candidate.columns for term in column.terms}
+    steady = all(column.artefact is None for column in candidate.columns)
+    if len(moved) == 1 and len(candidate.depends_on) == 1 and steady:
+        x, points, line, title = _in_the_parameter(diagnosis, index, next(iter(moved)))
+    else:
+        x, points, line, title = _at_the_tip(diagnosis, index)
+    name, values = _variable(diagnosis, candidate)
+    values = values[x]
+    shown = np.linspace(0, len(values) - 1, min(len(values), MOST_POINTS)).astype(int)
+    figure = go.Figure()
+    figure.add_scattergl(
+        x=values[shown], y=points[shown], mode="markers", name="readings, without this effect",
+        marker={"size": 4, "opacity": 0.35},
+    )  # fmt: skip
+    figure.add_scatter(
+        **_fitted(values, line, single=len(candidate.depends_on) == 1), name="fitted effect",
+        line={"width": 2.5},
+    )  # fmt: skip
+    figure.update_xaxes(title=name)
+    figure.update_yaxes(title=title, range=_range_of(points, line))
+    figure.update_layout(legend={"orientation": "h", "y": 1.08})
+    return figure
+
+
+def _in_the_parameter(
+    diagnosis: Diagnosis, index: int, parameter: str
+) -> tuple[npt.NDArray[np.int64], F64, F64, str]:
+    """Rows that tell, their error of the parameter, the fitted one, and the axis' title."""
+    last = diagnosis.search.last
+    n = last.linear.rests.n
+    signatures = compile_candidates([last.findings[index]], last.linear, diagnosis.arm)
+    effect = np.zeros(n)
+    for parts, amplitude in zip(signatures.parts, last.amplitudes[index], strict=True):
+        for _, weight, basis in parts:
+            effect += amplitude * weight * signatures.bases[basis]
+    effect -= effect.mean()  # a constant is the parameter's own
+    number = parameters.index(parameter, diagnosis.arm.n_joints)
+    lever = last.linear.jacobian[number, : 3 * n].reshape(n, 3)
+    left = (last.residual - last.fitted)[: 3 * n].reshape(n, 3)
+    square = (lever**2).sum(axis=1)
+    rows = np.flatnonzero(square > LEAST_LEVER**2 * np.median(square))
+    # The residual is tip minus target: a parameter too small by e leaves −e times its column.
+    error = effect - (left * lever).sum(axis=1) / np.maximum(square, 1e-300)
+    scale, unit = (1e3, "µm") if parameters.unit(parameter) == "mm" else (1 / ARC_SECOND, "″")
+    joint = parameter.split("_")[-1]
+    what = f"angle of joint {joint}" if parameter.startswith("theta") else parameter
+    return rows, scale * error[rows], scale * effect[rows], f"correction of the {what}, {unit}"
+
+
+def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[npt.NDArray[np.int64], F64, F64, str]:
+    """All rows: the residual before this finding along the effect, and the effect, in µm."""
+    last = diagnosis.search.last
+    signature = last.net_signature(index)
+    n = len(signature)
+    left = -(last.residual - last.fitted)[: 3 * n].reshape(n, 3)
+    size = np.linalg.norm(signature, axis=1)
+    direction = signature / np.maximum(size, 0.05 * max(float(np.median(size)), 1e-12))[:, None]
+    axis = np.linalg.svd(signature, full_matrices=False)[2][0]
+    sign = np.where(signature @ axis >= 0.0, 1.0, -1.0)
+    before = ((left + signature) * direction).sum(axis=1)
+    rows = np.arange(n)
+    return rows, 1e3 * before * sign, 1e3 * size * sign, "correction at the tip, along it, µm"
+
+
+def _fitted(values: F64, line: F64, single: bool) -> dict[str, object]:
+    """The effect over its variable: a curve where it depends on that alone, else means of bins."""
+    order = np.argsort(values, kind="stable")
+    if single and len(np.unique(values)) > BINS:
+        thin = order[np.linspace(0, len(order) - 1, min(len(order), MOST_POINTS)).astype(int)]
+        gaps = np.flatnonzero(np.diff(values[thin]) > np.ptp(values) / BINS) + 1
+        x, y = np.insert(values[thin], gaps, np.nan), np.insert(line[thin], gaps, np.nan)
+        return {"x": x, "y": y, "mode": "lines"}
+    groups = np.array_split(order, min(BINS, max(len(order) // 5, 1)))
+    x = np.array([float(values[group].mean()) for group in groups])
+    y = np.array([float(line[group].mean()) for group in groups])
+    return {"x": x, "y": y, "mode": "lines+markers"}
+
+
+def _range_of(points: F64, line: F64) -> list[float]:
+    """The bulk of the readings and all of the effect: one stray reading must not flatten both."""
+    low, high = np.quantile(points, [0.005, 0.995])
+    low, high = min(low, float(line.min())), max(high, float(line.max()))
+    margin = 0.1 * (high - low) + 1e-12
+    return [float(low - margin), float(high + margin)]
+
+
+def _variable(diagnosis: Diagnosis, candidate: Candidate) -> tuple[str, F64]:
+    """Title and values of the first variable the finding depends on; else the reading's number."""
+    rests = diagnosis.search.last.linear.rests
+    states = rests.observations.states
+    name = candidate.depends_on[0] if candidate.depends_on else ""
+    if name[:1] == "q" and name[1:].isdigit():
+        return f"joint {name[1:]}, °", np.degrees(states.q[:, int(name[1:]) - 1])
+    if name[:1] == "w" and name[1:].isdigit():
+        return f"rate of joint {name[1:]}, rad/s", states.rate[:, int(name[1:]) - 1]
+    if name in diagnosis.arm.sensors:
+        column = states.temperature_c[:, diagnosis.arm.sensors.index(name)]
+        return f"{name}, °C", column
+    if name == "time_s":
+        hours = (states.time_s - states.time_s.min()) / 3600
+        return "time since the first reading, h", hours
+    if name == "artefact_c":
+        return "artefact above its reference, K", rests.artefact_rise_c
+    if name == "target":
+        return "target, number", rests.observations.target.astype(float)
+    if name.startswith("approach_"):
+        return name, states.approach[:, "xyz".index(name[-1])]
+    return "reading, number", np.arange(rests.n, dtype=float)
