@@ -6,6 +6,7 @@ import argparse
 import json
 import shlex
 import sys
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -70,28 +71,26 @@ def run(args: argparse.Namespace) -> int:
         write_whole(args.report, diagnosis_report(diagnosis, result))
     if args.json:
         write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    _print(diagnosis, result["findings"], result["next_experiment"])
+    _print(diagnosis, result)
     return 0
 
 
-def _print(diagnosis: Diagnosis, findings: list[dict[str, object]], following: str) -> None:
-    console = Console()
+def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
+    console, findings = Console(), result["findings"]
     console.print(
         f"{diagnosis.rms_um:.2f} µm 3-D RMS, {diagnosis.heldout_rms_um:.2f} µm held out; "
         f"the noise alone: {diagnosis.noise_floor_um:.2f} µm"
     )
-    if not findings:
-        console.print("nothing significant found")
-    else:
+    if findings:
         table = Table("cause", "where", "probability", "held-out RMS, µm", "reading")
         for finding in findings:
             gain = finding["gain"]
-            assert isinstance(gain, dict)
+            doubt = "" if gain["shown"] else " (not borne out)"
             table.add_row(
                 str(finding["cause"]),
                 str(finding["location"]),
                 f"{finding['probability']:.3f}",
-                f"{gain['heldout_rms_um_before']:.2f} → {gain['heldout_rms_um_after']:.2f}",
+                f"{gain['heldout_rms_um_before']:.2f} → {gain['heldout_rms_um_after']:.2f}{doubt}",
                 str(finding["reading"]),
             )
         console.print(table)
@@ -102,4 +101,8 @@ def _print(diagnosis: Diagnosis, findings: list[dict[str, object]], following: s
                     for r in found.rivals
                 )
                 console.print(f"{found.candidate.cause}: could also be {rivals}")
-    console.print(f"next: {following}")
+    console.print(result["verdict"])
+    if result["cannot_tell"]:
+        untold = ", ".join(row["cause"] for row in result["cannot_tell"])
+        console.print(f"these data cannot tell: {untold} (--json and --report say what they need)")
+    console.print(f"next: {result['next_experiment']}")
