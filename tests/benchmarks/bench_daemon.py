@@ -1,23 +1,28 @@
 """From the latch in a simulated arm to a subscriber, beside Zenoh alone; losses, CPU, start-up.
 
-The bare figure is the same 136 bytes put by one process at the same rate and received by the same
-callback in this one; the daemon's starts at the true latch in the simulated arm, so it has the
-serial line, decoding, correction and publishing in it as well. Both rounds follow each other.
+Two floors are measured in turn with it: Zenoh alone, the same 136 bytes put by one process at the
+same rate and received by the same callback in this one; and the line alone, 40 bytes from one
+process to another over a pseudo-terminal. The daemon's latency starts at the true latch in the
+simulated arm, so it has both in it; `p50_ratio` is to Zenoh alone, `p50_ratio_to_floors` to the sum
+of both, which no program between a line and Zenoh can beat.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import select
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import serial
 import zenoh
 from running_daemon import Heard, free_endpoint, running_daemon
 from simulated_arm import simulated_arm
@@ -38,11 +43,13 @@ CALIBRATION = 'calibration = "calibration.json"'
 def run() -> dict[str, Any]:
     figures: dict[str, Any] = {"start": start_up()}
     for rate_hz in RATES_HZ:
-        bare, through = zenoh_alone(rate_hz), daemon(rate_hz)
+        zenoh_us, line_us, through = zenoh_alone(rate_hz), line_alone(rate_hz), daemon(rate_hz)
         for percentile in ("p50", "p99", "p99_9"):
             key = f"{percentile}_us"
-            through[f"{percentile}_ratio"] = through["latency"][key] / bare[key]
-        figures[f"{rate_hz}_hz"] = {"zenoh_alone": bare, **through}
+            latency_us, floors_us = through["latency"][key], zenoh_us[key] + line_us[key]
+            through[f"{percentile}_ratio"] = latency_us / zenoh_us[key]
+            through[f"{percentile}_ratio_to_floors"] = latency_us / floors_us
+        figures[f"{rate_hz}_hz"] = {"zenoh_alone": zenoh_us, "line_alone": line_us, **through}
     return figures
 
 
@@ -50,7 +57,7 @@ def start_up() -> dict[str, float]:
     """Seconds from the start of the process to its line `armd: ready`."""
     seconds = {}
     with tempfile.TemporaryDirectory() as folder, simulated_arm(Path(folder)) as arm:
-        _calibrate(arm.folder)
+        calibrate(arm.folder)
         cache = {"NUMBA_CACHE_DIR": f"{folder}/cache"}
         for state in ("cold_s", "warm_s"):
             start = time.monotonic()
@@ -66,7 +73,7 @@ def daemon(rate_hz: int) -> dict[str, Any]:
         tempfile.TemporaryDirectory() as folder,
         simulated_arm(Path(folder), rate_hz=rate_hz, seconds=SECONDS + 60) as arm,
     ):
-        _calibrate(arm.folder)
+        calibrate(arm.folder)
         with running_daemon(arm.folder, arm.port, top=CALIBRATION) as armd, armd.listen() as heard:
             time.sleep(SETTLE_S)
             first, cpu_s, start = (
@@ -119,7 +126,32 @@ def zenoh_alone(rate_hz: int) -> dict[str, float]:
     return _percentiles(latency_us[int(rate_hz) :])  # the first second settles
 
 
-def _calibrate(folder: Path) -> None:
+def line_alone(rate_hz: int) -> dict[str, float]:
+    """Latency from a write to the end of a read in another process, over a pseudo-terminal."""
+    script = Path(__file__).with_name("bare_line.py")
+    command = [sys.executable, str(script), str(rate_hz), str(BARE_SECONDS)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as sender:
+        assert sender.stdin is not None and sender.stdout is not None
+        with serial.Serial(sender.stdout.readline().strip(), timeout=0) as port:
+            poll = select.poll()
+            poll.register(port.fileno(), select.POLLIN)
+            sender.stdin.write("go\n")
+            sender.stdin.flush()
+            data = bytearray()
+            arrived_ns: list[int] = []
+            with suppress(OSError):  # the line breaks, or reads as ended, when all is sent
+                while poll.poll(1000) and (chunk := os.read(port.fileno(), 1 << 16)):
+                    data += chunk
+                    now_ns = time.monotonic_ns()
+                    arrived_ns += [now_ns] * (len(data) // 40 - len(arrived_ns))
+    sent_ns = np.frombuffer(data, np.int64).reshape(-1, 5)[:, 0]
+    return _percentiles((np.array(arrived_ns) - sent_ns)[int(rate_hz) :] / 1000)
+
+
+def calibrate(folder: Path) -> None:
+    """A calibration.json of known expansion beside the folder's arm.toml."""
     arm = load_arm(folder / "arm.toml")
     save_calibration(folder / "calibration.json", known_expansion(arm, [2e-6] * arm.n_joints))
 
