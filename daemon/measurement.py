@@ -104,16 +104,15 @@ class Averager:
     def average(self, trigger: Trigger, point: np.void, still_since_ns: int) -> Measurement:
         """The measurement that ends with *point*, one of those remembered."""
         end_ns = int(point["monotonic_ns"])
-        past = self._chronological(self._past)
-        times = past["monotonic_ns"]
-        since_ns = max(still_since_ns, end_ns - self._average_ns)
-        wanted = (times >= since_ns) & (times <= end_ns) & ((past["flags"] & Flag.INVALID) == 0)
+        rows = self._rows_since(max(still_since_ns, end_ns - self._average_ns))
+        past = self._past[rows]
+        wanted = (past["monotonic_ns"] <= end_ns) & ((past["flags"] & Flag.INVALID) == 0)
         valid = past[wanted]
         usable = len(valid) > 0 and not int(point["flags"]) & Flag.INVALID
         mean = deviation = angles = None
         if usable:
             mean = valid["position_mm"].mean(axis=0).tolist()
-            angles = self._chronological(self._angles)[wanted].mean(axis=0).tolist()
+            angles = self._angles[rows[wanted]].mean(axis=0).tolist()
             if len(valid) > 1:
                 deviation = valid["position_mm"].std(axis=0, ddof=1).tolist()
         return Measurement(
@@ -135,11 +134,17 @@ class Averager:
             calibration=int(point["calibration"]),
         )
 
-    def _chronological(self, past: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        if self._written < REMEMBERED:
-            return past[: self._written]
-        start = self._written % REMEMBERED
-        return np.concatenate([past[start:], past[:start]])
+    def _rows_since(self, since_ns: int) -> npt.NDArray[np.int64]:
+        """Where the points from an instant on are remembered, the oldest first."""
+        times = self._past["monotonic_ns"]
+        low, high = max(0, self._written - REMEMBERED), self._written
+        while low < high:
+            middle = (low + high) // 2
+            if times[middle % REMEMBERED] < since_ns:
+                low = middle + 1
+            else:
+                high = middle
+        return np.arange(low, self._written) % REMEMBERED
 
 
 def known(values: npt.NDArray[np.floating[Any]]) -> list[float] | None:
