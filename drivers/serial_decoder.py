@@ -161,14 +161,6 @@ class SerialDecoder:
         if not run:
             return []
         rows = wire.decode_samples(run, self._expected.n_joints)
-        if (len(rows) > 1 or rows["t_us"][0] >= wire.T_US_LIMIT) and (
-            rows["t_us"].max() >= wire.T_US_LIMIT
-        ):
-            sane = rows["t_us"] < wire.T_US_LIMIT
-            self._counted["malformed"] += int((~sane).sum())
-            rows = rows[sane]
-            if not len(rows):
-                return []
         self.last_sample_ns = frame.monotonic_ns
         return self._deliver_or_hold(rows, frame)
 

@@ -89,6 +89,7 @@ PING_LAYOUT = np.dtype([("type", "u1"), ("nonce", "<u4")])
 
 # Where SAMPLE and TEMPERATURE say how many values follow, and how long they are without any.
 _SAMPLE_N, _SAMPLE_HEAD = 3, sample_layout(0).itemsize
+_SAMPLE_TIME = slice(8, 16)
 _TEMPERATURE_N, _TEMPERATURE_HEAD = 1, temperature_layout(0).itemsize
 _HELLO_N, _HELLO_HEAD = 2, hello_layout(0).itemsize
 
@@ -179,8 +180,12 @@ def encode_identify() -> bytes:
 
 
 def is_sample(data: bytes) -> bool:
-    """Whether an unpacked SAMPLE (with CRC) is exactly as long as its `n` says."""
-    return len(data) > _SAMPLE_N and len(data) == _SAMPLE_HEAD + 4 * data[_SAMPLE_N] + 4
+    """Whether an unpacked SAMPLE (with CRC) is as long as its `n` says, its time no nonsense."""
+    return (
+        len(data) > _SAMPLE_N
+        and len(data) == _SAMPLE_HEAD + 4 * data[_SAMPLE_N] + 4
+        and int.from_bytes(data[_SAMPLE_TIME], "little") < T_US_LIMIT
+    )
 
 
 def decode_samples(run: list[bytes], n_joints: int) -> npt.NDArray[np.void]:

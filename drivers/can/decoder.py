@@ -11,19 +11,17 @@ from collections import Counter
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from armd.drivers.can import objects as can
-from armd.drivers.can.cycle import LATE_MOST_NS, Cycle, CycleAssembler, Reading
+from armd.drivers.can.cycle import LATE_MOST_NS, CycleAssembler, Reading
 from armd.drivers.can.node import Node
+from armd.drivers.can.sampler import CycleSampler
 from armd.drivers.can.sync_time import SyncTime
 from armd.drivers.can.thermometers import Thermometers
 from armd.drivers.identity import Expectation
-from armd.drivers.joint_watch import JointWatch
-from armd.drivers.sample import Event, Item, RawFrame, SampleArray, Temperatures, sample_dtype
-from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
+from armd.drivers.sample import Event, Item, RawFrame, Temperatures
+from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 
-COUNTED = ("samples", "lost", "malformed", "unknown", "error_frames", "foreign_sync")
+COUNTED = ("malformed", "unknown", "error_frames", "foreign_sync")
 
 
 def note(**fields: Any) -> bytes:
@@ -44,8 +42,6 @@ class CanDecoder:
         self.last_heard_ns: int | None = None  # of any frame of one of our nodes
         self._expected = expectation
         self._period_ns = round(1e9 / rate_hz)
-        self._max_rate = max_joint_rate_deg_s
-        self._dtype = sample_dtype(expectation.n_joints)
         joints = range(1, expectation.n_joints + 1)
         self._thermometers = Thermometers(expectation.n_sensors)
         self.nodes = {k: Node(k, f"joint {k}") for k in joints} | {
@@ -54,19 +50,14 @@ class CanDecoder:
         }
         self._joints = [self.nodes[k] for k in joints]
         self._assembler = CycleAssembler()
+        self._sampler = CycleSampler(self._joints, max_joint_rate_deg_s)
         self._sync_time = SyncTime()
-        self._unwrapper: Unwrapper | None = None
         self._number = -1  # of the present cycle
         self._last_sync_ns: int | None = None
-        self._first_latch_ns: int | None = None
-        self._published: int | None = None
-        self._raw_counts = np.zeros(expectation.n_joints, np.int64)
         self._foreign = False
         self._bus_was_down = False
         self._await_all = True  # a connection begins with all joints, or we learn which is missing
         self._heard = False  # any node, since the last SYNC
-        self._alarm_watch = JointWatch("joint_invalid", "its encoder raises an alarm")
-        self._jump_watch = JointWatch("count_jump", "its count jumped")
         self._settings: dict[int, RawFrame] = {}  # the last note on each configured node
         self._warmth: dict[tuple[int, int], RawFrame] = {}  # the last of each temperature PDO
         self._counted: Counter[str] = Counter()
@@ -75,6 +66,8 @@ class CanDecoder:
     def counters(self) -> dict[str, int]:
         """Cycles delivered, and each kind of frame or cycle that was not."""
         return {name: self._counted[name] for name in COUNTED} | {
+            "samples": self._sampler.delivered,
+            "lost": self._sampler.lost,
             "incomplete": self._assembler.incomplete,
             "withheld": self._assembler.withheld,
             "repeated": self._assembler.repeated,
@@ -83,7 +76,7 @@ class CanDecoder:
     @property
     def accepted(self) -> bool:
         """Every joint has been configured at least once, and no arm but ours has been found."""
-        return self._unwrapper is not None and not self._foreign
+        return self._sampler.ready and not self._foreign
 
     def may_sync(self, now_ns: int) -> bool:
         """Whether a SYNC now leaves no doubt which answers are its own."""
@@ -98,7 +91,7 @@ class CanDecoder:
             note="number",
             number=self._number,
             echo=self._sync_time.echo,
-            first_latch_ns=self._first_latch_ns,
+            first_latch_ns=self._sampler.first_latch_ns,
         )
         return [replace(settings[0], data=number), *settings, *self._warmth.values()]
 
@@ -165,8 +158,9 @@ class CanDecoder:
             self._await_all &= not all(joint.reporting for joint in self._joints)
         reading = Reading(*can.ENCODER_PDO.unpack(data))
         cycle = self._assembler.report(node.number, reading, self._reporting())
-        if cycle is not None and self._unwrapper is not None and self._in_service:
-            items += self._sample(cycle, self._unwrapper, frame)
+        if cycle is not None and self._sampler.ready and self._in_service:
+            self.last_sample_ns = frame.monotonic_ns
+            items += self._sampler.sample(cycle, frame)
         return items
 
     @property
@@ -220,43 +214,6 @@ class CanDecoder:
         text = 'another SYNC producer is on the bus: configure sync = "follower" or switch it off'
         return [Event("second_sync_producer", text, now_ns, "error")]
 
-    def _sample(self, cycle: Cycle, unwrapper: Unwrapper, frame: RawFrame) -> list[Item]:
-        invalid = alarmed = warned = 0
-        for k, node in enumerate(self._joints):
-            reading = cycle.readings.get(node.number)
-            if reading is None or not node.reporting:
-                invalid |= 1 << k
-                continue
-            self._raw_counts[k] = reading.position
-            alarmed |= (reading.alarms != 0) << k
-            warned |= (node.warnings != 0) << k
-        if self._first_latch_ns is None:
-            self._first_latch_ns = cycle.latch_ns
-        out: SampleArray = np.zeros(1, self._dtype)
-        out["seq"] = cycle.number
-        out["device_ns"] = cycle.latch_ns - self._first_latch_ns
-        out["monotonic_ns"] = cycle.latch_ns
-        out["stamp_ns"] = cycle.latch_ns + frame.unix_ns - frame.monotonic_ns
-        out["clock_mapped"] = True
-        bad = np.array([invalid | alarmed], np.uint16)
-        out["count"], jumped = unwrapper(
-            self._raw_counts[None, :], np.array([cycle.latch_ns // 1000]), bad
-        )
-        out["joint_invalid"] = bad | jumped
-        out["joint_warning"] = warned
-        if self._published is not None:
-            gap = cycle.number - self._published - 1
-            out["lost_before"] = gap != 0
-            self._counted["lost"] += gap
-        self._published = cycle.number
-        self.last_sample_ns = frame.monotonic_ns
-        self._counted["samples"] += 1
-        return [
-            *self._alarm_watch.events(out, np.array([alarmed], np.uint16)),
-            *self._jump_watch.events(out, jumped),
-            out,
-        ]
-
     # --- temperatures ----------------------------------------------------------------------
 
     def _temperature_data(self, node: Node, pdo: int, data: bytes, frame: RawFrame) -> list[Item]:
@@ -269,7 +226,7 @@ class CanDecoder:
         if celsius is None:
             return []
         items: list[Item] = self._recovered(node, frame.monotonic_ns) if node.reported() else []
-        device_ns = frame.monotonic_ns - (self._first_latch_ns or 0)
+        device_ns = frame.monotonic_ns - (self._sampler.first_latch_ns or 0)
         return [*items, Temperatures(celsius, device_ns, frame.monotonic_ns, frame.unix_ns)]
 
     # --- nodes that fail and come back -------------------------------------------------------
@@ -288,14 +245,14 @@ class CanDecoder:
                 return []
             case "number":  # a recording begins in the middle
                 self._number, self._sync_time.echo = note["number"], note["echo"]
-                self._first_latch_ns = note["first_latch_ns"]
+                self._sampler.first_latch_ns = note["first_latch_ns"]
                 return []
             case "configured":
                 self._settings[note["node"]] = frame
                 return self._configured(self.nodes[note["node"]], note, now_ns)
             case "refused":
                 self._foreign |= note["kind"] == "foreign_arm"
-                if self._published is not None and note["node"] in self.nodes:
+                if self._sampler.delivered and note["node"] in self.nodes:
                     self._await_all = False  # go on without it
                 return [Event(note["kind"], note["text"], now_ns, "error", note["detail"])]
             case "warnings":
@@ -315,12 +272,7 @@ class CanDecoder:
         if node.number in can.TEMPERATURE_NODES:
             return []
         node.range_counts, node.counts_per_turn = note["range_counts"], note["counts_per_turn"]
-        if self._unwrapper is None and all(joint.range_counts for joint in self._joints):
-            self._unwrapper = Unwrapper(
-                [joint.range_counts for joint in self._joints],
-                [joint.counts_per_turn for joint in self._joints],
-                self._max_rate,
-            )
+        if self._sampler.learn_ranges():
             text = (
                 f"arm {self._expected.serial_number}: all {len(self._joints)} encoders identified"
             )
