@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test lint bench clean hidden soak fuzz system-test paper real
+.PHONY: install demo test lint bench clean hidden soak fuzz system-test deb paper real
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -51,7 +51,13 @@ soak: install
 fuzz: install
 	$(BIN)/python -m pytest -m slow -s tests/drivers/test_fuzz.py
 
-# Installs armd on a Debian booted as a guest; fails with BROKEN=1, as a broken daemon must.
+# A Debian package for controllers with this Python or another: make deb FOR=3.13
+FOR ?= $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+deb: install
+	PYTHON=$(BIN)/python deploy/package.sh --python $(FOR) out
+
+# Installs armd on a Debian booted as a guest, under User-Mode Linux or, MACHINE=qemu, in software;
+# fails with BROKEN=1, as a broken daemon must.
 system-test: install
 	$(BIN)/python -m pytest tests/deploy/test_system.py -m slow -s
 

@@ -42,7 +42,10 @@ def make_payload(folder: Path, scratch: Path, python: str) -> None:
     """Fill *folder* with everything that a guest with that *python* finds under /mnt."""
     add_checks(folder)
     shutil.copy(REPOSITORY / "requirements.txt", folder)
-    shutil.copytree(_wheelhouse(python), folder / "wheelhouse")
+    _make("package.sh", python, folder)
+    shutil.copytree(
+        _make("wheelhouse.sh", python, CACHE / f"wheelhouse-{python}"), folder / "wheelhouse"
+    )
     config = folder / "config"
     config.mkdir()
     (config / "armd.toml").write_text(ARMD_TOML)
@@ -59,12 +62,11 @@ def add_checks(folder: Path) -> None:
     shutil.copytree(GUEST, folder / "guest", ignore=shutil.ignore_patterns("__pycache__"))
 
 
-def _wheelhouse(python: str) -> Path:
-    """armd and everything it needs, by the documented command; kept in the cache."""
-    wheels = CACHE / f"wheelhouse-{python}"
-    fill = [REPOSITORY / "deploy/wheelhouse.sh", "--python", python, wheels]
-    subprocess.run(fill, check=True, env={**os.environ, "PYTHON": sys.executable})
-    return wheels
+def _make(script: str, python: str, folder: Path) -> Path:
+    """Fill *folder* by a documented command, for that *python*."""
+    command = [REPOSITORY / "deploy" / script, "--python", python, folder]
+    subprocess.run(command, check=True, env={**os.environ, "PYTHON": sys.executable})
+    return folder
 
 
 def _calibrate(sessions: Path, config: Path) -> None:

@@ -23,16 +23,21 @@ sys.path.insert(0, str(GUEST))
 import stage_adapter
 import stage_install
 import stage_live
+import stage_package
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(4 * 3600)]
 
-STAGES = {"install": stage_install.CHECKS, "live": stage_live.CHECKS}
+STAGES = {
+    "install": stage_install.CHECKS,
+    "live": stage_live.CHECKS,
+    "package": stage_package.CHECKS,
+}
 Reports = dict[str, dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
-    """What each check of both stages reported, by name."""
+    """What each check of every stage reported, by name."""
     folder = tmp_path_factory.mktemp("guest")
     (folder / "payload").mkdir()
     guest_machine = machine(folder)

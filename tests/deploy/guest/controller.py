@@ -35,3 +35,11 @@ def wait_for(condition: Callable[[], bool], seconds: float, what: str) -> float:
 
 def journal(unit: str = UNIT) -> str:
     return sh(f"journalctl --boot --no-pager --output=cat --unit={unit}")
+
+
+def nothing_is_left() -> None:
+    """Fails if a file or a user of armd's is still there."""
+    left = sh("find / -xdev '(' -name '*armd*' -o -user armd ')' -not -path '/var/log/*' "
+              "-not -name 'armd-system-test.service' 2>/dev/null || true")  # fmt: skip
+    assert not left, left
+    assert sh("getent passwd armd || echo none") == "none"

@@ -9,7 +9,7 @@ import signal
 import time
 from pathlib import Path
 
-from controller import PAYLOAD, journal, sh, show, wait_for
+from controller import PAYLOAD, journal, nothing_is_left, sh, show, wait_for
 from heard import Arm, length_errors_mm
 
 ARM = Arm("SIM-0001")
@@ -219,10 +219,7 @@ def uninstalls_and_keeps_the_configuration() -> None:
 def purges_everything() -> None:
     sh("rm -r /etc/systemd/system/armd.service.d")  # the guest's own
     sh(f"sh {PAYLOAD}/deploy/install.sh --uninstall --purge")
-    left = sh("find / -xdev '(' -name '*armd*' -o -user armd ')' -not -path '/var/log/*' "
-              "-not -name 'armd-system-test.service' 2>/dev/null || true")  # fmt: skip
-    assert not left, left
-    assert sh("getent passwd armd || echo none") == "none"
+    nothing_is_left()
 
 
 CHECKS = [
