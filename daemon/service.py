@@ -106,6 +106,7 @@ class Service:
         self._systemd.stopping()
         self._systemd.close()
         self._publisher.close()
+        self._log.close()
 
     # --- the stream ----------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import socket
 
 import pytest
@@ -53,6 +54,37 @@ def test_a_flood_of_events_is_counted_not_written():
     assert len(lines) == BURST + 2
     assert lines[0] == 'armd: error: silence: no sample {"port": "x"}'
     assert lines[-1] == f"armd: error: silence: no sample ({100 - BURST} more before)"
+
+
+def test_the_journal_gets_fields(tmp_path, monkeypatch):
+    with (
+        socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as journal,
+        (tmp_path / "stderr").open("w+") as stream,
+    ):
+        journal.bind(str(tmp_path / "journal"))
+        journal.settimeout(5)
+        status = os.fstat(stream.fileno())
+        monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino}")
+        log = Log(stream, journal=str(tmp_path / "journal"))
+        log.write(Event("silence", "no\nsample", 0, "warning", {"port": "x"}))
+        fields = journal.recv(1000).decode()
+        journal.close()  # as when it restarts: nothing is lost
+        log.write(Event("button", "pressed", 0, "info"))
+        log.close()
+        stream.seek(0)
+        assert stream.read() == "armd: info: button: pressed\n"
+    assert fields == (
+        'MESSAGE=silence: no sample {"port": "x"}\nPRIORITY=4\nSYSLOG_IDENTIFIER=armd\n'
+        'ARMD_KIND=silence\nARMD_DETAIL={"port": "x"}\n'
+    )
+
+
+def test_standard_error_that_is_not_the_journals_stays_in_use(tmp_path, monkeypatch):
+    monkeypatch.setenv("JOURNAL_STREAM", "1:2")
+    with (tmp_path / "stderr").open("w+") as stream:
+        Log(stream).write(Event("button", "pressed", 0, "info"))
+        stream.seek(0)
+        assert stream.read() == "armd: info: button: pressed\n"
 
 
 def test_systemd_hears_ready_status_and_the_watchdog(tmp_path, monkeypatch):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import shutil
 import signal
 import time
 from pathlib import Path
 
-from controller import PAYLOAD, journal, nothing_is_left, sh, show, wait_for
+from controller import PAYLOAD, UNIT, journal, nothing_is_left, sh, show, wait_for
 from heard import Arm, length_errors_mm
 
 ARM = Arm("SIM-0001")
@@ -117,6 +118,16 @@ def survives_unplugging() -> str:
     took = live_again("plugging in")
     assert main_pid() == pid, "the daemon was restarted"
     return took
+
+
+def journal_has_fields_to_search_by() -> str:
+    sh("journalctl --sync")
+    kinds = "ARMD_KIND=silence ARMD_KIND=unplugged"  # one or the other
+    found = sh(f"journalctl --boot --unit={UNIT} --output=json --lines=1 {kinds}")
+    entry = json.loads(found)
+    assert entry["PRIORITY"] in ("3", "4"), entry
+    assert json.loads(entry["ARMD_DETAIL"])["line"] == str(PORT), entry
+    return str(entry["MESSAGE"])
 
 
 def starts_on_plugging_in() -> str:
@@ -230,6 +241,7 @@ CHECKS = [
     survives_a_kill,
     survives_a_freeze,
     survives_unplugging,
+    journal_has_fields_to_search_by,
     starts_on_plugging_in,
     a_second_arm_is_live_on_can,
     survives_a_bus_that_goes_down,
