@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from controller import PAYLOAD, journal, sh, wait_for
+from controller import PAYLOAD, journal, sh, show, wait_for
 from plug import Usb
 
 ARM = Path("/dev/armd/SIM-0001")
@@ -67,6 +67,21 @@ def installing_after_plugging_in_does_too() -> None:
     assert latency_ms("SIM-0001") == "1"
 
 
+def a_driver_that_comes_after_the_service_is_no_hindrance() -> str:
+    """The service's own device rules, while nothing has yet told the kernel of serial ports."""
+    unit = (PAYLOAD / "deploy/armd.service").read_text().splitlines()
+    rules = [line for line in unit if line.startswith("Device")]
+    sh("modprobe -r ftdi_sio usbserial")
+    assert "ttyUSB" not in Path("/proc/devices").read_text()
+    opened = f"until [ -e {ARM} ]; do sleep 0.1; done; exec 3<>{ARM}"
+    options = " ".join(f"--property='{rule}'" for rule in rules)
+    sh(f"systemd-run --unit=late --remain-after-exit {options} sh -c '{opened}'")
+    sh("modprobe ftdi_sio")
+    wait_for(lambda: show("SubState", "late") in ("exited", "failed"), 60, "the opening")
+    assert show("Result", "late") == "success", journal("late")
+    return ", ".join(rules)
+
+
 def another_adapter_is_left_alone() -> str:
     port = f"/dev/{adapter('OTHER')}"
     assert latency_ms("OTHER") == FTDI_MS, latency_ms("OTHER")
@@ -81,4 +96,5 @@ CHECKS = [
     plugging_in_sends_at_once,
     installing_after_plugging_in_does_too,
     another_adapter_is_left_alone,
+    a_driver_that_comes_after_the_service_is_no_hindrance,
 ]
