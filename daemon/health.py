@@ -50,7 +50,7 @@ class Tally:
     def add(self, points: PointArray, samples: SampleArray, published_ns: int) -> None:
         """A batch and its samples, put at *published_ns* (CLOCK_MONOTONIC)."""
         self._points += len(points)
-        _count(points["flags"], samples, self._by_bit, self._joints)
+        _count(points, samples, self._by_bit, self._joints)
         self._latency_ns.append(published_ns - int(points["monotonic_ns"][-1]))
 
     def close_second(self, now_ns: int) -> Second:
@@ -85,10 +85,10 @@ class Tally:
 
 
 @jit
-def _count(flags: Any, samples: Any, by_bit: Any, joints: Any) -> None:
-    for i in range(len(flags)):
+def _count(points: Any, samples: Any, by_bit: Any, joints: Any) -> None:
+    for i in range(len(points)):
         for bit in range(len(by_bit)):
-            by_bit[bit] += flags[i] >> bit & 1
+            by_bit[bit] += points[i].flags >> bit & 1
         joints[0] |= samples[i].joint_invalid
         joints[1] |= samples[i].joint_warning
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from armd.drivers.sample import SampleArray
 from armd.jit import jit
 
 F64 = npt.NDArray[np.float64]
@@ -56,10 +57,8 @@ class Motion:
         self._approach = np.empty((0, 3))
         self._still_since_ns = np.empty(0, np.int64)
 
-    def follow(
-        self, q: F64, position_mm: F64, monotonic_ns: I64, invalid: npt.NDArray[np.uint16]
-    ) -> tuple[F64, F64, I64]:
-        """Joint angles (n, N) rad and tip (n, 3) mm at (n,) ns; a row holds where *invalid* is 0.
+    def follow(self, samples: SampleArray, q: F64, position_mm: F64) -> tuple[F64, F64, I64]:
+        """Samples (n,) with their joint angles (n, N) rad and tips (n, 3) mm.
 
         Returns rate (n, N) rad/s whose sign is the side of approach (at rest it stays, on a value
         of almost 0; NaN while unknown), approach (n, 3) unit vectors (NaN while unknown) and the
@@ -73,7 +72,7 @@ class Motion:
         rate, approach = self._rate[:n], self._approach[:n]
         still_since_ns = self._still_since_ns[:n]
         _follow(
-            q, position_mm, monotonic_ns, invalid,
+            samples, q, position_mm,
             self._floor_mm, self._floats, self._integers, self._last_q, self._turned_q, self._side,
             rate, approach, still_since_ns,
         )  # fmt: skip
@@ -82,14 +81,14 @@ class Motion:
 
 @jit
 def _follow(
-    q: Any, position: Any, time_ns: Any, invalid: Any,
+    samples: Any, q: Any, position: Any,
     floor: float, state: Any, clock: Any, last_q: Any, turned_q: Any, sides: Any,
     rate: Any, approach: Any, still_since: Any,
 ) -> None:  # fmt: skip
     n, joints = q.shape
     for i in range(n):
-        now = time_ns[i]
-        if invalid[i] != 0:
+        now = samples[i].monotonic_ns
+        if samples[i].joint_invalid != 0:
             clock[_SEEN] = 0
             still_since[i] = now
             for k in range(joints):

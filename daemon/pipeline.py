@@ -84,18 +84,15 @@ class Pipeline:
 
     def correct(self, samples: SampleArray) -> tuple[PointArray, Joints]:
         """Points (n,) of samples (n,), and what the joints did; the latter until the next call."""
-        n, now_ns = len(samples), samples["monotonic_ns"]
+        n = len(samples)
         if not self._begun:
             self._begun = True
-            self.temperature.begin(int(now_ns[0]))
+            self.temperature.begin(int(samples["monotonic_ns"][0]))
         if n > len(self._angles):
             self._angles = np.empty((2 * n, len(self._radians)))
         q = self._angles[:n]
-        _angles(samples["count"], self._radians, self._middle, self._one_turn, q)
-        tip_mm = self._model.uncorrected(q)
-        rate, approach, still_since_ns = self._motion.follow(
-            q, tip_mm, now_ns, samples["joint_invalid"]
-        )
+        _angles(samples, self._radians, self._middle, self._one_turn, q)
+        rate, approach, still_since_ns = self._motion.follow(samples, q, self._model.uncorrected(q))
         points = np.zeros(n, POINT)
         self._model.correct(q, rate, approach, points)
         self._flagger.finish(
@@ -107,11 +104,11 @@ class Pipeline:
 
 
 @jit
-def _angles(counts: Any, radians: Any, middle: Any, one_turn: Any, q: Any) -> None:
+def _angles(samples: Any, radians: Any, middle: Any, one_turn: Any, q: Any) -> None:
     """Angles (n, N) rad; a joint that turns at most once is in the turn of its limits."""
-    for i in range(len(counts)):
+    for i in range(len(samples)):
         for k in range(len(radians)):
-            angle = counts[i, k] * radians[k]
+            angle = samples[i].count[k] * radians[k]
             if one_turn[k]:
                 angle -= 2 * math.pi * math.floor((angle - middle[k]) / (2 * math.pi) + 0.5)
             q[i, k] = angle

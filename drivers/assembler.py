@@ -73,6 +73,7 @@ class SampleAssembler:
         other = SampleAssembler(self._rows["count"].shape[1], self._clock, self._max_rate)
         other.set_bits([20] * self._rows["count"].shape[1])
         other.assemble(Run(other._rows, 0, 0, False), 0)
+        self._clock.to_host(0)
 
 
 @jit

@@ -8,9 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armd.daemon.motion import REST_AFTER_NS, SIDE_PLAY_RAD, Motion
+from armd.drivers.sample import sample_dtype
 
 COUNTS = [1 << 23] * 3
-VALID = np.zeros(1000, np.uint16)
+
+
+def samples_at(time_ns: np.ndarray, invalid: np.ndarray | int = 0) -> np.ndarray:
+    samples = np.zeros(len(time_ns), sample_dtype(3))
+    samples["monotonic_ns"] = time_ns
+    samples["joint_invalid"] = invalid
+    return samples
+
+
 REACH_MM = 1000.0
 
 
@@ -20,7 +29,7 @@ def follow(position_mm: np.ndarray, rate_hz: int = 1000, q: np.ndarray | None = 
     q = np.zeros((n, 3)) if q is None else q
     time_ns = np.arange(n) * (10**9 // rate_hz)
     motion = Motion(COUNTS, REACH_MM)
-    rate, approach, still_ns = motion.follow(q, position_mm, time_ns, np.zeros(n, np.uint16))
+    rate, approach, still_ns = motion.follow(samples_at(time_ns), q, position_mm)
     return rate, approach, time_ns - still_ns >= REST_AFTER_NS
 
 
@@ -74,18 +83,19 @@ def test_after_a_gap_nobody_knows_whether_it_rested():
     motion = Motion(COUNTS, REACH_MM)
     q, tip = np.zeros((1000, 3)), np.zeros((1000, 3))
     time_ns = np.arange(1000) * 1_000_000
-    motion.follow(q, tip, time_ns, VALID)
+    motion.follow(samples_at(time_ns), q, tip)
     later_ns = time_ns + 2_000_000_000
-    still_ns = motion.follow(q, tip, later_ns, VALID)[2]
+    still_ns = motion.follow(samples_at(later_ns), q, tip)[2]
     assert (still_ns == later_ns[0]).all()
 
 
 def test_an_invalid_sample_ends_a_rest():
-    invalid = VALID.copy()
+    invalid = np.zeros(1000, np.uint16)
     invalid[700] = 1
     time_ns = np.arange(1000) * 1_000_000
     motion = Motion(COUNTS, REACH_MM)
-    still_ns = motion.follow(np.zeros((1000, 3)), np.zeros((1000, 3)), time_ns, invalid)[2]
+    nowhere = np.zeros((1000, 3))
+    still_ns = motion.follow(samples_at(time_ns, invalid), nowhere, nowhere)[2]
     assert still_ns[699] == 0 and still_ns[701] == time_ns[701]
 
 
@@ -119,10 +129,11 @@ def test_batches_do_not_matter(cuts, seed):
     tip = np.cumsum(rng.normal(0, 0.02, (n, 3)), axis=0)
     time_ns = np.cumsum(rng.integers(5 * 10**5, 2 * 10**8, n))
     invalid = (rng.random(n) < 0.05).astype(np.uint16)
-    whole = Motion(COUNTS, REACH_MM).follow(q, tip, time_ns, invalid)
+    samples = samples_at(time_ns, invalid)
+    whole = Motion(COUNTS, REACH_MM).follow(samples, q, tip)
     motion, parts = Motion(COUNTS, REACH_MM), []
     for rows in np.split(np.arange(n), np.cumsum(cuts)[:-1]):
-        said = motion.follow(q[rows], tip[rows], time_ns[rows], invalid[rows])
+        said = motion.follow(samples[rows], q[rows], tip[rows])
         parts.append([each.copy() for each in said])
     for one, cut in zip(whole, zip(*parts, strict=True), strict=True):
         np.testing.assert_array_equal(one, np.concatenate(cut))

@@ -1,0 +1,113 @@
+"""Before `armd: ready` everything is compiled: the stream never waits for the compiler."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from armd.compensation.arm import load_arm
+from armd.compensation.calibration import save_calibration
+from armd.compensation.known_expansion import known_expansion
+from armd.daemon.arm_in_use import ArmInUse
+from armd.daemon.commands.run import expectation
+from armd.daemon.config import load_config
+from armd.daemon.health import Tally
+from armd.daemon.rehearsal import rehearse
+from armd.drivers import serial_wire as wire
+from armd.drivers.sample import RawFrame, Temperatures
+from armd.drivers.serial_decoder import SerialDecoder
+from armd.drivers.serial_port import SerialDriver
+from armd.simulator.electronics import BITS
+from armd.simulator.truth.nominal import arm_toml
+
+MS = 1_000_000
+CONFIG = """schema = "armd.daemon/1"
+arm = "arm.toml"
+calibration = "calibration.json"
+[driver]
+kind = "serial"
+port = "none"
+[zenoh]
+listen = []
+"""
+
+
+def compiled() -> dict[str, int]:
+    """How many signatures each compiled function of armd has been called with."""
+    return {
+        f"{name}.{function}": len(value.overloads)
+        for name, module in list(sys.modules.items())
+        if name.startswith("armd.")
+        for function, value in vars(module).items()
+        if hasattr(value, "overloads")
+    }
+
+
+def stream(decoder: SerialDecoder, arm: ArmInUse) -> set[str]:
+    """A bit of everything that may come over the wire; the flags and events it gave."""
+    seen: set[str] = set()
+    tally = Tally(0)
+
+    def feed(k: int, direction: str, data: bytes) -> None:
+        for item in decoder.feed(RawFrame(k * MS, k * MS, direction, data)):
+            if isinstance(item, Temperatures):
+                arm.pipeline.take_temperatures(item)
+                seen.add("temperatures")
+            elif isinstance(item, np.ndarray):
+                points, _ = arm.pipeline.correct(item)
+                tally.add(points, item, k * MS)
+                seen.update(tally.close_second(k * MS).flagged)
+                seen.add("mapped" if item["clock_mapped"].all() else "unmapped")
+            else:
+                seen.add(item.kind)
+
+    def sample(seq: int, status: int = 0, count: int = 0) -> bytes:
+        return wire.encode_sample(seq, 1000 * (seq + 1), [count] * 6, status)
+
+    hello = wire.Hello(1, 6, 6, 1000, 1, "SIM-0001", (BITS,) * 6)
+    feed(0, "link", b"up")
+    feed(1, "rx", b"\0" + sample(0) + wire.encode_hello(hello) + sample(1))
+    for k in range(2, 40):
+        feed(k, "tx", wire.encode_ping(k))
+        feed(k, "rx", wire.encode_pong(k, 1000 * k) + sample(k))
+        feed(k, "rx", wire.encode_temperature(1000 * k, [20.0, np.nan, 21.0, 20.0, 20.0, 20.0]))
+    feed(40, "rx", sample(42) + sample(43, status=1) + sample(44))
+    feed(41, "rx", sample(45, count=2_000_000) + sample(45) + sample(3))
+    return seen
+
+
+def main(config: Path) -> None:
+    loaded = load_config(config)
+    arm = ArmInUse(loaded)
+    rehearse(loaded, arm)
+    driver = SerialDriver(loaded.file.driver, expectation(loaded))
+    driver.open()
+    before = compiled()
+    seen = stream(SerialDecoder(expectation(loaded)), arm)
+    print(sorted(seen))
+    late = {name for name, count in compiled().items() if count != before.get(name, 0)}
+    assert before and not late, f"compiled while samples came: {sorted(late)}"
+
+
+def test_nothing_is_compiled_while_samples_come(tmp_path):
+    (tmp_path / "arm.toml").write_text(arm_toml("SIM-0001"))
+    arm = load_arm(tmp_path / "arm.toml")
+    save_calibration(tmp_path / "calibration.json", known_expansion(arm, [2e-6] * arm.n_joints))
+    (tmp_path / "armd.toml").write_text(CONFIG)
+    run = subprocess.run(  # a process of its own: here other tests have compiled much already
+        [sys.executable, __file__, str(tmp_path / "armd.toml")],
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    for expected in ("identified", "mapped", "unmapped", "temperatures", "joint_invalid"):
+        assert expected in run.stdout
+    for expected in ("SAMPLES_LOST", "INVALID", "TEMPERATURE_STALE", "count_jump"):
+        assert expected in run.stdout
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
