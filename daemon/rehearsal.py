@@ -17,9 +17,6 @@ def rehearse(config: Config, arm: ArmInUse) -> None:
     pipeline = Pipeline(config.arm, arm.calibration, config.file.limits)
     celsius = np.full(len(config.arm.sensors), config.arm.reference_temperature_c)
     pipeline.take_temperatures(Temperatures(celsius, 0, 0, 0))
-    # A single sample's fields lie contiguously, those of several do not: to numba two types.
-    for n in (1, 2):
-        samples = np.zeros(n, sample_dtype(config.arm.n_joints))
-        samples["monotonic_ns"] = np.arange(1, n + 1) * 1_000_000
-        points, _ = pipeline.correct(samples)
-        Tally(0).add(points, samples, 0)
+    samples = np.zeros(1, sample_dtype(config.arm.n_joints))
+    points, _ = pipeline.correct(samples)
+    Tally(0).add(points, samples, 0)
