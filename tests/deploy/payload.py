@@ -22,6 +22,9 @@ calibration = "calibration.json"
 [driver]
 kind = "serial"
 port = "/dev/armd/SIM-0001"
+
+[metrics]
+port = 9464
 """
 CAN_ARMD_TOML = """\
 schema = "armd.daemon/1"

@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import time
+import urllib.request
 from pathlib import Path
 
 from controller import PAYLOAD, UNIT, journal, nothing_is_left, sh, show, wait_for
@@ -89,6 +90,16 @@ def sandbox_is_in_force() -> str:
     Path("/var/lib/armd/intruder.txt").unlink()
     live_again("the intruder")
     return f"{report.count('FORBIDDEN')} attempts failed"
+
+
+def listens_on_loopback_alone() -> str:
+    with urllib.request.urlopen("http://127.0.0.1:9464/metrics", timeout=30) as answer:
+        metrics = answer.read().decode()
+    assert metrics.endswith("# EOF\n") and "armd_points_total" in metrics, metrics
+    found = sh("ss --no-header --listening --numeric --tcp --udp --processes | grep armd")
+    listeners = [line.split()[4] for line in found.splitlines()]
+    assert sorted(listeners) == ["127.0.0.1:7447", "127.0.0.1:9464"], found
+    return ", ".join(listeners)
 
 
 def survives_a_kill() -> str:
@@ -238,6 +249,7 @@ CHECKS = [
     points_are_right,
     says_its_state,
     runs_as_its_own_user,
+    listens_on_loopback_alone,
     survives_a_kill,
     survives_a_freeze,
     survives_unplugging,

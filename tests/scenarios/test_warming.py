@@ -1,0 +1,76 @@
+"""What the state says of an arm that warms up, and of one outside its calibration's range."""
+
+from __future__ import annotations
+
+import signal
+from itertools import groupby
+from pathlib import Path
+
+from running_daemon import Heard, running_daemon
+from simulated_arm import simulated_arm
+
+from armd import Flag
+from armd.compensation.arm import load_arm
+from armd.compensation.calibration import Calibration, constants_of, save_calibration
+
+CALIBRATED = 'calibration = "calibration.json"'
+#: 20 K in a minute: a drift that no default limit lets pass
+WARMING = ["--warm-up-k", "20", "--warm-up-s", "60"]
+
+
+def calibrate(folder: Path, low_c: float, high_c: float) -> None:
+    arm = load_arm(folder / "arm.toml")
+    calibration = Calibration(
+        schema="armd.calibration/1",
+        arm=arm.serial_number,
+        created="2026-01-01T00:00:00+00:00",
+        reference_temperature_c=20.0,
+        constants=constants_of(arm.nominal(), arm.n_joints),
+        temperature_range_c=dict.fromkeys(arm.sensors, (low_c, high_c)),
+    )
+    save_calibration(folder / "calibration.json", calibration)
+
+
+def states(heard: Heard) -> list[str]:
+    """The states that events told of, in order."""
+    told = [event["text"].split(":")[0] for event in heard.events("state")]
+    return [state for state, _ in groupby(told)]
+
+
+def reason(heard: Heard) -> str:
+    health = heard.json("health")
+    return f"{health[-1]['state']}: {health[-1]['reason']}" if health else ""
+
+
+def test_outside_its_range_it_is_inaccurate_until_calibrated_for_it(tmp_path: Path) -> None:
+    with simulated_arm(tmp_path, "--ambient-c", "30", rate_hz=200) as arm:
+        calibrate(tmp_path, 15.0, 25.0)
+        with running_daemon(tmp_path, arm.port, top=CALIBRATED) as daemon, daemon.listen() as heard:
+            heard.wait_for(lambda: "INACCURATE: outside the identified" in reason(heard))
+            assert heard.points()["flags"][-1] & Flag.TEMPERATURE_RANGE
+            calibrate(tmp_path, 15.0, 35.0)
+            daemon.process.send_signal(signal.SIGHUP)
+            heard.wait_for(lambda: reason(heard) == "READY: measuring")
+            assert not heard.points()["flags"][-1] & Flag.TEMPERATURE_RANGE
+        # "known for less than 3 s" is over by then, or not
+        assert [state for state in states(heard) if state != "WARMING"][-2:] == [
+            "INACCURATE",
+            "READY",
+        ]
+
+
+def test_a_drift_is_told_and_flagged_beyond_its_limit(tmp_path: Path) -> None:
+    with simulated_arm(tmp_path, *WARMING, rate_hz=200) as arm:
+        calibrate(tmp_path, -50.0, 150.0)
+        limits = "[limits]\ntemperature_rate_k_per_h = 1e6\n"
+        with (
+            running_daemon(tmp_path, arm.port, top=CALIBRATED, extra=limits) as daemon,
+            daemon.listen() as heard,
+        ):
+            heard.wait_for(lambda: "drifts by" in reason(heard))
+            assert reason(heard).startswith("WARMING")
+            assert not heard.points()["flags"][-1] & Flag.TEMPERATURE_RATE
+            daemon.stop()
+        with running_daemon(tmp_path, arm.port, top=CALIBRATED) as daemon, daemon.listen() as heard:
+            heard.wait_for(lambda: "INACCURATE: temperature changes too fast" in reason(heard))
+            assert heard.points()["flags"][-1] & Flag.TEMPERATURE_RATE
