@@ -2,9 +2,8 @@
 
     python tests/real/diagnosis_marks.py [SOURCE]
 
-SOURCE: the folder with the published data sets; by default those vendored beside this file. The
-spindle's set is not vendored: without SOURCE its line is left out. Exit code 1 where a mark is
-missed.
+SOURCE: the folder with the published data sets; by default those vendored beside this file. Exit
+code 1 where a mark is missed.
 """
 
 from __future__ import annotations
@@ -241,11 +240,7 @@ def main() -> int:
         convert(folder, source)
         missed = ur10(folder / "ur10", console)
         missed += kinova(folder / "dinova_1", console)
-    spindle_file = source / "spindle_thermal" / "readings.csv"
-    if spindle_file.exists():
-        missed += spindle(spindle_file, console)
-    else:
-        console.print("spindle: set not at hand (give its folder)")
+    missed += spindle(source / "spindle_thermal" / "readings.csv", console)
     for line in missed:
         console.print(f"missed: {line}")
     return 1 if missed else 0

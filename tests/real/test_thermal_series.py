@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from convert import VENDORED
+from diagnosis_marks import spindle
+from rich.console import Console
 
 from armd.compensation.diagnose.thermal_series import diagnose_series
 
@@ -39,3 +42,7 @@ def test_a_lag_is_found_where_there_is_one(lag_s: float) -> None:
             assert abs(np.log2(found.time_constant_s / lag_s)) <= 1.01
             assert found.lagged_um < 0.7 * found.static_um
             assert found.gain_um[0] > 0
+
+
+def test_the_spindle_s_static_model_misses_a_lag() -> None:
+    assert spindle(VENDORED / "spindle_thermal" / "readings.csv", Console(quiet=True)) == []
