@@ -9,6 +9,8 @@ from armd.compensation.diagnose.search import Found
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 
+#: Causes that show only by the side of approach or the moment.
+MOVING = ("joint_backlash", "encoder_slip", "mount_drift", "time_skew")
 #: A finding less probable than this is worth an experiment of its own.
 SURE = 0.95
 
@@ -39,6 +41,9 @@ def most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
 
 def next_experiment(diagnosis: Diagnosis) -> str:
     """What to measure next: to settle the most doubtful finding, or to confirm the mended model."""
+    unrecorded = _unrecorded(diagnosis)
+    if unrecorded and diagnosis.significant_rest:
+        return unrecorded
     doubt = most_doubtful(diagnosis)
     if doubt is not None:
         cause = doubt.found.candidate.cause
@@ -57,6 +62,25 @@ def next_experiment(diagnosis: Diagnosis) -> str:
     )
 
 
+def _unrecorded(diagnosis: Diagnosis) -> str:
+    """What to record beside the angles, where what is left may be what only that tells."""
+    scene, untold = diagnosis.search.scene, diagnosis.search.untold
+    wanted = [
+        what
+        for what, known in (("the time", scene.timed), ("the joint rates", scene.rates))
+        if not known
+    ]
+    of_them = [c.replace("_", " ") for c in MOVING if c in untold]
+    if not (wanted and of_them):
+        return ""
+    return (
+        f"Record {' and '.join(wanted)} of each reading, and measure the same poses from both "
+        f"sides of each joint: what is left may be a cause that these data cannot tell "
+        f"({', '.join(of_them)})."
+    )
+
+
 def _named(candidate: Candidate) -> str:
-    place = "" if candidate.cause == "unknown" else f" ({candidate.location})"
-    return candidate.cause.replace("_", " ") + place
+    if candidate.cause == "unknown":
+        return f"a structure in {', '.join(candidate.depends_on)} that no cause has"
+    return f"{candidate.cause.replace('_', ' ')} ({candidate.location})"

@@ -14,6 +14,8 @@ from armd.compensation.report.page import Page
 
 #: With more groups of readings than this a table of them is no help.
 MOST_GROUPS = 40
+#: Rests whose mean says where a target stood.
+LEAST_PART = 3
 
 
 def diagnosis_report(diagnosis: Diagnosis, result: dict[str, Any]) -> str:
@@ -26,13 +28,19 @@ def diagnosis_report(diagnosis: Diagnosis, result: dict[str, Any]) -> str:
         page.heading("Readings that belong to no effect")
         page.table(
             ["session", "row", "error, µm"],
-            [[o.session, o.row, f"{o.error_um:.4g}"] for o in diagnosis.outliers],
+            [[o.session, o.row, um(o.error_um)] for o in diagnosis.outliers],
         )
     _what_stays(page, diagnosis, result)
     _cannot_tell(page, result)
     page.heading("Next experiment")
     page.text(result["next_experiment"])
     return page.html()
+
+
+def um(value: float) -> str:
+    """Micrometres as a person writes them: three digits, no exponent."""
+    digits = 2 - int(np.floor(np.log10(abs(value)))) if abs(value) > 1e-3 else 0
+    return f"{value:.{max(digits, 0)}f}"
 
 
 def _name(finding: dict[str, Any]) -> str:
@@ -68,13 +76,14 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
         low.append(max(values[-1] - best, 0.0))
         high.append(max(worst - values[-1], 0.0))
     error = {"type": "data", "array": high, "arrayminus": low, "symmetric": False}
-    text = [f"{value:.4g}" for value in values]
+    text = [um(value) for value in values]
     bars = go.Bar(x=labels, y=values, error_y=error, text=text, textposition="inside")
     figure = go.Figure(bars)
     figure.add_hline(
         y=baseline["noise_floor_um"], line_dash="dot", annotation_text="noise alone",
-        annotation_position="top right",
+        annotation_position="right",
     )  # fmt: skip
+    figure.update_layout(bargap=0.45)
     figure.update_yaxes(title="3-D RMS on held-out readings, µm", rangemode="tozero")
     page.figure(figure)
     if result["findings"]:
@@ -90,13 +99,14 @@ def _finding(page: Page, diagnosis: Diagnosis, index: int, finding: dict[str, An
     gain = finding["gain"]
     low, high = gain["interval_um"]
     page.text(
-        f"Held-out readings: {gain['heldout_rms_um_before']:.4g} µm before, "
-        f"{gain['heldout_rms_um_after']:.4g} µm after (gain {low:.3g} to {high:.3g} µm, 95 %)."
+        f"Held-out readings: {um(gain['heldout_rms_um_before'])} µm before, "
+        f"{um(gain['heldout_rms_um_after'])} µm after (95 % of the gain: {um(low)} to {um(high)} "
+        "µm)."
         + ("" if gain["shown"] else " They do not bear it out: a lead to follow, not a fact.")
     )
     page.text(
         f"Why: {finding['reason']}. In these readings it moves the tip by "
-        f"{finding['tip_rms_um']:.3g} µm (3-D RMS) that nothing else in the model takes up, "
+        f"{um(finding['tip_rms_um'])} µm (3-D RMS) that nothing else in the model takes up, "
         f"{finding['signal_to_noise']:.1f} standard deviations out of the noise."
     )
     page.figure(signature_plot(diagnosis, index))
@@ -133,8 +143,8 @@ def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> Non
     page.heading("What stays unexplained")
     unexplained = result["unexplained"]
     page.text(
-        f"{diagnosis.remaining_rms_um:.4g} µm 3-D RMS stay in the readings used; the noise alone "
-        f"would leave {diagnosis.noise_floor_um:.4g} µm. "
+        f"{um(diagnosis.remaining_rms_um)} µm 3-D RMS stay in the readings used; the noise alone "
+        f"would leave {um(diagnosis.noise_floor_um)} µm. "
         + (
             f"What is left is significant and depends on {', '.join(unexplained['depends_on'])}."
             if unexplained["significant"]
@@ -147,15 +157,19 @@ def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> Non
         ["noise found in these readings", "standard deviation"],
         [
             ["encoders, each", f"{np.degrees(noise.encoder_rad) * 3600:.3g}″"],
-            ["repeat of a point, each axis", f"{noise.repeat_mm * 1e3:.3g} µm"],
-            ["slow drift of the base, each axis", f"{noise.drift_mm * 1e3:.3g} µm"],
+            ["repeat of a point, each axis", f"{um(noise.repeat_mm * 1e3)} µm"],
+            ["slow drift of the base, each axis", f"{um(noise.drift_mm * 1e3)} µm"],
         ],
     )
     groups = list(_groups(diagnosis))
     if 1 < len(groups) <= MOST_GROUPS:
         page.table(
-            ["placement", "target", "rests", "left, 3-D RMS µm", "of which common to all, µm"],
+            ["placement", "target", "rests", "left, 3-D RMS µm", "largest step, µm", "after rest"],
             groups,
+        )
+        page.text(
+            "Step: how far the mean of the first so many rests at a target stands from that of the "
+            "others. One much larger than what is left says that seat, artefact or arm moved."
         )
 
 
@@ -167,12 +181,18 @@ def _groups(diagnosis: Diagnosis) -> Iterator[list[object]]:
     pairs = np.stack([observations.placement, observations.target], axis=1)
     for placement, target in np.unique(pairs, axis=0):
         own = left[(pairs == (placement, target)).all(axis=1)]
+        steps = {
+            after: float(np.linalg.norm(own[after:].mean(axis=0) - own[:after].mean(axis=0)))
+            for after in range(LEAST_PART, len(own) - LEAST_PART + 1)
+        }
+        largest = max(steps, key=lambda after: steps[after], default=None)
         yield [
             observations.placement_names[placement],
             observations.target_names[target],
             len(own),
-            f"{np.sqrt((own**2).sum(axis=1).mean()):.4g}",
-            f"{np.linalg.norm(own.mean(axis=0)):.4g}",
+            um(float(np.sqrt((own**2).sum(axis=1).mean()))),
+            "" if largest is None else um(steps[largest]),
+            "" if largest is None else largest,
         ]
 
 

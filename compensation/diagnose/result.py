@@ -62,18 +62,18 @@ def verdict(diagnosis: Diagnosis) -> str:
         sentences.append("No cause was found.")
     elif not any(shown):
         sentences.append(
-            f"{_count(len(shown), 'cause')} found, but none improves held-out readings beyond "
-            "doubt: leads to follow, no reason yet to run the extended calibration."
+            f"{_count(len(shown), 'finding')}, but held-out readings do not improve beyond doubt: "
+            "leads to follow, no reason yet to run the extended calibration."
         )
     else:
         before, after = diagnosis.gains[0].before_um, diagnosis.gains[-1].after_um
         sentences.append(
-            f"{_count(len(shown), 'cause')} found; with them held-out readings err by "
-            f"{after:.4g} µm instead of {before:.4g} µm."
+            f"{_count(len(shown), 'finding')}; with the extended model held-out readings err by "
+            f"{after:.4g} µm instead of {before:.4g} µm (3-D RMS)."
         )
         if not all(shown):
             doubtful = ", ".join(str(i) for i, yes in enumerate(shown, 1) if not yes)
-            sentences.append(f"Held-out readings do not bear out number {doubtful}.")
+            sentences.append(f"They do not bear out number {doubtful}.")
     if diagnosis.significant_rest:
         on = ", ".join(diagnosis.search.remaining_depends_on) or "nothing that was recorded"
         sentences.append(f"Something significant is left; it depends on {on}.")

@@ -15,7 +15,7 @@ h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums; }
 th, td { padding: .15rem .7rem; border-bottom: 1px solid #d8dee4; text-align: right; }
 th { background: #f3f5f7; } th:first-child, td:first-child { text-align: left; }
-td.text { text-align: left; } code { background: #f3f5f7; padding: 0 .25rem; }
+td.text, th.text { text-align: left; } code { background: #f3f5f7; padding: 0 .25rem; }
 """
 #: Colours told apart by colour-blind readers too (Okabe and Ito).
 COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
@@ -44,19 +44,25 @@ class Page:
 
     def table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
         """Numbers stand as given: format them beforehand."""
-        head = "".join(f"<th>{html.escape(name)}</th>" for name in header)
+        first = [_kind(value) for value in rows[0]] if rows else [""] * len(header)
+        head = "".join(
+            f"<th{kind}>{html.escape(name)}</th>" for name, kind in zip(header, first, strict=True)
+        )
         body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
         self._blocks.append(f"<table><tr>{head}</tr>{body}</table>")
 
     def figure(self, figure: go.Figure, height: int = 420) -> None:
         figure.update_layout(
-            template="plotly_white", height=height, margin={"l": 60, "r": 20, "t": 30, "b": 50},
+            template="plotly_white", height=height, margin={"l": 60, "r": 80, "t": 30, "b": 50},
             colorway=COLOURS,
         )  # fmt: skip
         self._figures += 1
         self._blocks.append(
             figure.to_html(
-                full_html=False, include_plotlyjs=False, div_id=f"figure-{self._figures}"
+                full_html=False,
+                include_plotlyjs=False,
+                div_id=f"figure-{self._figures}",
+                config={"displaylogo": False},
             )
         )
 
@@ -70,5 +76,10 @@ class Page:
 
 
 def _cell(value: object) -> str:
-    kind = ' class="text"' if isinstance(value, str) and not value[:1].isdigit() else ""
-    return f"<td{kind}>{html.escape(str(value))}</td>"
+    return f"<td{_kind(value)}>{html.escape(str(value))}</td>"
+
+
+def _kind(value: object) -> str:
+    """Text stands left, numbers right; a sign belongs to its number."""
+    text = isinstance(value, str) and not value.lstrip("+-−")[:1].isdigit()
+    return ' class="text"' if text else ""
