@@ -87,7 +87,8 @@ def diagnose(
     kept = np.ones(rests.n, dtype=bool)
     kept[outlying] = False
     if holdout:
-        squares, groups, kept = _held_out(result, baseline, arm, sessions, holdout)
+        squares, groups, within = _held_out(result, baseline, arm, sessions, holdout)
+        kept = within if outliers else np.ones(len(groups), dtype=bool)
     else:
         checked = cross_validate(last, result.tests, ALPHA)
         squares, groups = checked.squares, checked.groups

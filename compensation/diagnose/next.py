@@ -31,12 +31,17 @@ class Doubt:
 
 def most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
     """The finding an experiment should settle first; None when none is in doubt."""
-    doubts = [
-        Doubt(i, found, found.rivals[0].candidate)
-        for i, found in enumerate(diagnosis.found)
-        if found.rivals and found.probability < SURE
-    ]
+    doubts = []
+    for i, found in enumerate(diagnosis.found):
+        rivals = [r.candidate for r in found.rivals if not _same(r.candidate, found.candidate)]
+        if rivals and found.probability < SURE:
+            doubts.append(Doubt(i, found, rivals[0]))
     return min(doubts, key=lambda doubt: doubt.found.probability, default=None)
+
+
+def _same(one: Candidate, other: Candidate) -> bool:
+    """Two structures without a name in the same variables: an experiment need not part them."""
+    return one.cause == other.cause == "unknown" and one.depends_on == other.depends_on
 
 
 def next_experiment(diagnosis: Diagnosis) -> str:

@@ -9,11 +9,15 @@ import numpy as np
 import plotly.graph_objects as go
 
 from armd.compensation.diagnose.diagnose import Diagnosis
+from armd.compensation.diagnose.result import um
 from armd.compensation.diagnose.signature_plot import signature_plot
+from armd.compensation.effects.effect import ARC_SECOND
 from armd.compensation.report.page import Page
 
 #: With more groups of readings than this a table of them is no help.
 MOST_GROUPS = 40
+#: Units in which a person reads amplitudes.
+SMALL = {"rad": (1.0 / ARC_SECOND, "″"), "mm": (1e3, "µm")}
 #: Rests whose mean says where a target stood.
 LEAST_PART = 3
 
@@ -37,12 +41,6 @@ def diagnosis_report(diagnosis: Diagnosis, result: dict[str, Any]) -> str:
     return page.html()
 
 
-def um(value: float) -> str:
-    """Micrometres as a person writes them: three digits, no exponent."""
-    digits = 2 - int(np.floor(np.log10(abs(value)))) if abs(value) > 1e-3 else 0
-    return f"{value:.{max(digits, 0)}f}"
-
-
 def _name(finding: dict[str, Any]) -> str:
     place = "" if finding["location"] == "-" else f", {finding['location']}"
     return f"{finding['cause'].replace('_', ' ')}{place}"
@@ -54,7 +52,8 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
     readings, sessions = sum(s.n for s in diagnosis.sessions), len(diagnosis.sessions)
     if diagnosis.holdout:
         held = sum(s.n for s in diagnosis.holdout)
-        heldout = f"{held} readings of {len(diagnosis.holdout)} other session(s)"
+        others = len(diagnosis.holdout)
+        heldout = f"{held} readings of {others} other session{'' if others == 1 else 's'}"
     else:
         heldout = "each placement in turn"
     model = (
@@ -77,7 +76,14 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
         high.append(max(worst - values[-1], 0.0))
     error = {"type": "data", "array": high, "arrayminus": low, "symmetric": False}
     text = [um(value) for value in values]
-    bars = go.Bar(x=labels, y=values, error_y=error, text=text, textposition="inside")
+    bars = go.Bar(
+        x=labels,
+        y=values,
+        error_y=error,
+        text=text,
+        textposition="inside",
+        insidetextanchor="start",
+    )
     figure = go.Figure(bars)
     figure.add_hline(
         y=baseline["noise_floor_um"], line_dash="dot", annotation_text="noise alone",
@@ -119,24 +125,40 @@ def _sentence(text: str) -> str:
 
 
 def _evidence(page: Page, finding: dict[str, Any]) -> None:
-    rows = [[finding["cause"], finding["location"], f"{finding['probability']:.3f}", ""]]
+    if not finding["alternatives"]:
+        page.text(f"No other cause comes near (probability {finding['probability']:.3f}).")
+        return
+    rows = [[_cause(finding), finding["location"], f"{finding['probability']:.3f}", ""]]
     rows += [
-        [a["cause"], a["location"], f"{a['probability']:.3f}", f"{a['angle_deg']:.0f}°"]
+        [_cause(a), a["location"], f"{a['probability']:.3f}", f"{a['angle_deg']:.0f}°"]
         for a in finding["alternatives"]
     ]
     page.table(["cause", "where", "probability", "angle between signatures"], rows)
-    if finding["alternatives"]:
-        page.text(f"Easily taken for each other: {finding['confounded_with']}.")
+    page.text(f"Easily taken for each other: {finding['confounded_with']}.")
+
+
+def _cause(row: dict[str, Any]) -> str:
+    return str(row["cause"].replace("_", " "))
 
 
 def _amplitudes(page: Page, finding: dict[str, Any]) -> None:
     page.table(
         ["amplitude", "value", "standard uncertainty", "unit"],
-        [
-            [p["name"], f"{p['value']:.6g}", f"{p['standard_uncertainty']:.2g}", p["unit"]]
-            for p in finding["parameters"]
-        ],
+        [_in_small_units(parameter) for parameter in finding["parameters"]],
     )
+
+
+def _in_small_units(parameter: dict[str, Any]) -> list[str]:
+    """Angles in seconds of arc, lengths in µm; no uncertainty where none is stated."""
+    scale, unit = SMALL.get(parameter["unit"].split(" ")[0].split("/")[0], (1.0, ""))
+    rest = parameter["unit"].removeprefix(parameter["unit"].split(" ")[0].split("/")[0])
+    value, sigma = scale * parameter["value"], scale * parameter["standard_uncertainty"]
+    shown = unit + rest if unit else parameter["unit"]
+    if not sigma:
+        return [parameter["name"], f"{value:.10g}", "–", shown]
+    digits = max(0, 1 - int(np.floor(np.log10(sigma))))
+    fine = f"{value:.{digits}f}" if digits < 6 else f"{value:.4g}"
+    return [parameter["name"], fine, f"{sigma:.2g}", shown]
 
 
 def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:

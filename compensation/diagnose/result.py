@@ -12,6 +12,7 @@ from armd.compensation.diagnose.fit import is_curve
 from armd.compensation.diagnose.gain import Gain
 from armd.compensation.diagnose.next import next_experiment
 from armd.compensation.diagnose.search import Found
+from armd.compensation.effects import encoder_periodic
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 
@@ -66,20 +67,26 @@ def verdict(diagnosis: Diagnosis) -> str:
             "leads to follow, no reason yet to run the extended calibration."
         )
     else:
-        before, after = diagnosis.gains[0].before_um, diagnosis.gains[-1].after_um
+        before, after = um(diagnosis.gains[0].before_um), um(diagnosis.gains[-1].after_um)
         sentences.append(
             f"{_count(len(shown), 'finding')}; with the extended model held-out readings err by "
-            f"{after:.4g} µm instead of {before:.4g} µm (3-D RMS)."
+            f"{after} µm instead of {before} µm (3-D RMS)."
         )
         if not all(shown):
             doubtful = ", ".join(str(i) for i, yes in enumerate(shown, 1) if not yes)
-            sentences.append(f"They do not bear out number {doubtful}.")
+            sentences.append(f"They do not bear out findings {doubtful}: leads, not facts.")
     if diagnosis.significant_rest:
         on = ", ".join(diagnosis.search.remaining_depends_on) or "nothing that was recorded"
-        sentences.append(f"Something significant is left; it depends on {on}.")
+        sentences.append(f"Something significant is left; it goes with {on}.")
     elif not shown and not diagnosis.outliers:
         sentences.append("The residuals are what the noise makes of them.")
     return " ".join(sentences)
+
+
+def um(value: float) -> str:
+    """Micrometres as a person writes them: three digits, no exponent."""
+    digits = 2 - int(np.floor(np.log10(abs(value)))) if abs(value) > 1e-3 else 0
+    return f"{value:.{max(digits, 0)}f}"
 
 
 def _count(number: int, what: str) -> str:
@@ -95,13 +102,11 @@ def needs_of(cause: str) -> str:
 
 def _finding(diagnosis: Diagnosis, index: int, found: Found, gain: Gain) -> dict[str, Any]:
     candidate = found.candidate
-    last = diagnosis.search.last
-    amplitudes, covariance = last.amplitudes[index], last.covariances[index]
     effect = CATALOGUE[candidate.cause]
     return {
         "cause": candidate.cause,
         "location": place_of(candidate),
-        "parameters": parameters_of(candidate, amplitudes, covariance),
+        "parameters": parameters_of(diagnosis, index),
         "probability": found.probability,
         "p_value": found.p_value,
         "alternatives": [
@@ -117,7 +122,7 @@ def _finding(diagnosis: Diagnosis, index: int, found: Found, gain: Gain) -> dict
         "depends_on": list(candidate.depends_on),
         "signal_to_noise": float(np.sqrt(found.statistic)),
         "tip_rms_um": tip_rms_um(diagnosis, index),
-        "reading": effect.reading(candidate, amplitudes),
+        "reading": reading_of(diagnosis, index),
         "reason": effect.reason,
         "confounded_with": effect.confounded_with,
     }
@@ -128,26 +133,61 @@ def place_of(candidate: Candidate) -> str:
     return "-" if candidate.cause == "unknown" else candidate.location
 
 
-def parameters_of(
-    candidate: Candidate, amplitudes: F64, covariance: F64
-) -> list[dict[str, str | float]]:
-    """Amplitudes with standard uncertainties, then what was scanned (order, instant, …)."""
-    rows: list[dict[str, str | float]] = []
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+def reading_of(diagnosis: Diagnosis, index: int) -> str:
+    """What the amplitudes mean, in words."""
+    candidate = diagnosis.search.last.findings[index]
     if is_curve(candidate):
-        power = (amplitudes.reshape(-1, 2) ** 2).sum(axis=1)
-        size = float(np.sqrt(power.sum() / 2))
-        along = amplitudes / max(float(np.linalg.norm(amplitudes)), 1e-300)
-        spread = float(np.sqrt(along @ covariance @ along / 2))
-        rows.append(_row("rms", size, "rad", spread))
-        rows.append(_row("order", float(3 + np.argmax(power)), "1/turn", 0.0))
+        rms, _, order = curve_size(diagnosis, index)
+        return encoder_periodic.curve_reading(candidate.location, rms, order)
+    effect = CATALOGUE[diagnosis.found[index].candidate.cause]
+    return effect.reading(candidate, diagnosis.search.last.amplitudes[index])
+
+
+def parameters_of(diagnosis: Diagnosis, index: int) -> list[dict[str, str | float]]:
+    """Amplitudes with standard uncertainties, then what was scanned (order, instant, …)."""
+    last = diagnosis.search.last
+    candidate = last.findings[index]
+    rows: list[dict[str, str | float]] = []
+    if is_curve(candidate):
+        rms, sigma, order = curve_size(diagnosis, index)
+        rows += [_row("rms", rms, "rad", sigma), _row("order", float(order), "1/turn", 0.0)]
     else:
+        spread = np.sqrt(np.maximum(np.diag(last.covariances[index]), 0.0))
         rows += [
             _row(column.name, float(value), column.unit, float(s))
-            for column, value, s in zip(candidate.columns, amplitudes, sigma, strict=True)
+            for column, value, s in zip(
+                candidate.columns, last.amplitudes[index], spread, strict=True
+            )
         ]
     rows += [_row(name, value, unit, 0.0) for name, value, unit in candidate.setting]
     return rows
+
+
+def curve_size(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
+    """Root mean square in rad of a curve about its mean, its standard uncertainty, and the
+    curve's strongest order.
+
+    All over the angles at which the joint stood: elsewhere nothing is known, and over less than
+    a turn the amplitudes of single orders mean little.
+    """
+    last = diagnosis.search.last
+    candidate = last.findings[index]
+    joint = int(candidate.location.split()[-1])
+    q = last.linear.rests.observations.states.q[:, joint - 1]
+    seen = np.unique(np.round(np.degrees(q))) * np.pi / 180.0
+    orders = range(encoder_periodic.ORDERS.start, 3 + len(candidate.columns) // 2)
+    waves = np.array([wave(order * seen) for order in orders for wave in (np.sin, np.cos)])
+    level = waves - waves.mean(axis=1, keepdims=True)
+    curve = last.amplitudes[index] @ level
+    rms = max(float(np.sqrt((curve**2).mean())), 1e-300)
+    slope = level @ curve / (len(seen) * rms)
+    sigma = float(np.sqrt(max(slope @ last.covariances[index] @ slope, 0.0)))
+    left = []
+    for pair in waves.reshape(len(orders), 2, -1):
+        columns = np.vstack([pair, np.ones(len(seen))]).T
+        fitted = columns @ np.linalg.lstsq(columns, curve, rcond=None)[0]
+        left.append(float(((curve - fitted) ** 2).sum()))
+    return rms, sigma, orders[int(np.argmin(left))]
 
 
 def _row(name: str, value: float, unit: str, sigma: float) -> dict[str, str | float]:

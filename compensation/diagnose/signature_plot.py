@@ -20,6 +20,7 @@ from armd.compensation.report.page import MOST_POINTS
 F64 = npt.NDArray[np.float64]
 
 BINS = 24
+MOST_DOTS = 2500
 #: Readings whose lever on the parameter is below this share of the median tell nothing of it.
 LEAST_LEVER = 0.3
 
@@ -35,10 +36,10 @@ def signature_plot(diagnosis: Diagnosis, index: int) -> go.Figure:
         x, points, line, title = _at_the_tip(diagnosis, index)
     name, values = _variable(diagnosis, candidate)
     values = values[x]
-    shown = np.linspace(0, len(values) - 1, min(len(values), MOST_POINTS)).astype(int)
+    shown = np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(int)
     figure = go.Figure()
-    figure.add_scattergl(
-        x=values[shown], y=points[shown], mode="markers", name="readings, without this effect",
+    figure.add_scatter(
+        x=values[shown], y=points[shown], mode="markers", name="readings, all else taken off",
         marker={"size": 4, "opacity": 0.35},
     )  # fmt: skip
     figure.add_scatter(

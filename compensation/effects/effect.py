@@ -165,4 +165,5 @@ def temperature(weights: dict[str, float], **options: float) -> Temperature:
 
 def seconds_of_arc(angle_rad: float) -> str:
     """An angle as a person in a workshop says it."""
-    return f"{abs(angle_rad) / ARC_SECOND:.2g}″"
+    seconds = abs(angle_rad) / ARC_SECOND
+    return f"{seconds:.0f}″" if seconds >= 10 else f"{seconds:.2g}″"

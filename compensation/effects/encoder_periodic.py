@@ -17,6 +17,7 @@ from armd.compensation.effects.encoder_eccentricity import harmonic_columns
 ORDERS = range(3, 41)
 #: A curve over the turn is a group of all orders up to one of these.
 CURVES = (8, 20, 40)
+UNDECIDED = "whether encoder or gear causes it these data cannot tell"
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:
@@ -36,16 +37,19 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    pairs = amplitudes.reshape(-1, 2)
-    if len(pairs) == 1:
-        what = f"{candidate.setting[0][1]:.0f} times a turn"
-        size = float(np.hypot(*pairs[0]))
-    else:
-        what = "along a stable curve over the turn (root mean square)"
-        size = float(np.sqrt((pairs**2).sum() / 2))
     return (
-        f"the angle of {candidate.location} is wrong by {seconds_of_arc(size)} {what}; "
-        "whether encoder or gear causes it these data cannot tell"
+        f"the angle of {candidate.location} is wrong by "
+        f"{seconds_of_arc(float(np.hypot(*amplitudes[:2])))} {candidate.setting[0][1]:.0f} times "
+        f"a turn; {UNDECIDED}"
+    )
+
+
+def curve_reading(location: str, rms_rad: float, order: int) -> str:
+    """The same of a curve over the turn."""
+    return (
+        f"the angle of {location} is wrong by {seconds_of_arc(rms_rad)} (root mean square over "
+        f"the angles at which it stood) along a stable curve, most of it near {order} periods a "
+        f"turn; {UNDECIDED}"
     )
 
 
