@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.result import um
 from armd.compensation.diagnose.signature_plot import signature_plot
-from armd.compensation.effects.effect import ARC_SECOND
+from armd.compensation.effects.effect import ARC_SECOND, clock
 from armd.compensation.report.page import Page
 
 #: With more groups of readings than this a table of them is no help.
@@ -150,6 +150,8 @@ def _amplitudes(page: Page, finding: dict[str, Any]) -> None:
 
 def _in_small_units(parameter: dict[str, Any]) -> list[str]:
     """Angles in seconds of arc, lengths in µm; no uncertainty where none is stated."""
+    if parameter["unit"] == "s (Unix)":
+        return [parameter["name"], clock(parameter["value"]), "–", ""]
     scale, unit = SMALL.get(parameter["unit"].split(" ")[0].split("/")[0], (1.0, ""))
     rest = parameter["unit"].removeprefix(parameter["unit"].split(" ")[0].split("/")[0])
     value, sigma = scale * parameter["value"], scale * parameter["standard_uncertainty"]

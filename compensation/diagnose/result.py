@@ -14,7 +14,7 @@ from armd.compensation.diagnose.next import next_experiment
 from armd.compensation.diagnose.search import Found
 from armd.compensation.effects import encoder_periodic
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.effect import Candidate, plain
 
 F64 = npt.NDArray[np.float64]
 
@@ -85,8 +85,7 @@ def verdict(diagnosis: Diagnosis) -> str:
 
 def um(value: float) -> str:
     """Micrometres as a person writes them: three digits, no exponent."""
-    digits = 2 - int(np.floor(np.log10(abs(value)))) if abs(value) > 1e-3 else 0
-    return f"{value:.{max(digits, 0)}f}"
+    return plain(value, 3)
 
 
 def _count(number: int, what: str) -> str:

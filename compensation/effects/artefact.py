@@ -11,6 +11,7 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     Scene,
+    plain,
 )
 
 
@@ -36,15 +37,18 @@ def length(scene: Scene) -> Iterator[Candidate]:
 
 
 def read_expansion(_: Candidate, amplitudes: F64) -> str:
-    return f"the artefact expands by {amplitudes[0] * 1e6:+.2g} µm per metre and kelvin more"
+    more = plain(amplitudes[0] * 1e6, sign="+")
+    return f"the artefact expands by {more} µm per metre and kelvin more"
 
 
 def read_length(candidate: Candidate, amplitudes: F64) -> str:
     if candidate.columns[0].name == "scale":
-        return f"all certified positions are {amplitudes[0] * 1e6:+.2g} µm per metre off"
+        return (
+            f"all certified positions are {plain(amplitudes[0] * 1e6, sign='+')} µm per metre off"
+        )
     size = float(np.linalg.norm(amplitudes)) * 1e3
     what = candidate.location if len(amplitudes) == 3 else candidate.columns[0].name
-    return f"{what} is {size:.2g} µm from its certificate"
+    return f"{what} is {plain(size)} µm from its certificate"
 
 
 EXPANSION = Effect(

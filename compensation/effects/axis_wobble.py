@@ -11,6 +11,7 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     Scene,
+    plain,
     tie,
 )
 from armd.compensation.effects.twist import twist_weights
@@ -56,9 +57,9 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     size = float(np.sqrt((amplitudes**2).sum() / 2))
     if candidate.columns[0].unit == "rad":
-        what = f"tilts by {size / ARC_SECOND:.2g}″"
+        what = f"tilts by {plain(size / ARC_SECOND)}″"
     else:
-        what = f"runs out by {size * 1e3:.2g} µm"
+        what = f"runs out by {plain(size * 1e3)} µm"
     return f"the axis of {candidate.location} {what}, {candidate.setting[0][1]:.0f} × a turn"
 
 

@@ -7,6 +7,7 @@ An `Effect` lists the candidates an arm and its sessions allow, and reads amplit
 
 from __future__ import annotations
 
+import datetime
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -163,7 +164,26 @@ def temperature(weights: dict[str, float], **options: float) -> Temperature:
     return Temperature.model_validate({"weights": weights, **options})
 
 
+def plain(value: float, digits: int = 2, sign: str = "") -> str:
+    """A number as a person writes it: so many digits, whole ones in full, no exponent."""
+    size = abs(value)
+    decimals = digits - 1 - int(np.floor(np.log10(size))) if size > 1e-9 else 0
+    return f"{value:{sign}.{max(decimals, 0)}f}"
+
+
+def clock(unix_s: float) -> str:
+    """A moment as a person writes it."""
+    moment = datetime.datetime.fromtimestamp(unix_s, datetime.UTC)
+    return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
+
+
+def when(candidate: Candidate) -> str:
+    """ " at …" for a candidate with an instant, nothing for others."""
+    instants = [value for name, value, _ in candidate.setting if name == "instant"]
+    return f" at {clock(instants[0])}" if instants else ""
+
+
 def seconds_of_arc(angle_rad: float) -> str:
     """An angle as a person in a workshop says it."""
     seconds = abs(angle_rad) / ARC_SECOND
-    return f"{seconds:.0f}″" if seconds >= 10 else f"{seconds:.2g}″"
+    return f"{plain(seconds)}″"

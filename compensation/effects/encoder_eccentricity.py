@@ -11,6 +11,7 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     Scene,
+    plain,
     seconds_of_arc,
     tie,
 )
@@ -46,7 +47,7 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     angle = float(np.hypot(*amplitudes))
     offset_um = angle / ARC_SECOND * DISC_DIAMETER_MM / 412.0
     return (
-        f"the encoder disc of {candidate.location} sits {offset_um:.2g} µm off centre "
+        f"the encoder disc of {candidate.location} sits {plain(offset_um)} µm off centre "
         f"({seconds_of_arc(angle)} on a disc of {DISC_DIAMETER_MM:.0f} mm)"
     )
 

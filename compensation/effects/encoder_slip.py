@@ -11,6 +11,7 @@ from armd.compensation.effects.effect import (
     Scene,
     seconds_of_arc,
     tie,
+    when,
 )
 from armd.compensation.terms import After
 
@@ -39,7 +40,8 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    return f"the index of {candidate.location} slipped by {seconds_of_arc(amplitudes[0])}"
+    size = seconds_of_arc(amplitudes[0])
+    return f"the index of {candidate.location} slipped by {size}{when(candidate)}"
 
 
 EFFECT = Effect(

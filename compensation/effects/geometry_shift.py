@@ -10,8 +10,10 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     Scene,
+    plain,
     seconds_of_arc,
     tie,
+    when,
 )
 from armd.compensation.terms import After
 
@@ -61,8 +63,9 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     column, value = candidate.columns[0], float(amplitudes[0])
-    size = f"{value * 1e3:+.3g} µm" if column.unit == "mm" else seconds_of_arc(value)
-    return f"{column.name} of {candidate.location} differs by {size} from the calibration"
+    size = f"{plain(value * 1e3, 3, '+')} µm" if column.unit == "mm" else seconds_of_arc(value)
+    since = when(candidate).replace(" at ", " since ")
+    return f"{column.name} of {candidate.location} differs by {size} from the calibration{since}"
 
 
 EFFECT = Effect(

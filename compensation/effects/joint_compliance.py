@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, tie
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain, tie
 from armd.compensation.terms import GravityTorque
 
 
@@ -15,7 +15,9 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    return f"{candidate.location} twists by {abs(amplitudes[0]) * 1e6:.2g} µrad per Nm of gravity"
+    return (
+        f"{candidate.location} twists by {plain(abs(amplitudes[0]) * 1e6)} µrad per Nm of gravity"
+    )
 
 
 EFFECT = Effect(

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain
 from armd.compensation.effects.twist import link_vector, twist_weights
 from armd.compensation.gravity import STANDARD_GRAVITY, link_masses
 from armd.compensation.terms import Factor, GravityDirection, GravityMoment, Term
@@ -57,7 +57,7 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    return f"{candidate.location} bends by {abs(amplitudes[0]) * 1e6:.2g} µrad per Nm at its end"
+    return f"{candidate.location} bends by {plain(abs(amplitudes[0]) * 1e6)} µrad per Nm at its end"
 
 
 EFFECT = Effect(

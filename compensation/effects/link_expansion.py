@@ -9,6 +9,7 @@ from armd.compensation.effects.effect import (
     Effect,
     Scene,
     lengths,
+    plain,
     stylus,
     temperature,
     tie,
@@ -34,9 +35,8 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    return (
-        f"{candidate.location} expands by {amplitudes[0] * 1e6:+.2g} µm per metre and kelvin more"
-    )
+    more = plain(amplitudes[0] * 1e6, sign="+")
+    return f"{candidate.location} expands by {more} µm per metre and kelvin more"
 
 
 EFFECT = Effect(

@@ -4,7 +4,17 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from armd.compensation.effects.effect import ARC_SECOND, F64, Candidate, Column, Effect, Scene, tie
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    plain,
+    tie,
+    when,
+)
 from armd.compensation.terms import After, Time
 
 SHIFTS = ("base_x", "base_y", "base_z")
@@ -48,7 +58,7 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     shift = float(np.linalg.norm(amplitudes[:3])) * 1e3
     turn = float(np.linalg.norm(amplitudes[3:])) / ARC_SECOND
     how = "stepped by" if candidate.setting else "moves per hour by"
-    return f"the base {how} {shift:.2g} µm and {turn:.2g}″"
+    return f"the base {how} {plain(shift)} µm and {plain(turn)}″{when(candidate)}"
 
 
 EFFECT = Effect(

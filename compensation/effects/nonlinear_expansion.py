@@ -9,6 +9,7 @@ from armd.compensation.effects.effect import (
     Effect,
     Scene,
     lengths,
+    plain,
     temperature,
     tie,
 )
@@ -33,7 +34,7 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     order = int(candidate.setting[0][1])
     return (
         f"{candidate.location} at 5 K from the reference is "
-        f"{abs(amplitudes[0]) * 5.0**order * 1e6:.2g} µm per metre off the straight line"
+        f"{plain(abs(amplitudes[0]) * 5.0**order * 1e6)} µm per metre off the straight line"
     )
 
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, tie
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain, tie
 from armd.compensation.terms import Approach
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
@@ -41,7 +41,7 @@ def _deflection(name: str, response: F64) -> Column:
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     flat, bent = np.abs([amplitudes[0], amplitudes.sum()]) * 1e3
-    return f"the tip yields {bent:.2g} µm across the stylus and {flat:.2g} µm along it"
+    return f"the tip yields {plain(bent)} µm across the stylus and {plain(flat)} µm along it"
 
 
 EFFECT = Effect(

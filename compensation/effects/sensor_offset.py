@@ -5,7 +5,7 @@ Only a calibration made before can tell: a fit to the same sessions absorbs it i
 
 from collections.abc import Iterator
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain
 from armd.compensation.terms import Temperature, Term
 
 
@@ -34,7 +34,7 @@ def _derivative(term: Term, sensor: str) -> Iterator[Term]:
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     # what the model lacks is the true temperature minus the one read
-    return f"{candidate.location} reads {-amplitudes[0]:+.2g} K wrong"
+    return f"{candidate.location} reads {plain(-amplitudes[0], sign='+')} K wrong"
 
 
 EFFECT = Effect(

@@ -7,7 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, temperature, tie
+from armd.compensation.effects.effect import (
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    plain,
+    temperature,
+    tie,
+)
 from armd.compensation.effects.twist import link_vector, twist_weights
 
 TYPICAL_RAD_PER_M_K = 1.2e-4
@@ -58,7 +67,7 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     size = float(np.hypot(*amplitudes))
     warm, cold = candidate.depends_on
     return (
-        f"{candidate.location} bends by {size * 1e6:.2g} µrad per metre for each kelvin "
+        f"{candidate.location} bends by {plain(size * 1e6)} µrad per metre for each kelvin "
         f"between {warm} and {cold}"
     )
 

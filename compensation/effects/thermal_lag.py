@@ -9,6 +9,7 @@ from armd.compensation.effects.effect import (
     Effect,
     Scene,
     lengths,
+    plain,
     temperature,
     tie,
 )
@@ -84,7 +85,7 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
 
 
 def _minutes(candidate: Candidate) -> str:
-    return f"{candidate.setting[0][1] / 60.0:.2g} min"
+    return f"{plain(candidate.setting[0][1] / 60.0)} min"
 
 
 EFFECT = Effect(

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, tie
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain, tie
 from armd.compensation.terms import Rate
 
 
@@ -16,7 +16,7 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    return f"the angle of {candidate.location} is {abs(amplitudes[0]) * 1e6:.2g} µs out of step"
+    return f"the angle of {candidate.location} is {plain(abs(amplitudes[0]) * 1e6)} µs out of step"
 
 
 EFFECT = Effect(

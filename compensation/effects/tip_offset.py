@@ -2,7 +2,16 @@
 
 from collections.abc import Iterator
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, tie
+from armd.compensation.effects.effect import (
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    Scene,
+    plain,
+    tie,
+    when,
+)
 from armd.compensation.terms import After
 
 TYPICAL_MM = 20e-3
@@ -36,8 +45,8 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    x, y, z = amplitudes * 1e3
-    return f"the tip has moved by ({x:+.3g}, {y:+.3g}, {z:+.3g}) µm in the last frame"
+    moved = ", ".join(plain(value, 3, "+") for value in amplitudes * 1e3)
+    return f"the tip has moved by ({moved}) µm in the last frame{when(candidate)}"
 
 
 EFFECT = Effect(
