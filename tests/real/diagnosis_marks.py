@@ -38,9 +38,9 @@ UR10_MM = {"A": 0.11, "B": 0.15, "C": 0.11}
 JOINTS = {"joint 1", "joint 2", "joint 3"}
 #: Causes of which the Kinova's readings, without times and rates, hold no evidence.
 UNTIMED = {"joint_backlash", "time_skew", "encoder_slip", "mount_drift", "geometry_shift"}
-#: A joint's curve is carried to another series where that many of its readings stand at angles
-#: at which the joint stood before, within so many degrees.
-LEAST_SHARE, NEAR_DEG = 0.3, 3
+#: A curve knows an angle if its joint stood within so many degrees of it in so many readings. It
+#: is carried to another series if it knows this share of the angles there.
+NEAR_DEG, LEAST_READINGS, LEAST_SHARE = 3, 10, 0.3
 SPINDLE = ("disp1_um", "disp2_um", "disp3_um", "disp4_um", "disp5_um")
 
 
@@ -99,7 +99,7 @@ def _transfers(
 ) -> list[str]:
     """Curves found on one series, unchanged, on another; only its constants are identified anew.
 
-    Judged where the joints concerned stood in both series: elsewhere a curve knows nothing.
+    Judged where the curves know the angles: elsewhere they were never told anything.
     """
     missed = []
     table = Table(
@@ -113,10 +113,10 @@ def _transfers(
             curves, own = _curves(one.extended), _curves(other.extended)
             seen = {k: trains[source].states.q[:, k - 1] for k in curves}
             joints = [
-                k for k, q in seen.items() if _near(trains[series], k, q).mean() > LEAST_SHARE
+                k for k, q in seen.items() if _known(trains[series], k, q).mean() > LEAST_SHARE
             ]
             train, heldout = (
-                rows_of(s, np.all([_near(s, k, seen[k]) for k in joints], axis=0))
+                rows_of(s, np.all([_known(s, k, seen[k]) for k in joints], axis=0))
                 for s in (trains[series], heldouts[series])
             )
             carried = [curves[k] for k in joints]
@@ -156,16 +156,17 @@ def _other_pose_terms(calibration: Calibration) -> list[Term]:
     ]
 
 
-def _near(session: Session, joint: int, seen_rad: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
-    """(n,) readings at which a joint stands near an angle where it was seen, turns aside."""
-    turn = np.zeros(360, dtype=bool)
+def _known(
+    session: Session, joint: int, seen_rad: npt.NDArray[np.float64]
+) -> npt.NDArray[np.bool_]:
+    """(n,) readings at which a joint stands where it was often *seen* before, turns aside."""
+    times = np.zeros(360, dtype=np.int64)
     at = np.round(np.degrees(seen_rad)).astype(int)
     for shift in range(-NEAR_DEG, NEAR_DEG + 1):
-        turn[(at + shift) % 360] = True
-    near: npt.NDArray[np.bool_] = turn[
-        np.round(np.degrees(session.states.q[:, joint - 1])).astype(int) % 360
-    ]
-    return near
+        np.add.at(times, (at + shift) % 360, 1)
+    here = np.round(np.degrees(session.states.q[:, joint - 1])).astype(int) % 360
+    known: npt.NDArray[np.bool_] = times[here] >= LEAST_READINGS
+    return known
 
 
 def _with_terms(
@@ -241,8 +242,7 @@ def main() -> int:
         missed = ur10(folder / "ur10", console)
         missed += kinova(folder / "dinova_1", console)
     missed += spindle(source / "spindle_thermal" / "readings.csv", console)
-    for line in missed:
-        console.print(f"missed: {line}")
+    console.print("missed: " + ", ".join(missed) if missed else "reached")
     return 1 if missed else 0
 
 
