@@ -18,6 +18,9 @@ from armd.compensation.effects.effect import Candidate, plain
 
 F64 = npt.NDArray[np.float64]
 
+#: Causes whose amplitude is per weight carried.
+OF_WEIGHT = ("joint_compliance", "link_bending")
+
 
 def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
     """The whole result as plain data."""
@@ -138,8 +141,11 @@ def reading_of(diagnosis: Diagnosis, index: int) -> str:
     if is_curve(candidate):
         rms, _, order = curve_size(diagnosis, index)
         return encoder_periodic.curve_reading(candidate.location, rms, order)
-    effect = CATALOGUE[diagnosis.found[index].candidate.cause]
-    return effect.reading(candidate, diagnosis.search.last.amplitudes[index])
+    cause = diagnosis.found[index].candidate.cause
+    text = CATALOGUE[cause].reading(candidate, diagnosis.search.last.amplitudes[index])
+    if cause in OF_WEIGHT and any(joint.mass_kg is None for joint in diagnosis.arm.joint):
+        text += " (masses that arm.toml does not give are assumed)"
+    return text
 
 
 def parameters_of(diagnosis: Diagnosis, index: int) -> list[dict[str, str | float]]:

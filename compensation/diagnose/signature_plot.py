@@ -2,7 +2,8 @@
 
 An effect on one parameter that depends on one variable (a joint's angle error over its angle) is
 drawn in the parameter's own unit: fitted effect plus what is left, reading by reading. Any other
-is drawn in µm at the tip, along the effect's own direction.
+is drawn in µm at the tip, along the effect's own direction; over the fitted effect itself where
+it depends on several variables: readings that bear it out follow the line.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from armd.compensation import parameters
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.signatures import compile_candidates
 from armd.compensation.effects.effect import ARC_SECOND, Candidate
-from armd.compensation.report.page import MOST_POINTS
+from armd.compensation.report.page import COLOURS, MOST_POINTS
 
 F64 = npt.NDArray[np.float64]
 
@@ -26,26 +27,33 @@ LEAST_LEVER = 0.3
 
 
 def signature_plot(diagnosis: Diagnosis, index: int) -> go.Figure:
-    """Residuals against the variable that matters, with the fitted effect over them."""
+    """What the readings show of a finding, with the fitted effect over it."""
     candidate = diagnosis.search.last.findings[index]
     moved = {term.parameter for column in candidate.columns for term in column.terms}
     steady = all(column.artefact is None for column in candidate.columns)
-    if len(moved) == 1 and len(candidate.depends_on) == 1 and steady:
-        x, points, line, title = _in_the_parameter(diagnosis, index, next(iter(moved)))
-    else:
-        x, points, line, title = _at_the_tip(diagnosis, index)
     name, values = _variable(diagnosis, candidate)
-    values = values[x]
+    if len(candidate.depends_on) > 1:
+        _, points, line, title = _at_the_tip(diagnosis, index)
+        figure = _figure(line, points, line, "fitted effect at the tip, µm", title)
+        figure.add_scatter(
+            **_means(line, points), name="readings, means", marker={"color": COLOURS[2]}
+        )
+        return figure
+    if len(moved) == 1 and candidate.depends_on and steady:
+        rows, points, line, title = _in_the_parameter(diagnosis, index, next(iter(moved)))
+    else:
+        rows, points, line, title = _at_the_tip(diagnosis, index)
+    return _figure(values[rows], points, line, name, title)
+
+
+def _figure(values: F64, points: F64, line: F64, name: str, title: str) -> go.Figure:
     shown = np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(int)
     figure = go.Figure()
     figure.add_scatter(
         x=values[shown], y=points[shown], mode="markers", name="readings, all else taken off",
         marker={"size": 4, "opacity": 0.35},
     )  # fmt: skip
-    figure.add_scatter(
-        **_fitted(values, line, single=len(candidate.depends_on) == 1), name="fitted effect",
-        line={"width": 2.5},
-    )  # fmt: skip
+    figure.add_scatter(**_fitted(values, line), name="fitted effect", line={"width": 2.5})
     figure.update_xaxes(title=name)
     figure.update_yaxes(title=title, range=_range_of(points, line))
     figure.update_layout(legend={"orientation": "h", "y": 1.08})
@@ -92,18 +100,24 @@ def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[npt.NDArray[np.int64]
     return rows, 1e3 * before * sign, 1e3 * size * sign, "correction at the tip, along it, µm"
 
 
-def _fitted(values: F64, line: F64, single: bool) -> dict[str, object]:
-    """The effect over its variable: a curve where it depends on that alone, else means of bins."""
+def _fitted(values: F64, line: F64) -> dict[str, object]:
+    """The effect over its variable: a curve, broken where nothing was measured."""
+    if len(np.unique(values)) <= BINS:
+        return _means(values, line)
     order = np.argsort(values, kind="stable")
-    if single and len(np.unique(values)) > BINS:
-        thin = order[np.linspace(0, len(order) - 1, min(len(order), MOST_POINTS)).astype(int)]
-        gaps = np.flatnonzero(np.diff(values[thin]) > np.ptp(values) / BINS) + 1
-        x, y = np.insert(values[thin], gaps, np.nan), np.insert(line[thin], gaps, np.nan)
-        return {"x": x, "y": y, "mode": "lines"}
+    thin = order[np.linspace(0, len(order) - 1, min(len(order), MOST_POINTS)).astype(int)]
+    gaps = np.flatnonzero(np.diff(values[thin]) > np.ptp(values) / BINS) + 1
+    x, y = np.insert(values[thin], gaps, np.nan), np.insert(line[thin], gaps, np.nan)
+    return {"x": x, "y": y, "mode": "lines"}
+
+
+def _means(values: F64, points: F64) -> dict[str, object]:
+    """Means of so many readings each, in the order of the variable."""
+    order = np.argsort(values, kind="stable")
     groups = np.array_split(order, min(BINS, max(len(order) // 5, 1)))
     x = np.array([float(values[group].mean()) for group in groups])
-    y = np.array([float(line[group].mean()) for group in groups])
-    return {"x": x, "y": y, "mode": "lines+markers"}
+    y = np.array([float(points[group].mean()) for group in groups])
+    return {"x": x, "y": y, "mode": "markers"}
 
 
 def _range_of(points: F64, line: F64) -> list[float]:
