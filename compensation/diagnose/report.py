@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -14,12 +13,8 @@ from armd.compensation.diagnose.signature_plot import signature_plot
 from armd.compensation.effects.effect import ARC_SECOND, clock
 from armd.compensation.report.page import Page
 
-#: With more groups of readings than this a table of them is no help.
-MOST_GROUPS = 40
 #: Units in which a person reads amplitudes.
 SMALL = {"rad": (1.0 / ARC_SECOND, "″"), "mm": (1e3, "µm")}
-#: Rests whose mean says where a target stood.
-LEAST_PART = 3
 
 
 def diagnosis_report(diagnosis: Diagnosis, result: dict[str, Any]) -> str:
@@ -185,39 +180,25 @@ def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> Non
             ["slow drift of the base, each axis", f"{um(noise.drift_mm * 1e3)} µm"],
         ],
     )
-    groups = list(_groups(diagnosis))
-    if 1 < len(groups) <= MOST_GROUPS:
+    if len(unexplained["by_target"]) > 1:
         page.table(
             ["placement", "target", "rests", "left, 3-D RMS µm", "largest step, µm", "after rest"],
-            groups,
+            [
+                [
+                    one["placement"],
+                    one["target"],
+                    one["rests"],
+                    um(one["rms_um"]),
+                    um(one["step_um"]) if one["after"] else "",
+                    one["after"] or "",
+                ]
+                for one in unexplained["by_target"]
+            ],
         )
         page.text(
             "Step: how far the mean of the first so many rests at a target stands from that of the "
             "others. One much larger than what is left says that seat, artefact or arm moved."
         )
-
-
-def _groups(diagnosis: Diagnosis) -> Iterator[list[object]]:
-    """What is left of each placement's readings at each target."""
-    last = diagnosis.search.last
-    observations = last.linear.rests.observations
-    left = 1e3 * (last.raw_residual - last.fitted)[: 3 * observations.n].reshape(-1, 3)
-    pairs = np.stack([observations.placement, observations.target], axis=1)
-    for placement, target in np.unique(pairs, axis=0):
-        own = left[(pairs == (placement, target)).all(axis=1)]
-        steps = {
-            after: float(np.linalg.norm(own[after:].mean(axis=0) - own[:after].mean(axis=0)))
-            for after in range(LEAST_PART, len(own) - LEAST_PART + 1)
-        }
-        largest = max(steps, key=lambda after: steps[after], default=None)
-        yield [
-            observations.placement_names[placement],
-            observations.target_names[target],
-            len(own),
-            um(float(np.sqrt((own**2).sum(axis=1).mean()))),
-            "" if largest is None else um(steps[largest]),
-            "" if largest is None else largest,
-        ]
 
 
 def _cannot_tell(page: Page, result: dict[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.fit import is_curve
 from armd.compensation.diagnose.gain import Gain
+from armd.compensation.diagnose.leftover import Leftover, leftovers, steps
 from armd.compensation.diagnose.next import next_experiment
 from armd.compensation.diagnose.search import Found
 from armd.compensation.effects import encoder_periodic
@@ -18,6 +20,8 @@ from armd.compensation.effects.effect import Candidate, plain
 
 F64 = npt.NDArray[np.float64]
 
+#: With more placements and targets than this a list of them is no help.
+MOST_TARGETS = 40
 #: Causes whose amplitude is per weight carried.
 OF_WEIGHT = ("joint_compliance", "link_bending")
 
@@ -47,6 +51,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "depends_on": list(diagnosis.search.remaining_depends_on)
             if diagnosis.significant_rest
             else [],
+            "by_target": [asdict(one) for one in _few(leftovers(diagnosis.search.last))],
         },
         "verdict": verdict(diagnosis),
         "cannot_tell": [
@@ -64,7 +69,7 @@ def verdict(diagnosis: Diagnosis) -> str:
     shown = [gain.shown for gain in diagnosis.gains]
     if not shown:
         sentences.append("No cause was found.")
-    elif not any(shown):
+    elif not any(shown) or diagnosis.gains[-1].after_um >= diagnosis.gains[0].before_um:
         sentences.append(
             f"{_count(len(shown), 'finding')}, but held-out readings do not improve beyond doubt: "
             "leads to follow, no reason yet to run the extended calibration."
@@ -83,7 +88,17 @@ def verdict(diagnosis: Diagnosis) -> str:
         sentences.append(f"Something significant is left; it goes with {on}.")
     elif not shown and not diagnosis.outliers:
         sentences.append("The residuals are what the noise makes of them.")
+    sentences += [
+        f"At {one.placement}, {one.target}, the first {one.after} rests stand {um(one.step_um)} µm "
+        f"from the other {one.rests - one.after}: seat, artefact or arm moved between."
+        for one in steps(leftovers(diagnosis.search.last))
+    ]
     return " ".join(sentences)
+
+
+def _few(of: list[Leftover]) -> list[Leftover]:
+    """None where there are too many to read."""
+    return of if len(of) <= MOST_TARGETS else []
 
 
 def um(value: float) -> str:

@@ -44,7 +44,10 @@ def seats(folder: Path) -> tuple[Arm, Session, Rests]:
 def test_backlash_is_not_named_without_its_evidence(folder: Path) -> None:
     console = Console(width=300, record=True)
     assert diagnosis_marks.kinova(folder, console) == []
-    assert "joint_backlash cannot be told; it needs joint rates" in console.export_text()
+    text = console.export_text()
+    assert "joint_backlash cannot be told; it needs joint rates" in text
+    # One seat's first readings stand a centimetre from its others: no cause, but worth saying.
+    assert "hole_0, the first 7 rests stand" in text
 
 
 def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session, Rests]) -> None:
