@@ -66,27 +66,25 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
 def verdict(diagnosis: Diagnosis) -> str:
     """What came of it, in a sentence or two."""
     sentences = []
-    shown = [gain.shown for gain in diagnosis.gains]
-    if not shown:
+    gains = diagnosis.gains
+    doubtful = ", ".join(str(i) for i, gain in enumerate(gains, 1) if not gain.shown)
+    if not gains:
         sentences.append("No cause was found.")
-    elif not any(shown) or diagnosis.gains[-1].after_um >= diagnosis.gains[0].before_um:
-        sentences.append(
-            f"{_count(len(shown), 'finding')}, but held-out readings do not improve beyond doubt: "
-            "leads to follow, no reason yet to run the extended calibration."
-        )
     else:
-        before, after = um(diagnosis.gains[0].before_um), um(diagnosis.gains[-1].after_um)
+        before, after = gains[0].before_um, gains[-1].after_um
+        better = after < before and any(gain.shown for gain in gains)
         sentences.append(
-            f"{_count(len(shown), 'finding')}; with the extended model held-out readings err by "
-            f"{after} µm instead of {before} µm (3-D RMS)."
+            f"{len(gains)} finding{'' if len(gains) == 1 else 's'}; with the extended model "
+            f"held-out readings err by {um(after)} µm instead of {um(before)} µm (3-D RMS)."
         )
-        if not all(shown):
-            doubtful = ", ".join(str(i) for i, yes in enumerate(shown, 1) if not yes)
-            sentences.append(f"They do not bear out findings {doubtful}: leads, not facts.")
+        if not better:
+            sentences.append("That is no reason yet to run the extended calibration.")
+        if doubtful:
+            sentences.append(f"Held-out readings do not bear out {doubtful}: leads, not facts.")
     if diagnosis.significant_rest:
         on = ", ".join(diagnosis.search.remaining_depends_on) or "nothing that was recorded"
         sentences.append(f"Something significant is left; it goes with {on}.")
-    elif not shown and not diagnosis.outliers:
+    elif not gains and not diagnosis.outliers:
         sentences.append("The residuals are what the noise makes of them.")
     sentences += [
         f"At {one.placement}, {one.target}, the first {one.after} rests stand {um(one.step_um)} µm "
@@ -104,10 +102,6 @@ def _few(of: list[Leftover]) -> list[Leftover]:
 def um(value: float) -> str:
     """Micrometres as a person writes them: three digits, no exponent."""
     return plain(value, 3)
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def needs_of(cause: str) -> str:

@@ -15,7 +15,7 @@ from rich.table import Table
 from armd.compensation.arm import load_arm
 from armd.compensation.calibration import load_calibration, save_calibration
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
-from armd.compensation.diagnose.result import as_json, place_of
+from armd.compensation.diagnose.result import as_json
 from armd.compensation.session import load_session
 from armd.files import write_whole
 
@@ -82,25 +82,25 @@ def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
         f"the noise alone: {diagnosis.noise_floor_um:.2f} µm"
     )
     if findings:
-        table = Table("cause", "where", "probability", "held-out RMS, µm", "reading")
-        for finding in findings:
+        table = Table("", "cause", "where", "probability", "held-out RMS, µm")
+        for number, finding in enumerate(findings, 1):
             gain = finding["gain"]
             doubt = "" if gain["shown"] else " (not borne out)"
             table.add_row(
-                str(finding["cause"]),
-                str(finding["location"]),
+                str(number),
+                finding["cause"],
+                finding["location"],
                 f"{finding['probability']:.3f}",
                 f"{gain['heldout_rms_um_before']:.2f} → {gain['heldout_rms_um_after']:.2f}{doubt}",
-                str(finding["reading"]),
             )
         console.print(table)
-        for found in diagnosis.found:
-            if found.rivals:
-                rivals = ", ".join(
-                    f"{r.candidate.cause} {place_of(r.candidate)} ({r.probability:.2f})"
-                    for r in found.rivals
-                )
-                console.print(f"{found.candidate.cause}: could also be {rivals}")
+        for number, finding in enumerate(findings, 1):
+            rivals = ", ".join(
+                f"{a['cause']} {a['location']} ({a['probability']:.2f})"
+                for a in finding["alternatives"]
+            )
+            also = f"; could also be {rivals}" if rivals else ""
+            console.print(f"{number}: {finding['reading']}{also}")
     console.print(result["verdict"])
     if result["cannot_tell"]:
         untold = ", ".join(row["cause"] for row in result["cannot_tell"])

@@ -198,7 +198,7 @@ def kinova(folder: Path, console: Console) -> list[str]:
     seconds = time.monotonic() - started
     console.print(f"Kinova, {diagnosis.rms_um / 1e3:.2f} mm, {seconds:.0f} s. {verdict(diagnosis)}")
     _findings("Kinova", diagnosis, console)
-    for cause in UNTIMED:
+    for cause in sorted(UNTIMED):
         if cause in diagnosis.search.untold:
             console.print(f"Kinova: {cause} cannot be told; it needs {needs_of(cause)}")
     named = {f.candidate.cause for f in diagnosis.found}
