@@ -111,20 +111,28 @@ class CanDriver:
         due_ns = min(deadline_ns, self._line.act_ns)
         if self._config.sync == "producer":
             due_ns = min(due_ns, max(self._sync_due_ns, now_ns + HELD_SYNC_NS))
+        received: list[Item] = []  # what came before a fault has come
+        broken: BusFault | None = None
         try:
-            items += self._receive(network, (due_ns - now_ns) / 1e9)
+            self._receive(network, (due_ns - now_ns) / 1e9, received)
         except BusFault as fault:
-            self._hang_up()
-            return [*items, *self._line.lost("bus_fault", str(fault), time.monotonic_ns())]
+            broken = fault
+        items += self._line.heard(self._decoder.last_heard_ns, received)
         now_ns = time.monotonic_ns()
+        if broken is not None:
+            self._hang_up()
+            return [*items, *self._line.lost("bus_fault", str(broken), now_ns)]
         if now_ns >= self._line.act_ns:
             self._hang_up()
             items += self._line.silent(now_ns)
         return items
 
-    def _receive(self, network: OwnNetwork, timeout_s: float) -> list[Item]:
-        """Frames until there are none, then SYNC: so no answer waits unread when it goes out."""
-        items = self._feed_sent(network)
+    def _receive(self, network: OwnNetwork, timeout_s: float, items: list[Item]) -> None:
+        """Frames until there are none, then SYNC: so no answer waits unread when it goes out.
+
+        What they complete is added to *items*. Raises `BusFault`.
+        """
+        items += self._feed_sent(network)
         frame = network.receive(max(0.0, min(timeout_s, SLICE_S)))
         for _ in range(BURST):
             if frame is None:
@@ -136,7 +144,6 @@ class CanDriver:
             if message.identifier & ~0x7F == SDO_REPLY_BASE:
                 network.notify(message.identifier, bytearray(message.data), 0.0)
             frame = network.receive(0.0)
-        return self._line.heard(self._decoder.last_heard_ns, items)
 
     def _sync_if_due(self, network: OwnNetwork) -> None:
         now_ns = time.monotonic_ns()
