@@ -14,14 +14,21 @@ from armd.simulator.truth.rotations import Motion
 
 @dataclass(frozen=True)
 class KnockedJoint(Effect):
-    """The link is turned and shifted once and for all, in the frame that turns with its joint."""
+    """The link slipped on its joint's hub (turn about z) and is bent or shifted at its end, once
+    and for all, in the frame that turns with its joint."""
 
     joint: int
     turn_rad: tuple[float, float, float]
     shift_mm: tuple[float, float, float]
 
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
+        if joint != self.joint:
+            return None
+        n = len(posture.tip)
+        return Motion(np.tile((0.0, 0.0, self.turn_rad[2]), (n, 1)), np.zeros((n, 3)))
+
     def link(self, link: int, posture: Posture, conditions: Conditions) -> Motion | None:
         if link != self.joint:
             return None
         n = len(posture.tip)
-        return Motion(np.tile(self.turn_rad, (n, 1)), np.tile(self.shift_mm, (n, 1)))
+        return Motion(np.tile((*self.turn_rad[:2], 0.0), (n, 1)), np.tile(self.shift_mm, (n, 1)))
