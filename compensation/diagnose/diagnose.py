@@ -10,13 +10,15 @@ import numpy.typing as npt
 
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration
+from armd.compensation.diagnose.account import Found
 from armd.compensation.diagnose.baseline import Baseline, from_calibration
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.diagnose.gain import Gain, cross_validate, gains, groups_of
 from armd.compensation.diagnose.outliers import find_outliers
 from armd.compensation.diagnose.problem import Rests, gather_rests
-from armd.compensation.diagnose.search import ALPHA, Found, Progress, Result, Search
+from armd.compensation.diagnose.search import Progress, Result, Search
+from armd.compensation.diagnose.threshold import ALPHA
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import Evaluation, evaluate
 from armd.compensation.session import Session
@@ -90,7 +92,7 @@ def diagnose(
         squares, groups, within = _held_out(result, baseline, arm, sessions, holdout)
         kept = within if outliers else np.ones(len(groups), dtype=bool)
     else:
-        checked = cross_validate(last, result.tests, ALPHA)
+        checked = cross_validate(result, arm, progress)
         squares, groups = checked.squares, checked.groups
     if outliers:
         squares = [*squares, squares[-1]]

@@ -6,23 +6,29 @@ cost a few matrix products, and any column may be taken out of the model again w
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
 from armd.compensation.diagnose.noise import Absorbing, Noise
 from armd.compensation.diagnose.problem import Linear
 from armd.compensation.diagnose.signatures import Signatures
+from armd.compensation.effects.effect import Candidate
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 #: A candidate of which less than this share of its squared norm survives projection is absorbed.
 ABSORBED = 1e-6
+#: Weight of nothing, beside columns of unit length.
+HELD = 1e-12
 #: Amplitudes may be this many times their typical size, with these probabilities.
 SCALES = {1.0: 0.6, 5.0: 0.3, 50.0: 0.1}
 #: What the catalogue does not know gets this prior share.
@@ -43,8 +49,6 @@ class Sums:
     xr: F64  # (K,)
     xx: dict[int, tuple[I64, F64]]  # columns per candidate → candidates, (c, m, m)
     rr: float
-    bd: F64  # (b, R) with simulated noise
-    xd: F64  # (K, R)
 
 
 def add_up(
@@ -53,18 +57,16 @@ def add_up(
     residual: F64,
     absorbing: Absorbing,
     signatures: Signatures,
-    draws: F64 | None = None,
 ) -> Sums:
-    """One pass over the rows. *draws* (N, R) is whitened simulated noise."""
+    """One pass over the rows."""
     white_b = noise.whiten(absorbing.columns)
     scale = np.sqrt((white_b**2).sum(axis=0))
     scale[scale == 0.0] = 1.0
     white_b /= scale
     white_r = noise.whiten(residual)
     white_j = np.ascontiguousarray(noise.whiten(linear.jacobian.T).T)
-    draws = np.zeros((len(residual), 0)) if draws is None else draws
     k = signatures.n_columns
-    bx, xr, xd = np.empty((len(scale), k)), np.empty(k), np.empty((k, draws.shape[1]))
+    bx, xr = np.empty((len(scale), k)), np.empty(k)
     xx = {
         int(m): (np.flatnonzero(signatures.count == m), np.empty(0))
         for m in np.unique(signatures.count)
@@ -76,7 +78,7 @@ def add_up(
         )
         x = signatures.block(linear, white_j, columns, noise)
         at = slice(columns.start, columns.stop)
-        bx[:, at], xr[at], xd[at] = white_b.T @ x, white_r @ x, x.T @ draws
+        bx[:, at], xr[at] = white_b.T @ x, white_r @ x
         for m, (members, _) in xx.items():
             inside = members[(members >= low) & (members < high)]
             which = signatures.first[inside][:, None] + np.arange(m) - columns.start
@@ -92,8 +94,6 @@ def add_up(
         xr,
         {m: (members, np.concatenate(blocks[m])) for m, (members, _) in xx.items()},
         float(white_r @ white_r),
-        white_b.T @ draws,
-        xd,
     )
 
 
@@ -120,7 +120,12 @@ class Scores:
     freedom: I64  # (C,) rank after projection; 0: absorbed
     log_p: F64  # (C,)
     log_evidence: F64  # (C,) log Bayes factor against nothing, prior not included
-    least_log_p: F64  # (R,) of the simulated noise: smallest over all candidates
+
+    @cached_property
+    def _log_weight(self) -> F64:
+        """(C,) log of evidence × prior."""
+        weighted: F64 = self.log_evidence + _log_prior(self)
+        return weighted
 
     def without(self, held: npt.NDArray[np.bool_]) -> Scores:
         """With the candidates *held* (C,) counted as absorbed."""
@@ -139,9 +144,13 @@ class Scores:
 
     def log_posterior(self) -> F64:
         """(C,) log of evidence × prior, normalised over the candidates: which one, if one."""
-        weighted = self.log_evidence + _log_prior(self)
-        normalised: F64 = weighted - logsumexp(weighted)
+        normalised: F64 = self._log_weight - self.log_total
         return normalised
+
+    @cached_property
+    def log_total(self) -> float:
+        """Log of the sum of evidence × prior over the candidates."""
+        return float(logsumexp(self._log_weight))
 
     def places(self) -> dict[tuple[str, str], float]:
         """Posterior probability of every (cause, location)."""
@@ -159,10 +168,8 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
     factor = inverse_factor(sums.bb[np.ix_(keep, keep)] + np.diag(sums.ridge[keep]))
     t = factor.T @ sums.bx[keep]  # (r, K)
     u = sums.xr - t.T @ (factor.T @ sums.br[keep])
-    ud = sums.xd - t.T @ (factor.T @ sums.bd[keep])
     n = len(sums.signatures.candidates)
     statistic, freedom, evidence = np.zeros(n), np.zeros(n, dtype=np.int64), np.zeros(n)
-    least = np.zeros(ud.shape[1])
     for m, (members, raw) in sums.xx.items():
         which = sums.signatures.first[members][:, None] + np.arange(m)
         size = np.sqrt(np.einsum("cii->ci", raw))
@@ -176,15 +183,26 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
         with_root = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
         statistic[members] = ((turned * with_root) ** 2).sum(axis=1)
         freedom[members] = kept.sum(axis=1)
-        evidence[members] = _evidence(gram, u[which] / size, sums.signatures.typical[which] * size)
-        simulated = np.einsum("cij,cir->cjr", vectors, ud[which] / size[:, :, None])
-        simulated = ((simulated * with_root[:, :, None]) ** 2).sum(axis=1)
-        log_p = _log_tail(simulated, np.maximum(freedom[members], 1)[:, None])
-        log_p[freedom[members] == 0] = 0.0
-        least = np.minimum(least, log_p.min(axis=0, initial=0.0))
+        typical = sums.signatures.typical[which] * size
+        reach = sums.signatures.reach[which]
+        evidence[members] = _evidence(gram, u[which] / size, typical, reach)
     log_p = np.where(freedom > 0, _log_tail(statistic, np.maximum(freedom, 1)), 0.0)
     evidence[freedom == 0] = -np.inf
-    return Scores(sums.signatures, statistic, freedom, log_p, evidence, least)
+    return Scores(sums.signatures, statistic, freedom, log_p, evidence)
+
+
+def estimates(sums: Sums) -> list[F64]:
+    """Amplitudes of each candidate, alone beside what absorbs."""
+    factor = inverse_factor(sums.bb + np.diag(sums.ridge))
+    t = factor.T @ sums.bx
+    u = sums.xr - t.T @ (factor.T @ sums.br)
+    found: list[F64] = [np.empty(0)] * len(sums.signatures.candidates)
+    for members, raw in sums.xx.values():
+        for i, gram in zip(members, raw, strict=True):
+            own = sums.signatures.columns_of(int(i))
+            clear = gram - t[:, own].T @ t[:, own]
+            found[i] = -np.linalg.pinv(clear, rcond=ABSORBED, hermitian=True) @ u[own]
+    return found
 
 
 def _log_tail(statistic: F64, freedom: I64) -> F64:
@@ -192,19 +210,33 @@ def _log_tail(statistic: F64, freedom: I64) -> F64:
     return np.asarray(chi2.logsf(statistic, freedom), dtype=np.float64)
 
 
-def inverse_factor(matrix: F64, least: float = 1e-10) -> F64:
-    """F (b, r) with F Fᵀ the pseudo-inverse of a symmetric *matrix* of columns of unit length."""
+def inverse_factor(matrix: F64) -> F64:
+    """F (b, b) with F Fᵀ the inverse of a symmetric *matrix* of columns of unit length.
+
+    Directions of which it knows nothing (gauges) are held so softly that they clear as they should.
+    """
+    held = matrix + HELD * np.eye(len(matrix))
+    lower = np.linalg.cholesky(held)
+    inverse: F64 = solve_triangular(lower, np.eye(len(held)), lower=True, check_finite=False)
+    return inverse.T
+
+
+def pseudo_inverse_factor(matrix: F64, least: float = 1e-13) -> F64:
+    """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
+
+    Relative to the largest eigenvalue, *least* is still knowledge.
+    """
     values, vectors = np.linalg.eigh(matrix)
     kept = values > least * max(float(values.max(initial=0.0)), 1e-300)
     factor: F64 = vectors[:, kept] / np.sqrt(values[kept])
     return factor
 
 
-def _evidence(gram: F64, side: F64, typical: F64) -> F64:
+def _evidence(gram: F64, side: F64, typical: F64, reach: F64) -> F64:
     """(c,) log Bayes factors, amplitudes a priori normal about zero with the catalogue's size."""
     logs = []
     for scale, share in SCALES.items():
-        prior = scale * typical
+        prior = np.minimum(scale, reach) * typical
         g = gram * prior[:, :, None] * prior[:, None, :] + np.eye(gram.shape[1])
         b = side * prior
         solved = np.linalg.solve(g, b[:, :, None])[:, :, 0]
@@ -215,20 +247,26 @@ def _evidence(gram: F64, side: F64, typical: F64) -> F64:
 
 
 def _log_prior(scores: Scores) -> F64:
-    """Uniform over causes, then places, then the grid; those absorbed do not take part."""
-    candidates = scores.signatures.candidates
-    alive = scores.freedom > 0
-    grid: dict[tuple[str, str], int] = {}
-    for candidate, lives in zip(candidates, alive, strict=True):
-        if lives:
-            grid[candidate.place] = grid.get(candidate.place, 0) + 1
-    places: dict[str, int] = {}
-    for cause, _ in grid:
-        places[cause] = places.get(cause, 0) + 1
+    """Uniform over causes, then places, then kinds, then the grid; those absorbed take no part.
+
+    A constant that shifted once is one kind, its step at one of forty instants another: a fine
+    grid must not make its place's plain kinds improbable.
+    """
+    alive = np.flatnonzero(scores.freedom > 0)
+    kinds = [_kind(scores.signatures.candidates[i]) for i in alive]
+    grid = Counter(kinds)
+    of_place = Counter((cause, location) for cause, location, *_ in grid)
+    places = Counter(cause for cause, _ in of_place)
     named = max(len(places) - ("unknown" in places), 1)
-    prior = np.full(len(candidates), -np.inf)
-    for i, candidate in enumerate(candidates):
-        if alive[i]:
-            share = UNKNOWN_PRIOR if candidate.cause == "unknown" else (1 - UNKNOWN_PRIOR) / named
-            prior[i] = np.log(share / (places[candidate.cause] * grid[candidate.place]))
+    prior = np.full(len(scores.freedom), -np.inf)
+    for i, kind in zip(alive, kinds, strict=True):
+        cause, location, *_ = kind
+        share = UNKNOWN_PRIOR if cause == "unknown" else (1 - UNKNOWN_PRIOR) / named
+        prior[i] = np.log(share / (places[cause] * of_place[cause, location] * grid[kind]))
     return prior
+
+
+def _kind(candidate: Candidate) -> tuple[str, ...]:
+    """What candidates share that differ in the value of a setting only."""
+    columns = (column.name for column in candidate.columns)
+    return (*candidate.place, *columns, *(name for name, *_ in candidate.setting))

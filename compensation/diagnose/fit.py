@@ -14,7 +14,7 @@ from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.diagnose import noise as noise_model
 from armd.compensation.diagnose.baseline import Baseline, moved, scaled
-from armd.compensation.diagnose.evidence import inverse_factor
+from armd.compensation.diagnose.evidence import pseudo_inverse_factor
 from armd.compensation.diagnose.noise import Absorbing, Noise
 from armd.compensation.diagnose.problem import Linear, ModelState, Rests, linearise
 from armd.compensation.diagnose.signatures import compile_candidates
@@ -85,7 +85,7 @@ class Fit:
         white, scale, gram = self.white
         variance = _with_gauge(self.absorbing.variance, self.layout)[keep]
         ridge = np.diag(1.0 / (variance * scale[keep] ** 2))
-        factor = inverse_factor(gram[np.ix_(keep, keep)] + ridge, 1e-13)
+        factor = pseudo_inverse_factor(gram[np.ix_(keep, keep)] + ridge)
         side = (white.T @ self.noise.whiten(moves))[keep]
         taken = self.absorbing.columns[:, keep] @ (factor @ (factor.T @ side) / scale[keep])
         net: F64 = (moves - taken)[: 3 * self.linear.rests.n].reshape(-1, 3)
@@ -184,6 +184,27 @@ def fit(
     )
 
 
+def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Arm) -> Fit:
+    """The linear problem of a fit with other findings and another noise; nothing else moves."""
+    columns = finding_columns(known.linear, findings, arm)
+    sizes = [CURVE_SCALE] * len(findings)
+    absorbing, layout = _absorbing(known.linear, arm, known.baseline, findings, columns, sizes)
+    absorbing, _ = _sized(absorbing.ridged(noise), layout, findings, sizes, noise, known.residual)
+    solution, inverse = _solve(absorbing, layout, noise, known.residual)
+    return replace(
+        known,
+        findings=tuple(findings),
+        amplitudes=tuple(-solution[at] for at in layout.findings),
+        covariances=tuple(inverse[at, at] for at in layout.findings),
+        noise=noise,
+        absorbing=absorbing,
+        layout=layout,
+        fitted=absorbing.columns @ solution,
+        solution=solution,
+        inverse=inverse,
+    )
+
+
 def _kinematic_part(
     findings: Sequence[Candidate], columns: Sequence[F64], amplitudes: Sequence[F64]
 ) -> F64 | float:
@@ -215,7 +236,7 @@ def _absorbing(
             Absorbing(block, _variance(candidate, size))
             for candidate, block, size in zip(findings, columns, sizes, strict=True)
         ),
-        _column_of_the_mount(linear, arm),
+        _column_of_the_mount(linear, baseline, arm),
         targets,
         drift,
     ]
@@ -243,8 +264,8 @@ def mount_term(model: ModelState, arm: Arm) -> Term | None:
     return Term(parameter="d_1", basis=[Temperature(weights=weights)], coefficient=1.0)
 
 
-def _column_of_the_mount(linear: Linear, arm: Arm) -> Absorbing:
-    term = mount_term(linear.model, arm)
+def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> Absorbing:
+    term = mount_term(baseline.model, arm)  # a finding's d_1 of another basis does not count
     if term is None:
         return Absorbing(np.zeros((len(linear.residual), 0)), np.zeros(0))
     states = linear.rests.observations.states
@@ -256,8 +277,8 @@ def _column_of_the_mount(linear: Linear, arm: Arm) -> Absorbing:
 
 
 def is_curve(candidate: Candidate) -> bool:
-    """Whether its amplitudes are held together by one likely size."""
-    return len(candidate.columns) > MOST_FREE_COLUMNS
+    """Whether it is a curve over the turn, its amplitudes held together by one likely size."""
+    return candidate.cause == "encoder_periodic" and len(candidate.columns) > MOST_FREE_COLUMNS
 
 
 def _variance(candidate: Candidate, size: float) -> F64:
@@ -337,7 +358,7 @@ class _Normal:
     def solved(self, variance: F64) -> tuple[F64, F64]:
         """Solution (b,) and its covariance (b, b), amplitudes a priori of *variance* (b,)."""
         ridge = np.diag(1.0 / (variance * self.scale**2))
-        factor = inverse_factor(self.gram + ridge, 1e-13)
+        factor = pseudo_inverse_factor(self.gram + ridge)
         inverse = factor @ factor.T / np.outer(self.scale, self.scale)
         return inverse @ (self.scale * self.side), inverse
 

@@ -1,29 +1,30 @@
 """How much better the extended model is, on readings that had no part in it.
 
 With sessions held out, models fitted to the others are evaluated on them. Without, whole
-placements are left out in turn: amplitudes and constants, and whether a finding is significant
-at all, come from the other placements only; a finding that is not, counts as not found there.
+placements are left out in turn, and the search is repeated on the others.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import binom, chi2
+from scipy.stats import binom
 
-from armd.compensation.diagnose.evidence import inverse_factor
-from armd.compensation.diagnose.fit import Fit
-from armd.compensation.diagnose.threshold import family_wise
+from armd.compensation.arm import Arm
+from armd.compensation.diagnose.choice import next_finding
+from armd.compensation.diagnose.fit import Fit, solve_again
+from armd.compensation.diagnose.search import Progress, Result, joined
+from armd.compensation.diagnose.survey import take_survey
 from armd.compensation.identify.observations import Observations
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-MOST_FOLDS = 8
+MOST_FOLDS = 5
 BLOCKS = 5  # of readings, where there is one placement only
 #: Readings with truth of their own share nothing but their time: they are resampled in blocks.
 TRUTH_BLOCKS = 40
@@ -87,43 +88,31 @@ class CrossValidated:
     groups: I64
 
 
-def cross_validate(last: Fit, tests: float, alpha: float) -> CrossValidated:
-    """Leave placements out in turn, on the linearised problem of the last fit."""
-    n = last.linear.rests.n
+def cross_validate(result: Result, arm: Arm, progress: Progress) -> CrossValidated:
+    """Leave placements out in turn and search the others anew, step by step.
+
+    Each fold's search chooses cause, place and grid value for itself among the whole catalogue.
+    What it shares with the readings left out are the noise's variances, the clipping of tails and
+    the point about which the model is linear. Where it finds less, nothing is gained there.
+    """
+    last = result.last
     folds = _folds(last)
-    noise, absorbing = last.noise, last.absorbing
-    white = noise.whiten(absorbing.columns)
-    scale = np.sqrt((white**2).sum(axis=0))
-    scale[scale == 0.0] = 1.0
-    white /= scale
-    white_r = noise.whiten(last.residual)
-    ridge = 1.0 / (absorbing.variance * scale**2)
-    squares = [np.zeros(n) for _ in range(len(last.findings) + 1)]
-    total, total_r = white.T @ white, white.T @ white_r
-    nuisance = last.linear.nuisance
-    findings = [np.arange(at.start, at.stop) for at in last.layout.findings]
-    others = np.setdiff1d(np.arange(len(scale)), np.concatenate([*findings, []]).astype(int))
-    for fold in np.unique(folds):
-        rows = np.repeat(folds == fold, 3)
-        rows = np.concatenate([rows, np.zeros(len(white) - len(rows), dtype=bool)])
-        gram = total - white[rows].T @ white[rows]
-        side = total_r - white[rows].T @ white_r[rows]
-        chosen = others
-        for step in range(len(findings) + 1):
-            if step:
-                wanted = np.concatenate([chosen, findings[step - 1]])
-                if _wanted(gram, side, ridge, chosen, findings[step - 1], tests, alpha):
-                    chosen = wanted
-            factor = inverse_factor(gram[np.ix_(chosen, chosen)] + np.diag(ridge[chosen]))
-            solution = factor @ (factor.T @ side[chosen]) / scale[chosen]
-            # Poses, seats, targets and drift are fitted to the readings left out themselves.
-            arm = np.isin(chosen, _of_the_arm(last))
-            left = last.raw_residual[rows]
-            left = left - absorbing.columns[np.ix_(rows, chosen[arm])] @ solution[arm]
-            own = nuisance[rows]
-            own = own[:, np.abs(own).max(axis=0) > 0]
-            left = left - own @ np.linalg.lstsq(own, left, rcond=1e-9)[0]
-            squares[step][folds == fold] = (left.reshape(-1, 3) ** 2).sum(axis=1)
+    squares = [np.zeros(last.linear.rests.n) for _ in range(len(result.found) + 1)]
+    for part, fold in enumerate(np.unique(folds)):
+        progress("gain", 0.9 + 0.1 * part / MOST_FOLDS)
+        out = folds == fold
+        whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
+        noise = replace(last.noise, whitener=whitener)
+        current = solve_again(last, [], noise, arm)
+        squares[0][out] = _left_out(current, out)
+        for step in range(1, len(squares)):
+            found = next_finding(take_survey(current, result.signatures, arm), result.tests)
+            if found is None:
+                for square in squares[step:]:
+                    square[out] = squares[step - 1][out]
+                break
+            current = solve_again(last, joined(current.findings, found), noise, arm)
+            squares[step][out] = _left_out(current, out)
     return CrossValidated(squares, groups_of(last.linear.rests.observations))
 
 
@@ -137,6 +126,23 @@ def groups_of(observations: Observations) -> I64:
     return groups
 
 
+def _left_out(current: Fit, out: Mask) -> F64:
+    """Squared residuals mm² of the rests left *out*, under the model of the others.
+
+    Poses, seats, targets and drift are fitted to the readings left out themselves.
+    """
+    n = 3 * len(out)
+    rows = np.flatnonzero(np.repeat(out, 3))
+    arm = _of_the_arm(current)
+    left = current.raw_residual[:n][rows]
+    left = left - current.absorbing.columns[np.ix_(rows, arm)] @ current.solution[arm]
+    own = current.linear.nuisance[rows]
+    own = own[:, np.abs(own).max(axis=0) > 0]
+    left = left - own @ np.linalg.lstsq(own, left, rcond=1e-9)[0]
+    square: F64 = (left.reshape(-1, 3) ** 2).sum(axis=1)
+    return square
+
+
 def _of_the_arm(last: Fit) -> I64:
     """Columns whose solution carries over to other placements: the arm's, and the findings'."""
     at = last.layout
@@ -148,22 +154,6 @@ def _of_the_arm(last: Fit) -> I64:
             np.arange(mount, at.shared),
         ]
     )
-
-
-def _wanted(
-    gram: F64, side: F64, ridge: F64, given: I64, more: I64, tests: float, alpha: float
-) -> bool:
-    """Whether the rows left say that the columns *more* are needed beside those *given*."""
-    factor = inverse_factor(gram[np.ix_(given, given)] + np.diag(ridge[given]))
-    across = factor.T @ gram[np.ix_(given, more)]
-    own = gram[np.ix_(more, more)] - across.T @ across
-    u = side[more] - across.T @ (factor.T @ side[given])
-    values, vectors = np.linalg.eigh(own)
-    kept = values > 1e-9
-    if not kept.any():
-        return False
-    statistic = float((((vectors.T @ u)[kept]) ** 2 / values[kept]).sum())
-    return family_wise(float(chi2.logsf(statistic, kept.sum())), tests) < alpha
 
 
 def _folds(last: Fit) -> I64:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from armd.compensation.diagnose.account import Found
 from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.search import Found
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 

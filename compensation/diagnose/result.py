@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from armd.compensation.diagnose.account import Found
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.fit import is_curve
 from armd.compensation.diagnose.gain import Gain
 from armd.compensation.diagnose.leftover import Leftover, leftovers, steps
 from armd.compensation.diagnose.next import next_experiment
-from armd.compensation.diagnose.search import Found
 from armd.compensation.effects import encoder_periodic
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, plain

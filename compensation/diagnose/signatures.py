@@ -33,6 +33,7 @@ class Signatures:
     changes: tuple[ArtefactChange | None, ...]  # per column
     bases: F64  # (B, n) basis values
     typical: F64  # (K,)
+    reach: F64  # (K,)
 
     @property
     def n_columns(self) -> int:
@@ -64,7 +65,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
     bases: list[list[Factor]] = []
     parts: list[tuple[Part, ...]] = []
     changes: list[ArtefactChange | None] = []
-    typical, first, count = [], [], []
+    typical, reach, first, count = [], [], [], []
     for candidate in candidates:
         first.append(len(parts))
         count.append(len(candidate.columns))
@@ -79,6 +80,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
             parts.append(tuple(of_column))
             changes.append(column.artefact)
             typical.append(column.typical)
+            reach.append(column.reach)
     probes = [Term(parameter="theta_1", basis=basis, coefficient=1.0) for basis in bases]
     model = linear.model
     states = linear.rests.observations.states
@@ -91,4 +93,5 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
         tuple(changes),
         np.ascontiguousarray(np.nan_to_num(values.T)),
         np.array(typical),
+        np.array(reach),
     )

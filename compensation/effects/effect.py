@@ -49,6 +49,7 @@ class Column:
     typical: float
     terms: tuple[Term, ...] = ()
     artefact: ArtefactChange | None = None
+    reach: float = np.inf  # times the typical size that is still plausible
 
 
 @dataclass(frozen=True)

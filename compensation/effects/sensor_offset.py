@@ -15,7 +15,8 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
     for name in scene.sensors:
         terms = tuple(piece for term in scene.terms for piece in _derivative(term, name))
         if terms:
-            column = Column("offset", "K", 0.5, terms)
+            # A sensor tens of kelvin off is noticed long before any length is.
+            column = Column("offset", "K", 0.5, terms, reach=5.0)
             yield Candidate("sensor_offset", f"sensor {name}", (column,), (name,))
 
 

@@ -28,6 +28,8 @@ from armd.compensation.terms import (
     Time,
 )
 
+#: The location of what is a finding's own shape: this, then its cause and location.
+SHAPE_OF = "shape of "
 TYPICAL = {"mm": 5e-3, "rad": 10e-6}
 
 
@@ -133,6 +135,10 @@ def _waves(joint: int, order: int) -> list[_Function]:
 
 
 def reading(candidate: Candidate, _: F64) -> str:
+    if candidate.location.startswith(SHAPE_OF):
+        of = candidate.location.removeprefix(SHAPE_OF).replace("_", " ")
+        turning = " and ".join(candidate.depends_on)
+        return f"{of} is not quite of the catalogue's form: its size varies with {turning}"
     return f"a structure in {', '.join(candidate.depends_on)} that no cause of the catalogue has"
 
 

@@ -14,6 +14,7 @@ from armd.compensation.arm import load_arm
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.evidence import inverse_factor
 from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.noise import Noise as Whitening
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.session import load_session
@@ -57,7 +58,7 @@ class Judged:
     among: tuple[bool, ...]  # each plant: in a finding or its alternatives
     false_causes: int
     unknown: tuple[tuple[str, ...], ...]  # variables of each unknown finding
-    covered: tuple[bool, ...]  # amplitudes whose 95 % interval holds the truth
+    errors: tuple[float, ...]  # of amplitudes, in their standard uncertainties
     before_um: float  # on the held-out sessions, by `evaluate`
     after_um: float
     oracle_um: float
@@ -118,7 +119,8 @@ def _judged(
     return Judged(
         plants,
         tuple(
-            projected_snr(diagnosis.search.first, _error(case, effect)) for effect in case.effects
+            projected_snr(diagnosis.search.first, _error(case, effect), diagnosis.search.last.noise)
+            for effect in case.effects
         ),
         diagnosis,
         tuple(truth in places for truth in truths),
@@ -129,7 +131,7 @@ def _judged(
             for found in diagnosis.found
             if found.candidate.cause == "unknown"
         ),
-        tuple(_coverage(plants, diagnosis)),
+        tuple(_amplitude_errors(plants, diagnosis)),
         before_um,
         after_um,
         case.oracle_rms_um(case.holdout),
@@ -142,31 +144,35 @@ def _error(case: HiddenCase, effect: object) -> np.ndarray:
     return np.concatenate([error[path.name] for path in case.sessions])
 
 
-def projected_snr(first: Fit, error_mm: np.ndarray) -> float:
-    """Norm of an effect's error (readings, 3) in noise units, clear of what absorbs."""
+def projected_snr(first: Fit, error_mm: np.ndarray, noise: Whitening) -> float:
+    """Norm of an effect's error (readings, 3) in noise units, clear of what absorbs.
+
+    The *noise* is that of the last fit: in the first one's the effect itself may be counted.
+    """
     rest_of = first.linear.rests.rest_of
     counts = np.bincount(rest_of)[:, None]
     mean = np.stack([np.bincount(rest_of, column) for column in error_mm.T], axis=1) / counts
     flat = np.zeros(len(first.residual))
     flat[: mean.size] = mean.ravel()
-    white = first.noise.whiten(first.absorbing.columns)
+    white = noise.whiten(first.absorbing.columns)
     scale = np.sqrt((white**2).sum(axis=0))
     scale[scale == 0.0] = 1.0
     white /= scale
     ridge = np.diag(1.0 / (first.absorbing.variance * scale**2))
     factor = inverse_factor(white.T @ white + ridge)
-    signal = first.noise.whiten(flat)
+    signal = noise.whiten(flat)
     towards = factor.T @ (white.T @ signal)
     return float(np.sqrt(max(signal @ signal - towards @ towards, 0.0)))
 
 
-def _coverage(plants: tuple[Plant, ...], diagnosis: Diagnosis) -> list[bool]:
-    covered = []
+def _amplitude_errors(plants: tuple[Plant, ...], diagnosis: Diagnosis) -> list[float]:
+    """Found minus planted size of what was found in its place, in standard uncertainties."""
+    errors = []
     for i, found in enumerate(diagnosis.found):
         for plant in plants:
             if found.candidate.place != (plant.cause, plant.location):
                 continue
-            if plant.cause not in AMPLITUDE:
+            if plant.cause not in AMPLITUDE or "distortion" in plant.detail:
                 continue
             values = diagnosis.search.last.amplitudes[i]
             covariance = diagnosis.search.last.covariances[i]
@@ -174,5 +180,5 @@ def _coverage(plants: tuple[Plant, ...], diagnosis: Diagnosis) -> list[bool]:
             direction = values / size
             sigma = float(np.sqrt(direction @ covariance @ direction))
             truth = abs(plant.size) * AMPLITUDE[plant.cause]
-            covered.append(abs(size - truth) < 1.96 * sigma)
-    return covered
+            errors.append((size - truth) / sigma)
+    return errors

@@ -56,10 +56,11 @@ class Outcome:
     false_causes: int
     unknown: tuple[tuple[str, ...], ...]
     variables: tuple[str, ...]
-    covered: tuple[bool, ...]
+    errors: tuple[float, ...]
     before_um: float
     after_um: float
     oracle_um: float
+    p_values: tuple[float, ...]  # family-wise, of each finding, and of the strongest left out
     seconds: float
 
 
@@ -102,10 +103,11 @@ def carry_out(task: Task) -> Outcome | None:
         judged.false_causes,
         judged.unknown,
         tuple(depends_on(plants[0])) if task.kind == "unknown" else (),
-        judged.covered,
+        judged.errors,
         judged.before_um,
         judged.after_um,
         judged.oracle_um,
+        (*(f.p_value for f in judged.diagnosis.found), judged.diagnosis.search.remaining_p),
         judged.seconds,
     )
 
@@ -158,7 +160,7 @@ def table(outcomes: Sequence[Outcome]) -> None:
     print(row.format("gain, share of the oracle's, pooled", _gain(strong), "0.95"))
     worse = [o.after_um > o.before_um * 1.002 for o in outcomes if o.places]
     print(row.format("extended models worse than before", share(worse), "at most 0.01"))
-    covered = [c for o in outcomes for c in o.covered]
+    covered = [abs(error) < 1.96 for o in outcomes for error in o.errors]
     print(row.format("95 % intervals that hold the truth", share(covered), "0.93–0.97"))
     pairs = [o for o in outcomes if o.kind == "pair"]
     recall = [named for o in pairs for named, snr in zip(o.named, o.snr, strict=True) if snr > 8]

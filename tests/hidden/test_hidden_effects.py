@@ -86,11 +86,31 @@ def test_clean_data_are_met_with_silence_and_an_unchanged_model() -> None:
 
 
 @pytest.mark.slow
-def test_slow_drift_is_no_cause() -> None:
+@pytest.mark.parametrize("noise", ["heavy tails", "slow drift"])
+def test_neither_heavy_tails_nor_slow_drift_are_a_cause(noise: str) -> None:
     for seed in range(3):
-        judged = run_case(300 + seed, [], NOISES["slow drift"])
+        judged = run_case(300 + seed, [], NOISES[noise])
         assert judged.diagnosis.found == ()
         assert judged.diagnosis.outliers == ()
+
+
+def test_a_bent_shape_keeps_its_name_and_what_bends_it_is_unknown() -> None:
+    plant = Plant("thermal_gradient", "link 2", 250.0, {"distortion": 0.3})
+    judged = run_case(303, [plant], design=SMALL)
+    assert judged.named == (True,)
+    assert judged.false_causes == 0
+    assert judged.unknown == (("q2",),)
+    assert judged.before_um**2 - judged.after_um**2 > 0.9 * (
+        judged.before_um**2 - judged.oracle_um**2
+    )
+
+
+def test_a_wrong_length_is_no_sensor_tens_of_kelvin_off() -> None:
+    """To the readings they are the same; only their plausible sizes tell them apart."""
+    plant = Plant("geometry_shift", "joint 3", 40.0, {"parameter": "a"})
+    judged = run_case(304, [plant], design=SMALL)
+    assert judged.named == (True,)
+    assert judged.false_causes == 0
 
 
 def test_two_causes_are_told_apart() -> None:

@@ -1,0 +1,129 @@
+"""What is said of each finding: how significant, how probable, and what else it may be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armd.compensation.diagnose.angles import compare
+from armd.compensation.diagnose.evidence import Scores
+from armd.compensation.diagnose.shape import is_shape
+from armd.compensation.diagnose.survey import Survey
+from armd.compensation.diagnose.threshold import family_wise
+from armd.compensation.effects.effect import Candidate
+
+#: A place this much less probable than the best is still told as an alternative.
+LEAST_PROBABILITY = 0.01
+MOST_RIVALS = 8
+MOST_COMPARED = 20
+#: So is one that would leave the finding nothing significant to add.
+INDISTINGUISHABLE_P = 0.01
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another cause that these data would also bear."""
+
+    candidate: Candidate
+    probability: float
+    angle_deg: float  # between the projected signatures
+
+
+@dataclass(frozen=True)
+class Found:
+    """A finding of the search, before its gain is measured."""
+
+    candidate: Candidate
+    p_value: float  # family-wise
+    statistic: float
+    probability: float
+    rivals: tuple[Rival, ...]
+
+
+def account(survey: Survey, tests: int) -> tuple[Found, ...]:
+    """Every finding, given all the others."""
+    return _honest([_found(survey, i, tests) for i in range(len(survey.fit.findings))])
+
+
+def _found(survey: Survey, index: int, tests: int) -> Found:
+    candidate = survey.fit.findings[index]
+    own, scores = survey.alone(index), survey.without(index)
+    weights = scores.places()
+    weights[candidate.place] = survey.posterior_of(index, scores)
+    total = sum(weights.values())
+    probability = {place: weight / total for place, weight in weights.items()}
+    return Found(
+        candidate,
+        float(family_wise(own.log_p[index], tests)),
+        float(own.statistic[index]),
+        probability[candidate.place],
+        _rivals(candidate, probability, scores, survey),
+    )
+
+
+def _rivals(
+    candidate: Candidate,
+    probability: dict[tuple[str, str], float],
+    scores: Scores,
+    survey: Survey,
+) -> tuple[Rival, ...]:
+    posterior = scores.log_posterior()
+    rivals = []
+    for place in sorted(probability, key=lambda key: -probability[key])[:MOST_COMPARED]:
+        if place == candidate.place:
+            continue
+        of_place = [c.place == place for c in scores.signatures.candidates]
+        best = int(np.argmax(np.where(of_place, posterior, -np.inf)))
+        rival = _at_the_instant_of(candidate, of_place, scores.signatures.candidates[best], scores)
+        rivals.append((rival, probability[place]))
+    alike = compare(candidate, [rival for rival, _ in rivals], survey.fit, survey.arm)
+    told = [
+        Rival(rival, share, likeness.angle_deg)
+        for (rival, share), likeness in zip(rivals, alike, strict=True)
+        if share >= LEAST_PROBABILITY
+        or (likeness.left_p > INDISTINGUISHABLE_P and rival.cause != "unknown")
+    ]
+    return tuple(told[:MOST_RIVALS])
+
+
+def _at_the_instant_of(
+    candidate: Candidate, of_place: Sequence[bool], best: Candidate, scores: Scores
+) -> Candidate:
+    """A rival step is compared at the finding's own, refined instant."""
+    when = {name: value for name, value, _ in candidate.setting}.get("instant")
+    if when is None or best.refine is None or best.setting[0][0] != "instant":
+        return best
+    grid = [c for c, own in zip(scores.signatures.candidates, of_place, strict=True) if own]
+    steps = [c for c in grid if c.setting and c.refine is not None]
+
+    def apart(step: Candidate) -> float:
+        return abs(step.setting[0][1] - when)
+
+    nearest = min(steps, key=apart)
+    assert nearest.refine is not None
+    return min([nearest, *nearest.refine()], key=apart)
+
+
+def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
+    """No name for a part of what is unknown.
+
+    Where an unknown structure is stronger than a named finding in the same variables, the name
+    only was the nearest one.
+    """
+    unknown = [f for f in found if f.candidate.cause == "unknown" and not is_shape(f.candidate)]
+
+    def stands(finding: Found) -> bool:
+        return not any(
+            u.statistic > finding.statistic
+            and set(u.candidate.depends_on) & set(finding.candidate.depends_on)
+            for u in unknown
+        )
+
+    return tuple(
+        f
+        if f.candidate.cause == "unknown" or stands(f)
+        else replace(f, candidate=replace(f.candidate, cause="unknown"))
+        for f in found
+    )

@@ -1,0 +1,130 @@
+"""Which candidate joins the model next: the most probable of those that are significant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp
+
+from armd.compensation.arm import Arm
+from armd.compensation.diagnose.evidence import Scores, estimates, score
+from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.scatter import log_p_by_scatter
+from armd.compensation.diagnose.shape import shape_of
+from armd.compensation.diagnose.survey import SHAPE_PRIOR, Survey, take_survey
+from armd.compensation.diagnose.threshold import significant
+from armd.compensation.effects.effect import Candidate
+
+F64 = npt.NDArray[np.float64]
+
+#: Places whose grids are refined before they are compared.
+MOST_REFINED = 5
+#: Causes that are tried with another shape, where the data are strong enough to show one: from
+#: about nine noise units on.
+MOST_BENT = 5
+BENT_FROM = -40.0
+
+
+def next_finding(survey: Survey, tests: int) -> Candidate | None:
+    """What joins the findings: a cause, or, where none does, the shape of one that is in."""
+    cause = choose(survey.fit, survey.scores, tests, survey.arm)
+    return cause or _shape_wanted(survey, tests)
+
+
+def choose(current: Fit, scores: Scores, tests: int, arm: Arm) -> Candidate | None:
+    """The most probable place, if anything is significant; there its best value.
+
+    What is named must be significant itself, also by the scatter of the rests that speak for it.
+    Where the likeliest places have values between those
+    of the grid (an instant, a time constant), these count: a step that is weighed at the wrong
+    instant loses to whatever else is near.
+    """
+    if not significant(scores.log_p, tests).any():
+        return None
+    candidates = list(scores.signatures.candidates)
+    weight, log_p = scores.log_posterior().copy(), scores.log_p.copy()
+    finer = _finer(scores)
+    if finer:
+        fine = take_survey(current, [c for values in finer.values() for c in values], arm).scores
+        at = 0
+        for i, values in finer.items():
+            evidence = fine.log_evidence[at : at + len(values)]
+            weight[i] += logsumexp(evidence) - np.log(len(values)) - scores.log_evidence[i]
+            best = int(np.argmax(evidence))
+            candidates[i], log_p[i] = values[best], fine.log_p[at + best]
+            at += len(values)
+    places = [c.place for c in candidates]
+    total: dict[tuple[str, str], float] = {}
+    for place, share in zip(places, np.exp(weight - weight.max()), strict=True):
+        total[place] = total.get(place, 0.0) + float(share)
+    able = {int(i) for i in np.flatnonzero(significant(log_p, tests))}
+    while able:
+        wanted = max((places[i] for i in able), key=lambda place: total[place])
+        best = max((i for i in able if places[i] == wanted), key=lambda i: weight[i])
+        if log_p[best] < BENT_FROM:
+            best = _if_bent(best, able, candidates, weight, current, arm)
+        if significant(log_p_by_scatter(candidates[best], current, arm), tests):
+            return candidates[best]
+        able.remove(best)
+    return None
+
+
+def _if_bent(
+    best: int,
+    able: Iterable[int],
+    candidates: Sequence[Candidate],
+    weight: F64,
+    current: Fit,
+    arm: Arm,
+) -> int:
+    """The likeliest candidate if a cause's shape may be off.
+
+    A general basis, or a neighbour of the catalogue, follows a disc that errs not quite as a sine
+    better than the sine does; it is the disc all the same.
+    """
+    named: dict[tuple[str, str], int] = {}
+    for i in sorted(able, key=lambda i: -weight[i]):
+        if candidates[i].cause != "unknown" and len(named) < MOST_BENT:
+            named.setdefault(candidates[i].place, i)
+    causes = [candidates[i] for i in named.values()]
+    if not causes:
+        return best
+    straight = take_survey(current, causes, arm)
+    bent = []
+    for cause, amplitudes in zip(causes, estimates(straight.sums), strict=True):
+        shape = shape_of(cause, amplitudes, arm.n_joints)
+        bent.append(replace(cause, columns=(*cause.columns, *(shape.columns if shape else ()))))
+    gained = take_survey(current, bent, arm).scores.log_evidence - straight.scores.log_evidence
+    likely = {i: weight[i] for i in (best, *named.values())}
+    for i, more in zip(named.values(), gained, strict=True):
+        likely[i] = float(np.logaddexp(weight[i], weight[i] + more + np.log(SHAPE_PRIOR)))
+    return max(likely, key=lambda i: likely[i])
+
+
+def _finer(scores: Scores) -> dict[int, list[Candidate]]:
+    """Values around the best of each of the likeliest places that have a grid."""
+    finer: dict[int, list[Candidate]] = {}
+    seen: set[tuple[str, str]] = set()
+    for i in np.argsort(-scores.log_posterior()):
+        candidate = scores.signatures.candidates[i]
+        if len(seen) == MOST_REFINED or scores.freedom[i] == 0:
+            break
+        if candidate.refine is not None and candidate.place not in seen:
+            seen.add(candidate.place)
+            finer[int(i)] = [candidate, *candidate.refine()]
+    return finer
+
+
+def _shape_wanted(survey: Survey, tests: int) -> Candidate | None:
+    """The most significant of the findings' shapes, if any is."""
+    shapes = survey.shapes
+    wanted = {i: c for i, c in enumerate(shapes.candidates) if c is not None}
+    if not wanted:
+        return None
+    sums = take_survey(survey.fit, list(wanted.values()), survey.arm).sums
+    log_p = {i: float(score(sums, shapes.columns[i]).log_p[j]) for j, i in enumerate(wanted)}
+    best = min(log_p, key=lambda i: log_p[i])
+    return wanted[best] if significant(log_p[best], tests) else None

@@ -1,0 +1,64 @@
+"""Whether a score stands beside the scatter of the very rests it rests on.
+
+A step or a single target is decided by few rests. Where the noise has heavy tails, a handful of
+them that err the same way reach a score that noise of one variance never would. Their own
+residuals tell: by how much the score's variance, taken from these (White's sandwich, HC3), is
+larger than the noise's, known no better than so many rests can know it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import f as f_distribution
+
+from armd.compensation.arm import Arm
+from armd.compensation.diagnose.evidence import ABSORBED, inverse_factor
+from armd.compensation.diagnose.fit import Fit, finding_columns
+from armd.compensation.diagnose.shape import with_shapes
+from armd.compensation.effects.effect import Candidate
+
+F64 = npt.NDArray[np.float64]
+
+#: A rest that alone decides this much of an amplitude has no residual to be judged by.
+MOST_LEVERAGE = 0.9
+
+
+def log_p_by_scatter(candidate: Candidate, current: Fit, arm: Arm) -> float:
+    """Log of the p value of a candidate's score, its variance from the rests' own residuals."""
+    plain, clear, residual = _cleared(candidate, current, arm)
+    values, vectors = np.linalg.eigh(plain.T @ clear)
+    kept = values > ABSORBED * max(float(values.max(initial=0.0)), 1e-300)
+    if not kept.any():
+        return 0.0
+    root = vectors[:, kept] / np.sqrt(values[kept])
+    score = root.T @ (plain.T @ residual)
+    m, n = len(score), 3 * current.linear.rests.n
+    weights = clear @ root
+    rests = weights[:n].reshape(-1, 3, m)
+    left = (residual - weights @ score)[:n].reshape(-1, 3)
+    leverage = (rests**2).sum(axis=(1, 2))
+    pulls = np.einsum("nia,ni->na", rests, left)
+    pulls /= 1.0 - np.minimum(leverage, MOST_LEVERAGE)[:, None]
+    # What rests share (a certified target, drift) has the variance that is stated.
+    scatter = float((pulls**2).sum() + m - leverage.sum()) / m  # 1: as the noise says
+    speaking = leverage.sum() ** 2 / max(float((leverage**2).sum()), 1e-300)  # rests, effectively
+    freedom = max((speaking - 1.0) * min(m, 3), 1.0)
+    return float(f_distribution.logsf(float(score @ score) / (m * scatter), m, freedom))
+
+
+def _cleared(candidate: Candidate, current: Fit, arm: Arm) -> tuple[F64, F64, F64]:
+    """A candidate's whitened columns (N, m) of unit length, the same clear of what absorbs (the
+    findings' shapes included), and the residual (N,) clear."""
+    absorbing = with_shapes(current, arm).absorbing
+    both = [finding_columns(current.linear, [candidate], arm)[0], current.residual[:, None]]
+    signal = current.noise.whiten(np.hstack(both))
+    size = np.sqrt((signal[:, :-1] ** 2).sum(axis=0))
+    signal[:, :-1] /= np.where(size > 0.0, size, 1.0)
+    white = current.noise.whiten(absorbing.columns)
+    scale = np.sqrt((white**2).sum(axis=0))
+    scale[scale == 0.0] = 1.0
+    white /= scale
+    factor = inverse_factor(white.T @ white + np.diag(1.0 / (absorbing.variance * scale**2)))
+    clear = signal - white @ (factor @ (factor.T @ (white.T @ signal)))
+    return signal[:, :-1], clear[:, :-1], clear[:, -1]

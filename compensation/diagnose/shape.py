@@ -1,0 +1,125 @@
+"""What of the rest may be the findings' own shapes, not further causes.
+
+No disc, bearing or stylus errs quite in the catalogue's form. A strong finding therefore leaves a
+structure of its own behind, a share of itself, which would be named as one cause after another.
+While the search looks further, each finding may vary with the joints at its place: its own
+signature times 1 + ε, ε a few harmonics of these joints. A second cause of the same place is named
+when it is too large for that; otherwise the shape itself is what is found, as `unknown`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.diagnose.baseline import scaled
+from armd.compensation.diagnose.fit import Fit, finding_columns, is_curve
+from armd.compensation.diagnose.noise import Absorbing
+from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.effects.unknown import SHAPE_OF
+from armd.compensation.terms import Harmonic
+
+F64 = npt.NDArray[np.float64]
+
+#: Standard deviation of each harmonic's share, root mean square over the turn.
+OFF = 0.15
+ORDERS = (1, 2)
+
+
+def is_shape(candidate: Candidate) -> bool:
+    """Whether a candidate is another one's shape."""
+    return candidate.location.startswith(SHAPE_OF)
+
+
+def shape_place(candidate: Candidate) -> str:
+    """The location of a candidate's shape."""
+    return f"{SHAPE_OF}{candidate.cause} {candidate.location}"
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """What absorbs while the search looks further, the findings' shapes included."""
+
+    absorbing: Absorbing
+    candidates: tuple[Candidate | None, ...]  # per finding, its shape where it may be off
+    columns: tuple[range, ...]  # of the absorbing columns those of each finding's shape
+
+    def without(self, current: Fit, index: int) -> list[int]:
+        """The absorbing columns of a finding and its shape, be that a finding itself."""
+        own = current.findings[index]
+        return [
+            *self.columns[index],
+            *(
+                column
+                for other, at in zip(current.findings, current.layout.findings, strict=True)
+                if other is own or other.location == shape_place(own)
+                for column in range(at.start, at.stop)
+            ),
+        ]
+
+
+def with_shapes(current: Fit, arm: Arm) -> Shapes:
+    """The shapes of all findings that have none in the model yet."""
+    known = {c.location for c in current.findings}
+    candidates = tuple(
+        None if shape_place(c) in known else shape_of(c, values, arm.n_joints)
+        for c, values in zip(current.findings, current.amplitudes, strict=True)
+    )
+    blocks = finding_columns(current.linear, [c for c in candidates if c is not None], arm)
+    at, columns = current.absorbing.columns.shape[1], []
+    for candidate in candidates:
+        width = 0 if candidate is None else len(candidate.columns)
+        columns.append(range(at, at + width))
+        at += width
+    added = at - len(current.absorbing.variance)
+    absorbing = Absorbing(
+        np.hstack([current.absorbing.columns, *blocks]),
+        np.concatenate([current.absorbing.variance, np.full(added, OFF**2)]),
+    )
+    return Shapes(absorbing, candidates, tuple(columns))
+
+
+def shape_of(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:
+    """A finding's own signature times harmonics of the joints at its place."""
+    joints = _joints(candidate, n_joints)
+    if not joints or is_curve(candidate):  # which has any shape
+        return None
+    own = [
+        term
+        for column, value in zip(candidate.columns, amplitudes, strict=True)
+        for term in scaled(column.terms, np.sqrt(2.0) * float(value))
+    ]
+    waves = [
+        Harmonic(kind=kind, joint=joint, order=order)
+        for joint in joints
+        for order in ORDERS
+        for kind in ("sin", "cos")
+    ]
+    columns = tuple(
+        Column(
+            f"share × {wave.kind} {wave.order}q{wave.joint}",
+            "1",
+            OFF,
+            tuple(term.model_copy(update={"basis": [*term.basis, wave]}) for term in own),
+        )
+        for wave in waves
+    )
+    return Candidate(
+        "unknown", shape_place(candidate), columns, tuple(f"q{joint}" for joint in joints)
+    )
+
+
+def _joints(candidate: Candidate, n_joints: int) -> list[int]:
+    """Joints (1…N) at a finding's place; for the tip those of the wrist that turn it."""
+    if is_shape(candidate):
+        return []
+    if candidate.location == "tip":
+        return [n_joints - 1, n_joints]
+    if candidate.cause == "unknown":
+        return [int(name[1:]) for name in candidate.depends_on if re.fullmatch(r"q\d+", name)]
+    found = re.fullmatch(r"(?:joint|link) (\d+)", candidate.location)
+    return [int(found[1])] if found else []

@@ -1,0 +1,91 @@
+"""All candidates against what one fit leaves, the findings' shapes among what absorbs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.diagnose.evidence import Scores, Sums, add_up, score
+from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.shape import Shapes, is_shape, with_shapes
+from armd.compensation.diagnose.signatures import Signatures, compile_candidates
+from armd.compensation.effects.effect import Candidate
+
+#: That a strong finding's shape is off is as likely as not.
+SHAPE_PRIOR = 0.5
+
+
+@dataclass(frozen=True)
+class Survey:
+    """One fit, and how strongly what it leaves wants each candidate."""
+
+    fit: Fit
+    arm: Arm
+    shapes: Shapes
+    sums: Sums
+
+    @cached_property
+    def scores(self) -> Scores:
+        """Of all candidates, the findings in the model.
+
+        What is left of a curve, held to a likely size, is the curve's: parts of a finding are no
+        candidates beside it.
+        """
+        return score(self.sums).without(np.any(self._parts, axis=0))
+
+    def without(self, index: int) -> Scores:
+        """Of all candidates, one finding and its shape taken out of the model."""
+        parts = np.delete(self._parts, index, axis=0)
+        return self.freed(index).without(np.any(parts, axis=0))
+
+    def alone(self, index: int) -> Scores:
+        """Of the findings themselves as candidates, one of them taken out of the model."""
+        return self._of_findings.freed(index)
+
+    def freed(self, index: int) -> Scores:
+        """Of all candidates, one finding and its shape taken out; also of parts of the others."""
+        return score(self.sums, self.shapes.without(self.fit, index))
+
+    @cached_property
+    def _of_findings(self) -> Survey:
+        return take_survey(self.fit, self.fit.findings, self.arm)
+
+    @cached_property
+    def _parts(self) -> npt.NDArray[np.bool_]:
+        """(findings, C) which candidates are within a finding."""
+        candidates = self.sums.signatures.candidates
+        parts = [[c.within(finding) for c in candidates] for finding in self.fit.findings]
+        return np.array(parts, dtype=bool).reshape(len(parts), len(candidates))
+
+    def posterior_of(self, index: int, scores: Scores) -> float:
+        """Posterior weight of a finding's place; a refined value may be better than its grid.
+
+        *scores* are those without it.
+        """
+        candidate = self.fit.findings[index]
+        if is_shape(candidate):
+            evidence = float(self.alone(index).log_evidence[index])
+            return float(SHAPE_PRIOR * np.exp(np.clip(evidence - scores.log_total, -500.0, 500.0)))
+        of_place = np.array([c.place == candidate.place for c in scores.signatures.candidates])
+        weight = float(np.exp(scores.log_posterior())[of_place].sum())
+        if candidate.refine is not None or candidate in scores.signatures.candidates:
+            return weight
+        best = scores.log_evidence[of_place].max(initial=-np.inf)
+        if not np.isfinite(best):
+            return weight
+        own = float(self.alone(index).log_evidence[index])
+        return weight * float(np.exp(np.clip(own - best, 0.0, 500.0)))
+
+
+def take_survey(current: Fit, candidates: Sequence[Candidate] | Signatures, arm: Arm) -> Survey:
+    """One pass over the rows with all *candidates*, compiled or not."""
+    if not isinstance(candidates, Signatures):
+        candidates = compile_candidates(candidates, current.linear, arm)
+    shapes = with_shapes(current, arm)
+    sums = add_up(current.linear, current.noise, current.residual, shapes.absorbing, candidates)
+    return Survey(current, arm, shapes, sums)
