@@ -81,7 +81,7 @@ def run(command: Sequence[str], console: Path, timeout_s: float) -> None:
     environment = {**os.environ, "TMPDIR": str(_memory())}
     with console.open("wb") as output:
         process = subprocess.Popen(
-            ["setpriv", "--pdeathsig=KILL", "nice", "-n", "10", *command],
+            ["setpriv", "--pdeathsig=KILL", "nice", "-n", "0", *command],
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,

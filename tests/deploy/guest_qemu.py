@@ -5,11 +5,13 @@ from __future__ import annotations
 import gzip
 import shutil
 import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from debian_packages import CACHE, unpacked
 
+WIRE = Path(__file__).with_name("guest_wire.py")
 INIT = """\
 #!/busybox sh
 for module in /modules/*; do /busybox insmod $module; done
@@ -18,15 +20,12 @@ for module in /modules/*; do /busybox insmod $module; done
 /busybox mount -t devtmpfs dev /root/dev
 exec /busybox switch_root /root /sbin/init
 """
-
-
 #: Two FTDI adapters in a USB socket each: the arm's, whose bytes the guest itself carries to and
-#: from a virtio port, through a socket between the two; and one that is none of armd's business.
+#: from a virtio port at the other end of guest_wire.py's; and one that is none of armd's business.
 USB = """
     -device qemu-xhci,id=usb -device virtio-serial-pci
-    -chardev socket,id=arm,path={socket},server=on,wait=off
-    -chardev socket,id=adapter,path={socket},reconnect=1
-    -device virtserialport,chardev=arm,name=arm
+    -chardev socket,id=arm,fd={arm} -device virtserialport,chardev=arm,name=arm
+    -chardev socket,id=adapter,fd={adapter}
     -device usb-serial,bus=usb.0,chardev=adapter,serial=SIM-0001,always-plugged=on
     -chardev null,id=none
     -device usb-serial,bus=usb.0,chardev=none,serial=OTHER,always-plugged=on
@@ -53,11 +52,12 @@ class Qemu:
         libraries = ":".join(str(path) for path in tools.glob("**/*-linux-gnu"))
         drives = [["-drive", f"file={disk},format=raw,if=virtio"] for disk in disks]
         return [
-            *("env", f"LD_LIBRARY_PATH={libraries}", str(tools / "usr/bin/qemu-system-x86_64")),
+            *(sys.executable, str(WIRE), "env", f"LD_LIBRARY_PATH={libraries}"),
+            str(tools / "usr/bin/qemu-system-x86_64"),
             *("-L", str(tools / "usr/share/qemu"), "-L", str(tools / "usr/share/seabios")),
             *("-accel", "tcg", "-cpu", "max", "-smp", "2", "-m", "3G", "-nodefaults"),
             *("-nographic", "-no-reboot", "-serial", "stdio"),
-            *USB.format(socket=disks[0].with_suffix(".plug")).split(),
+            *USB.split(),
             *(word for drive in drives for word in drive),
             *("-kernel", str(self.image), "-initrd", str(self.initrd)),
             *("-append", f"console=ttyS0 {words}"),

@@ -59,8 +59,10 @@ def takes_the_configuration() -> None:
     if isinstance(plug(), PseudoTerminal):
         shutil.copy(PAYLOAD / "guest/armd-guest.conf", units / f"{UNIT}.d")
         shutil.copy(PAYLOAD / "guest/60-arm-test.rules", "/etc/udev/rules.d")
-    else:  # a machine in software: compiles for a quarter of an hour, and has no time for 200 Hz
+    else:  # a machine in software: it compiles for minutes, and has no time for 200 Hz
         (units / f"{UNIT}.d/slow.conf").write_text("[Service]\nTimeoutStartSec=1h\n")
+        (units / "arm.service.d").mkdir(exist_ok=True)
+        (units / "arm.service.d/slow.conf").write_text(f"[Unit]\nAfter={UNIT}\n")
         sh(f"sed -i 's/--rate 200/--rate 50/' {units}/arm.service")
     if (PAYLOAD / "broken").exists():
         broken = f"[Service]\nExecStart=\nExecStart=python3 {PAYLOAD}/guest/broken_daemon.py\n"

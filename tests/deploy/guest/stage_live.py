@@ -42,7 +42,7 @@ def is_live_at_boot() -> str:
 
 def points_are_right() -> str:
     before = ARM.count()
-    wait_for(lambda: ARM.count() >= before + 20 * ENOUGH_POINTS, 120, "points")
+    wait_for(lambda: ARM.count() >= before + 20 * ENOUGH_POINTS, 300, "points")
     errors = length_errors_mm(ARM.points(before))
     assert len(errors) >= ENOUGH_POINTS, len(errors)
     p95 = errors[int(0.95 * len(errors))]
