@@ -32,6 +32,7 @@ STAGES = {
     "live": stage_live.CHECKS,
     "package": stage_package.CHECKS,
 }
+LEFT_OUT = {"passed": None, "detail": "not under qemu: half an hour of what needs no kernel's help"}
 Reports = dict[str, dict[str, Any]]
 
 
@@ -46,7 +47,10 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
         (folder / "payload/broken").touch()
     guest = Guest(guest_machine, folder, folder / "payload")
     found: Reports = {}
-    for stage in STAGES:
+    for stage, checks in STAGES.items():
+        if stage == "package" and isinstance(guest_machine, Qemu):
+            found |= {check.__name__: LEFT_OUT for check in checks}
+            continue
         found |= run_stage(guest, stage)
         if not all(report["passed"] for report in found.values()):
             break  # what state it left the machine in, nobody knows
@@ -74,6 +78,8 @@ def run_stage(guest: Guest, stage: str) -> Reports:
 
 def verdict(reports: Reports, check: str) -> None:
     assert check in reports, "the guest did not report"
+    if reports[check]["passed"] is None:
+        pytest.skip(reports[check]["detail"])
     assert reports[check]["passed"], reports[check]["detail"]
 
 

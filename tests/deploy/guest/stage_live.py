@@ -16,7 +16,7 @@ from heard import Arm, length_errors_mm
 
 ARM = Arm("SIM-0001")
 CAN_ARM = Arm("CAN-0001")
-BACK_S = 150.0  # on a slow emulated machine; the figure measured is in the result's detail
+BACK_S = 400.0  # on a slow emulated machine; the figure measured is in the result's detail
 ENOUGH_POINTS = 200
 COMPILED_S = 3000.0  # the kernel is compiled at the first start
 ACCURATE_MM = 0.05
@@ -53,8 +53,8 @@ def points_are_right() -> str:
 def says_its_state() -> str:
     text = show("StatusText")
     assert any(state in text for state in ("READY", "WARMING", "INACCURATE", "DEGRADED")), text
-    status = sh("armd status --json || true")
-    assert '"state"' in status, status
+    # It asks for three seconds, which a machine in software may need for itself.
+    wait_for(lambda: '"state"' in sh("armd status --json || true"), BACK_S, "armd status")
     return text
 
 
@@ -197,7 +197,7 @@ def reloads_between_two_samples() -> str:
 
 
 def refuses_commands() -> str:
-    ask = "import armd\nwith armd.connect() as arm: print(arm.command('reload'))"
+    ask = "import armd\nwith armd.connect(timeout_s=60) as arm: print(arm.command('reload'))"
     answer = sh(f'/opt/armd/bin/python -c "{ask}" 2>&1 || true')
     assert "refused" in answer or "not enabled" in answer, answer
     return answer.splitlines()[-1]
