@@ -59,11 +59,12 @@ def takes_the_configuration() -> None:
     if isinstance(plug(), PseudoTerminal):
         shutil.copy(PAYLOAD / "guest/armd-guest.conf", units / f"{UNIT}.d")
         shutil.copy(PAYLOAD / "guest/60-arm-test.rules", "/etc/udev/rules.d")
-    else:  # a machine in software: it compiles for minutes, and has no time for 200 Hz
+    else:  # a machine in software: it compiles for minutes, and has no time for such rates
         (units / f"{UNIT}.d/slow.conf").write_text("[Service]\nTimeoutStartSec=1h\n")
         (units / "arm.service.d").mkdir(exist_ok=True)
         (units / "arm.service.d/slow.conf").write_text(f"[Unit]\nAfter={UNIT}\n")
-        sh(f"sed -i 's/--rate 200/--rate 50/' {units}/arm.service")
+        sh(f"sed -i 's/--rate 200/--rate 50/; s/--rate 100/--rate 10/' {units}/*arm.service")
+        sh("sed -i 's/^rate_hz.*/rate_hz = 10/' /etc/armd/CAN-0001/armd.toml")
     if (PAYLOAD / "broken").exists():
         broken = f"[Service]\nExecStart=\nExecStart=python3 {PAYLOAD}/guest/broken_daemon.py\n"
         (units / f"{UNIT}.d/broken.conf").write_text(broken)
