@@ -24,7 +24,7 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-MOST_FOLDS = 5
+MOST_FOLDS = 4
 BLOCKS = 5  # of readings, where there is one placement only
 #: Readings with truth of their own share nothing but their time: they are resampled in blocks.
 TRUTH_BLOCKS = 40

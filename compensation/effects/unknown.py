@@ -136,7 +136,8 @@ def _waves(joint: int, order: int) -> list[_Function]:
 
 def reading(candidate: Candidate, _: F64) -> str:
     if candidate.location.startswith(SHAPE_OF):
-        of = candidate.location.removeprefix(SHAPE_OF).replace("_", " ")
+        cause, place = candidate.location.removeprefix(SHAPE_OF).split(" ", 1)
+        of = f"{cause.replace('_', ' ')} ({place})"
         turning = " and ".join(candidate.depends_on)
         return f"{of} is not quite of the catalogue's form: its size varies with {turning}"
     return f"a structure in {', '.join(candidate.depends_on)} that no cause of the catalogue has"
