@@ -20,8 +20,8 @@ from armd.compensation.diagnose.problem import Linear
 F64 = npt.NDArray[np.float64]
 
 LEVER_MM = 500.0
-#: Slow drift is a random path through knots this far apart (and at most so many per session).
-KNOT_S = 900.0
+#: Slow drift is a random walk from knot to knot, this far apart (and at most so many per session).
+KNOT_S = 450.0
 MOST_KNOTS = 8
 #: Beyond this many standard deviations of a rest's three components a residual counts as its edge.
 WINSOR_AT = 3.3
@@ -52,7 +52,7 @@ class Noise:
 
     scale_mm: float  # s
     encoder_share: float  # ρ
-    drift_mm: float  # standard deviation of the slow drift
+    drift_mm: float  # standard deviation of what the slow drift changes from knot to knot
     encoder_rad: float
     repeat_mm: float
     whitener: F64  # (n, 3, 3): applied to a rest's residual gives unit variance
@@ -90,7 +90,12 @@ def target_columns(linear: Linear) -> Absorbing:
 
 
 def drift_columns(linear: Linear) -> Absorbing:
-    """A wandering base: hats over time in each session, three directions each."""
+    """A wandering base: a random walk in each session, three directions each.
+
+    Each column holds from one knot on, rising linearly from the knot before. Steps that are
+    independent make slow changes large and quick ones small, as a stand's are; independent
+    heights at the knots would leave slow changes to be named as causes.
+    """
     observations = linear.rests.observations
     columns = []
     for session in np.unique(observations.session):
@@ -101,10 +106,10 @@ def drift_columns(linear: Linear) -> Absorbing:
             continue
         knots = np.linspace(time.min(), time.max(), min(MOST_KNOTS, 2 + int(span / KNOT_S)))
         for knot in knots:
-            hat = np.clip(1.0 - np.abs(time - knot) / (knots[1] - knots[0]), 0.0, None)
+            ramp = np.clip(1.0 + (time - knot) / (knots[1] - knots[0]), 0.0, 1.0)
             for axis in range(3):
                 column = np.zeros(len(linear.residual))
-                column[3 * rows + axis] = hat
+                column[3 * rows + axis] = ramp
                 columns.append(column)
     return Absorbing(_stack(columns, linear), np.full(len(columns), np.nan))
 

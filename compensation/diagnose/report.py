@@ -177,7 +177,10 @@ def _what_stays(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> Non
         [
             ["encoders, each", f"{np.degrees(noise.encoder_rad) * 3600:.3g}″"],
             ["repeat of a point, each axis", f"{um(noise.repeat_mm * 1e3)} µm"],
-            ["slow drift of the base, each axis", f"{um(noise.drift_mm * 1e3)} µm"],
+            [
+                "slow drift of the base, each axis, in some minutes",
+                f"{um(noise.drift_mm * 1e3)} µm",
+            ],
         ],
     )
     if len(unexplained["by_target"]) > 1:
