@@ -13,8 +13,9 @@ from armd import __version__
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import ArtefactCorrection, Calibration, constants_of
+from armd.compensation.diagnose.absorbing import is_curve, mount_term
 from armd.compensation.diagnose.baseline import Baseline, moved
-from armd.compensation.diagnose.fit import Fit, is_curve, mount_term
+from armd.compensation.diagnose.fit import Fit
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.session import Session
 from armd.compensation.terms import Curve, Harmonic, Term

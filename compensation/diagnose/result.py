@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from armd.compensation.diagnose.absorbing import is_curve
 from armd.compensation.diagnose.account import Found
 from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.fit import is_curve
 from armd.compensation.diagnose.gain import Gain
 from armd.compensation.diagnose.leftover import Leftover, leftovers, steps
 from armd.compensation.diagnose.next import next_experiment

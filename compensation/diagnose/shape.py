@@ -16,8 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.arm import Arm
+from armd.compensation.diagnose.absorbing import is_curve
 from armd.compensation.diagnose.baseline import scaled
-from armd.compensation.diagnose.fit import Fit, finding_columns, is_curve
+from armd.compensation.diagnose.fit import Fit, finding_columns
 from armd.compensation.diagnose.noise import Absorbing
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.unknown import SHAPE_OF
