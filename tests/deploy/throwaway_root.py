@@ -7,12 +7,17 @@ import stat
 import subprocess
 from pathlib import Path
 
-#: With a /tmp of its own each time. The folder is no part of /: layers must not overlap.
+PROJECT = Path(__file__).resolve().parents[2]
+#: With a /tmp of its own each time, in which the project is copied: it may lie in a /tmp or on
+#: another file system. The folder is no part of /: layers must not overlap.
 ENTER = """\
 mount -t overlay overlay -o lowerdir=/,upperdir="$1/upper",workdir="$1/work" "$1/root"
 for folder in proc sys dev; do mount --rbind "/$folder" "$1/root/$folder"; done
 mount -t tmpfs tmpfs "$1/root/tmp"
-root=$1/root; shift
+mkdir "$1/root/tmp/project"
+tar -C "$2" --exclude=./.venv --exclude=./.git --exclude=./.cache --exclude=./build -c . |
+    tar -C "$1/root/tmp/project" -x
+root=$1/root; shift 2
 exec chroot "$root" "$@"
 """
 SUDO_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -23,7 +28,7 @@ class Unavailable(Exception):
 
 
 class ThrowawayRoot:
-    """Commands run in it as root, with this machine's network, and without its systemd."""
+    """Commands run in it as root, the project in /tmp/project, with this machine's network, and without its systemd."""
 
     def __init__(self, folder: Path) -> None:
         """*folder* is empty, on a file system other than the root's. Raises `Unavailable`."""
@@ -37,7 +42,7 @@ class ThrowawayRoot:
     def run(self, *command: str | Path) -> subprocess.CompletedProcess[str]:
         enter = ["unshare", "--mount", "--propagation=private", "sh", "-euc", ENTER, "sh"]
         return subprocess.run(
-            [*enter, self.folder, *command],
+            [*enter, self.folder, PROJECT, *command],
             capture_output=True,
             text=True,
             env={**os.environ, "PATH": SUDO_PATH, "LC_ALL": "C"},
