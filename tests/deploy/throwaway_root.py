@@ -28,7 +28,8 @@ class Unavailable(Exception):
 
 
 class ThrowawayRoot:
-    """Commands run in it as root, the project in /tmp/project, with this machine's network, and without its systemd."""
+    """Commands run in it as root, with the project in /tmp/project and this machine's network,
+    and without its systemd."""
 
     def __init__(self, folder: Path) -> None:
         """*folder* is empty, on a file system other than the root's. Raises `Unavailable`."""
