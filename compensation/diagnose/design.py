@@ -168,10 +168,7 @@ def _known(last: Fit, candidates: list[Candidate], arm: Arm) -> F64:
     for finding, at in zip(last.findings, last.layout.findings, strict=True):
         if finding.place in places:
             others[at] = False
-    absorbing = last.noise.whiten(last.absorbing.columns[:, others])
-    scale = np.sqrt((absorbing**2).sum(axis=0))
-    scale[scale == 0.0] = 1.0
-    absorbing /= scale
+    absorbing, scale = last.noise.whiten_to_unit(last.absorbing.columns[:, others])
     ridge = 1.0 / (last.absorbing.variance[others] * scale**2) + RIDGE
     across = absorbing.T @ wanted
     clear = wanted.T @ wanted - across.T @ np.linalg.solve(

@@ -48,7 +48,6 @@ class Sums:
     bx: F64  # (b, K)
     xr: F64  # (K,)
     xx: dict[int, tuple[I64, F64]]  # columns per candidate → candidates, (c, m, m)
-    rr: float
 
 
 def add_up(
@@ -59,10 +58,7 @@ def add_up(
     signatures: Signatures,
 ) -> Sums:
     """One pass over the rows."""
-    white_b = noise.whiten(absorbing.columns)
-    scale = np.sqrt((white_b**2).sum(axis=0))
-    scale[scale == 0.0] = 1.0
-    white_b /= scale
+    white_b, scale = noise.whiten_to_unit(absorbing.columns)
     white_r = noise.whiten(residual)
     white_j = np.ascontiguousarray(noise.whiten(linear.jacobian.T).T)
     k = signatures.n_columns
@@ -93,7 +89,6 @@ def add_up(
         bx,
         xr,
         {m: (members, np.concatenate(blocks[m])) for m, (members, _) in xx.items()},
-        float(white_r @ white_r),
     )
 
 

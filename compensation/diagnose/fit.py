@@ -255,8 +255,5 @@ class _Normal:
 
 
 def _normal(absorbing: Absorbing, noise: Noise, residual: F64) -> _Normal:
-    white = noise.whiten(absorbing.columns)
-    scale = np.sqrt((white**2).sum(axis=0))
-    scale[scale == 0.0] = 1.0
-    white /= scale
+    white, scale = noise.whiten_to_unit(absorbing.columns)
     return _Normal(white, white.T @ white, white.T @ noise.whiten(residual), scale)

@@ -55,10 +55,7 @@ def _cleared(candidate: Candidate, current: Fit, arm: Arm) -> tuple[F64, F64, F6
     signal = current.noise.whiten(np.hstack(both))
     size = np.sqrt((signal[:, :-1] ** 2).sum(axis=0))
     signal[:, :-1] /= np.where(size > 0.0, size, 1.0)
-    white = current.noise.whiten(absorbing.columns)
-    scale = np.sqrt((white**2).sum(axis=0))
-    scale[scale == 0.0] = 1.0
-    white /= scale
+    white, scale = current.noise.whiten_to_unit(absorbing.columns)
     factor = inverse_factor(white.T @ white + np.diag(1.0 / (absorbing.variance * scale**2)))
     clear = signal - white @ (factor @ (factor.T @ (white.T @ signal)))
     return signal[:, :-1], clear[:, :-1], clear[:, -1]
