@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+from running_daemon import write_config
 
 from armd.compensation.arm import load_arm
 from armd.compensation.calibration import save_calibration
@@ -24,15 +26,6 @@ from armd.simulator.electronics import BITS
 from armd.simulator.truth.nominal import arm_toml
 
 MS = 1_000_000
-CONFIG = """schema = "armd.daemon/1"
-arm = "arm.toml"
-calibration = "calibration.json"
-[driver]
-kind = "serial"
-port = "none"
-[zenoh]
-listen = []
-"""
 
 
 def compiled() -> dict[str, int]:
@@ -96,11 +89,14 @@ def test_nothing_is_compiled_while_samples_come(tmp_path):
     (tmp_path / "arm.toml").write_text(arm_toml("SIM-0001"))
     arm = load_arm(tmp_path / "arm.toml")
     save_calibration(tmp_path / "calibration.json", known_expansion(arm, [2e-6] * arm.n_joints))
-    (tmp_path / "armd.toml").write_text(CONFIG)
+    config = write_config(
+        tmp_path, "none", "tcp/127.0.0.1:0", top='calibration = "calibration.json"'
+    )
     run = subprocess.run(  # a process of its own: here other tests have compiled much already
-        [sys.executable, __file__, str(tmp_path / "armd.toml")],
+        [sys.executable, __file__, str(config)],
         capture_output=True,
         text=True,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])},
     )
     assert run.returncode == 0, run.stderr
     for expected in ("identified", "mapped", "unmapped", "temperatures", "joint_invalid"):
