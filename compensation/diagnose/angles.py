@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import subspace_angles
 from scipy.stats import chi2
 
 from armd.compensation.arm import Arm
-from armd.compensation.diagnose.evidence import inverse_factor
+from armd.compensation.diagnose.evidence import ABSORBED, inverse_factor
 from armd.compensation.diagnose.fit import Fit, finding_columns
 from armd.compensation.effects.effect import Candidate
 
@@ -20,7 +20,7 @@ F64 = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Likeness:
-    """A rival beside a finding, both whitened and clear of all else in the model."""
+    """A rival beside a finding, both clear of all else in the model, in units of the noise."""
 
     angle_deg: float  # smallest principal angle of the signatures; 0: not to be told apart
     left_p: float  # significance of what the finding adds once the rival is in the model
@@ -32,43 +32,57 @@ def compare(
     """How alike *candidate*, one of the fit's findings, and each of *rivals* are."""
     own = current.layout.findings[current.findings.index(candidate)]
     blocks = finding_columns(current.linear, [candidate, *rivals], arm)
-    clear = _cleared([current.residual[:, None], *blocks], current, own)
-    residual, mine, *others = clear
-    return [Likeness(_angle(mine, other), _left(residual[:, 0], mine, other)) for other in others]
+    products = _products(np.hstack([current.residual[:, None], *blocks]), current, own)
+    edges = np.cumsum([1, *(block.shape[1] for block in blocks)])
+    mine, *others = (slice(low, high) for low, high in itertools.pairwise(edges))
+    basis = _orthonormal(products, mine)
+    likenesses = []
+    for other in others:
+        rival = _orthonormal(products, other)
+        likenesses.append(Likeness(_angle(products, basis, rival), _left(products, mine, rival)))
+    return likenesses
 
 
-def _cleared(blocks: Sequence[F64], current: Fit, without: slice) -> list[F64]:
-    """Blocks of columns, whitened and projected clear of what absorbs but for *without*."""
+def _products(columns: F64, current: Fit, without: slice) -> F64:
+    """Products (m, m) of *columns* (N, m), the residual and signatures, in the noise's metric,
+    clear of what absorbs but for *without*.
+
+    What absorbs with a finite variance is noise that rests share: the metric is the inverse of
+    the whole covariance, not a projection. Signatures have unit length before that is cleared.
+    """
     keep = np.ones(len(current.absorbing.variance), dtype=bool)
     keep[without] = False
     white, scale, gram = current.white
     ridge = 1.0 / (current.absorbing.variance[keep] * scale[keep] ** 2)
     factor = inverse_factor(gram[np.ix_(keep, keep)] + np.diag(ridge))
-    signals = current.noise.whiten(np.hstack(blocks))
-    across = white.T @ signals
-    weights = np.zeros_like(across)
-    weights[keep] = factor @ (factor.T @ across[keep])
-    cleared = signals - white @ weights
-    return np.split(cleared, np.cumsum([block.shape[1] for block in blocks])[:-1], axis=1)
+    signals, size = current.noise.whiten_to_unit(columns)
+    signals[:, 0] *= size[0]
+    towards = factor.T @ (white.T @ signals)[keep]
+    products: F64 = signals.T @ signals - towards.T @ towards
+    return products
 
 
-def _left(residual: F64, mine: F64, other: F64) -> float:
-    basis = _orthonormal(other)
-    more = _orthonormal(mine - basis @ (basis.T @ mine), float(np.abs(mine).max(initial=0.0)))
-    if more.shape[1] == 0:
-        return 1.0
-    return float(chi2.sf(float(((more.T @ residual) ** 2).sum()), more.shape[1]))
-
-
-def _orthonormal(columns: F64, size: float | None = None) -> F64:
-    """Basis of a span; directions far smaller than *size* (default: the columns') are nothing."""
-    u, s, _ = np.linalg.svd(columns, full_matrices=False)
-    largest = float(s.max(initial=0.0)) if size is None else size * np.sqrt(len(columns))
-    basis: F64 = u[:, s > max(1e-4 * largest, 1e-300)]
+def _orthonormal(products: F64, of: slice) -> F64:
+    """Combinations (m, r) of all columns that span those *of*, orthonormal in *products*."""
+    values, vectors = np.linalg.eigh(products[of, of])
+    kept = values > ABSORBED
+    basis = np.zeros((len(products), int(kept.sum())))
+    basis[of] = vectors[:, kept] / np.sqrt(values[kept])
     return basis
 
 
-def _angle(a: F64, b: F64) -> float:
-    if not (np.abs(a).max(initial=0.0) > 0.0 and np.abs(b).max(initial=0.0) > 0.0):
+def _left(products: F64, mine: slice, other: F64) -> float:
+    """Tail of χ² for what *mine* explains of the residual, the first column, beside *other*."""
+    clear = np.eye(len(products)) - other @ (other.T @ products)
+    beside = clear.T @ products @ clear
+    basis = _orthonormal(beside, mine)
+    if basis.shape[1] == 0:
+        return 1.0
+    return float(chi2.sf(float(((basis.T @ beside[:, 0]) ** 2).sum()), basis.shape[1]))
+
+
+def _angle(products: F64, a: F64, b: F64) -> float:
+    if a.shape[1] == 0 or b.shape[1] == 0:
         return 90.0
-    return float(np.degrees(subspace_angles(a, b).min()))
+    largest = np.linalg.svd(a.T @ products @ b, compute_uv=False)[0]
+    return float(np.degrees(np.arccos(min(float(largest), 1.0))))

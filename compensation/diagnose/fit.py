@@ -67,7 +67,11 @@ class Fit:
         return normal.white, normal.scale, normal.gram
 
     def net_signature(self, index: int) -> F64:
-        """Motion (n, 3) in mm of the tip by a finding, clear of all else that absorbs."""
+        """Motion (n, 3) in mm of the tip by a finding, clear of all else in the model.
+
+        What rests share by chance (certified targets, a slow drift) is noise: it weighs, but what
+        it could take up is still the finding's.
+        """
         own = self.layout.findings[index]
         moves = -self.absorbing.columns[:, own] @ self.amplitudes[index]
         keep = np.delete(np.arange(len(self.solution)), own)
@@ -76,8 +80,10 @@ class Fit:
         ridge = np.diag(1.0 / (variance * scale[keep] ** 2))
         factor = pseudo_inverse_factor(gram[np.ix_(keep, keep)] + ridge)
         side = (white.T @ self.noise.whiten(moves))[keep]
-        taken = self.absorbing.columns[:, keep] @ (factor @ (factor.T @ side) / scale[keep])
-        net: F64 = (moves - taken)[: 3 * self.linear.rests.n].reshape(-1, 3)
+        taken = factor @ (factor.T @ side) / scale[keep]
+        model = keep < self.layout.shared
+        other = self.absorbing.columns[:, keep[model]] @ taken[model]
+        net: F64 = (moves - other)[: 3 * self.linear.rests.n].reshape(-1, 3)
         return net
 
 

@@ -43,7 +43,11 @@ def signature_plot(diagnosis: Diagnosis, index: int) -> go.Figure:
         rows, points, line, title = _in_the_parameter(diagnosis, index, next(iter(moved)))
     else:
         rows, points, line, title = _at_the_tip(diagnosis, index)
-    return _figure(values[rows], points, line, name, title)
+    figure = _figure(values[rows], points, line, name, title)
+    if candidate.depends_on == ("target",):
+        names = _target_names(diagnosis)
+        figure.update_xaxes(tickmode="array", tickvals=list(range(len(names))), ticktext=names)
+    return figure
 
 
 def _figure(values: F64, points: F64, line: F64, name: str, title: str) -> go.Figure:
@@ -112,9 +116,11 @@ def _fitted(values: F64, line: F64) -> dict[str, object]:
 
 
 def _means(values: F64, points: F64) -> dict[str, object]:
-    """Means of so many readings each, in the order of the variable."""
+    """Means over the variable: of each of its values if they are few, else of so many readings."""
     order = np.argsort(values, kind="stable")
-    groups = np.array_split(order, min(BINS, max(len(order) // 5, 1)))
+    steps = np.flatnonzero(np.diff(values[order])) + 1
+    few = len(steps) < BINS
+    groups = np.array_split(order, steps if few else min(BINS, max(len(order) // 5, 1)))
     x = np.array([float(values[group].mean()) for group in groups])
     y = np.array([float(points[group].mean()) for group in groups])
     return {"x": x, "y": y, "mode": "markers"}
@@ -126,6 +132,11 @@ def _range_of(points: F64, line: F64) -> list[float]:
     low, high = min(low, float(line.min())), max(high, float(line.max()))
     margin = 0.1 * (high - low) + 1e-12
     return [float(low - margin), float(high + margin)]
+
+
+def _target_names(diagnosis: Diagnosis) -> list[str]:
+    """The artefact's targets in its own order, those of all sessions that have others."""
+    return list(dict.fromkeys(diagnosis.search.last.linear.rests.target_label))
 
 
 def _variable(diagnosis: Diagnosis, candidate: Candidate) -> tuple[str, F64]:
@@ -146,7 +157,9 @@ def _variable(diagnosis: Diagnosis, candidate: Candidate) -> tuple[str, F64]:
     if name == "artefact_c":
         return "artefact above its reference, K", rests.artefact_rise_c
     if name == "target":
-        return "target, number", rests.observations.target.astype(float)
+        place = {label: i for i, label in enumerate(_target_names(diagnosis))}
+        labels = [rests.target_label[i] for i in rests.observations.target]
+        return "target", np.array([place[label] for label in labels], dtype=np.float64)
     if name.startswith("approach_"):
         return name, states.approach[:, "xyz".index(name[-1])]
     return "reading, number", np.arange(rests.n, dtype=float)

@@ -46,5 +46,6 @@ EFFECT = Effect(
     "measure at two more temperatures, at least 6 K apart",
     candidates,
     reading,
-    "temperatures that vary over the readings",
+    "temperatures that vary over the readings, and a calibration to compare with: without one, the "
+    "same readings identify it",
 )

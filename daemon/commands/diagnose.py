@@ -96,7 +96,7 @@ def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
         console.print(table)
         for number, finding in enumerate(findings, 1):
             rivals = ", ".join(
-                f"{a['cause']} {a['location']} ({a['probability']:.2f})"
+                f"{a['cause']} {a['location']} ({_share(a['probability'])})"
                 for a in finding["alternatives"]
             )
             also = f"; could also be {rivals}" if rivals else ""
@@ -106,3 +106,8 @@ def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
         untold = ", ".join(row["cause"] for row in result["cannot_tell"])
         console.print(f"these data cannot tell: {untold} (--json and --report say what they need)")
     console.print(f"next: {result['next_experiment']}")
+
+
+def _share(probability: float) -> str:
+    """A probability as a person reads it: what is small is not nothing."""
+    return f"{probability:.2f}" if probability >= 0.01 else "under 0.01"

@@ -15,6 +15,7 @@ from cases import NOISES, run_case
 
 from armd.compensation.arm import load_arm
 from armd.compensation.calibration import load_calibration
+from armd.compensation.diagnose.result import tip_rms_um
 from armd.simulator.campaigns.hidden import DESIGNS, Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
@@ -123,6 +124,17 @@ def test_a_wrong_length_is_no_sensor_tens_of_kelvin_off() -> None:
     judged = run_case(304, [plant], design=SMALL)
     assert judged.named == (True,)
     assert judged.false_causes == 0
+
+
+def test_a_wrong_certificate_is_like_no_other_cause_and_as_large_as_it_is() -> None:
+    """What certificates leave uncertain is noise: it must not swallow the target's own error."""
+    judged = run_case(305, [Plant("artefact_length", "target B7", 30.0)], design=SMALL)
+    assert judged.named == (True,)
+    (found,) = judged.diagnosis.found
+    assert found.rivals == ()
+    sessions = judged.diagnosis.sessions
+    share = np.mean([s.artefact.target_names[i] == "B7" for s in sessions for i in s.target])
+    assert tip_rms_um(judged.diagnosis, 0) == pytest.approx(30.0 * np.sqrt(share), rel=0.2)
 
 
 def test_two_causes_are_told_apart() -> None:
