@@ -38,7 +38,7 @@ from armd.compensation.kernel_state import (
     fold,
     opened,
 )
-from armd.jit import jit
+from armd.jit import inlined, jit
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -101,7 +101,7 @@ def correct_runs(
         first = end
 
 
-@jit
+@inlined
 def take_angles(q: F64, start: int, m: int, angle: F64, trig: F64) -> None:
     """Angles of m samples, their sines and cosines."""
     n_joints = q.shape[1]
@@ -111,7 +111,7 @@ def take_angles(q: F64, start: int, m: int, angle: F64, trig: F64) -> None:
     sincos(angle, 0, n_joints, 1.0, trig, 0)
 
 
-@jit
+@inlined
 def to_world(matrices: F64, tip: F64, trig: F64, vectors: F64, v: int) -> None:
     """Rows v … v + 2 of *vectors*: the tip (v = 0 or 9), or the x and y axes of the last frame
     (v = 3 takes both), in the world."""
