@@ -26,7 +26,7 @@ from armd.simulator.noise import Noise
 from armd.simulator.plan import Climate, Plan, Visit
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.rotations import ARC_SECOND, random_unit
+from armd.simulator.truth.rotations import ARC_SECOND
 
 F64 = npt.NDArray[np.float64]
 
@@ -35,6 +35,11 @@ SPHERE_MM, SPHERE_UNCERTAINTY_MM, SPHERE_FORM_MM = 25.4, 0.0002, 0.00005
 LENGTHS_MM = (160.0, 480.0, 800.0, 1200.0, 1600.0)
 BARS_MM = {"BARS": 780.0, "BARL": 1620.0}
 LENGTH_UNCERTAINTY_MM = 0.0005
+Rings = tuple[tuple[float, int], ...]  # degrees from the sphere's pole, points
+#: 25 points as ISO 10360-5 has them, 9 as B89.4.22, 5 that hold a centre: all above the stem.
+RINGS_25: Rings = ((0.0, 1), (22.5, 4), (45.0, 8), (67.5, 4), (90.0, 8))
+RINGS_9: Rings = ((0.0, 1), (45.0, 4), (90.0, 4))
+RINGS_5: Rings = ((0.0, 1), (90.0, 4))
 #: The bars are of steel, certified at 20 °C.
 STEEL_PER_K = 11.5e-6
 #: How well an arm that comes to be verified agrees with its arm.toml.
@@ -63,10 +68,7 @@ def artefacts(rng: np.random.Generator) -> Artefact:
         "SPHERE.b": np.array([0.0, 0.0, diameter / 2]),
     }
     inward: dict[str, F64] = {}
-    for name in _contact_names():
-        # The upper part of the sphere: below is its stem.
-        normal = random_unit(rng, 1)[0]
-        normal[2] = abs(normal[2])
+    for name, normal in _contacts(rng).items():
         radius = diameter / 2 + nominal.TIP_RADIUS_MM + rng.normal(0.0, SPHERE_FORM_MM)
         true[name], inward[name] = radius * normal, -normal
     for i in (1, 2, 3):
@@ -120,10 +122,29 @@ def visits(artefact: Artefact) -> tuple[Visit, ...]:
     return tuple(out)
 
 
-def _contact_names() -> list[str]:
-    names = [f"SPHERE{position}.{point:02d}" for position in (1, 2) for point in range(1, 26)]
-    names += [f"LDIA.{turn}.{point}" for turn in range(1, 6) for point in range(1, 6)]
-    return names + [f"EFFDIA.{repeat}.{point}" for repeat in (1, 2, 3) for point in range(1, 10)]
+def _contacts(rng: np.random.Generator) -> dict[str, F64]:
+    """Where the sphere is touched, name → unit vector: every pattern begins anywhere around."""
+    patterns = {f"SPHERE{position}.": (RINGS_25, 2) for position in (1, 2)}
+    patterns |= {f"LDIA.{orientation}.": (RINGS_5, 1) for orientation in range(1, 6)}
+    patterns |= {f"EFFDIA.{repeat}.": (RINGS_9, 1) for repeat in (1, 2, 3)}
+    return {
+        f"{prefix}{number:0{digits}d}": normal
+        for prefix, (rings, digits) in patterns.items()
+        for number, normal in enumerate(_rings(rings, rng.uniform(0.0, 2 * np.pi)), 1)
+    }
+
+
+def _rings(rings: Rings, turned_rad: float) -> F64:
+    """Unit vectors (n, 3), each ring's first point half of its own spacing further around."""
+    normals = []
+    for from_pole_deg, count in rings:
+        down = np.radians(from_pole_deg)
+        turned_rad += np.pi / count
+        for around in turned_rad + 2 * np.pi / count * np.arange(count):
+            normals.append(
+                [np.sin(down) * np.cos(around), np.sin(down) * np.sin(around), np.cos(down)]
+            )
+    return np.array(normals)
 
 
 def _certify(
