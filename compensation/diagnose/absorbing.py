@@ -36,6 +36,7 @@ class Layout:
     findings: tuple[slice, ...]
     mount: slice  # one column or none: the first link's growth, see `mount_term`
     shared: int  # first of those that targets and drift share
+    drift: slice
     gauge: F64  # (identified,) variance with which to choose where the data leave it open
 
 
@@ -70,7 +71,12 @@ def absorb(
         np.concatenate([block.variance for block in blocks]),
     )
     return joined, Layout(
-        places[1], tuple(places[2:-3]), places[-3], places[-2].start, _gauge(baseline, arm)
+        places[1],
+        tuple(places[2:-3]),
+        places[-3],
+        places[-2].start,
+        places[-1],
+        _gauge(baseline, arm),
     )
 
 

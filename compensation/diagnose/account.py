@@ -78,7 +78,7 @@ def _rivals(
         best = int(np.argmax(np.where(of_place, posterior, -np.inf)))
         rival = _at_the_instant_of(candidate, of_place, scores.signatures.candidates[best], scores)
         rivals.append((rival, probability[place]))
-    alike = compare(candidate, [rival for rival, _ in rivals], survey.fit, survey.arm)
+    alike = compare(candidate, [rival for rival, _ in rivals], survey.fit, survey.ground.arm)
     told = [
         Rival(rival, share, likeness.angle_deg)
         for (rival, share), likeness in zip(rivals, alike, strict=True)

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose.evidence import Scores, estimates, score
-from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.ground import Ground
 from armd.compensation.diagnose.scatter import log_p_by_scatter
 from armd.compensation.diagnose.shape import shape_of
 from armd.compensation.diagnose.survey import SHAPE_PRIOR, Survey, take_survey
@@ -30,11 +29,11 @@ BENT_FROM = -40.0
 
 def next_finding(survey: Survey, tests: int) -> Candidate | None:
     """What joins the findings: a cause, or, where none does, the shape of one that is in."""
-    cause = choose(survey.fit, survey.scores, tests, survey.arm)
+    cause = choose(survey.ground, survey.scores, tests)
     return cause or _shape_wanted(survey, tests)
 
 
-def choose(current: Fit, scores: Scores, tests: int, arm: Arm) -> Candidate | None:
+def choose(ground: Ground, scores: Scores, tests: int) -> Candidate | None:
     """The most probable place, if anything is significant; there its best value.
 
     What is named must be significant itself, also by the scatter of the rests that speak for it.
@@ -48,7 +47,7 @@ def choose(current: Fit, scores: Scores, tests: int, arm: Arm) -> Candidate | No
     weight, log_p = scores.log_posterior().copy(), scores.log_p.copy()
     finer = _finer(scores)
     if finer:
-        fine = take_survey(current, [c for values in finer.values() for c in values], arm).scores
+        fine = take_survey(ground, [c for values in finer.values() for c in values]).scores
         at = 0
         for i, values in finer.items():
             evidence = fine.log_evidence[at : at + len(values)]
@@ -65,8 +64,8 @@ def choose(current: Fit, scores: Scores, tests: int, arm: Arm) -> Candidate | No
         wanted = max((places[i] for i in able), key=lambda place: total[place])
         best = max((i for i in able if places[i] == wanted), key=lambda i: weight[i])
         if log_p[best] < BENT_FROM:
-            best = _if_bent(best, able, candidates, weight, current, arm)
-        if significant(log_p_by_scatter(candidates[best], current, arm), tests):
+            best = _if_bent(best, able, candidates, weight, ground)
+        if significant(log_p_by_scatter(candidates[best], ground), tests):
             return candidates[best]
         able.remove(best)
     return None
@@ -77,8 +76,7 @@ def _if_bent(
     able: Iterable[int],
     candidates: Sequence[Candidate],
     weight: F64,
-    current: Fit,
-    arm: Arm,
+    ground: Ground,
 ) -> int:
     """The likeliest candidate if a cause's shape may be off.
 
@@ -92,12 +90,12 @@ def _if_bent(
     causes = [candidates[i] for i in named.values()]
     if not causes:
         return best
-    straight = take_survey(current, causes, arm)
+    straight = take_survey(ground, causes)
     bent = []
     for cause, amplitudes in zip(causes, estimates(straight.sums), strict=True):
-        shape = shape_of(cause, amplitudes, arm.n_joints)
+        shape = shape_of(cause, amplitudes, ground.arm.n_joints)
         bent.append(replace(cause, columns=(*cause.columns, *(shape.columns if shape else ()))))
-    gained = take_survey(current, bent, arm).scores.log_evidence - straight.scores.log_evidence
+    gained = take_survey(ground, bent).scores.log_evidence - straight.scores.log_evidence
     likely = {i: weight[i] for i in (best, *named.values())}
     for i, more in zip(named.values(), gained, strict=True):
         likely[i] = float(np.logaddexp(weight[i], weight[i] + more + np.log(SHAPE_PRIOR)))
@@ -120,11 +118,14 @@ def _finer(scores: Scores) -> dict[int, list[Candidate]]:
 
 def _shape_wanted(survey: Survey, tests: int) -> Candidate | None:
     """The most significant of the findings' shapes, if any is."""
-    shapes = survey.shapes
+    shapes = survey.ground.shapes
     wanted = {i: c for i, c in enumerate(shapes.candidates) if c is not None}
     if not wanted:
         return None
-    sums = take_survey(survey.fit, list(wanted.values()), survey.arm).sums
-    log_p = {i: float(score(sums, shapes.columns[i]).log_p[j]) for j, i in enumerate(wanted)}
+    sums = take_survey(survey.ground, list(wanted.values())).sums
+    log_p = {
+        i: float(score(sums, survey.ground.place[shapes.columns[i]]).log_p[j])
+        for j, i in enumerate(wanted)
+    }
     best = min(log_p, key=lambda i: log_p[i])
     return wanted[best] if significant(log_p[best], tests) else None

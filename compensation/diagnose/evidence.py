@@ -7,7 +7,7 @@ cost a few matrix products, and any column may be taken out of the model again w
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,8 +17,6 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
-from armd.compensation.diagnose.noise import Absorbing, Noise
-from armd.compensation.diagnose.problem import Linear
 from armd.compensation.diagnose.signatures import Signatures
 from armd.compensation.effects.effect import Candidate
 
@@ -33,77 +31,41 @@ HELD = 1e-12
 SCALES = {1.0: 0.6, 5.0: 0.3, 50.0: 0.1}
 #: What the catalogue does not know gets this prior share.
 UNKNOWN_PRIOR = 0.05
-CHUNK = 512
 
 
 @dataclass(frozen=True)
 class Sums:
-    """Products over whitened rows of absorbing columns B, candidates' columns X, residual r."""
+    """Products over whitened rows of shared absorbing columns B, candidates' columns X, residual
+    r, clear of what absorbs in one placement only (but for the lengths)."""
 
     signatures: Signatures
-    scale: F64  # (b,) by which the columns of B were divided
-    ridge: F64  # (b,) for the scaled columns
+    variance: F64  # (b,) of the amplitudes of B
+    square: F64  # (b,) squared lengths of B before clearing
     bb: F64  # (b, b)
     br: F64  # (b,)
     bx: F64  # (b, K)
     xr: F64  # (K,)
+    length: F64  # (K,) squared lengths of X before clearing
     xx: dict[int, tuple[I64, F64]]  # columns per candidate → candidates, (c, m, m)
 
 
-def add_up(
-    linear: Linear,
-    noise: Noise,
-    residual: F64,
-    absorbing: Absorbing,
-    signatures: Signatures,
-) -> Sums:
-    """One pass over the rows."""
-    white_b, scale = noise.whiten_to_unit(absorbing.columns)
-    white_r = noise.whiten(residual)
-    white_j = np.ascontiguousarray(noise.whiten(linear.jacobian.T).T)
-    k = signatures.n_columns
-    bx, xr = np.empty((len(scale), k)), np.empty(k)
-    xx = {
-        int(m): (np.flatnonzero(signatures.count == m), np.empty(0))
-        for m in np.unique(signatures.count)
-    }
-    blocks: dict[int, list[F64]] = {m: [] for m in xx}
-    for low, high in _chunks(signatures):
-        columns = range(
-            signatures.first[low], signatures.first[high - 1] + signatures.count[high - 1]
-        )
-        x = signatures.block(linear, white_j, columns, noise)
-        at = slice(columns.start, columns.stop)
-        bx[:, at], xr[at] = white_b.T @ x, white_r @ x
-        for m, (members, _) in xx.items():
-            inside = members[(members >= low) & (members < high)]
-            which = signatures.first[inside][:, None] + np.arange(m) - columns.start
-            own = x[:, which]  # (N, c, m)
-            blocks[m].append(np.einsum("nci,ncj->cij", own, own, optimize=True))
+def total(parts: Sequence[Sums]) -> Sums:
+    """The sums over several parts of the rows."""
+    first = parts[0]
     return Sums(
-        signatures,
-        scale,
-        1.0 / (absorbing.variance * scale**2),
-        white_b.T @ white_b,
-        white_b.T @ white_r,
-        bx,
-        xr,
-        {m: (members, np.concatenate(blocks[m])) for m, (members, _) in xx.items()},
+        first.signatures,
+        first.variance,
+        np.sum([part.square for part in parts], axis=0),
+        np.sum([part.bb for part in parts], axis=0),
+        np.sum([part.br for part in parts], axis=0),
+        np.sum([part.bx for part in parts], axis=0),
+        np.sum([part.xr for part in parts], axis=0),
+        np.sum([part.length for part in parts], axis=0),
+        {
+            m: (members, np.sum([part.xx[m][1] for part in parts], axis=0))
+            for m, (members, _) in first.xx.items()
+        },
     )
-
-
-def _chunks(signatures: Signatures) -> Iterable[tuple[int, int]]:
-    """Ranges of candidates of about CHUNK columns."""
-    low = 0
-    while low < len(signatures.candidates):
-        high, width = low, 0
-        while high < len(signatures.candidates) and (
-            width == 0 or width + signatures.count[high] <= CHUNK
-        ):
-            width += int(signatures.count[high])
-            high += 1
-        yield low, high
-        low = high
 
 
 @dataclass(frozen=True)
@@ -158,20 +120,16 @@ class Scores:
 
 
 def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
-    """Statistics of all candidates, the absorbing columns *without* left out of the model."""
-    keep = np.setdiff1d(np.arange(len(sums.scale)), list(without))
-    factor = inverse_factor(sums.bb[np.ix_(keep, keep)] + np.diag(sums.ridge[keep]))
-    t = factor.T @ sums.bx[keep]  # (r, K)
-    u = sums.xr - t.T @ (factor.T @ sums.br[keep])
+    """Statistics of all candidates, the shared columns *without* left out of the model."""
+    t, u = _clear(sums, np.setdiff1d(np.arange(len(sums.variance)), list(without)))
     n = len(sums.signatures.candidates)
     statistic, freedom, evidence = np.zeros(n), np.zeros(n, dtype=np.int64), np.zeros(n)
     for m, (members, raw) in sums.xx.items():
         which = sums.signatures.first[members][:, None] + np.arange(m)
-        size = np.sqrt(np.einsum("cii->ci", raw))
+        size = np.sqrt(sums.length[which])
         size[size == 0.0] = 1.0
-        tc = t[:, which] / size  # (r, c, m)
-        gram = raw / (size[:, :, None] * size[:, None, :])
-        gram = gram - np.einsum("rci,rcj->cij", tc, tc, optimize=True)
+        tc = t[which] / size[:, :, None]  # (c, m, r)
+        gram = raw / (size[:, :, None] * size[:, None, :]) - tc @ tc.transpose(0, 2, 1)
         values, vectors = np.linalg.eigh(gram)
         kept = values > ABSORBED
         turned = np.einsum("cij,ci->cj", vectors, u[which] / size)
@@ -188,16 +146,26 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
 
 def estimates(sums: Sums) -> list[F64]:
     """Amplitudes of each candidate, alone beside what absorbs."""
-    factor = inverse_factor(sums.bb + np.diag(sums.ridge))
-    t = factor.T @ sums.bx
-    u = sums.xr - t.T @ (factor.T @ sums.br)
+    t, u = _clear(sums, np.arange(len(sums.variance)))
     found: list[F64] = [np.empty(0)] * len(sums.signatures.candidates)
     for members, raw in sums.xx.values():
         for i, gram in zip(members, raw, strict=True):
             own = sums.signatures.columns_of(int(i))
-            clear = gram - t[:, own].T @ t[:, own]
+            clear = gram - t[own] @ t[own].T
             found[i] = -np.linalg.pinv(clear, rcond=ABSORBED, hermitian=True) @ u[own]
     return found
+
+
+def _clear(sums: Sums, keep: I64) -> tuple[F64, F64]:
+    """What the shared columns *keep* take of X: its coordinates (K, b) along an orthonormal basis
+    of them; and what of the products of X with the residual is left, (K,)."""
+    scale = np.sqrt(sums.square[keep])
+    scale[scale == 0.0] = 1.0
+    ridge = np.diag(1.0 / (sums.variance[keep] * scale**2))
+    factor = inverse_factor(sums.bb[np.ix_(keep, keep)] / np.outer(scale, scale) + ridge)
+    factor = factor / scale[:, None]
+    t = sums.bx[keep].T @ factor
+    return t, sums.xr - t @ (factor.T @ sums.br[keep])
 
 
 def _log_tail(statistic: F64, freedom: I64) -> F64:

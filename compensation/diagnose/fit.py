@@ -20,6 +20,7 @@ from armd.compensation.diagnose.absorbing import (
     with_gauge,
 )
 from armd.compensation.diagnose.baseline import Baseline, moved, scaled
+from armd.compensation.diagnose.blocks import Blocks, in_blocks
 from armd.compensation.diagnose.evidence import pseudo_inverse_factor
 from armd.compensation.diagnose.noise import Absorbing, Noise
 from armd.compensation.diagnose.problem import Linear, ModelState, Rests, linearise
@@ -63,8 +64,8 @@ class Fit:
     def white(self) -> tuple[F64, F64, F64]:
         """Whitened absorbing columns (N, b) of unit length, by what they were divided, and their
         products (b, b)."""
-        normal = _normal(self.absorbing, self.noise, self.residual)
-        return normal.white, normal.scale, normal.gram
+        white, scale = self.noise.whiten_to_unit(self.absorbing.columns)
+        return white, scale, white.T @ white
 
     def net_signature(self, index: int) -> F64:
         """Motion (n, 3) in mm of the tip by a finding, clear of all else in the model.
@@ -104,7 +105,7 @@ def finding_columns(linear: Linear, findings: Sequence[Candidate], arm: Arm) -> 
     """Columns (N, m) of each finding, in mm."""
     signatures = compile_candidates(findings, linear, arm)
     return [
-        signatures.block(linear, linear.jacobian, signatures.columns_of(i))
+        signatures.rows(linear, linear.jacobian, np.array(signatures.columns_of(i))).T
         for i in range(len(findings))
     ]
 
@@ -136,15 +137,19 @@ def fit(
         absorbing, layout = absorb(linear, arm, baseline, findings, columns, sizes)
         extra = finding_columns(linear, noise_extra, arm)
         noisy = for_noise(absorbing, layout, extra)
+        blocks = in_blocks(absorbing.columns, linear)
         if noise is None:
             noise = noise_model.estimate(linear, residual, noisy)
-        fitted = absorbing.columns @ _solve(absorbing.ridged(noise), layout, noise, residual)[0]
+        fitted = absorbing.columns @ _solve(
+            blocks, absorbing.ridged(noise), layout, noise, residual
+        )
         clipped = noise_model.winsorise(residual, fitted, noise)
         noise = noise_model.estimate(linear, clipped, noisy, noise)
-        fitted = absorbing.columns @ _solve(absorbing.ridged(noise), layout, noise, clipped)[0]
+        fitted = absorbing.columns @ _solve(blocks, absorbing.ridged(noise), layout, noise, clipped)
         clipped = noise_model.winsorise(residual, fitted, noise)
-        absorbing, sizes = _sized(absorbing.ridged(noise), layout, findings, sizes, noise, clipped)
-        solution, inverse = _solve(absorbing, layout, noise, clipped)
+        normal = _normal(blocks, noise, clipped)
+        absorbing, sizes = _sized(absorbing.ridged(noise), layout, findings, sizes, normal)
+        solution, inverse = normal.solved(with_gauge(absorbing.variance, layout))
         fitted = absorbing.columns @ solution
         before = amplitudes
         amplitudes = [-solution[at] for at in layout.findings]
@@ -184,8 +189,9 @@ def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Ar
     columns = finding_columns(known.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
     absorbing, layout = absorb(known.linear, arm, known.baseline, findings, columns, sizes)
-    absorbing, _ = _sized(absorbing.ridged(noise), layout, findings, sizes, noise, known.residual)
-    solution, inverse = _solve(absorbing, layout, noise, known.residual)
+    normal = _normal(in_blocks(absorbing.columns, known.linear), noise, known.residual)
+    absorbing, _ = _sized(absorbing.ridged(noise), layout, findings, sizes, normal)
+    solution, inverse = normal.solved(with_gauge(absorbing.variance, layout))
     return replace(
         known,
         findings=tuple(findings),
@@ -216,15 +222,13 @@ def _sized(
     layout: Layout,
     findings: Sequence[Candidate],
     sizes: Sequence[float],
-    noise: Noise,
-    residual: F64,
+    normal: _Normal,
 ) -> tuple[Absorbing, list[float]]:
     """With each curve's likely size as the data have it: expectation–maximisation, few steps."""
     sizes = list(sizes)
     curves = [i for i, candidate in enumerate(findings) if is_curve(candidate)]
     if not curves:
         return absorbing, sizes
-    normal = _normal(absorbing, noise, residual)
     variance = absorbing.variance.copy()
     for _ in range(SIZING_STEPS):
         solution, inverse = normal.solved(with_gauge(variance, layout))
@@ -237,17 +241,17 @@ def _sized(
     return Absorbing(absorbing.columns, variance), sizes
 
 
-def _solve(absorbing: Absorbing, layout: Layout, noise: Noise, residual: F64) -> tuple[F64, F64]:
-    """Generalised least squares: solution (b,) with B x ≈ residual, and its covariance (b, b)."""
-    variance = with_gauge(absorbing.variance, layout)
-    return _normal(absorbing, noise, residual).solved(variance)
+def _solve(
+    blocks: Blocks, absorbing: Absorbing, layout: Layout, noise: Noise, residual: F64
+) -> F64:
+    """Generalised least squares: solution (b,) with B x ≈ residual."""
+    return _normal(blocks, noise, residual).solved(with_gauge(absorbing.variance, layout))[0]
 
 
 @dataclass(frozen=True)
 class _Normal:
-    """Normal equations of *white* columns, divided by *scale* (b,), to solve under any prior."""
+    """Normal equations of whitened columns divided by *scale* (b,), to solve under any prior."""
 
-    white: F64  # (N, b)
     gram: F64  # (b, b)
     side: F64  # (b,)
     scale: F64
@@ -260,6 +264,8 @@ class _Normal:
         return inverse @ (self.scale * self.side), inverse
 
 
-def _normal(absorbing: Absorbing, noise: Noise, residual: F64) -> _Normal:
-    white, scale = noise.whiten_to_unit(absorbing.columns)
-    return _Normal(white, white.T @ white, white.T @ noise.whiten(residual), scale)
+def _normal(blocks: Blocks, noise: Noise, residual: F64) -> _Normal:
+    products = blocks.products(noise.whitener, noise.distance_mm, residual)
+    scale = np.sqrt(np.diag(products)[:-1])
+    scale[scale == 0.0] = 1.0
+    return _Normal(products[:-1, :-1] / np.outer(scale, scale), products[:-1, -1] / scale, scale)

@@ -15,9 +15,11 @@ from scipy.stats import binom
 
 from armd.compensation.arm import Arm
 from armd.compensation.diagnose.choice import next_finding
+from armd.compensation.diagnose.evidence import total
 from armd.compensation.diagnose.fit import Fit, solve_again
+from armd.compensation.diagnose.ground import make_ground
 from armd.compensation.diagnose.search import Progress, Result, joined
-from armd.compensation.diagnose.survey import take_survey
+from armd.compensation.diagnose.survey import Survey
 from armd.compensation.identify.observations import Observations
 
 F64 = npt.NDArray[np.float64]
@@ -98,21 +100,30 @@ def cross_validate(result: Result, arm: Arm, progress: Progress) -> CrossValidat
     last = result.last
     folds = _folds(last)
     squares = [np.zeros(last.linear.rests.n) for _ in range(len(result.found) + 1)]
-    for part, fold in enumerate(np.unique(folds)):
+    whole = make_ground(solve_again(last, [], last.noise, arm), arm, folds)
+    by_part = whole.sums_by_part(result.signatures)
+    for part in np.unique(folds):
         progress("gain", 0.9 + 0.1 * part / MOST_FOLDS)
-        out = folds == fold
+        out = folds == part
         whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
         noise = replace(last.noise, whitener=whitener)
         current = solve_again(last, [], noise, arm)
         squares[0][out] = _left_out(current, out)
+        first = survey = Survey(
+            whole.without(int(part), current),
+            total([sums for i, sums in enumerate(by_part) if i != part]),
+        )
         for step in range(1, len(squares)):
-            found = next_finding(take_survey(current, result.signatures, arm), result.tests)
+            found = next_finding(survey, result.tests)
             if found is None:
                 for square in squares[step:]:
                     square[out] = squares[step - 1][out]
                 break
             current = solve_again(last, joined(current.findings, found), noise, arm)
             squares[step][out] = _left_out(current, out)
+            if step + 1 < len(squares):
+                ground = first.ground.with_findings_of(current)
+                survey = Survey(ground, ground.sums_with(first.sums))
     return CrossValidated(squares, groups_of(last.linear.rests.observations))
 
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize, minimize_scalar
 
+from armd.compensation.diagnose.blocks import in_blocks
 from armd.compensation.diagnose.problem import Linear
 
 F64 = npt.NDArray[np.float64]
@@ -158,9 +159,12 @@ def estimate(
     variance = absorbing.variance[~free]
     distance = np.maximum(linear.rests.observations.distances.standard_uncertainty_mm, 1e-6)
 
+    blocks = in_blocks(np.hstack([fixed, shared]), linear)
+
     def at_share(share: float) -> tuple[float, float, float]:
-        white = _unit_noise(linear, share, distance)
-        return _best_scale(_sums(white, residual, fixed, shared), variance)
+        whitener = _unit_whitener(linear, share)
+        products = blocks.products(whitener, distance, residual)
+        return _best_scale(_sums(whitener, products, fixed.shape[1], len(residual)), variance)
 
     low, high, steps = 0.01, 0.99, 7
     if before is not None:
@@ -180,20 +184,20 @@ def estimate(
         drift_mm=drift,
         encoder_rad=scale * np.sqrt(share) / LEVER_MM,
         repeat_mm=scale * np.sqrt(1.0 - share),
-        whitener=_unit_noise(linear, share, distance).whitener / scale,
+        whitener=_unit_whitener(linear, share) / scale,
         distance_mm=distance,
     )
 
 
-def _unit_noise(linear: Linear, share: float, distance: F64) -> Noise:
-    whitener = np.linalg.inv(np.linalg.cholesky(_blocks(linear, share)))
-    return Noise(1.0, share, 0.0, 0.0, 0.0, whitener, distance)
+def _unit_whitener(linear: Linear, share: float) -> F64:
+    """(n, 3, 3) whitening for s = 1."""
+    whitener: F64 = np.linalg.inv(np.linalg.cholesky(_blocks(linear, share)))
+    return whitener
 
 
-def _sums(noise: Noise, residual: F64, fixed: F64, shared: F64) -> _Gram:
-    both = noise.whiten(np.hstack([fixed, shared, residual[:, None]]))
-    f = fixed.shape[1]
-    gram = both.T @ both
+def _sums(whitener: F64, gram: F64, f: int, rows: int) -> _Gram:
+    """From the products of all whitened columns, the first *f* of which absorb freely, and the
+    residual, of so many *rows*."""
     size = np.sqrt(np.diag(gram)[:f])
     size[size == 0.0] = 1.0
     values, vectors = np.linalg.eigh(gram[:f, :f] / np.outer(size, size))
@@ -202,8 +206,8 @@ def _sums(noise: Noise, residual: F64, fixed: F64, shared: F64) -> _Gram:
     root = vectors[:, kept] / np.sqrt(values[kept])
     across = root.T @ (gram[:f, f:] / size[:, None])
     clear = gram[f:, f:] - across.T @ across
-    log_det = -2.0 * float(np.log(np.einsum("nii->ni", noise.whitener)).sum())
-    freedom = len(residual) - int(kept.sum())
+    log_det = -2.0 * float(np.log(np.einsum("nii->ni", whitener)).sum())
+    freedom = rows - int(kept.sum())
     # What is absorbed entirely must not come out negative by rounding.
     own, axes = np.linalg.eigh(clear[:-1, :-1])
     matrix = (axes * np.maximum(own, 0.0)) @ axes.T

@@ -224,19 +224,22 @@ def _nuisance(
     observations: Observations, poses: Poses, position: F64, direction: F64, size: int
 ) -> F64:
     """Columns (N, m) of every placement's pose and every unknown seat's position."""
-    n, n_placements = observations.n, len(observations.placement_names)
-    columns = np.zeros((size, 6 * n_placements + 3 * len(observations.target_names)))
+    n, first = observations.n, 6 * len(observations.placement_names)
+    seats = np.flatnonzero(observations.unknown)
+    at = {int(k): first + 3 * j for j, k in enumerate(seats)}  # of each seat's columns
+    columns = np.zeros((size, first + 3 * len(seats)))
     rows = 3 * np.arange(n)[:, None] + np.arange(3)
     pose_block = pose_columns(observations, position, centres(observations, position))
     for j in range(6):
         columns[rows, (6 * observations.placement + j)[:, None]] = pose_block[:, :, j]
-    target_block = target_columns(observations, poses)
-    first = 6 * n_placements
+    there = np.flatnonzero(observations.unknown[observations.target])
+    begin = np.array([at[int(k)] for k in observations.target[there]], dtype=np.int64)
+    target_block = target_columns(observations, poses)[there]
     for j in range(3):
-        columns[rows, (first + 3 * observations.target + j)[:, None]] = target_block[:, :, j]
+        columns[rows[there], (begin + j)[:, None]] = target_block[:, :, j]
     for i, (a, b) in enumerate(observations.distances.between):
-        columns[3 * n + i, first + 3 * a : first + 3 * a + 3] = direction[i]
-        columns[3 * n + i, first + 3 * b : first + 3 * b + 3] = -direction[i]
-    columns[:, first:][:, np.repeat(~observations.unknown, 3)] = 0.0
-    kept: F64 = columns[:, np.abs(columns).max(axis=0) > 0.0]
+        for end, sign in ((int(a), 1.0), (int(b), -1.0)):
+            if end in at:
+                columns[3 * n + i, at[end] : at[end] + 3] = sign * direction[i]
+    kept: F64 = columns[:, np.abs(columns).max(axis=0, initial=0.0) > 0.0]
     return kept

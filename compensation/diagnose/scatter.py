@@ -12,10 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import f as f_distribution
 
-from armd.compensation.arm import Arm
-from armd.compensation.diagnose.evidence import ABSORBED, inverse_factor
-from armd.compensation.diagnose.fit import Fit, finding_columns
-from armd.compensation.diagnose.shape import with_shapes
+from armd.compensation.diagnose.evidence import ABSORBED
+from armd.compensation.diagnose.fit import finding_columns
+from armd.compensation.diagnose.ground import Ground
 from armd.compensation.effects.effect import Candidate
 
 F64 = npt.NDArray[np.float64]
@@ -24,16 +23,16 @@ F64 = npt.NDArray[np.float64]
 MOST_LEVERAGE = 0.9
 
 
-def log_p_by_scatter(candidate: Candidate, current: Fit, arm: Arm) -> float:
+def log_p_by_scatter(candidate: Candidate, ground: Ground) -> float:
     """Log of the p value of a candidate's score, its variance from the rests' own residuals."""
-    plain, clear, residual = _cleared(candidate, current, arm)
+    plain, clear, residual = _cleared(candidate, ground)
     values, vectors = np.linalg.eigh(plain.T @ clear)
     kept = values > ABSORBED * max(float(values.max(initial=0.0)), 1e-300)
     if not kept.any():
         return 0.0
     root = vectors[:, kept] / np.sqrt(values[kept])
     score = root.T @ (plain.T @ residual)
-    m, n = len(score), 3 * current.linear.rests.n
+    m, n = len(score), 3 * ground.fit.linear.rests.n
     weights = clear @ root
     rests = weights[:n].reshape(-1, 3, m)
     left = (residual - weights @ score)[:n].reshape(-1, 3)
@@ -47,15 +46,11 @@ def log_p_by_scatter(candidate: Candidate, current: Fit, arm: Arm) -> float:
     return float(f_distribution.logsf(float(score @ score) / (m * scatter), m, freedom))
 
 
-def _cleared(candidate: Candidate, current: Fit, arm: Arm) -> tuple[F64, F64, F64]:
+def _cleared(candidate: Candidate, ground: Ground) -> tuple[F64, F64, F64]:
     """A candidate's whitened columns (N, m) of unit length, the same clear of what absorbs (the
     findings' shapes included), and the residual (N,) clear."""
-    absorbing = with_shapes(current, arm).absorbing
-    both = [finding_columns(current.linear, [candidate], arm)[0], current.residual[:, None]]
-    signal = current.noise.whiten(np.hstack(both))
-    size = np.sqrt((signal[:, :-1] ** 2).sum(axis=0))
-    signal[:, :-1] /= np.where(size > 0.0, size, 1.0)
-    white, scale = current.noise.whiten_to_unit(absorbing.columns)
-    factor = inverse_factor(white.T @ white + np.diag(1.0 / (absorbing.variance * scale**2)))
-    clear = signal - white @ (factor @ (factor.T @ (white.T @ signal)))
-    return signal[:, :-1], clear[:, :-1], clear[:, -1]
+    columns = finding_columns(ground.fit.linear, [candidate], ground.arm)[0]
+    white, clear = ground.clear_of_all(np.hstack([columns, ground.fit.residual[:, None]]))
+    size = np.sqrt((white[:, :-1] ** 2).sum(axis=0))
+    size = np.where(size > 0.0, size, 1.0)
+    return white[:, :-1] / size, clear[:, :-1] / size, clear[:, -1]

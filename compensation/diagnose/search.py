@@ -17,6 +17,7 @@ from armd.compensation.diagnose.account import Found, account
 from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.choice import choose, next_finding
 from armd.compensation.diagnose.fit import Fit, fit, solve_again
+from armd.compensation.diagnose.ground import make_ground
 from armd.compensation.diagnose.problem import Rests
 from armd.compensation.diagnose.scene import make_scene
 from armd.compensation.diagnose.shape import is_shape, shape_place
@@ -129,7 +130,7 @@ class Search:
     def _pruned(self, current: Fit) -> Fit:
         """Without findings that are not significant any more, the weakest first."""
         while current.findings:
-            own = take_survey(current, current.findings, self.arm)
+            own = take_survey(make_ground(current, self.arm), current.findings)
             log_p = [float(own.freed(i).log_p[i]) for i in range(len(current.findings))]
             weakest = int(np.argmax(log_p))
             if significant(log_p[weakest], self._tests):
@@ -149,7 +150,7 @@ class Search:
             if places[best] > CLEARLY * survey.posterior_of(i, others):
                 findings = _with_their_causes([c for c in current.findings if c is not candidate])
                 without = solve_again(current, findings, current.noise, self.arm)
-                rival = choose(without, others, self._tests, self.arm)
+                rival = choose(make_ground(without, self.arm), others, self._tests)
                 if rival is None or rival.place == candidate.place:
                     continue
                 current = self._pruned(self._fit(joined(findings, rival), without))
@@ -158,10 +159,11 @@ class Search:
 
     def _survey(self, current: Fit) -> Survey:
         """The whole catalogue against what is left; the first time it is counted."""
+        ground = make_ground(current, self.arm)
         if self._signatures is not None:
-            return take_survey(current, self._signatures, self.arm)
+            return take_survey(ground, self._signatures)
         self._signatures = compile_candidates(self._candidates, current.linear, self.arm)
-        survey = take_survey(current, self._signatures, self.arm)
+        survey = take_survey(ground, self._signatures)
         self._tests = max(int((survey.scores.freedom > 0).sum()), 1)
         return survey
 

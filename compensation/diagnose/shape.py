@@ -43,11 +43,11 @@ def shape_place(candidate: Candidate) -> str:
 
 @dataclass(frozen=True)
 class Shapes:
-    """What absorbs while the search looks further, the findings' shapes included."""
+    """The findings' shapes, which absorb too while the search looks further."""
 
-    absorbing: Absorbing
+    absorbing: Absorbing  # theirs only
     candidates: tuple[Candidate | None, ...]  # per finding, its shape where it may be off
-    columns: tuple[range, ...]  # of the absorbing columns those of each finding's shape
+    columns: tuple[range, ...]  # of each finding's shape, counted on from the fit's absorbing ones
 
     def without(self, current: Fit, index: int) -> list[int]:
         """The absorbing columns of a finding and its shape, be that a finding itself."""
@@ -76,12 +76,9 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
         width = 0 if candidate is None else len(candidate.columns)
         columns.append(range(at, at + width))
         at += width
-    added = at - len(current.absorbing.variance)
-    absorbing = Absorbing(
-        np.hstack([current.absorbing.columns, *blocks]),
-        np.concatenate([current.absorbing.variance, np.full(added, OFF**2)]),
-    )
-    return Shapes(absorbing, candidates, tuple(columns))
+    nothing = np.empty((len(current.residual), 0))
+    joined = np.hstack([nothing, *blocks])
+    return Shapes(Absorbing(joined, np.full(joined.shape[1], OFF**2)), candidates, tuple(columns))
 
 
 def shape_of(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:

@@ -1,12 +1,15 @@
-"""Candidates as columns: what each would add to the residual, whitened, chunk by chunk."""
+"""Candidates as columns: what each would add to the residual, and its products with others."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
 
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
@@ -43,19 +46,67 @@ class Signatures:
         """Column numbers of a candidate."""
         return range(self.first[candidate], self.first[candidate] + self.count[candidate])
 
-    def block(
-        self, linear: Linear, jacobian: F64, columns: range, noise: Noise | None = None
-    ) -> F64:
-        """Columns (N, len(columns)) from a Jacobian (P, N): plain, or whitened with its noise."""
-        rows = np.zeros((len(columns), len(linear.residual)))
+    def rows(self, linear: Linear, jacobian: F64, columns: I64, noise: Noise | None = None) -> F64:
+        """Columns as rows (len(columns), N), from a Jacobian (P, N): plain, or whitened with its
+        noise."""
         n = 3 * linear.rests.n
-        for row, column in zip(rows, columns, strict=True):
+        found = np.zeros((len(columns), len(linear.residual)))
+        at_rests = found[:, :n].reshape(len(columns), -1, 3)
+        of_rests = jacobian[:, :n].reshape(len(jacobian), -1, 3)
+        for turn in range(max((len(self.parts[c]) for c in columns), default=0)):
+            having = [i for i, c in enumerate(columns) if len(self.parts[c]) > turn]
+            named, weights, bases = zip(
+                *(self.parts[columns[i]][turn] for i in having), strict=True
+            )
+            values = np.array(weights)[:, None] * self.bases[list(bases)]
+            more = of_rests[list(named)] * values[:, :, None]
+            if len(having) == len(columns):
+                at_rests += more
+            else:
+                at_rests[having] += more
+        for row, column in zip(found, columns, strict=True):
             if (change := self.changes[column]) is not None:
                 plain = linear.artefact_column(change)
-                row[:] = plain if noise is None else noise.whiten(plain)
-            for parameter, weight, basis in self.parts[column]:
-                row[:n] += jacobian[parameter, :n] * np.repeat(weight * self.bases[basis], 3)
-        return rows.T
+                row += plain if noise is None else noise.whiten(plain)
+        return found
+
+    def products(self, jacobian: F64, others: F64, rests: slice | I64) -> F64:
+        """(K, u) products with *others* (n, 3, u) over some *rests*, changes of the artefact not
+        included; from a Jacobian (P, n, 3) of these rests.
+
+        A column is a parameter's times a basis function: the other columns are multiplied by the
+        parameter once for all its bases, and three rows become one.
+        """
+        named, first, basis, weights = self._pairs
+        turned = jacobian[named].transpose(1, 0, 2) @ others  # (n, named, u)
+        values = self.bases[:, rests]
+        found = np.empty((len(basis), others.shape[2]))
+        for j, (low, high) in enumerate(itertools.pairwise(first)):
+            np.matmul(values[basis[low:high]], turned[:, j], out=found[low:high])
+        product: F64 = weights @ found
+        return product
+
+    @cached_property
+    def _pairs(self) -> tuple[I64, I64, I64, csr_array]:
+        """Distinct pairs of parameter and basis, ordered by parameter: the parameters, where the
+        pairs of each begin (one more for the end), the bases of all, and the weights (K, pairs)
+        with which they make the columns."""
+        entries = [
+            (parameter, basis, column, weight)
+            for column, parts in enumerate(self.parts)
+            for parameter, weight, basis in parts
+        ]
+        parameter, basis, column = (
+            np.array([e[:3] for e in entries], dtype=np.int64).reshape(-1, 3).T
+        )
+        pairs, index = np.unique(np.stack([parameter, basis]), axis=1, return_inverse=True)
+        named, first = np.unique(pairs[0], return_index=True)
+        weights = csr_array(
+            ([e[3] for e in entries], (column, index.ravel())),
+            shape=(self.n_columns, pairs.shape[1]),
+            dtype=np.float64,
+        )
+        return named, np.append(first, pairs.shape[1]), pairs[1], weights
 
 
 def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm) -> Signatures:

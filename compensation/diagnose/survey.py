@@ -9,10 +9,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.diagnose.evidence import Scores, Sums, add_up, score
+from armd.compensation.diagnose.evidence import Scores, Sums, score
 from armd.compensation.diagnose.fit import Fit
-from armd.compensation.diagnose.shape import Shapes, is_shape, with_shapes
+from armd.compensation.diagnose.ground import Ground
+from armd.compensation.diagnose.shape import is_shape
 from armd.compensation.diagnose.signatures import Signatures, compile_candidates
 from armd.compensation.effects.effect import Candidate
 
@@ -22,12 +22,15 @@ SHAPE_PRIOR = 0.5
 
 @dataclass(frozen=True)
 class Survey:
-    """One fit, and how strongly what it leaves wants each candidate."""
+    """One fit's ground, and how strongly what it leaves wants each candidate."""
 
-    fit: Fit
-    arm: Arm
-    shapes: Shapes
+    ground: Ground
     sums: Sums
+
+    @property
+    def fit(self) -> Fit:
+        """The fit whose findings are in the model."""
+        return self.ground.fit
 
     @cached_property
     def scores(self) -> Scores:
@@ -49,11 +52,12 @@ class Survey:
 
     def freed(self, index: int) -> Scores:
         """Of all candidates, one finding and its shape taken out; also of parts of the others."""
-        return score(self.sums, self.shapes.without(self.fit, index))
+        absorbing = self.ground.shapes.without(self.fit, index)
+        return score(self.sums, self.ground.place[absorbing])
 
     @cached_property
     def _of_findings(self) -> Survey:
-        return take_survey(self.fit, self.fit.findings, self.arm)
+        return take_survey(self.ground, self.fit.findings)
 
     @cached_property
     def _parts(self) -> npt.NDArray[np.bool_]:
@@ -82,10 +86,8 @@ class Survey:
         return weight * float(np.exp(np.clip(own - best, 0.0, 500.0)))
 
 
-def take_survey(current: Fit, candidates: Sequence[Candidate] | Signatures, arm: Arm) -> Survey:
+def take_survey(ground: Ground, candidates: Sequence[Candidate] | Signatures) -> Survey:
     """One pass over the rows with all *candidates*, compiled or not."""
     if not isinstance(candidates, Signatures):
-        candidates = compile_candidates(candidates, current.linear, arm)
-    shapes = with_shapes(current, arm)
-    sums = add_up(current.linear, current.noise, current.residual, shapes.absorbing, candidates)
-    return Survey(current, arm, shapes, sums)
+        candidates = compile_candidates(candidates, ground.fit.linear, ground.arm)
+    return Survey(ground, ground.sums(candidates))

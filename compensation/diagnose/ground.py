@@ -1,0 +1,296 @@
+"""The rows of one fit, whitened and clear of what absorbs in one placement only.
+
+A placement's pose, and the base wandering while it stands, absorb in its own rows and nowhere else:
+they are eliminated there, once. What all placements share, some hundred columns, stays. Products
+with candidates' columns by the thousand are then sums over placements: leaving a placement out
+takes it out of the sum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.diagnose.evidence import Sums, inverse_factor, total
+from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.shape import Shapes, with_shapes
+from armd.compensation.diagnose.signatures import Signatures
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+CHUNK = 128  # candidates' columns at once: what stays in the processor's cache
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The rests of one placement, and what absorbs there and nowhere else."""
+
+    part: int
+    rests: I64
+    rows: slice | I64
+    own: F64  # (rows, l): own @ own.T is what they take of anything whitened
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What candidates are weighed on: one fit's rows, whitened; b absorbing columns are shared."""
+
+    fit: Fit
+    arm: Arm
+    shapes: Shapes
+    cells: tuple[Cell, ...]
+    jacobian: F64  # (P, N) whitened
+    place: I64  # (absorbing and shapes,) number among the shared columns; −1: eliminated
+    variance: F64  # (b,) of the shared columns' amplitudes
+    square: F64  # (parts, b) squared lengths before clearing
+    clear: F64  # (N, b + 1) shared columns, then the residual, clear of the cells' own
+    gram: F64  # (parts, b, b + 1) products of the shared columns, and with the residual, clear
+
+    def clear_of_all(self, columns: F64) -> tuple[F64, F64]:
+        """Columns (N, m), whitened, and the same clear of all that absorbs, the shapes included."""
+        white = self.fit.noise.whiten(columns)
+        clear = _cleared(white, self.cells)
+        size = _length(self.square.sum(axis=0))
+        shared = self.clear[:, :-1] / size
+        gram = self.gram.sum(axis=0)[:, :-1] / np.outer(size, size)
+        factor = inverse_factor(gram + np.diag(1.0 / (self.variance * size**2)))
+        return white, clear - shared @ (factor @ (factor.T @ (shared.T @ white)))
+
+    def without(self, part: int, fit: Fit) -> Ground:
+        """Without the rests of a part, for a *fit* whose whitener is zero there."""
+        kept = np.arange(len(self.gram)) != part
+        clear = self.clear.copy()
+        for cell in self.cells:
+            if cell.part == part:
+                clear[cell.rows] = 0.0
+        return replace(
+            self,
+            fit=fit,
+            cells=tuple(cell for cell in self.cells if cell.part != part),
+            clear=clear,
+            square=self.square * kept[:, None],
+            gram=self.gram * kept[:, None, None],
+        )
+
+    def with_findings_of(self, fit: Fit) -> Ground:
+        """The same rows with a fit's findings and their shapes among what absorbs; none were."""
+        at = fit.layout.identified.stop
+        stop = fit.layout.mount.start
+        shapes = with_shapes(fit, self.arm)
+        more = np.hstack([fit.absorbing.columns[:, at:stop], shapes.absorbing.columns])
+        white = fit.noise.whiten(more)
+        clear = _cleared(white, self.cells)
+        known, b = self.clear[:, :-1], len(self.variance)
+        gram = np.zeros((len(self.gram), b + more.shape[1], b + more.shape[1] + 1))
+        square = np.zeros((len(self.gram), gram.shape[1]))
+        gram[:, :b, :b], gram[:, :b, -1] = self.gram[:, :, :b], self.gram[:, :, b]
+        square[:, :b] = self.square
+        for cell in self.cells:
+            rows = white[cell.rows]
+            across = known[cell.rows].T @ rows
+            gram[cell.part, :b, b:-1] += across
+            gram[cell.part, b:, :b] += across.T
+            gram[cell.part, b:, b:-1] += rows.T @ clear[cell.rows]
+            gram[cell.part, b:, -1] += rows.T @ self.clear[cell.rows, -1]
+            square[cell.part, b:] += (rows**2).sum(axis=0)
+        numbers = b + np.arange(more.shape[1])
+        findings, of_shapes = numbers[: stop - at], numbers[stop - at :]
+        return replace(
+            self,
+            fit=fit,
+            shapes=shapes,
+            place=np.concatenate([self.place[:at], findings, self.place[at:], of_shapes]),
+            variance=np.concatenate(
+                [self.variance, fit.absorbing.variance[at:stop], shapes.absorbing.variance]
+            ),
+            square=square,
+            clear=np.hstack([known, clear, self.clear[:, -1:]]),
+            gram=gram,
+        )
+
+    def sums(self, signatures: Signatures) -> Sums:
+        """Products with all candidates' columns: one pass over the rows."""
+        return total(self.sums_by_part(signatures))
+
+    def sums_by_part(self, signatures: Signatures) -> list[Sums]:
+        """The same of each part by itself."""
+        k, b = signatures.n_columns, len(self.variance)
+        products = np.zeros((len(self.gram), k, b + 1))
+        taken: list[list[F64]] = [[] for _ in self.gram]  # of each column by the cells' own
+        changes, changed = self._changed(signatures)
+        at_rests = self.jacobian[:, : 3 * self.fit.linear.rests.n]
+        at_rests = at_rests.reshape(len(self.jacobian), -1, 3)
+        for cell in self.cells:
+            others = np.hstack([cell.own, self.clear[cell.rows]])
+            found = np.zeros((k, others.shape[1]))
+            if len(cell.rests):
+                by_axis = others.reshape(-1, 3, others.shape[1])
+                found = signatures.products(at_rests[:, cell.rests], by_axis, cell.rests)
+            found[changes] += changed[cell.rows].T @ others
+            own = cell.own.shape[1]
+            taken[cell.part].append(found[:, :own])
+            products[cell.part] += found[:, own:]
+        lengths, grams = self._grams(signatures)
+        for part, of_part in enumerate(taken):
+            if of_part:
+                t = np.hstack(of_part)
+                for m, (members, _) in grams.items():
+                    tc = t[signatures.first[members][:, None] + np.arange(m)]
+                    grams[m][1][part] -= tc @ tc.transpose(0, 2, 1)
+        return [
+            Sums(
+                signatures,
+                self.variance,
+                self.square[part],
+                self.gram[part, :, :-1],
+                self.gram[part, :, -1],
+                products[part, :, :-1].T,
+                products[part, :, -1],
+                lengths[part],
+                {m: (members, gram[part]) for m, (members, gram) in grams.items()},
+            )
+            for part in range(len(self.gram))
+        ]
+
+    def sums_with(self, known: Sums) -> Sums:
+        """Products with all candidates' columns, where those with the first shared columns are
+        *known*: those with the others."""
+        b = known.bx.shape[0]
+        signatures = known.signatures
+        more = self.clear[:, b:-1]
+        n = self.fit.linear.rests.n
+        at_rests = self.jacobian[:, : 3 * n].reshape(len(self.jacobian), -1, 3)
+        found = signatures.products(at_rests, more[: 3 * n].reshape(n, 3, -1), slice(None))
+        changes, changed = self._changed(signatures)
+        found[changes] += changed.T @ more
+        gram = self.gram.sum(axis=0)
+        return replace(
+            known,
+            variance=self.variance,
+            square=self.square.sum(axis=0),
+            bb=gram[:, :-1],
+            br=gram[:, -1],
+            bx=np.vstack([known.bx, found.T]),
+        )
+
+    def _changed(self, signatures: Signatures) -> tuple[list[int], F64]:
+        """Which columns change the artefact, and these changes (N, so many) whitened."""
+        linear = self.fit.linear
+        changes = {c: change for c, change in enumerate(signatures.changes) if change is not None}
+        columns = np.zeros((len(linear.residual), len(changes)))
+        for column, change in zip(columns.T, changes.values(), strict=True):
+            column[:] = linear.artefact_column(change)
+        return list(changes), self.fit.noise.whiten(columns)
+
+    def _grams(self, signatures: Signatures) -> tuple[F64, dict[int, tuple[I64, F64]]]:
+        """Squared lengths (parts, K) of all columns, and products (parts, c, m, m) within each
+        candidate, by how many columns it has."""
+        lengths = np.zeros((len(self.gram), signatures.n_columns))
+        grams = {}
+        rows_of = self._rows_of_parts()
+        for m in map(int, np.unique(signatures.count)):
+            members = np.flatnonzero(signatures.count == m)
+            gram = np.zeros((len(self.gram), len(members), m, m))
+            step = max(CHUNK // m, 1)
+            for low in range(0, len(members), step):
+                some = members[low : low + step]
+                columns = signatures.first[some][:, None] + np.arange(m)
+                x = signatures.rows(
+                    self.fit.linear, self.jacobian, columns.ravel(), self.fit.noise
+                ).reshape(len(some), m, -1)
+                for part, rows in rows_of.items():
+                    own = x[:, :, rows]
+                    gram[part, low : low + step] = own @ own.transpose(0, 2, 1)
+                    lengths[part, columns] = np.einsum("cii->ci", gram[part, low : low + step])
+            grams[m] = (members, gram)
+        return lengths, grams
+
+    def _rows_of_parts(self) -> dict[int, slice | I64]:
+        parts = sorted({cell.part for cell in self.cells})
+        numbers = np.arange(len(self.clear))
+        return {
+            part: _as_slice(
+                np.concatenate([numbers[cell.rows] for cell in self.cells if cell.part == part])
+            )
+            for part in parts
+        }
+
+
+def make_ground(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Ground:
+    """The ground of a fit; *part_of* (n,): which part of the data each rest belongs to."""
+    observations = fit.linear.rests.observations
+    n, size = observations.n, len(fit.residual)
+    part_of = np.zeros(n, dtype=np.int64) if part_of is None else part_of
+    parts = int(part_of.max(initial=0)) + 1
+    shapes = with_shapes(fit, arm)
+    columns = [fit.absorbing.columns, shapes.absorbing.columns, fit.residual[:, None]]
+    white = fit.noise.whiten(np.hstack(columns))
+    variance = np.concatenate([fit.absorbing.variance, shapes.absorbing.variance])
+    labels = observations.placement * parts + part_of
+    rests = [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    # The certified distances are in no placement: they are a part that always stays.
+    places = [
+        *((int(part_of[own[0]]), own, _as_slice(_rows(own))) for own in rests),
+        (parts, np.empty(0, dtype=np.int64), slice(3 * n, size)),
+    ]
+    touched = np.array([(white[rows, :-1] != 0.0).any(axis=0) for _, _, rows in places])
+    may_be_own = np.zeros(len(variance), dtype=bool)
+    may_be_own[: fit.layout.identified.start] = True
+    may_be_own[fit.layout.drift] = True
+    local = may_be_own & (touched.sum(axis=0) <= 1)
+    cells = []
+    for (part, own, rows), here in zip(places, touched, strict=True):
+        of_cell = np.flatnonzero(local & here)
+        columns_here = white[rows][:, of_cell]
+        length = _length((columns_here**2).sum(axis=0))
+        columns_here = columns_here / length
+        ridge = np.diag(1.0 / (variance[of_cell] * length**2))
+        factor = inverse_factor(columns_here.T @ columns_here + ridge)
+        cells.append(Cell(part, own, rows, columns_here @ factor))
+    shared = white[:, np.append(~local, True)]
+    clear = _cleared(shared, cells)
+    gram = np.zeros((parts + 1, shared.shape[1] - 1, shared.shape[1]))
+    square = np.zeros((parts + 1, shared.shape[1] - 1))
+    for cell in cells:
+        gram[cell.part] += shared[cell.rows, :-1].T @ clear[cell.rows]
+        square[cell.part] += (shared[cell.rows, :-1] ** 2).sum(axis=0)
+    return Ground(
+        fit,
+        arm,
+        shapes,
+        tuple(cells),
+        np.ascontiguousarray(fit.noise.whiten(fit.linear.jacobian.T).T),
+        np.where(local, -1, np.cumsum(~local) - 1),
+        variance[~local],
+        square,
+        clear,
+        gram,
+    )
+
+
+def _cleared(white: F64, cells: Sequence[Cell]) -> F64:
+    """Whitened columns (N, m) clear of what the cells' own columns absorb."""
+    clear = white.copy()
+    for cell in cells:
+        clear[cell.rows] -= cell.own @ (cell.own.T @ white[cell.rows])
+    return clear
+
+
+def _length(square: F64) -> F64:
+    return np.where(square > 0.0, np.sqrt(square), 1.0)
+
+
+def _rows(rests: I64) -> I64:
+    return (3 * rests[:, None] + np.arange(3)).ravel()
+
+
+def _as_slice(rows: I64) -> slice | I64:
+    """A run of numbers as a slice, which copies nothing."""
+    if len(rows) and rows[-1] - rows[0] + 1 == len(rows) and (np.diff(rows) == 1).all():
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+    return rows
