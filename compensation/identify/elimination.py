@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import svd
+from scipy.linalg import solve_triangular, svd
 
 from armd.compensation.identify.linearise import Linearisation
 
@@ -159,27 +159,40 @@ class _Session:
 
 
 class _Range:
-    """The range of a matrix, by singular values: projection and minimum-norm solution."""
+    """The range of a matrix: projection and minimum-norm solution."""
 
     def __init__(self, matrix: F64, yardstick: F64) -> None:
-        orthonormal, triangle = np.linalg.qr(matrix)  # first: tall matrices are slow to decompose
+        least = NUISANCE_RANK * yardstick.max(initial=0.0)
+        self.u, triangle = np.linalg.qr(matrix)
+        if (inverse := _safe_inverse(triangle, least)) is not None:
+            self.inverse = inverse
+            return
         # Many singular values are nearly equal here (every target measured equally well); divide
         # and conquer, LAPACK's gesdd, now and then does not converge on such clusters.
         u, s, vt = svd(triangle, full_matrices=False, check_finite=False, lapack_driver="gesvd")
-        keep = s > NUISANCE_RANK * yardstick.max(initial=0.0)
-        self.u, self.s, self.v = orthonormal @ u[:, keep], s[keep], vt[keep].T
+        keep = s > least
+        self.u, self.inverse = self.u @ u[:, keep], vt[keep].T / s[keep]
 
     @property
     def rank(self) -> int:
-        return len(self.s)
+        return int(self.u.shape[1])
 
     def clear(self, rows: F64) -> F64:
         cleared: F64 = rows - self.u @ (self.u.T @ rows)
         return cleared
 
     def solve(self, rows: F64) -> F64:
-        solution: F64 = self.v @ ((self.u.T @ rows) / self.s)
+        solution: F64 = self.inverse @ (self.u.T @ rows)
         return solution
+
+
+def _safe_inverse(triangle: F64, least: float) -> F64 | None:
+    """The inverse of a triangular factor all of whose singular values are above *least* for sure:
+    none is below one over the inverse's norm, which takes no decomposition to tell."""
+    if triangle.shape[0] < triangle.shape[1] or not np.diag(triangle).all():
+        return None
+    inverse: F64 = solve_triangular(triangle, np.eye(len(triangle)), check_finite=False)
+    return inverse if 1.0 / max(float(np.linalg.norm(inverse)), 1e-300) > least else None
 
 
 def _flat(rows: F64) -> F64:
@@ -192,15 +205,14 @@ def _certified(at: Linearisation, targets: I64, floor_mm: float) -> tuple[F64, F
     """Rows (E, 3 K) and residuals (E,) of what is certified about a session's free targets."""
     observations, position = at.observations, at.poses.target_mm
     place = {int(k): 3 * j for j, k in enumerate(targets)}
+    certified = np.flatnonzero(~observations.unknown[targets])
+    uncertainty = np.repeat(observations.uncertainty_mm[targets[certified]], 3)
+    of_positions = np.zeros((len(uncertainty), 3 * len(targets)))
+    axes = (3 * certified[:, None] + np.arange(3)).ravel()
+    of_positions[np.arange(len(axes)), axes] = 1.0 / uncertainty
+    off = (position - observations.position_mm)[targets[certified]].ravel() / uncertainty
     rows: list[F64] = []
     residual: list[float] = []
-    for k, at_column in place.items():
-        if not observations.unknown[k]:
-            u = observations.uncertainty_mm[k]
-            for axis in range(3):
-                rows.append(np.zeros(3 * len(targets)))
-                rows[-1][at_column + axis] = 1.0 / u
-                residual.append((position[k, axis] - observations.position_mm[k, axis]) / u)
     distances = observations.distances
     for (a, b), length, u in zip(
         distances.between, distances.length_mm, distances.standard_uncertainty_mm, strict=True
@@ -215,4 +227,5 @@ def _certified(at: Linearisation, targets: I64, floor_mm: float) -> tuple[F64, F
             if k in place:
                 rows[-1][place[k] : place[k] + 3] = sign * apart / found / u
         residual.append((found - length) / u)
-    return np.array(rows).reshape(len(rows), 3 * len(targets)), np.array(residual)
+    of_distances = np.array(rows).reshape(len(rows), 3 * len(targets))
+    return np.vstack([of_positions, of_distances]), np.append(off, residual)
