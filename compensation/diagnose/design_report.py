@@ -26,8 +26,17 @@ def design_report(experiment: Experiment, arm: Arm, rows: Sequence[Mapping[str, 
         "to rest from the side given."
     )
     page.figure(_picture(experiment), height=620)
-    page.table(list(rows[0]), [[str(value) for value in row.values()] for row in rows])
+    narrow = [_narrow(row) for row in rows]
+    page.table(list(narrow[0]), [list(row.values()) for row in narrow])
     return page.html()
+
+
+def _narrow(row: Mapping[str, Any]) -> dict[str, str]:
+    """A pose as a line of a page: sides of approach and temperatures in a column each."""
+    sides = "".join(side for name, side in row.items() if name.startswith("approach_joint"))
+    warm = " ".join(f"{value:g}" for name, value in row.items() if name.endswith("_c"))
+    place = {n: str(v) for n, v in row.items() if n.endswith(("pose", "_mm", "_deg"))}
+    return place | {"turn last towards": sides, "sensors, °C": warm}
 
 
 def _picture(experiment: Experiment) -> go.Figure:
