@@ -1,4 +1,4 @@
-"""A session: a folder of measured data, read strictly and written whole.
+"""A session: a folder of measured data, read strictly.
 
 `session.toml` says which arm and which artefact, `readings.csv` (or `readings.parquet`) has one
 row per reading. Whatever does not fit is refused with file, row, column, found and expected.
@@ -6,19 +6,14 @@ row per reading. Whatever does not fit is refused with file, row, column, found 
 
 from __future__ import annotations
 
-import datetime
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet
 
 from armd.compensation.arm import Arm
 from armd.compensation.kinematics import joint_jacobian
@@ -26,7 +21,6 @@ from armd.compensation.readings import Readings, load_readings
 from armd.compensation.session_format import AngleUnit, Artefact, SessionFile
 from armd.compensation.state import States
 from armd.errors import BadInput
-from armd.files import whole_file
 from armd.schema import load_toml
 
 F64 = npt.NDArray[np.float64]
@@ -80,6 +74,22 @@ class Session:
         return digest.hexdigest()
 
 
+def load_sessions(
+    paths: Sequence[str | Path], arm: Arm, besides: Sequence[Session] = ()
+) -> list[Session]:
+    """Read session folders, each of them once and none of those *besides*.
+
+    Readings that count twice look better known than they are, and held-out ones that were fitted
+    prove nothing. Raises `BadInput`.
+    """
+    seen = {session.path.resolve() for session in besides}
+    for path in map(Path, paths):
+        if path.resolve() in seen:
+            raise BadInput(path, "the session", "given twice", "every session once")
+        seen.add(path.resolve())
+    return [load_session(path, arm) for path in paths]
+
+
 def load_session(path: str | Path, arm: Arm) -> Session:
     """Read the session folder *path*, measured with *arm*.
 
@@ -122,32 +132,6 @@ def load_session(path: str | Path, arm: Arm) -> Session:
             name for name in readings.header if name not in (*numbers, "placement", "target")
         ],
     )
-
-
-def write_session(
-    path: str | Path,
-    file: Mapping[str, Any],
-    columns: Mapping[str, npt.ArrayLike],
-    *,
-    parquet: bool = False,
-) -> None:
-    """Write a session folder that `load_session` reads; each of its files whole or not at all.
-
-    *file* is the content of session.toml as plain data (`started` a datetime with its offset);
-    *columns* maps the names of the contract to arrays or lists of n, NaN meaning missing.
-    """
-    SessionFile.model_validate(dict(file))
-    folder = Path(path)
-    folder.mkdir(parents=True, exist_ok=True)
-    table = pa.table({name: pa.array(values) for name, values in columns.items()})
-    with whole_file(folder / READINGS[parquet]) as part:
-        if parquet:
-            pa.parquet.write_table(table, part)
-        else:
-            pa.csv.write_csv(table, part)
-    (folder / READINGS[not parquet]).unlink(missing_ok=True)
-    with whole_file(folder / "session.toml") as part:
-        part.write_text(_toml(file), encoding="utf-8")
 
 
 def angles(readings: Readings, arm: Arm, unit: AngleUnit, *, missing_allowed: bool = False) -> F64:
@@ -282,30 +266,3 @@ def _three(readings: Readings, names: list[str]) -> F64:
         partly = missing[:, i] & ~missing.all(axis=1)
         readings.refuse(partly, name, values[:, i], "a number, as in the other two columns")
     return values
-
-
-def _toml(file: Mapping[str, Any]) -> str:
-    """The few shapes of session.toml: values, one table, and two arrays of tables in it."""
-    artefact = dict(file["artefact"])
-    tables = {name: artefact.pop(name, []) for name in ("target", "distance")}
-    lines = [f"{key} = {_value(value)}" for key, value in file.items() if key != "artefact"]
-    lines += ["", "[artefact]", *(f"{key} = {_value(value)}" for key, value in artefact.items())]
-    for name, rows in tables.items():
-        for row in rows:
-            lines += ["", f"[[artefact.{name}]]"]
-            lines += [f"{key} = {_value(value)}" for key, value in row.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _value(value: object) -> str:
-    match value:
-        case str():
-            escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-            return f'"{escaped}"'
-        case datetime.datetime():
-            return value.isoformat()
-        case float() | int():
-            return repr(float(value)) if isinstance(value, float) else str(value)
-        case _:
-            assert isinstance(value, list | tuple | np.ndarray)
-            return "[" + ", ".join(_value(item) for item in value) + "]"

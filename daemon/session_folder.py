@@ -11,8 +11,9 @@ from typing import Any
 
 from armd import Flag
 from armd.compensation.arm import Arm
-from armd.compensation.session import APPROACH, READINGS, write_session
+from armd.compensation.session import APPROACH, READINGS
 from armd.compensation.session_format import Artefact
+from armd.compensation.session_writing import write_session
 from armd.errors import BadInput
 from armd.schema import Strict, load_toml, validate
 

@@ -14,6 +14,7 @@ from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.gain import Gain
 from armd.compensation.diagnose.leftover import Leftover, leftovers, steps
 from armd.compensation.diagnose.next import next_experiment
+from armd.compensation.diagnose.search import MOST_FINDINGS
 from armd.compensation.effects import encoder_periodic
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, plain
@@ -84,6 +85,11 @@ def verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.significant_rest:
         on = ", ".join(diagnosis.search.remaining_depends_on) or "nothing that was recorded"
         sentences.append(f"Something significant is left; it goes with {on}.")
+        if len(gains) == MOST_FINDINGS:
+            sentences.append(
+                f"No more than {MOST_FINDINGS} causes are looked for; where so much seems wrong, "
+                "see first whether arm.toml, calibration and artefact are those of these readings."
+            )
     elif not gains and not diagnosis.outliers:
         sentences.append("The residuals are what the noise makes of them.")
     sentences += [

@@ -13,7 +13,7 @@ from rich.table import Table
 from armd.compensation.arm import load_arm
 from armd.compensation.calibration import save_calibration
 from armd.compensation.identify.calibrate import Options, Result, calibrate
-from armd.compensation.session import load_session
+from armd.compensation.session import load_sessions
 from armd.errors import BadInput
 from armd.files import write_whole
 
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
         expected = "it with --thermal-method per-temperature; else C is in the constants"
         raise BadInput("command line", "--offset", args.thermal_method, expected)
     arm = load_arm(args.arm)
-    sessions = [load_session(path, arm) for path in args.session]
+    sessions = load_sessions(args.session, arm)
     options = Options(
         thermal_order=ORDERS[args.thermal],
         thermal_method=args.thermal_method,

@@ -18,7 +18,7 @@ from armd.compensation.diagnose.conditions import POOL
 from armd.compensation.diagnose.design import Experiment, design
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.next import next_experiment
-from armd.compensation.session import load_session
+from armd.compensation.session import load_sessions
 from armd.errors import BadInput
 from armd.files import write_whole
 
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput("--poses", "value", str(args.poses), f"1 to {POOL}")
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm).content if args.calibration else None
-    sessions = [load_session(path, arm) for path in args.session]
+    sessions = load_sessions(args.session, arm)
     with Console(stderr=True).status("diagnosing …"):
         diagnosis = diagnose(sessions, arm, calibration)
         experiment = design(diagnosis, args.poses)

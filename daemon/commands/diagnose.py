@@ -16,7 +16,7 @@ from armd.compensation.arm import load_arm
 from armd.compensation.calibration import load_calibration, save_calibration
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.result import as_json
-from armd.compensation.session import load_session
+from armd.compensation.session import load_sessions
 from armd.files import write_whole
 
 
@@ -43,8 +43,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm).content if args.calibration else None
-    sessions = [load_session(path, arm) for path in args.session]
-    holdout = [load_session(path, arm) for path in args.holdout]
+    sessions = load_sessions(args.session, arm)
+    holdout = load_sessions(args.holdout, arm, besides=sessions)
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(),

@@ -11,7 +11,7 @@ from rich.table import Table
 from armd.compensation.arm import load_arm
 from armd.compensation.calibration import load_calibration
 from armd.compensation.identify.evaluate import evaluate
-from armd.compensation.session import load_session
+from armd.compensation.session import load_sessions
 from armd.files import write_whole
 
 
@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm).content if args.calibration else None
     with Console(stderr=True).status("reading …") as status:
-        sessions = [load_session(path, arm) for path in args.session]
+        sessions = load_sessions(args.session, arm)
         result = evaluate(sessions, arm, calibration, status.update).as_json()
     if args.json:
         write_whole(args.json, json.dumps(result, indent=1) + "\n")

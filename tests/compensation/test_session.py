@@ -10,7 +10,8 @@ import pytest
 
 from armd import BadInput
 from armd.compensation.arm import Arm
-from armd.compensation.session import load_session, write_session
+from armd.compensation.session import load_session, load_sessions
+from armd.compensation.session_writing import write_session
 
 STARTED = datetime.datetime(2026, 3, 1, 9, tzinfo=datetime.UTC)
 ARM = Arm.model_validate(
@@ -220,3 +221,11 @@ def test_targets_are_checked(folder: Path) -> None:
     assert "artefact.target[1].position_mm[2]" in refusal(folder)
     (folder / "session.toml").write_text(good.replace('["B1", "S1"]', '["B1", "S7"]'))
     assert "'S7'" in refusal(folder)
+
+
+def test_a_session_counts_once(folder: Path) -> None:
+    write_session(folder, session_file(), columns())
+    (fitted,) = load_sessions([folder], ARM)
+    for given in ([folder, folder.parent / "." / "first"], [folder]):
+        with pytest.raises(BadInput, match="found given twice, expected every session once"):
+            load_sessions(given, ARM, besides=[fitted] if len(given) == 1 else [])

@@ -1,0 +1,71 @@
+"""A session folder, written whole or not at all: what `load_session` reads."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from armd.compensation.session import READINGS
+from armd.compensation.session_format import SessionFile
+from armd.files import whole_file
+
+
+def write_session(
+    path: str | Path,
+    file: Mapping[str, Any],
+    columns: Mapping[str, npt.ArrayLike],
+    *,
+    parquet: bool = False,
+) -> None:
+    """Write a session folder that `load_session` reads; each of its files whole or not at all.
+
+    *file* is the content of session.toml as plain data (`started` a datetime with its offset);
+    *columns* maps the names of the contract to arrays or lists of n, NaN meaning missing.
+    """
+    SessionFile.model_validate(dict(file))
+    folder = Path(path)
+    folder.mkdir(parents=True, exist_ok=True)
+    table = pa.table({name: pa.array(values) for name, values in columns.items()})
+    with whole_file(folder / READINGS[parquet]) as part:
+        if parquet:
+            pa.parquet.write_table(table, part)
+        else:
+            pa.csv.write_csv(table, part)
+    (folder / READINGS[not parquet]).unlink(missing_ok=True)
+    with whole_file(folder / "session.toml") as part:
+        part.write_text(_toml(file), encoding="utf-8")
+
+
+def _toml(file: Mapping[str, Any]) -> str:
+    """The few shapes of session.toml: values, one table, and two arrays of tables in it."""
+    artefact = dict(file["artefact"])
+    tables = {name: artefact.pop(name, []) for name in ("target", "distance")}
+    lines = [f"{key} = {_value(value)}" for key, value in file.items() if key != "artefact"]
+    lines += ["", "[artefact]", *(f"{key} = {_value(value)}" for key, value in artefact.items())]
+    for name, rows in tables.items():
+        for row in rows:
+            lines += ["", f"[[artefact.{name}]]"]
+            lines += [f"{key} = {_value(value)}" for key, value in row.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: object) -> str:
+    match value:
+        case str():
+            escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+            return f'"{escaped}"'
+        case datetime.datetime():
+            return value.isoformat()
+        case float() | int():
+            return repr(float(value)) if isinstance(value, float) else str(value)
+        case _:
+            assert isinstance(value, list | tuple | np.ndarray)
+            return "[" + ", ".join(_value(item) for item in value) + "]"
