@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from armd.compensation.arm import Arm
 from armd.compensation.diagnose.evidence import ABSORBED, inverse_factor
@@ -78,7 +78,7 @@ def _left(products: F64, mine: slice, other: F64) -> float:
     basis = _orthonormal(beside, mine)
     if basis.shape[1] == 0:
         return 1.0
-    return float(chi2.sf(float(((basis.T @ beside[:, 0]) ** 2).sum()), basis.shape[1]))
+    return float(chdtrc(basis.shape[1], float(((basis.T @ beside[:, 0]) ** 2).sum())))
 
 
 def _angle(products: F64, a: F64, b: F64) -> float:

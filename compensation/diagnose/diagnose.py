@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from threadpoolctl import threadpool_limits
 
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration
@@ -77,6 +78,20 @@ def diagnose(
 
     Raises `BadInput` where the sessions cannot be calibrated.
     """
+    # The matrices are small: threads of the library's own cost more than they bring, and on a busy
+    # machine very much more. Without, a result does not depend on the number of cores either.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _diagnose(sessions, arm, calibration, holdout, progress, command)
+
+
+def _diagnose(
+    sessions: Sequence[Session],
+    arm: Arm,
+    calibration: Calibration | None,
+    holdout: Sequence[Session],
+    progress: Progress,
+    command: str,
+) -> Diagnosis:
     progress("model under test", 0.0)
     baseline = model_under_test(sessions, arm, calibration)
     rests = gather_rests(sessions, arm)

@@ -14,8 +14,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
-from scipy.stats import chi2
+from scipy.special import chdtrc, logsumexp
 
 from armd.compensation.diagnose.signatures import Signatures
 from armd.compensation.effects.effect import Candidate
@@ -170,7 +169,8 @@ def _clear(sums: Sums, keep: I64) -> tuple[F64, F64]:
 
 def _log_tail(statistic: F64, freedom: I64) -> F64:
     """Log of the probability that χ² of so many degrees of freedom is larger."""
-    return np.asarray(chi2.logsf(statistic, freedom), dtype=np.float64)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(chdtrc(freedom, statistic)), dtype=np.float64)
 
 
 def inverse_factor(matrix: F64) -> F64:

@@ -6,18 +6,20 @@ placements are left out in turn, and the search is repeated on the others.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from armd.compensation.arm import Arm
 from armd.compensation.diagnose.choice import next_finding
-from armd.compensation.diagnose.evidence import total
+from armd.compensation.diagnose.evidence import Sums, total
 from armd.compensation.diagnose.fit import Fit, solve_again
-from armd.compensation.diagnose.ground import make_ground
+from armd.compensation.diagnose.ground import Ground, make_ground
 from armd.compensation.diagnose.search import Progress, Result, joined
 from armd.compensation.diagnose.survey import Survey
 from armd.compensation.identify.observations import Observations
@@ -75,7 +77,7 @@ def _most_improve(index: I64, before: F64, after: F64) -> bool:
     shown anything like may spoil a mean that is right for all the others."""
     change = np.bincount(index, before) - np.bincount(index, after)
     better, worse = int((change > 0).sum()), int((change < 0).sum())
-    return bool(binom.sf(better - 1, better + worse, 0.5) < SIGN_P) if better else False
+    return bool(bdtrc(better - 1, better + worse, 0.5) < SIGN_P) if better else False
 
 
 def _rms(squares: F64) -> float:
@@ -102,29 +104,41 @@ def cross_validate(result: Result, arm: Arm, progress: Progress) -> CrossValidat
     squares = [np.zeros(last.linear.rests.n) for _ in range(len(result.found) + 1)]
     whole = make_ground(solve_again(last, [], last.noise, arm), arm, folds)
     by_part = whole.sums_by_part(result.signatures)
-    for part in np.unique(folds):
-        progress("gain", 0.9 + 0.1 * part / MOST_FOLDS)
-        out = folds == part
-        whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
-        noise = replace(last.noise, whitener=whitener)
-        current = solve_again(last, [], noise, arm)
-        squares[0][out] = _left_out(current, out)
-        first = survey = Survey(
-            whole.without(int(part), current),
-            total([sums for i, sums in enumerate(by_part) if i != part]),
-        )
-        for step in range(1, len(squares)):
-            found = next_finding(survey, result.tests)
-            if found is None:
-                for square in squares[step:]:
-                    square[out] = squares[step - 1][out]
-                break
-            current = solve_again(last, joined(current.findings, found), noise, arm)
-            squares[step][out] = _left_out(current, out)
-            if step + 1 < len(squares):
-                ground = first.ground.with_findings_of(current)
-                survey = Survey(ground, ground.sums_with(first.sums))
+    parts = [int(part) for part in np.unique(folds)]
+    with ThreadPoolExecutor(min(len(parts), os.cpu_count() or 1)) as pool:
+        found = pool.map(lambda part: _without(part, folds, result, whole, by_part), parts)
+        for done, (part, of_steps) in enumerate(zip(parts, found, strict=True), 1):
+            progress("gain", 0.9 + 0.1 * done / len(parts))
+            for square, own in zip(squares, of_steps, strict=True):
+                square[folds == part] = own
     return CrossValidated(squares, groups_of(last.linear.rests.observations))
+
+
+def _without(
+    part: int, folds: I64, result: Result, whole: Ground, by_part: Sequence[Sums]
+) -> list[F64]:
+    """Squared residuals mm² of one part's rests, without findings and after each that the search
+    on the others makes."""
+    last, arm, out = result.last, whole.arm, folds == part
+    whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
+    noise = replace(last.noise, whitener=whitener)
+    current = solve_again(last, [], noise, arm)
+    squares = [_left_out(current, out)]
+    first = survey = Survey(
+        whole.without(part, current),
+        total([sums for i, sums in enumerate(by_part) if i != part]),
+    )
+    while len(squares) <= len(result.found):
+        found = next_finding(survey, result.tests)
+        if found is None:  # nothing is gained by what the search on all readings found further
+            squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
+            break
+        current = solve_again(last, joined(current.findings, found), noise, arm)
+        squares.append(_left_out(current, out))
+        if len(squares) <= len(result.found):
+            ground = first.ground.with_findings_of(current)
+            survey = Survey(ground, ground.sums_with(first.sums))
+    return squares
 
 
 def groups_of(observations: Observations) -> I64:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc, fdtri
 
 from armd.compensation.diagnose.fit import Fit
 
@@ -47,8 +47,8 @@ def _beyond_the_tail(square: F64) -> tuple[I64, float]:
     middle, edge = np.quantile(square, [MIDDLE, EDGE])
     tails = _freedom(float(edge / middle))
     tails = LIGHTEST if tails > NORMAL else max(HEAVIEST, FAR_OUT * tails)
-    scale = middle / f_distribution.ppf(MIDDLE, 3, tails)
-    p = np.minimum(1.0, len(square) * f_distribution.sf(square / scale, 3, tails))
+    scale = middle / fdtri(3, tails, MIDDLE)
+    p = np.minimum(1.0, len(square) * fdtrc(3, tails, square / scale))
     return np.flatnonzero(p < ALPHA), float(p.min(initial=1.0))
 
 
@@ -72,8 +72,8 @@ def _freedom(ratio: float) -> float:
 
     def excess(log_tails: float) -> float:
         tails = np.exp(log_tails)
-        edge = f_distribution.ppf(EDGE, 3, tails)
-        return float(edge / f_distribution.ppf(MIDDLE, 3, tails) - ratio)
+        edge = fdtri(3, tails, EDGE)
+        return float(edge / fdtri(3, tails, MIDDLE) - ratio)
 
     low, high = np.log(HEAVIEST), np.log(LIGHTEST)
     if excess(low) <= 0:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from armd.compensation.diagnose.evidence import ABSORBED
 from armd.compensation.diagnose.fit import finding_columns
@@ -43,7 +43,8 @@ def log_p_by_scatter(candidate: Candidate, ground: Ground) -> float:
     scatter = float((pulls**2).sum() + m - leverage.sum()) / m  # 1: as the noise says
     speaking = leverage.sum() ** 2 / max(float((leverage**2).sum()), 1e-300)  # rests, effectively
     freedom = max((speaking - 1.0) * min(m, 3), 1.0)
-    return float(f_distribution.logsf(float(score @ score) / (m * scatter), m, freedom))
+    tail = float(fdtrc(m, freedom, float(score @ score) / (m * scatter)))
+    return float(np.log(max(tail, 1e-300)))
 
 
 def _cleared(candidate: Candidate, ground: Ground) -> tuple[F64, F64, F64]:
