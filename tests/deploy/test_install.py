@@ -69,6 +69,22 @@ def test_from_the_index_twice_and_away(root: ThrowawayRoot) -> None:
     assert root.changes() - before - backups() == set()
 
 
+def test_a_python_in_somebodys_home_is_refused(root: ThrowawayRoot) -> None:
+    python = root.path("/root/python")
+    python.parent.mkdir(parents=True, exist_ok=True)
+    python.write_text(
+        "#!/bin/sh\n"
+        'exec python3 -c \'import sys; sys.base_prefix = "/root/x"; exec(sys.argv[1])\' "$2"\n'
+    )
+    python.chmod(0o755)
+    before = root.changes()
+    run = root.run("env", "PYTHON=/root/python", "sh", INSTALL)
+    assert run.returncode == 2
+    assert "/root/python: found a Python in somebody's home" in run.stderr
+    assert "expected the system's: PYTHON=/usr/bin/python3" in run.stderr
+    assert root.changes() == before
+
+
 def passwords() -> set[str]:
     """The lists of users and groups, in which armd's own stays."""
     return {f"/etc/{name}" for name in ("passwd", "group", "shadow", "gshadow")} | backups()
