@@ -6,6 +6,8 @@ within each session for its targets (variable projection, Golub and Pereyra 1973
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_triangular, svd
@@ -35,13 +37,10 @@ class Elimination:
         self.whitening = whitening
         observations = at.observations
         self._pieces: list[_Session] = []
-        pose = whitening @ at.pose_columns
-        target = whitening @ at.target_columns
         for session in range(len(observations.session_names)):
             rows = np.flatnonzero(observations.session == session)
             if len(rows):
-                piece = _Session(at, session, rows, pose[rows], target[rows], length_floor_mm)
-                self._pieces.append(piece)
+                self._pieces.append(_Session(at, session, rows, whitening, length_floor_mm))
 
     def residual(self) -> F64:
         """Whitened residuals (m,) clear of the nuisances."""
@@ -103,31 +102,44 @@ class _Session:
         at: Linearisation,
         session: int,
         rows: I64,
-        pose: F64,
-        target: F64,
+        whitening: F64,
         length_floor_mm: float,
     ) -> None:
-        observations = at.observations
-        self.rows = rows
-        self.placements: list[tuple[int, I64, _Range]] = []
-        for placement in np.unique(observations.placement[rows]):
-            inside = np.flatnonzero(observations.placement[rows] == placement)
-            columns = pose[inside].reshape(-1, 6)
-            block = _Range(columns, np.linalg.norm(columns, axis=0))
-            self.placements.append((int(placement), inside, block))
-        mine = observations.target_session[at.free_targets] == session
-        self.targets = at.free_targets[mine]
+        self.at, self.rows, self.whitening = at, rows, whitening[rows]
+        self.targets = at.free_targets[at.observations.target_session[at.free_targets] == session]
         self.extra_columns, self.extra_residual = _certified(at, self.targets, length_floor_mm)
-        dense = np.zeros((len(rows), 3, len(self.targets), 3))
+
+    # What a trial's cost alone does not need is found when it is asked for.
+    @cached_property
+    def placements(self) -> list[tuple[int, I64, _Range]]:
+        """Every placement's number, its rows among the session's, and its pose's range."""
+        placement = self.at.observations.placement[self.rows]
+        pose = self.whitening @ self.at.pose_columns[self.rows]
+        found = []
+        for number in np.unique(placement):
+            inside = np.flatnonzero(placement == number)
+            columns = pose[inside].reshape(-1, 6)
+            found.append((int(number), inside, _Range(columns, np.linalg.norm(columns, axis=0))))
+        return found
+
+    @cached_property
+    def target_whitened(self) -> F64:
+        """(rows, 3, 3 K) whitened columns of the free targets."""
+        target = self.whitening @ self.at.target_columns[self.rows]
+        dense = np.zeros((len(self.rows), 3, len(self.targets), 3))
         for j, k in enumerate(self.targets):
-            at_target = observations.target[rows] == k
+            at_target = self.at.observations.target[self.rows] == k
             dense[at_target, :, j] = target[at_target]
-        self.target_whitened = dense.reshape(len(rows), 3, 3 * len(self.targets))
+        return dense.reshape(len(self.rows), 3, 3 * len(self.targets))
+
+    @cached_property
+    def target_range(self) -> _Range:
+        """The free targets' range, clear of the placements', what is certified below."""
         clear = self._clear_of_placements(self.target_whitened)
         # What of a target's motion the placement explains is rounding noise, not information:
         # the yardstick is the column before it was cleared.
         before = np.linalg.norm(self.target_whitened.reshape(clear.shape), axis=0)
-        self.target_range = _Range(np.concatenate([clear, self.extra_columns]), before)
+        return _Range(np.concatenate([clear, self.extra_columns]), before)
 
     @property
     def rank(self) -> int:

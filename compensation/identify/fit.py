@@ -119,6 +119,7 @@ def fit(
         # A certified length bends the problem: far off it must not weigh more than the readings.
         floor_mm = weighing.reading_mm * (1.0 if held else 0.01)
         end = descent.run(x, poses, whiten, floor_mm, held)
+        stands = np.array_equal(end.x, x)
         x, poses, steps = end.x, end.at.poses, steps + end.steps
         constants, terms = unknowns.put(x, constants, terms)
         fitted = end.elimination.rank + end.solution.rank
@@ -127,12 +128,19 @@ def fit(
         basis = basis_values(terms, states, observations.arm, reference_c, constants)
         if progress:
             progress(f"round {round_}: {rms_um(end.at.residual_mm):.2f} µm RMS, {steps} steps")
+        weight_after = robust_weights(distance2)
         settled = _settled(before, weighing, joints) and np.allclose(
-            weight, robust_weights(distance2), atol=0.05
+            weight, weight_after, atol=0.05
         )
         if settled and not held:
             break
-        held = held and not settled and round_ < rounds // 2
+        # Another round from the same point with the same weights would end where this one did.
+        repeats = (
+            stands
+            and np.isclose(weighing.typical_mm(joints), before.reading_mm, rtol=1e-6)
+            and np.allclose(weight, weight_after, rtol=1e-6)
+        )
+        held = held and not settled and not repeats and round_ < rounds // 2
     # The last weights are those of the round before: what is left of the difference is a factor.
     left = max(3 * float(weight.sum()) + end.elimination.n_certified - fitted, 1.0)
     covariance = end.solution.covariance() * end.elimination.cost / left
