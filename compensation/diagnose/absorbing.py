@@ -80,6 +80,32 @@ def absorb(
     )
 
 
+def with_other_findings(
+    absorbing: Absorbing,
+    layout: Layout,
+    findings: Sequence[Candidate],
+    columns: Sequence[F64],
+    sizes: Sequence[float],
+) -> tuple[Absorbing, Layout]:
+    """The same with other findings in the place of those that it has."""
+    first, stop = layout.identified.stop, layout.mount.start
+    edges = np.cumsum([first, *(block.shape[1] for block in columns)])
+    more = int(edges[-1]) - stop
+    variances = map(amplitude_variance, findings, sizes)
+    changed = Absorbing(
+        np.hstack([absorbing.columns[:, :first], *columns, absorbing.columns[:, stop:]]),
+        np.concatenate([absorbing.variance[:first], *variances, absorbing.variance[stop:]]),
+    )
+    return changed, Layout(
+        layout.identified,
+        tuple(slice(low, high) for low, high in itertools.pairwise(edges)),
+        slice(layout.mount.start + more, layout.mount.stop + more),
+        layout.shared + more,
+        slice(layout.drift.start + more, layout.drift.stop + more),
+        layout.gauge,
+    )
+
+
 def mount_term(model: ModelState, arm: Arm) -> Term | None:
     """How the first link grows per kelvin (1 mm/K), where the model under test is silent on it.
 

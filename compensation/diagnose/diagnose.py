@@ -94,6 +94,7 @@ def _diagnose(
 ) -> Diagnosis:
     progress("model under test", 0.0)
     baseline = model_under_test(sessions, arm, calibration)
+    progress("search", 0.0)
     rests = gather_rests(sessions, arm)
     result = Search(rests, arm, baseline, progress).run()
     progress("gain", 0.9)

@@ -18,6 +18,7 @@ from armd.compensation.diagnose.absorbing import (
     for_noise,
     is_curve,
     with_gauge,
+    with_other_findings,
 )
 from armd.compensation.diagnose.baseline import Baseline, moved, scaled
 from armd.compensation.diagnose.blocks import Blocks, in_blocks
@@ -185,12 +186,12 @@ def fit(
 
 
 def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Arm) -> Fit:
-    """The linear problem of a fit with other findings and another noise; nothing else moves."""
+    """The linear problem of a fit with other findings and another whitener; nothing else moves."""
     columns = finding_columns(known.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
-    absorbing, layout = absorb(known.linear, arm, known.baseline, findings, columns, sizes)
+    absorbing, layout = with_other_findings(known.absorbing, known.layout, findings, columns, sizes)
     normal = _normal(in_blocks(absorbing.columns, known.linear), noise, known.residual)
-    absorbing, _ = _sized(absorbing.ridged(noise), layout, findings, sizes, normal)
+    absorbing, _ = _sized(absorbing, layout, findings, sizes, normal)
     solution, inverse = normal.solved(with_gauge(absorbing.variance, layout))
     return replace(
         known,
@@ -250,18 +251,20 @@ def _solve(
 
 @dataclass(frozen=True)
 class _Normal:
-    """Normal equations of whitened columns divided by *scale* (b,), to solve under any prior."""
+    """Normal equations of whitened columns divided by their lengths, to solve under any prior."""
 
     gram: F64  # (b, b)
     side: F64  # (b,)
-    scale: F64
+    scale: F64  # (b,) these lengths; 0: nothing but the prior tells of it
 
     def solved(self, variance: F64) -> tuple[F64, F64]:
         """Solution (b,) and its covariance (b, b), amplitudes a priori of *variance* (b,)."""
-        ridge = np.diag(1.0 / (variance * self.scale**2))
+        # A column of readings left out says nothing: what it is a priori is one, as are the others.
+        scale = np.where(self.scale > 0.0, self.scale, 1.0 / np.sqrt(np.minimum(variance, 1.0)))
+        ridge = np.diag(1.0 / (variance * scale**2))
         factor = pseudo_inverse_factor(self.gram + ridge)
-        inverse = factor @ factor.T / np.outer(self.scale, self.scale)
-        return inverse @ (self.scale * self.side), inverse
+        inverse = factor @ factor.T / np.outer(scale, scale)
+        return inverse @ (scale * self.side), inverse
 
 
 def _normal(blocks: Blocks, noise: Noise, residual: F64) -> _Normal:

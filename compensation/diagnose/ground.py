@@ -119,29 +119,12 @@ class Ground:
 
     def sums_by_part(self, signatures: Signatures) -> list[Sums]:
         """The same of each part by itself."""
-        k, b = signatures.n_columns, len(self.variance)
-        products = np.zeros((len(self.gram), k, b + 1))
-        taken: list[list[F64]] = [[] for _ in self.gram]  # of each column by the cells' own
-        changes, changed = self._changed(signatures)
-        at_rests = self.jacobian[:, : 3 * self.fit.linear.rests.n]
-        at_rests = at_rests.reshape(len(self.jacobian), -1, 3)
-        for cell in self.cells:
-            others = np.hstack([cell.own, self.clear[cell.rows]])
-            found = np.zeros((k, others.shape[1]))
-            if len(cell.rests):
-                by_axis = others.reshape(-1, 3, others.shape[1])
-                found = signatures.products(at_rests[:, cell.rests], by_axis, cell.rests)
-            found[changes] += changed[cell.rows].T @ others
-            own = cell.own.shape[1]
-            taken[cell.part].append(found[:, :own])
-            products[cell.part] += found[:, own:]
+        products, taken = self._products(signatures)
         lengths, grams = self._grams(signatures)
-        for part, of_part in enumerate(taken):
-            if of_part:
-                t = np.hstack(of_part)
-                for m, (members, _) in grams.items():
-                    tc = t[signatures.first[members][:, None] + np.arange(m)]
-                    grams[m][1][part] -= tc @ tc.transpose(0, 2, 1)
+        for part, t in taken.items():
+            for m, (members, gram) in grams.items():
+                tc = t[signatures.first[members][:, None] + np.arange(m)]
+                gram[part] -= tc @ tc.transpose(0, 2, 1)
         return [
             Sums(
                 signatures,
@@ -156,6 +139,27 @@ class Ground:
             )
             for part in range(len(self.gram))
         ]
+
+    def _products(self, signatures: Signatures) -> tuple[F64, dict[int, F64]]:
+        """Products (parts, K, b + 1) of all columns with the shared ones and the residual; and of
+        each part, what its cells' own columns take of them (K, l)."""
+        k = signatures.n_columns
+        products = np.zeros((len(self.gram), k, self.clear.shape[1]))
+        taken: dict[int, list[F64]] = {cell.part: [] for cell in self.cells}
+        changes, changed = self._changed(signatures)
+        at_rests = self.jacobian[:, : 3 * self.fit.linear.rests.n]
+        at_rests = at_rests.reshape(len(self.jacobian), -1, 3)
+        for cell in self.cells:
+            others = np.hstack([cell.own, self.clear[cell.rows]])
+            found = np.zeros((k, others.shape[1]))
+            if len(cell.rests):
+                by_axis = others.reshape(-1, 3, others.shape[1])
+                found = signatures.products(at_rests[:, cell.rests], by_axis, cell.rests)
+            found[changes] += changed[cell.rows].T @ others
+            own = cell.own.shape[1]
+            taken[cell.part].append(found[:, :own])
+            products[cell.part] += found[:, own:]
+        return products, {part: np.hstack(of_cells) for part, of_cells in taken.items()}
 
     def sums_with(self, known: Sums) -> Sums:
         """Products with all candidates' columns, where those with the first shared columns are
