@@ -138,17 +138,17 @@ def fit(
         absorbing, layout = absorb(linear, arm, baseline, findings, columns, sizes)
         extra = finding_columns(linear, noise_extra, arm)
         noisy = for_noise(absorbing, layout, extra)
-        blocks = in_blocks(absorbing.columns, linear)
+        blocks = in_blocks(noisy.columns, linear)
         if noise is None:
-            noise = noise_model.estimate(linear, residual, noisy)
+            noise = noise_model.estimate(linear, residual, blocks, noisy.variance)
         fitted = absorbing.columns @ _solve(
             blocks, absorbing.ridged(noise), layout, noise, residual
         )
         clipped = noise_model.winsorise(residual, fitted, noise)
-        noise = noise_model.estimate(linear, clipped, noisy, noise)
+        noise = noise_model.estimate(linear, clipped, blocks, noisy.variance, noise)
         fitted = absorbing.columns @ _solve(blocks, absorbing.ridged(noise), layout, noise, clipped)
         clipped = noise_model.winsorise(residual, fitted, noise)
-        normal = _normal(blocks, noise, clipped)
+        normal = _normal(blocks, len(absorbing.variance), noise, clipped)
         absorbing, sizes = _sized(absorbing.ridged(noise), layout, findings, sizes, normal)
         solution, inverse = normal.solved(with_gauge(absorbing.variance, layout))
         fitted = absorbing.columns @ solution
@@ -190,7 +190,9 @@ def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Ar
     columns = finding_columns(known.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
     absorbing, layout = with_other_findings(known.absorbing, known.layout, findings, columns, sizes)
-    normal = _normal(in_blocks(absorbing.columns, known.linear), noise, known.residual)
+    normal = _normal(
+        in_blocks(absorbing.columns, known.linear), len(absorbing.variance), noise, known.residual
+    )
     absorbing, _ = _sized(absorbing, layout, findings, sizes, normal)
     solution, inverse = normal.solved(with_gauge(absorbing.variance, layout))
     return replace(
@@ -246,29 +248,29 @@ def _solve(
     blocks: Blocks, absorbing: Absorbing, layout: Layout, noise: Noise, residual: F64
 ) -> F64:
     """Generalised least squares: solution (b,) with B x ≈ residual."""
-    return _normal(blocks, noise, residual).solved(with_gauge(absorbing.variance, layout))[0]
+    normal = _normal(blocks, len(absorbing.variance), noise, residual)
+    return normal.solved(with_gauge(absorbing.variance, layout))[0]
 
 
 @dataclass(frozen=True)
 class _Normal:
-    """Normal equations of whitened columns divided by their lengths, to solve under any prior."""
+    """Normal equations of whitened columns divided by *scale* (b,), to solve under any prior."""
 
     gram: F64  # (b, b)
     side: F64  # (b,)
-    scale: F64  # (b,) these lengths; 0: nothing but the prior tells of it
+    scale: F64
 
     def solved(self, variance: F64) -> tuple[F64, F64]:
         """Solution (b,) and its covariance (b, b), amplitudes a priori of *variance* (b,)."""
-        # A column of readings left out says nothing: what it is a priori is one, as are the others.
-        scale = np.where(self.scale > 0.0, self.scale, 1.0 / np.sqrt(np.minimum(variance, 1.0)))
-        ridge = np.diag(1.0 / (variance * scale**2))
+        ridge = np.diag(1.0 / (variance * self.scale**2))
         factor = pseudo_inverse_factor(self.gram + ridge)
-        inverse = factor @ factor.T / np.outer(scale, scale)
-        return inverse @ (scale * self.side), inverse
+        inverse = factor @ factor.T / np.outer(self.scale, self.scale)
+        return inverse @ (self.scale * self.side), inverse
 
 
-def _normal(blocks: Blocks, noise: Noise, residual: F64) -> _Normal:
+def _normal(blocks: Blocks, b: int, noise: Noise, residual: F64) -> _Normal:
+    """Of the first *b* columns."""
     products = blocks.products(noise.whitener, noise.distance_mm, residual)
-    scale = np.sqrt(np.diag(products)[:-1])
+    scale = np.sqrt(np.diag(products)[:b])
     scale[scale == 0.0] = 1.0
-    return _Normal(products[:-1, :-1] / np.outer(scale, scale), products[:-1, -1] / scale, scale)
+    return _Normal(products[:b, :b] / np.outer(scale, scale), products[:b, -1] / scale, scale)

@@ -9,13 +9,14 @@ slow wandering of the base, and constants known only as well as their calibratio
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import solve_triangular
+from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize, minimize_scalar
 
-from armd.compensation.diagnose.blocks import in_blocks
+from armd.compensation.diagnose.blocks import Blocks
 from armd.compensation.diagnose.problem import Linear
 
 F64 = npt.NDArray[np.float64]
@@ -147,31 +148,29 @@ class _Gram:
 
 
 def estimate(
-    linear: Linear, residual: F64, absorbing: Absorbing, before: Noise | None = None
+    linear: Linear, residual: F64, absorbing: Blocks, variance: F64, before: Noise | None = None
 ) -> Noise:
-    """Variances by REML from *residual* (N,), given what absorbs.
+    """Variances by REML from *residual* (N,), given what absorbs and each amplitude's *variance*.
 
     A winsorised residual keeps heavy tails from widening the noise of all the others. An estimate
     from *before* shortens the search.
     """
-    free = np.isinf(absorbing.variance)
-    fixed, shared = absorbing.columns[:, free], absorbing.columns[:, ~free]
-    variance = absorbing.variance[~free]
+    free, shared = np.flatnonzero(np.isinf(variance)), np.flatnonzero(~np.isinf(variance))
+    order = np.concatenate([free, shared, [len(variance)]])
     distance = np.maximum(linear.rests.observations.distances.standard_uncertainty_mm, 1e-6)
 
-    blocks = in_blocks(np.hstack([fixed, shared]), linear)
-
+    @cache
     def at_share(share: float) -> tuple[float, float, float]:
         whitener = _unit_whitener(linear, share)
-        products = blocks.products(whitener, distance, residual)
-        return _best_scale(_sums(whitener, products, fixed.shape[1], len(residual)), variance)
+        products = absorbing.products(whitener, distance, residual)[np.ix_(order, order)]
+        return _best_scale(_sums(whitener, products, len(free), len(residual)), variance[shared])
 
     low, high, steps = 0.01, 0.99, 7
     if before is not None:
         low, high = max(low, before.encoder_share - 0.15), min(high, before.encoder_share + 0.15)
         steps = 3
     found = minimize_scalar(
-        lambda share: at_share(share)[0],
+        lambda share: at_share(float(share))[0],
         bounds=(low, high),
         method="bounded",
         options={"maxiter": steps, "xatol": 0.03},
@@ -237,8 +236,10 @@ def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
 def _likelihood(gram: _Gram, scale: float, relative: F64) -> float:
     """−2 × restricted log likelihood, up to a constant."""
     root = np.sqrt(relative)
-    matrix = gram.matrix * np.outer(root, root) + np.eye(len(root))
-    factor = np.linalg.cholesky(matrix)
+    matrix = gram.matrix * root
+    matrix *= root[:, None]
+    matrix.flat[:: len(root) + 1] += 1.0
+    factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
     towards = solve_triangular(factor, root * gram.side, lower=True, check_finite=False)
     return float(
         gram.freedom * 2.0 * np.log(scale)

@@ -59,11 +59,10 @@ class Signatures:
                 *(self.parts[columns[i]][turn] for i in having), strict=True
             )
             values = np.array(weights)[:, None] * self.bases[list(bases)]
-            more = of_rests[list(named)] * values[:, :, None]
-            if len(having) == len(columns):
-                at_rests += more
+            if turn == 0 and len(having) == len(columns):
+                np.multiply(of_rests[list(named)], values[:, :, None], out=at_rests)
             else:
-                at_rests[having] += more
+                at_rests[having] += of_rests[list(named)] * values[:, :, None]
         for row, column in zip(found, columns, strict=True):
             if (change := self.changes[column]) is not None:
                 plain = linear.artefact_column(change)
@@ -99,14 +98,15 @@ class Signatures:
         parameter, basis, column = (
             np.array([e[:3] for e in entries], dtype=np.int64).reshape(-1, 3).T
         )
-        pairs, index = np.unique(np.stack([parameter, basis]), axis=1, return_inverse=True)
-        named, first = np.unique(pairs[0], return_index=True)
+        pairs, index = np.unique(parameter * len(self.bases) + basis, return_inverse=True)
+        parameters_of, bases_of = np.divmod(pairs, max(len(self.bases), 1))
+        named, first = np.unique(parameters_of, return_index=True)
         weights = csr_array(
-            ([e[3] for e in entries], (column, index.ravel())),
-            shape=(self.n_columns, pairs.shape[1]),
+            ([e[3] for e in entries], (column, index)),
+            shape=(self.n_columns, len(pairs)),
             dtype=np.float64,
         )
-        return named, np.append(first, pairs.shape[1]), pairs[1], weights
+        return named, np.append(first, len(pairs)), bases_of, weights
 
 
 def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm) -> Signatures:
