@@ -22,6 +22,8 @@ from armd.compensation.terms import Factor, Term
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
+PIECE = 512  # rests at once
+
 Part = tuple[int, float, int]  # parameter, weight, row of the bases
 
 
@@ -77,11 +79,13 @@ class Signatures:
         parameter once for all its bases, and three rows become one.
         """
         named, first, basis, weights = self._pairs
-        turned = jacobian[named].transpose(1, 0, 2) @ others  # (n, named, u)
         values = self.bases[:, rests]
-        found = np.empty((len(basis), others.shape[2]))
-        for j, (low, high) in enumerate(itertools.pairwise(first)):
-            np.matmul(values[basis[low:high]], turned[:, j], out=found[low:high])
+        found = np.zeros((len(basis), others.shape[2]))
+        for begin in range(0, len(others), PIECE):
+            some = slice(begin, begin + PIECE)
+            turned = jacobian[named, some].transpose(1, 0, 2) @ others[some]  # (·, named, u)
+            for j, (low, high) in enumerate(itertools.pairwise(first)):
+                found[low:high] += values[basis[low:high], some] @ turned[:, j]
         product: F64 = weights @ found
         return product
 

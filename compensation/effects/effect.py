@@ -64,14 +64,18 @@ class Candidate:
     #: a finer grid around this candidate, for the non-linear parameters; none if there are none
     refine: Callable[[], Sequence[Candidate]] | None = field(default=None, compare=False)
 
-    @property
+    @cached_property
     def place(self) -> tuple[str, str]:
         """What a finding is told apart by: cause and location."""
         return self.cause, self.location
 
     def within(self, other: Candidate) -> bool:
         """Whether *other* has all that this one could add: an order of a curve, say."""
-        return self.place == other.place and all(c in other.columns for c in self.columns)
+        return self.place == other.place and self._adds <= other._adds
+
+    @cached_property
+    def _adds(self) -> frozenset[str]:
+        return frozenset(repr(column) for column in self.columns)
 
 
 @dataclass(frozen=True)
