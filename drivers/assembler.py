@@ -11,7 +11,7 @@ from armd.drivers.clock import DeviceClock, host_ns
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, sample_dtype
 from armd.drivers.sequence import Run
-from armd.drivers.serial_wire import sample_layout
+from armd.drivers.serial_wire import row_layout
 from armd.drivers.unwrap import Unwrapper, unwrap
 from armd.jit import jit
 
@@ -28,8 +28,6 @@ class SampleAssembler:
         self._next_seq = np.zeros(1, np.uint64)
         self._status_watch = JointWatch("joint_invalid", "the arm calls it invalid")
         self._jump_watch = JointWatch("count_jump", "its count jumped")
-        # Rows come from bytes or from a copy of rows; to the compiled loop they are all the same.
-        self._rows = np.zeros(1, sample_layout(n_joints))
         self._jumped = np.zeros(1, np.uint16)
 
     def set_bits(self, bits: Sequence[int]) -> None:
@@ -47,21 +45,19 @@ class SampleAssembler:
         """One array, after the events its joints give rise to."""
         assert self._unwrapper is not None
         n = len(run.rows)
-        if n > len(self._rows):
-            self._rows = np.zeros(2 * n, self._rows.dtype)
+        if n > len(self._jumped):
             self._jumped = np.zeros(2 * n, np.uint16)
-        rows, jumped = self._rows[:n], self._jumped[:n]
-        rows[:] = run.rows
+        jumped = self._jumped[:n]
         out = np.empty(n, self._dtype)
         trouble = _assemble(
-            rows, np.uint64(run.epoch << 32), self._clock.mapped, *self._clock.line,
+            run.rows, np.uint64(run.epoch << 32), self._clock.mapped, *self._clock.line,
             run.arrival_ns, unix_minus_monotonic_ns, self.delivered > 0, self._next_seq,
             *self._unwrapper.memory, out, jumped,
         )  # fmt: skip
         self.delivered += n
         if not trouble and not self._status_watch.active and not self._jump_watch.active:
             return [out]
-        status = rows["joint_status"].astype(np.uint16)
+        status = run.rows["joint_status"].astype(np.uint16)
         return [
             *self._status_watch.events(out, status),
             *self._jump_watch.events(out, jumped),
@@ -70,9 +66,10 @@ class SampleAssembler:
 
     def warm_up(self) -> None:
         """Compile, or load from the cache: before the first sample, not while it waits."""
-        other = SampleAssembler(self._rows["count"].shape[1], self._clock, self._max_rate)
-        other.set_bits([20] * self._rows["count"].shape[1])
-        other.assemble(Run(other._rows, 0, 0, False), 0)
+        n_joints = self._dtype["count"].shape[0]
+        other = SampleAssembler(n_joints, self._clock, self._max_rate)
+        other.set_bits([20] * n_joints)
+        other.assemble(Run(np.zeros(1, row_layout(n_joints)), 0, 0, False), 0)
         self._clock.to_host(0)
 
 

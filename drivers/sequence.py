@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-Rows = npt.NDArray[np.void]  # (m,) of serial_wire.sample_layout
+Rows = npt.NDArray[np.void]  # (m,) of serial_wire.row_layout
 
 WRAP = 1 << 32
 LATENESS_NS = 100_000_000  # by how much bytes may arrive late

@@ -51,8 +51,9 @@ def sample_layout(n_joints: int) -> np.dtype[np.void]:
 
 
 @cache
-def _checked_layout(n_joints: int) -> np.dtype[np.void]:
-    return np.dtype([("body", sample_layout(n_joints)), ("crc", "<u4")])
+def row_layout(n_joints: int) -> np.dtype[np.void]:
+    """A SAMPLE as it is unpacked."""
+    return np.dtype([*sample_layout(n_joints).descr, ("crc", "<u4")])
 
 
 @cache
@@ -189,9 +190,8 @@ def is_sample(data: bytes) -> bool:
 
 
 def decode_samples(run: list[bytes], n_joints: int) -> npt.NDArray[np.void]:
-    """Unpacked SAMPLEs of *n_joints* each → one array (m,) of `sample_layout(n_joints)`."""
-    body: npt.NDArray[np.void] = np.frombuffer(b"".join(run), _checked_layout(n_joints))["body"]
-    return body
+    """Unpacked SAMPLEs of *n_joints* each → one array (m,) of `row_layout(n_joints)`."""
+    return np.frombuffer(bytearray().join(run), row_layout(n_joints))
 
 
 def decode_temperature(data: bytes) -> TemperatureReading | None:

@@ -37,10 +37,11 @@ class Heard:
         self.arrived_ns: defaultdict[str, list[int]] = defaultdict(list)
 
     def take(self, sample: zenoh.Sample) -> None:
+        now_ns = time.monotonic_ns()
         what = str(sample.key_expr).split("/", 2)[2]
         if what == "point":
             assert str(sample.encoding) == POINT_ENCODING
-        self.arrived_ns[what].append(time.monotonic_ns())
+        self.arrived_ns[what].append(now_ns)
         self.payloads[what].append(sample.payload.to_bytes())
 
     def points(self) -> np.ndarray:
