@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import deque
 from collections.abc import Iterable
 from typing import Any
@@ -47,6 +48,7 @@ class Publisher:
         data = points.tobytes()
         for start in range(0, len(data), POINT.itemsize):
             put(data[start : start + POINT.itemsize])
+        os.sched_yield()  # Zenoh's thread, which sends, may be waiting for this processor
 
     def look_for_recorders(self) -> None:
         """Asked now and then: it costs Zenoh too much to be asked for every sample."""
