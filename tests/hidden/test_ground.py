@@ -1,0 +1,92 @@
+"""Eliminating placement by placement, and leaving parts out of sums, against all rows at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armd.compensation.arm import load_arm
+from armd.compensation.diagnose.diagnose import model_under_test
+from armd.compensation.diagnose.evidence import score, total
+from armd.compensation.diagnose.fit import finding_columns, fit, solve_again
+from armd.compensation.diagnose.ground import make_ground
+from armd.compensation.diagnose.problem import gather_rests
+from armd.compensation.diagnose.scene import make_scene
+from armd.compensation.diagnose.signatures import compile_candidates
+from armd.compensation.effects import catalogue
+from armd.compensation.session import load_session
+from armd.simulator.campaigns.hidden import Design
+from armd.simulator.hidden import generate_case
+from armd.simulator.plants.plant import Plant
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory):
+    """A fit of small sessions, the arm, and every fortieth candidate of the catalogue."""
+    design = Design(sessions=4, articulations=3, holdout=0)
+    plants = [Plant("encoder_eccentricity", "joint 3", 2.0)]
+    case = generate_case(tmp_path_factory.mktemp("case"), 5, plants, design)
+    arm = load_arm(case.arm)
+    sessions = [load_session(path, arm) for path in case.sessions]
+    baseline, rests = model_under_test(sessions, arm, None), gather_rests(sessions, arm)
+    found = fit(rests, arm, baseline, baseline.model)
+    candidates = list(catalogue.candidates(make_scene(rests, arm, baseline)))
+    return found, arm, candidates
+
+
+def statistic(current, candidate, arm) -> float:
+    """χ² of a candidate by one dense least-squares problem with all that absorbs."""
+    variance = np.minimum(current.absorbing.variance, 1e12)
+    white, scale = current.noise.whiten_to_unit(current.absorbing.columns)
+    prior = np.diag(1.0 / np.sqrt(variance * scale**2))
+    x = current.noise.whiten(finding_columns(current.linear, [candidate], arm)[0])
+    left = current.noise.whiten(current.residual)
+
+    def clear(columns):
+        rows = np.concatenate([columns, np.zeros((len(prior), *columns.shape[1:]))])
+        stacked = np.vstack([white, prior])
+        return rows - stacked @ np.linalg.lstsq(stacked, rows, rcond=1e-13)[0]
+
+    x, left = clear(x / np.linalg.norm(x, axis=0)), clear(left)
+    return float(left @ x @ np.linalg.pinv(x.T @ x, rcond=1e-9, hermitian=True) @ x.T @ left)
+
+
+def test_scores_are_those_of_one_dense_problem(problem) -> None:
+    current, arm, candidates = problem
+    strong = [c for c in candidates if c.place == ("encoder_eccentricity", "joint 3")]
+    some = [*strong, *candidates[::200]]
+    signatures = compile_candidates(some, current.linear, arm)
+    scores = score(make_ground(current, arm).sums(signatures))
+    told = [i for i in range(len(some)) if scores.freedom[i] == len(some[i].columns)]
+    assert 0 in told and len(told) > 5
+    dense = [statistic(current, some[i], arm) for i in told]
+    np.testing.assert_allclose(scores.statistic[told], dense, rtol=1e-4, atol=1e-4)
+    assert scores.statistic[0] > 50.0
+
+
+def test_a_part_left_out_of_the_sums_is_left_out_of_the_problem(problem) -> None:
+    current, arm, candidates = problem
+    signatures = compile_candidates(candidates[::40], current.linear, arm)
+    part_of = current.linear.rests.observations.placement % 2
+    whole = make_ground(current, arm, part_of)
+    first, second, distances = whole.sums_by_part(signatures)
+    whitener = np.where((part_of == 1)[:, None, None], 0.0, current.noise.whitener)
+    without = solve_again(current, [], replace(current.noise, whitener=whitener), arm)
+    anew = score(make_ground(without, arm).sums(signatures))
+    from_parts = score(total([first, distances]))
+    np.testing.assert_allclose(from_parts.statistic, anew.statistic, rtol=1e-5, atol=1e-6)
+    np.testing.assert_array_equal(from_parts.freedom, anew.freedom)
+    assert second.xr.any()
+
+
+def test_findings_join_what_absorbs_without_another_pass(problem) -> None:
+    current, arm, candidates = problem
+    signatures = compile_candidates(candidates[::40], current.linear, arm)
+    nothing = make_ground(current, arm)
+    finding = next(c for c in candidates if c.place == ("encoder_eccentricity", "joint 3"))
+    found = solve_again(current, [finding], current.noise, arm)
+    grown = nothing.with_findings_of(found)
+    known = score(grown.sums_with(nothing.sums(signatures)))
+    anew = score(make_ground(found, arm).sums(signatures))
+    np.testing.assert_allclose(known.statistic, anew.statistic, rtol=1e-5, atol=1e-6)
+    np.testing.assert_array_equal(known.freedom, anew.freedom)
