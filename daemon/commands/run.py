@@ -11,6 +11,7 @@ from pathlib import Path
 from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config, load_config
 from armd.daemon.metrics import MetricsServer
+from armd.daemon.priority import go_first
 from armd.daemon.rehearsal import rehearse
 from armd.daemon.root import refuse_root_service
 from armd.daemon.service import Service
@@ -46,6 +47,8 @@ def serve(config: Config) -> int:
         signal.signal(signal.SIGHUP, lambda *_: service.ask_reload())
         gc.freeze()  # what start-up made stays; the collector need not look at it again
         print(_ready(config, arm), flush=True)
+        if config.driver.kind != "replay":  # which may run as fast as it can
+            go_first()
         service.run()
     return 0
 

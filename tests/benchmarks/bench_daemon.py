@@ -90,6 +90,7 @@ def daemon(rate_hz: int) -> dict[str, Any]:
                 _cpu_s(armd.process.pid),
                 time.monotonic(),
             )
+            goes_first = os.sched_getscheduler(armd.process.pid) != os.SCHED_OTHER
             time.sleep(SECONDS)
             cpu_s, elapsed_s = _cpu_s(armd.process.pid) - cpu_s, time.monotonic() - start
             last = len(heard.payloads["point"])
@@ -104,6 +105,7 @@ def daemon(rate_hz: int) -> dict[str, Any]:
         "lost": int((steps - 1).sum()),
         "flagged_lost": int(np.count_nonzero(points["flags"] & Flag.SAMPLES_LOST)),
         "cpu_percent_of_a_core": 100 * cpu_s / elapsed_s,
+        "goes_first": goes_first,  # whether the system grants `armd.daemon.priority`
         "cpu_ms_per_1000_samples": 1e3 * cpu_s / len(points) * 1000,
     }
 
