@@ -16,11 +16,12 @@ from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.noise import Absorbing
 from armd.compensation.diagnose.problem import Linear, ModelState
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.unknown import SHAPE_OF
 from armd.compensation.terms import Temperature, Term
 
 F64 = npt.NDArray[np.float64]
 
-#: Curves of more columns than this have amplitudes that share one likely size.
+#: Functions of more columns than this have amplitudes that share one likely size.
 MOST_FREE_COLUMNS = 6
 #: Where the data leave constants open (the last joint's turn against the tip's offset), the
 #: solution nearest to the model under test is taken: as if each were known this well.
@@ -131,14 +132,20 @@ def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> Absorb
     return Absorbing(column[:, None], np.array([np.inf]))
 
 
+def is_sized(candidate: Candidate) -> bool:
+    """Whether it is a nearly free function, its amplitudes held together by one likely size."""
+    own_shape = candidate.location.startswith(SHAPE_OF)
+    return len(candidate.columns) > MOST_FREE_COLUMNS and not own_shape
+
+
 def is_curve(candidate: Candidate) -> bool:
-    """Whether it is a curve over the turn, its amplitudes held together by one likely size."""
-    return candidate.cause == "encoder_periodic" and len(candidate.columns) > MOST_FREE_COLUMNS
+    """Whether it is such a function over the turn of one joint."""
+    return candidate.cause == "encoder_periodic" and is_sized(candidate)
 
 
 def amplitude_variance(candidate: Candidate, size: float) -> F64:
-    """Amplitudes are free, those of a curve of a size in units of the catalogue's."""
-    if not is_curve(candidate):
+    """Amplitudes are free, a nearly free function's of a size in units of the catalogue's."""
+    if not is_sized(candidate):
         return np.full(len(candidate.columns), np.inf)
     return np.array([(size * column.typical) ** 2 for column in candidate.columns])
 

@@ -22,6 +22,10 @@ MOST_COMPARED = 20
 INDISTINGUISHABLE_P = 0.01
 
 
+#: Another name, or none, is clearly likelier when it is so many times as probable.
+CLEARLY = 10.0
+
+
 @dataclass(frozen=True)
 class Rival:
     """Another cause that these data would also bear."""
@@ -93,7 +97,7 @@ def _at_the_instant_of(
 ) -> Candidate:
     """A rival step is compared at the finding's own, refined instant."""
     when = {name: value for name, value, _ in candidate.setting}.get("instant")
-    if when is None or best.refine is None or best.setting[0][0] != "instant":
+    if when is None or not (best.refine and best.setting and best.setting[0][0] == "instant"):
         return best
     grid = [c for c, own in zip(scores.signatures.candidates, of_place, strict=True) if own]
     steps = [c for c in grid if c.setting and c.refine is not None]
@@ -109,21 +113,23 @@ def _at_the_instant_of(
 def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
     """No name for a part of what is unknown.
 
-    Where an unknown structure is stronger than a named finding in the same variables, the name
-    only was the nearest one.
+    Where an unknown structure is clearly likelier, or one that was found is stronger in the same
+    variables, the name only was the nearest one.
     """
     unknown = [f for f in found if f.candidate.cause == "unknown" and not is_shape(f.candidate)]
 
-    def stands(finding: Found) -> bool:
-        return not any(
-            u.statistic > finding.statistic
-            and set(u.candidate.depends_on) & set(finding.candidate.depends_on)
+    def told(finding: Found) -> Found:
+        own = finding.candidate
+        if own.cause == "unknown":
+            return finding
+        likelier = [r for r in finding.rivals if r.candidate.cause == "unknown"]
+        if sum(r.probability for r in likelier) > CLEARLY * finding.probability:
+            variables = likelier[0].candidate.depends_on
+            return replace(finding, candidate=replace(own, cause="unknown", depends_on=variables))
+        part = any(
+            u.statistic > finding.statistic and set(u.candidate.depends_on) & set(own.depends_on)
             for u in unknown
         )
+        return replace(finding, candidate=replace(own, cause="unknown")) if part else finding
 
-    return tuple(
-        f
-        if f.candidate.cause == "unknown" or stands(f)
-        else replace(f, candidate=replace(f.candidate, cause="unknown"))
-        for f in found
-    )
+    return tuple(told(f) for f in found)

@@ -9,28 +9,40 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
-from armd.compensation.diagnose.evidence import Scores, estimates, score
-from armd.compensation.diagnose.ground import Ground
+from armd.compensation.diagnose.evidence import Scores, estimates, kind, score
+from armd.compensation.diagnose.fit import solve_again
+from armd.compensation.diagnose.ground import Ground, make_ground
 from armd.compensation.diagnose.scatter import log_p_by_scatter
 from armd.compensation.diagnose.shape import shape_of
 from armd.compensation.diagnose.survey import SHAPE_PRIOR, Survey, take_survey
+from armd.compensation.diagnose.tails import clipped_about, unclipped
 from armd.compensation.diagnose.threshold import significant
 from armd.compensation.effects.effect import Candidate
 
 F64 = npt.NDArray[np.float64]
 
-#: Places whose grids are refined before they are compared.
+#: Places whose grids are refined before they are compared, and such of the general basis that get
+#: a richer one.
 MOST_REFINED = 5
-#: Causes that are tried with another shape, where the data are strong enough to show one: from
-#: about nine noise units on.
-MOST_BENT = 5
-BENT_FROM = -40.0
+MOST_RICHER = 3
+#: From about nine noise units on, the likeliest kinds are compared with the tails clipped about
+#: each one's own fit, and causes are tried with another shape: those that explain alone at least
+#: such a share of what the best one does.
+STRONG = -40.0
+LEAST_SHARE = 0.25
+MOST_ALIKE = 12
+MOST_BENT = 8
 
 
 def next_finding(survey: Survey, tests: int) -> Candidate | None:
     """What joins the findings: a cause, or, where none does, the shape of one that is in."""
     cause = choose(survey.ground, survey.scores, tests)
     return cause or _shape_wanted(survey, tests)
+
+
+def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
+    """The findings with one more, which takes the place of those it contains."""
+    return [*(c for c in findings if not c.within(more)), more]
 
 
 def choose(ground: Ground, scores: Scores, tests: int) -> Candidate | None:
@@ -55,20 +67,49 @@ def choose(ground: Ground, scores: Scores, tests: int) -> Candidate | None:
             best = int(np.argmax(evidence))
             candidates[i], log_p[i] = values[best], fine.log_p[at + best]
             at += len(values)
+    alike = np.flatnonzero(scores.statistic >= LEAST_SHARE * scores.statistic.max())
+    clipped = weight.copy()
+    if log_p.min() < STRONG:
+        likeliest: dict[tuple[str, ...], int] = {}
+        for i in alike[np.argsort(-weight[alike])]:
+            likeliest.setdefault(kind(candidates[i]), int(i))
+        some = list(likeliest.values())[:MOST_ALIKE]
+        weight[some] += unclipped([candidates[i] for i in some], weight[some], ground)
     places = [c.place for c in candidates]
     total: dict[tuple[str, str], float] = {}
     for place, share in zip(places, np.exp(weight - weight.max()), strict=True):
         total[place] = total.get(place, 0.0) + float(share)
     able = {int(i) for i in np.flatnonzero(significant(log_p, tests))}
+    refused: list[Candidate] = []
     while able:
         wanted = max((places[i] for i in able), key=lambda place: total[place])
         best = max((i for i in able if places[i] == wanted), key=lambda i: weight[i])
-        if log_p[best] < BENT_FROM:
-            best = _if_bent(best, able, candidates, weight, ground)
-        if significant(log_p_by_scatter(candidates[best], ground), tests):
-            return candidates[best]
+        about = ground
+        if log_p[best] < STRONG:
+            best = _if_bent(best, able.intersection(alike), candidates, clipped, ground)
+            about = clipped_about(candidates[best], ground)
+        if significant(log_p_by_scatter(candidates[best], about), tests):
+            return _likelier(candidates[best], refused, ground, tests)
+        refused.append(candidates[best])
         able.remove(best)
     return None
+
+
+def _likelier(
+    admitted: Candidate, refused: Sequence[Candidate], ground: Ground, tests: int
+) -> Candidate:
+    """The admitted candidate, or the likelier one that few rests bear, if it is the same signal.
+
+    That something is there the admitted one shows; what it is, the likelier one says, if nothing
+    of the admitted one is left with it in the model.
+    """
+    for likelier in refused:
+        about = clipped_about(likelier, ground).fit
+        findings = joined(about.findings, likelier)
+        with_it = make_ground(solve_again(about, findings, about.noise, ground.arm), ground.arm)
+        if not significant(take_survey(with_it, [admitted]).scores.log_p[0], tests):
+            return likelier
+    return admitted
 
 
 def _if_bent(
@@ -96,22 +137,27 @@ def _if_bent(
         shape = shape_of(cause, amplitudes, ground.arm.n_joints)
         bent.append(replace(cause, columns=(*cause.columns, *(shape.columns if shape else ()))))
     gained = take_survey(ground, bent).scores.log_evidence - straight.scores.log_evidence
-    likely = {i: weight[i] for i in (best, *named.values())}
-    for i, more in zip(named.values(), gained, strict=True):
-        likely[i] = float(np.logaddexp(weight[i], weight[i] + more + np.log(SHAPE_PRIOR)))
-    return max(likely, key=lambda i: likely[i])
+    numbers = [best, *named.values(), *named.values()]
+    likely = weight[numbers]
+    likely[-len(bent) :] += gained + np.log(SHAPE_PRIOR)
+    likely += unclipped([candidates[best], *causes, *bent], likely, ground)
+    return numbers[int(np.argmax(likely))]
 
 
 def _finer(scores: Scores) -> dict[int, list[Candidate]]:
-    """Values around the best of each of the likeliest places that have a grid."""
+    """Values around the best of each of the likeliest places that have a grid, and richer
+    functions of the likeliest variables."""
     finer: dict[int, list[Candidate]] = {}
+    left = {False: MOST_REFINED, True: MOST_RICHER}
     seen: set[tuple[str, str]] = set()
     for i in np.argsort(-scores.log_posterior()):
         candidate = scores.signatures.candidates[i]
-        if len(seen) == MOST_REFINED or scores.freedom[i] == 0:
+        unknown = candidate.cause == "unknown"
+        if not any(left.values()) or scores.freedom[i] == 0:
             break
-        if candidate.refine is not None and candidate.place not in seen:
+        if candidate.refine is not None and candidate.place not in seen and left[unknown]:
             seen.add(candidate.place)
+            left[unknown] -= 1
             finer[int(i)] = [candidate, *candidate.refine()]
     return finer
 

@@ -137,14 +137,18 @@ def model_under_test(
 ) -> Baseline:
     """The calibration given, held; otherwise what `armd calibrate` makes of the sessions.
 
-    The latter raises its thermal model until the sessions are content, and so would swallow
-    causes that have a name (a link expanding in a curve, a joint that turns with temperature).
-    Where it did, the plain linear thermal model is the one under test.
+    The latter chooses a thermal model by its error: one that goes far would swallow causes that
+    have a name (a link expanding in a curve, a joint that turns with temperature), and beside a
+    strong error it chooses none, so that plain expansion would be found. The plain linear thermal
+    model is the one under test wherever there can be one.
     """
     if calibration is not None:
         return from_calibration(calibration, arm, held=True)
     result = calibrate(sessions, arm)
-    if result.thermal_order > 1 or any(_turns(term.parameter) for term in result.calibration.terms):
+    plain = result.thermal_order == 1 and not any(
+        _turns(term.parameter) for term in result.calibration.terms
+    )
+    if result.trials and not plain:  # without temperatures there are no trials
         result = calibrate(sessions, arm, Options(thermal_order=1))
     return from_calibration(result.calibration, arm, held=False)
 

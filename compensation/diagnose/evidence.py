@@ -230,20 +230,20 @@ def _log_prior(scores: Scores) -> F64:
     grid must not make its place's plain kinds improbable.
     """
     alive = np.flatnonzero(scores.freedom > 0)
-    kinds = [_kind(scores.signatures.candidates[i]) for i in alive]
+    kinds = [kind(scores.signatures.candidates[i]) for i in alive]
     grid = Counter(kinds)
     of_place = Counter((cause, location) for cause, location, *_ in grid)
     places = Counter(cause for cause, _ in of_place)
     named = max(len(places) - ("unknown" in places), 1)
     prior = np.full(len(scores.freedom), -np.inf)
-    for i, kind in zip(alive, kinds, strict=True):
-        cause, location, *_ = kind
+    for i, own in zip(alive, kinds, strict=True):
+        cause, location, *_ = own
         share = UNKNOWN_PRIOR if cause == "unknown" else (1 - UNKNOWN_PRIOR) / named
-        prior[i] = np.log(share / (places[cause] * of_place[cause, location] * grid[kind]))
+        prior[i] = np.log(share / (places[cause] * of_place[cause, location] * grid[own]))
     return prior
 
 
-def _kind(candidate: Candidate) -> tuple[str, ...]:
+def kind(candidate: Candidate) -> tuple[str, ...]:
     """What candidates share that differ in the value of a setting only."""
     columns = (column.name for column in candidate.columns)
     return (*candidate.place, *columns, *(name for name, *_ in candidate.setting))

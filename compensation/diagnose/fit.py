@@ -16,7 +16,7 @@ from armd.compensation.diagnose.absorbing import (
     absorb,
     amplitude_variance,
     for_noise,
-    is_curve,
+    is_sized,
     with_gauge,
     with_other_findings,
 )
@@ -229,7 +229,7 @@ def _sized(
 ) -> tuple[Absorbing, list[float]]:
     """With each curve's likely size as the data have it: expectation–maximisation, few steps."""
     sizes = list(sizes)
-    curves = [i for i, candidate in enumerate(findings) if is_curve(candidate)]
+    curves = [i for i, candidate in enumerate(findings) if is_sized(candidate)]
     if not curves:
         return absorbing, sizes
     variance = absorbing.variance.copy()

@@ -16,11 +16,11 @@ import numpy.typing as npt
 from scipy.special import bdtrc
 
 from armd.compensation.arm import Arm
-from armd.compensation.diagnose.choice import next_finding
+from armd.compensation.diagnose.choice import joined, next_finding
 from armd.compensation.diagnose.evidence import Sums, total
 from armd.compensation.diagnose.fit import Fit, solve_again
 from armd.compensation.diagnose.ground import Ground, make_ground
-from armd.compensation.diagnose.search import Progress, Result, joined
+from armd.compensation.diagnose.search import Progress, Result
 from armd.compensation.diagnose.survey import Survey
 from armd.compensation.identify.observations import Observations
 

@@ -61,6 +61,10 @@ class Ground:
         factor = inverse_factor(gram + np.diag(1.0 / (self.variance * size**2)))
         return white, clear - shared @ (factor @ (factor.T @ (shared.T @ white)))
 
+    def clear_of_cells(self, columns: F64) -> F64:
+        """Columns (N, m), whitened and clear of what the cells' own absorb."""
+        return _cleared(self.fit.noise.whiten(columns), self.cells)
+
     def without(self, part: int, fit: Fit) -> Ground:
         """Without the rests of a part, for a *fit* whose whitener is zero there."""
         kept = np.arange(len(self.gram)) != part

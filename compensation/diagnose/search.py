@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.arm import Arm
-from armd.compensation.diagnose.account import Found, account
+from armd.compensation.diagnose.account import CLEARLY, Found, account
 from armd.compensation.diagnose.baseline import Baseline
-from armd.compensation.diagnose.choice import choose, next_finding
+from armd.compensation.diagnose.choice import choose, joined, next_finding
 from armd.compensation.diagnose.fit import Fit, fit, solve_again
 from armd.compensation.diagnose.ground import make_ground
 from armd.compensation.diagnose.problem import Rests
@@ -32,8 +32,6 @@ F64 = npt.NDArray[np.float64]
 
 MOST_FINDINGS = 10
 MOST_STEPS = 16
-#: A finding is renamed when another name is so many times as probable.
-CLEARLY = 10.0
 MOST_RENAMINGS = 3
 
 Progress = Callable[[str, float], None]
@@ -166,11 +164,6 @@ class Search:
         survey = take_survey(ground, self._signatures)
         self._tests = max(int((survey.scores.freedom > 0).sum()), 1)
         return survey
-
-
-def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
-    """The findings with one more, which takes the place of those it contains."""
-    return [*(c for c in findings if not c.within(more)), more]
 
 
 def _with_their_causes(findings: Sequence[Candidate]) -> list[Candidate]:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.arm import Arm
-from armd.compensation.diagnose.absorbing import is_curve
+from armd.compensation.diagnose.absorbing import is_sized
 from armd.compensation.diagnose.baseline import scaled
 from armd.compensation.diagnose.fit import Fit, finding_columns
 from armd.compensation.diagnose.noise import Absorbing
@@ -84,7 +84,7 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
 def shape_of(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:
     """A finding's own signature times harmonics of the joints at its place."""
     joints = _joints(candidate, n_joints)
-    if not joints or is_curve(candidate):  # which has any shape
+    if not joints or is_sized(candidate):  # which has any shape
         return None
     own = [
         term

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import logsumexp
 
 from armd.compensation.diagnose.evidence import Scores, Sums, score
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.diagnose.ground import Ground
-from armd.compensation.diagnose.shape import is_shape
+from armd.compensation.diagnose.shape import is_shape, shape_place
 from armd.compensation.diagnose.signatures import Signatures, compile_candidates
 from armd.compensation.effects.effect import Candidate
 
@@ -76,14 +77,19 @@ class Survey:
             evidence = float(self.alone(index).log_evidence[index])
             return float(SHAPE_PRIOR * np.exp(np.clip(evidence - scores.log_total, -500.0, 500.0)))
         of_place = np.array([c.place == candidate.place for c in scores.signatures.candidates])
-        weight = float(np.exp(scores.log_posterior())[of_place].sum())
-        if candidate.refine is not None or candidate in scores.signatures.candidates:
-            return weight
-        best = scores.log_evidence[of_place].max(initial=-np.inf)
-        if not np.isfinite(best):
-            return weight
-        own = float(self.alone(index).log_evidence[index])
-        return weight * float(np.exp(np.clip(own - best, 0.0, 500.0)))
+        if not np.isfinite(scores.log_evidence[of_place]).any():
+            return 0.0
+        log_weight = float(logsumexp(scores.log_posterior()[of_place]))
+        best = float(scores.log_evidence[of_place].max())
+        shape = next((c for c in self.fit.findings if c.location == shape_place(candidate)), None)
+        if shape is not None:  # which belongs to it
+            both = replace(candidate, columns=(*candidate.columns, *shape.columns))
+            own = float(take_survey(self.ground, [both]).freed(index).log_evidence[0])
+            log_weight += max(own - best, 0.0) + np.log(SHAPE_PRIOR)
+        elif candidate.refine is None and candidate not in scores.signatures.candidates:
+            own = float(self.alone(index).log_evidence[index])
+            log_weight += max(own - best, 0.0)
+        return float(np.exp(np.clip(log_weight, -500.0, 500.0)))
 
 
 def take_survey(ground: Ground, candidates: Sequence[Candidate] | Signatures) -> Survey:

@@ -61,7 +61,8 @@ class Candidate:
     columns: tuple[Column, ...]
     depends_on: tuple[str, ...]
     setting: tuple[tuple[str, float, str], ...] = ()  # (name, value, unit)
-    #: a finer grid around this candidate, for the non-linear parameters; none if there are none
+    #: a finer grid around this candidate for its non-linear parameters, or of what is unknown a
+    #: richer function of the same variables; none if there is none
     refine: Callable[[], Sequence[Candidate]] | None = field(default=None, compare=False)
 
     @cached_property

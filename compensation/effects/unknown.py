@@ -5,7 +5,8 @@ joints' angles. It competes with the catalogue on equal terms; where it wins, th
 `unknown` and says only what it depends on.
 """
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 from armd.compensation.effects.effect import (
@@ -39,21 +40,74 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
             unit = "mm" if name in ("d", "a") else "rad"
             turning = k if name == "theta" else None
             for variables, functions in _functions(scene, turning):
-                columns = tuple(
-                    Column(
-                        f"{name}_{k} × {label}",
-                        f"{unit} × {per}" if per else unit,
-                        TYPICAL[unit] / size,
-                        tie([(f"{name}_{k}", 1.0)], *basis),
-                    )
-                    for label, per, size, basis in functions
-                )
-                yield Candidate(
-                    "unknown", f"{name}_{k}({', '.join(variables)})", columns, variables
-                )
+                yield _candidate(f"{name}_{k}", unit, variables, functions, _general(variables))
 
 
 _Function = tuple[str, str, float, tuple[Factor, ...]]  # label, unit, typical size, factors
+
+
+def _candidate(
+    parameter: str,
+    unit: str,
+    variables: tuple[str, ...],
+    functions: Sequence[_Function],
+    more: Sequence[_Function] = (),
+) -> Candidate:
+    """Functions that go together; *more*: those of a richer candidate in the same variables."""
+    columns = tuple(
+        Column(
+            f"{parameter} × {label}",
+            f"{unit} × {per}" if per else unit,
+            TYPICAL[unit] / size,
+            tie([(parameter, 1.0)], *basis),
+        )
+        for label, per, size, basis in functions
+    )
+
+    def refine() -> Sequence[Candidate]:
+        return [_candidate(parameter, unit, variables, more)]
+
+    location = f"{parameter}({', '.join(variables)})"
+    return Candidate("unknown", location, columns, variables, refine=refine if more else None)
+
+
+def _general(variables: tuple[str, ...]) -> list[_Function]:
+    """A nearly free function of a joint's angle or rate, of two angles, or of a rate and an angle;
+    nothing for other variables."""
+    matches = [re.fullmatch(r"([qw])(\d+)", name) for name in variables]
+    one: _Function = ("", "", 1.0, ())
+    match [(m[1], int(m[2])) for m in matches if m]:
+        case [("w", k)]:
+            return _of_the_rate(k)
+        case [("q", j)]:
+            return [wave for order in (1, 2, 3, 4) for wave in _waves(j, order)]
+        case [("q", i), ("q", j)]:
+            first, second = ([one, *_waves(n, 1), *_waves(n, 2)] for n in (i, j))
+            return _products(first, second)[1:]
+        case [("w", k), ("q", j)]:
+            return _products(_of_the_rate(k)[:2], [one, *_waves(j, 1), *_waves(j, 2)])
+    return []
+
+
+def _products(first: Sequence[_Function], second: Sequence[_Function]) -> list[_Function]:
+    return [
+        (f"{a} {b}".strip(), per, size * other * (0.5 if left and right else 1.0), (*left, *right))
+        for a, per, size, left in first
+        for b, _, other, right in second
+    ]
+
+
+def _of_the_rate(joint: int) -> list[_Function]:
+    side, rate = Side(joint=joint), Rate(joint=joint)
+    w = f"w{joint}"
+    return [
+        (f"side {joint}", "", 1.0, (side,)),
+        (w, "s/rad", 0.1, (rate,)),
+        (f"{w}·|{w}|", "s²/rad²", 0.05, (rate, rate, side)),
+        (f"{w}^3", "s³/rad³", 0.05, (rate, rate, rate)),
+        (f"|{w}|", "s/rad", 0.1, (rate, side)),
+        (f"{w}^2", "s²/rad²", 0.05, (rate, rate)),
+    ]
 
 
 def _functions(
@@ -89,29 +143,24 @@ def _functions(
 
 
 def _of_the_side(scene: Scene, joint: int) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
-    """Friction of one joint that depends on where another stands, or on how fast it turned."""
-    side, rate = Side(joint=joint), Rate(joint=joint)
-    drag = (f"w{joint}·|w{joint}|", "s²/rad²", 0.05, (rate, rate, side))
-    yield (f"w{joint}",), [drag]
+    """Friction of one joint that depends on where another stands, how warm it is, or how fast it
+    turned."""
+    of_the_rate = _of_the_rate(joint)
+    yield (f"w{joint}",), [of_the_rate[2]]
     for j in scene.joints:
         if j != joint:
-            functions = [
-                (f"side {joint} {label}", "", 1.0, (side, *wave))
-                for label, _, _, wave in _waves(j, 1)
-            ]
-            yield (f"w{joint}", f"q{j}"), functions
+            for function in of_the_rate[:2]:
+                yield (f"w{joint}", f"q{j}"), _products([function], _waves(j, 1))
+    for name in scene.sensors:
+        factor = temperature({name: 1.0})
+        yield (f"w{joint}", name), _products(of_the_rate[:1], [(f"ΔT({name})", "", 5.0, (factor,))])
 
 
 def _pairs(scene: Scene) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
     for i, j in combinations(scene.joints, 2):
         product = (f"q{i}·q{j}", "", 1.0, (Angle(joint=i), Angle(joint=j)))
         yield (f"q{i}", f"q{j}"), [product]
-        products = [
-            (f"{a} {b}", "", 0.5, (*left, *right))
-            for a, _, _, left in _waves(i, 1)
-            for b, _, _, right in _waves(j, 1)
-        ]
-        yield (f"q{i}", f"q{j}"), products
+        yield (f"q{i}", f"q{j}"), _products(_waves(i, 1), _waves(j, 1))
     for name in scene.sensors:
         factor = temperature({name: 1.0})
         for j in scene.joints:

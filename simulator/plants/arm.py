@@ -18,6 +18,7 @@ from armd.simulator.truth.effects import (
     Effect,
     Interpolation,
     KnockedJoint,
+    LettingGo,
     MovingMount,
     RefittedTip,
     SquareWave,
@@ -152,5 +153,7 @@ def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effec
             return SwellingLink(joint, plant.size, campaign.span_s()[0][0])
         case "thermal eccentricity":
             return ThermalEccentricity(joint, plant.size, angle(plant, rng))
+        case "letting go":
+            return LettingGo(joint, plant.size)
         case _:
             return DrivenByRate(joint, plant.size)

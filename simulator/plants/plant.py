@@ -66,6 +66,7 @@ def depends_on(plant: Plant) -> list[str]:
             "swelling": ["time_s"],
             "thermal eccentricity": [f"q{joint}", f"t{joint}"],
             "drag": [f"w{joint}"],
+            "letting go": [f"w{joint}"],
         }[str(plant.detail.get("kind", "cable"))]
     match plant.cause:
         case "joint_backlash" | "time_skew":

@@ -154,6 +154,36 @@ def test_what_no_catalogue_has_is_unknown_and_names_its_variables() -> None:
     assert any(set(variables) == {"w3", "q4"} for variables in judged.unknown)
 
 
+def test_a_strong_error_leaves_plain_expansion_in_the_model_under_test() -> None:
+    """`armd calibrate` finds no use in a thermal model beside it; the links expand all the same."""
+    detail = {"kind": "cable", "joint": 3, "other": 4}
+    judged = run_case(509, [Plant("unknown", "-", 12.0, detail)], design=SMALL)
+    assert judged.false_causes == 0
+    assert judged.unknown == (("q3", "q4"),)
+
+
+def test_a_bent_cause_is_not_its_neighbour_that_fits_better_unbent() -> None:
+    plant = Plant("joint_compliance", "joint 2", 6.0, {"distortion": 0.3})
+    judged = run_case(510, [plant], design=SMALL)
+    assert judged.named == (True,)
+    assert judged.false_causes == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "kind", "joint", "size"),
+    [(9313020002, "drag", 3, 54.2), (9502020006, "drag", 2, 17.5), (512, "letting go", 2, 8.0)],
+)
+def test_a_signal_few_rests_show_is_not_clipped_into_another_ones_shape(
+    seed: int, kind: str, joint: int, size: float
+) -> None:
+    """Only one session is fast; what happens in it looks like tails to the others."""
+    plant = Plant("unknown", "-", size, {"kind": kind, "joint": joint})
+    judged = run_case(seed, [plant])
+    assert judged.false_causes == 0
+    assert judged.unknown == ((f"w{joint}",),)
+
+
 @pytest.mark.slow
 def test_a_confounded_design_gives_alternatives() -> None:
     """A gain and an eccentricity on a joint that hardly turns are nearly one curve.

@@ -11,6 +11,7 @@ from armd.simulator.truth.effects.foreign import (
     CablePull,
     CoupledHysteresis,
     DrivenByRate,
+    LettingGo,
     SwellingLink,
     ThermalEccentricity,
 )
@@ -43,6 +44,7 @@ __all__ = [
     "Interpolation",
     "KnockedJoint",
     "LateLatch",
+    "LettingGo",
     "LostIndex",
     "MovingMount",
     "OvalDisc",

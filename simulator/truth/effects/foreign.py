@@ -93,3 +93,21 @@ class DrivenByRate(Effect):
         turn = np.zeros((len(posture.phi), 3))
         turn[:, 2] = self.arcsec_per_rate2 * ARC_SECOND * rate * np.abs(rate)
         return Motion(turn, np.zeros_like(turn))
+
+
+@dataclass(frozen=True)
+class LettingGo(Effect):
+    """Static friction winds a joint up; the faster it turns, the less of it is left."""
+
+    joint: int
+    arcsec: float
+    rate_rad_s: float = 0.1
+
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
+        if joint != self.joint:
+            return None
+        rate = conditions.rate[:, joint - 1]
+        turn = np.zeros((len(posture.phi), 3))
+        held = np.tanh(rate / 2e-5) * np.exp(-np.abs(rate) / self.rate_rad_s)
+        turn[:, 2] = -self.arcsec * ARC_SECOND * held
+        return Motion(turn, np.zeros_like(turn))

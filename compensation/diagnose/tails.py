@@ -1,0 +1,138 @@
+"""How well candidates explain what was clipped, each with the tails clipped about its own fit.
+
+The search clips what stands far from the fit so far. A strong cause that few rests show is then
+clipped as if it were a tail, and what is left of it has another shape: a drag by the square of the
+rate looks linear in it. Before a strong candidate is named, the likeliest are each fitted with the
+tails clipped about that very fit (Huber's loss by reweighting).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.diagnose.evidence import SCALES, inverse_factor
+from armd.compensation.diagnose.fit import finding_columns
+from armd.compensation.diagnose.ground import Ground
+from armd.compensation.diagnose.noise import WINSOR_AT
+from armd.compensation.effects.effect import Candidate
+
+F64 = npt.NDArray[np.float64]
+
+REWEIGHTINGS = 6
+#: A candidate hardly gains more by its own tails than so many times what was clipped.
+MOST_GAINED = 2.0
+
+
+def unclipped(candidates: Sequence[Candidate], weight: F64, ground: Ground) -> F64:
+    """(C,) by how much each one's gain in log likelihood is larger than on the clipped residual.
+
+    Zero where it could not matter: for those of a log *weight* (C,) too far below the best.
+    """
+    _, left = ground.clear_of_all(_residuals(ground))
+    in_tails = _huber(left[:, 0], ground) - _huber(left[:, 1], ground)
+    near = weight >= weight.max() - MOST_GAINED * in_tails
+    more = np.zeros(len(candidates))
+    if near.sum() > 1:
+        raw, clipped = ground.clear_of_cells(_residuals(ground)).T
+        nothing = _absorbing(ground)
+        before = nothing.robust(raw)[1] - nothing.square(clipped)
+        for i in map(int, np.flatnonzero(near)):
+            both = nothing.joined(candidates[i], ground)
+            more[i] = before - (both.robust(raw)[1] - both.square(clipped))
+    return more
+
+
+def clipped_about(candidate: Candidate, ground: Ground) -> Ground:
+    """The ground with its fit's residual clipped about the fit with a candidate in the model."""
+    fit = ground.fit
+    both = _absorbing(ground).joined(candidate, ground)
+    raw = ground.clear_of_cells(fit.raw_residual[:, None])[:, 0]
+    solution, _ = both.robust(raw)
+    n = fit.linear.rests.n
+    left = (raw - both.clear @ solution)[: 3 * n].reshape(n, 3)
+    size = np.linalg.norm(left, axis=1)
+    less = left * (1.0 - WINSOR_AT / np.maximum(size, WINSOR_AT))[:, None]
+    residual = fit.raw_residual.copy()
+    clipped = size > WINSOR_AT
+    residual[: 3 * n].reshape(n, 3)[clipped] -= np.linalg.solve(
+        fit.noise.whitener[clipped], less[clipped][:, :, None]
+    )[:, :, 0]
+    return replace(ground, fit=replace(fit, residual=residual))
+
+
+def _residuals(ground: Ground) -> F64:
+    """(N, 2) as measured, and clipped."""
+    return np.stack([ground.fit.raw_residual, ground.fit.residual], axis=1)
+
+
+def _huber(left: F64, ground: Ground) -> float:
+    """Huber's loss of residuals (N,), of each rest's components together."""
+    end = 3 * ground.fit.linear.rests.n
+    size = np.linalg.norm(left[:end].reshape(-1, 3), axis=1)
+    within = np.minimum(size, WINSOR_AT)
+    return float((within * (size - 0.5 * within)).sum() + 0.5 * (left[end:] ** 2).sum())
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Columns of unit length that explain a residual, their amplitudes held by a prior."""
+
+    ground: Ground
+    clear: F64  # (N, b)
+    gram: F64  # (b, b)
+    ridge: F64  # (b,)
+
+    def joined(self, candidate: Candidate, ground: Ground) -> _Problem:
+        """With a candidate's columns, amplitudes of up to the largest plausible size."""
+        columns = finding_columns(ground.fit.linear, [candidate], ground.arm)[0]
+        own, length = _to_unit(ground.clear_of_cells(columns))
+        most = [min(max(SCALES), column.reach) * column.typical for column in candidate.columns]
+        across = self.clear.T @ own
+        return _Problem(
+            ground,
+            np.hstack([self.clear, own]),
+            np.block([[self.gram, across], [across.T, own.T @ own]]),
+            np.concatenate([self.ridge, 1.0 / np.maximum(most * length, 1e-150) ** 2]),
+        )
+
+    def square(self, residual: F64) -> float:
+        """Least half of the sum of squares, what holds the amplitudes included."""
+        factor = inverse_factor(self.gram + np.diag(self.ridge))
+        towards = factor.T @ (self.clear.T @ residual)
+        return 0.5 * float(residual @ residual - towards @ towards)
+
+    def robust(self, residual: F64) -> tuple[F64, float]:
+        """The solution (b,) of least Huber's loss, and that loss."""
+        n = self.ground.fit.linear.rests.n
+        side = self.clear.T @ residual
+        less = np.zeros(n)  # by how much a rest's weight is less than one
+        best: tuple[F64, float] = np.zeros(len(side)), np.inf
+        for _ in range(REWEIGHTINGS):
+            rows = np.flatnonzero(np.repeat(less > 0, 3))
+            taken = self.clear[rows] * np.repeat(less[less > 0], 3)[:, None]
+            gram = self.gram - taken.T @ self.clear[rows] + np.diag(self.ridge)
+            factor = inverse_factor(gram)
+            solution = factor @ (factor.T @ (side - taken.T @ residual[rows]))
+            left = residual - self.clear @ solution
+            loss = _huber(left, self.ground) + 0.5 * float(solution**2 @ self.ridge)
+            if loss < best[1]:
+                best = solution, loss
+            size = np.linalg.norm(left[: 3 * n].reshape(-1, 3), axis=1)
+            less = 1.0 - WINSOR_AT / np.maximum(size, WINSOR_AT)
+        return best
+
+
+def _absorbing(ground: Ground) -> _Problem:
+    """What placements share of what absorbs."""
+    clear, length = _to_unit(ground.clear[:, :-1])
+    return _Problem(ground, clear, clear.T @ clear, 1.0 / (ground.variance * length**2))
+
+
+def _to_unit(columns: F64) -> tuple[F64, F64]:
+    length = np.sqrt((columns**2).sum(axis=0))
+    length[length == 0.0] = 1.0
+    return columns / length, length
