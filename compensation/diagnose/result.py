@@ -85,6 +85,13 @@ def verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.significant_rest:
         on = ", ".join(diagnosis.search.remaining_depends_on) or "nothing that was recorded"
         sentences.append(f"Something significant is left; it goes with {on}.")
+        same = [
+            str(i)
+            for i, found in enumerate(diagnosis.found, 1)
+            if set(found.candidate.depends_on) & set(diagnosis.search.remaining_depends_on)
+        ]
+        if same:
+            sentences.append(f"The form of {', '.join(same)} is in doubt.")
         if len(gains) == MOST_FINDINGS:
             sentences.append(
                 f"No more than {MOST_FINDINGS} causes are looked for; where so much seems wrong, "
