@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -114,7 +115,7 @@ def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
     """No name for a part of what is unknown.
 
     Where an unknown structure is clearly likelier, or one that was found is stronger in the same
-    variables, the name only was the nearest one.
+    variables or at the same joint, the name only was the nearest one.
     """
     unknown = [f for f in found if f.candidate.cause == "unknown" and not is_shape(f.candidate)]
 
@@ -127,9 +128,15 @@ def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
             variables = likelier[0].candidate.depends_on
             return replace(finding, candidate=replace(own, cause="unknown", depends_on=variables))
         part = any(
-            u.statistic > finding.statistic and set(u.candidate.depends_on) & set(own.depends_on)
+            u.statistic > finding.statistic and _variables(u.candidate) & set(own.depends_on)
             for u in unknown
         )
         return replace(finding, candidate=replace(own, cause="unknown")) if part else finding
 
     return tuple(told(f) for f in found)
+
+
+def _variables(unknown: Candidate) -> set[str]:
+    """What an unknown structure depends on, the angle of the joint that it moves included."""
+    joint = re.match(r"[a-z]+_(\d+)\(", unknown.location)
+    return {*unknown.depends_on, *([f"q{joint[1]}"] if joint else [])}

@@ -22,9 +22,11 @@ from armd.compensation.effects.effect import Candidate
 F64 = npt.NDArray[np.float64]
 
 #: Places whose grids are refined before they are compared, and such of the general basis that get
-#: a richer one.
+#: a richer one: only what explains the data as well as any cause, to within so much log evidence.
+#: A rich function that may always compete swallows several causes at once.
 MOST_REFINED = 5
 MOST_RICHER = 3
+AS_WELL = 10.0
 #: From about nine noise units on, the likeliest kinds are compared with the tails clipped about
 #: each one's own fit, and causes are tried with another shape: those that explain alone at least
 #: such a share of what the best one does.
@@ -149,13 +151,16 @@ def _finer(scores: Scores) -> dict[int, list[Candidate]]:
     functions of the likeliest variables."""
     finer: dict[int, list[Candidate]] = {}
     left = {False: MOST_REFINED, True: MOST_RICHER}
+    enough = {False: -np.inf, True: scores.log_evidence.max() - AS_WELL}
     seen: set[tuple[str, str]] = set()
     for i in np.argsort(-scores.log_posterior()):
         candidate = scores.signatures.candidates[i]
         unknown = candidate.cause == "unknown"
         if not any(left.values()) or scores.freedom[i] == 0:
             break
-        if candidate.refine is not None and candidate.place not in seen and left[unknown]:
+        if candidate.refine is None or candidate.place in seen or not left[unknown]:
+            continue
+        if scores.log_evidence[i] >= enough[unknown]:
             seen.add(candidate.place)
             left[unknown] -= 1
             finer[int(i)] = [candidate, *candidate.refine()]
