@@ -20,6 +20,7 @@ from armd.compensation.diagnose.threshold import significant
 from armd.compensation.effects.effect import Candidate
 
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
 
 #: Places whose grids are refined before they are compared, and such of the general basis that get
 #: a richer one: only what explains the data as well as any cause, to within so much log evidence.
@@ -51,32 +52,14 @@ def choose(ground: Ground, scores: Scores, tests: int) -> Candidate | None:
     """The most probable place, if anything is significant; there its best value.
 
     What is named must be significant itself, also by the scatter of the rests that speak for it.
-    Where the likeliest places have values between those
-    of the grid (an instant, a time constant), these count: a step that is weighed at the wrong
-    instant loses to whatever else is near.
     """
     if not significant(scores.log_p, tests).any():
         return None
-    candidates = list(scores.signatures.candidates)
-    weight, log_p = scores.log_posterior().copy(), scores.log_p.copy()
-    finer = _finer(scores)
-    if finer:
-        fine = take_survey(ground, [c for values in finer.values() for c in values]).scores
-        at = 0
-        for i, values in finer.items():
-            evidence = fine.log_evidence[at : at + len(values)]
-            weight[i] += logsumexp(evidence) - np.log(len(values)) - scores.log_evidence[i]
-            best = int(np.argmax(evidence))
-            candidates[i], log_p[i] = values[best], fine.log_p[at + best]
-            at += len(values)
+    candidates, weight, log_p = _refined(scores, ground)
     alike = np.flatnonzero(scores.statistic >= LEAST_SHARE * scores.statistic.max())
-    clipped = weight.copy()
+    clipped = weight
     if log_p.min() < STRONG:
-        likeliest: dict[tuple[str, ...], int] = {}
-        for i in alike[np.argsort(-weight[alike])]:
-            likeliest.setdefault(kind(candidates[i]), int(i))
-        some = list(likeliest.values())[:MOST_ALIKE]
-        weight[some] += unclipped([candidates[i] for i in some], weight[some], ground)
+        weight = _with_own_tails(weight, alike, candidates, ground)
     places = [c.place for c in candidates]
     total: dict[tuple[str, str], float] = {}
     for place, share in zip(places, np.exp(weight - weight.max()), strict=True):
@@ -95,6 +78,41 @@ def choose(ground: Ground, scores: Scores, tests: int) -> Candidate | None:
         refused.append(candidates[best])
         able.remove(best)
     return None
+
+
+def _refined(scores: Scores, ground: Ground) -> tuple[list[Candidate], F64, F64]:
+    """The candidates (C,), those of the likeliest places at the best of finer values; their log
+    posterior weights, and log p values.
+
+    Values between those of the grid (an instant, a time constant) count: a step that is weighed at
+    the wrong instant loses to whatever else is near.
+    """
+    candidates = list(scores.signatures.candidates)
+    weight, log_p = scores.log_posterior().copy(), scores.log_p.copy()
+    finer = _finer(scores)
+    if finer:
+        fine = take_survey(ground, [c for values in finer.values() for c in values]).scores
+        at = 0
+        for i, values in finer.items():
+            evidence = fine.log_evidence[at : at + len(values)]
+            weight[i] += logsumexp(evidence) - np.log(len(values)) - scores.log_evidence[i]
+            best = int(np.argmax(evidence))
+            candidates[i], log_p[i] = values[best], fine.log_p[at + best]
+            at += len(values)
+    return candidates, weight, log_p
+
+
+def _with_own_tails(
+    weight: F64, alike: I64, candidates: Sequence[Candidate], ground: Ground
+) -> F64:
+    """The weights (C,), the likeliest kinds' with the tails clipped about their own fits."""
+    likeliest: dict[tuple[str, ...], int] = {}
+    for i in alike[np.argsort(-weight[alike])]:
+        likeliest.setdefault(kind(candidates[i]), int(i))
+    some = list(likeliest.values())[:MOST_ALIKE]
+    weight = weight.copy()
+    weight[some] += unclipped([candidates[i] for i in some], weight[some], ground)
+    return weight
 
 
 def _likelier(
