@@ -51,10 +51,17 @@ def statistic(current, candidate, arm) -> float:
     return float(left @ x @ np.linalg.pinv(x.T @ x, rcond=1e-9, hermitian=True) @ x.T @ left)
 
 
+def _moves(candidate, joint: int) -> bool:
+    terms = [term for column in candidate.columns for term in column.terms]
+    return any(term.parameter.endswith(f"_{joint}") for term in terms)
+
+
 def test_scores_are_those_of_one_dense_problem(problem) -> None:
     current, arm, candidates = problem
     strong = [c for c in candidates if c.place == ("encoder_eccentricity", "joint 3")]
-    some = [*strong, *candidates[::200]]
+    # The last joint's constants and the tip are one gauge: rounding tells them apart.
+    others = [c for c in candidates if not _moves(c, arm.n_joints)]
+    some = [*strong, *others[::200]]
     signatures = compile_candidates(some, current.linear, arm)
     scores = score(make_ground(current, arm).sums(signatures))
     told = [i for i in range(len(some)) if scores.freedom[i] == len(some[i].columns)]
