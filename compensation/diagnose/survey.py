@@ -81,14 +81,14 @@ class Survey:
             return 0.0
         log_weight = float(logsumexp(scores.log_posterior()[of_place]))
         best = float(scores.log_evidence[of_place].max())
+        own = float(self.alone(index).log_evidence[index])
         shape = next((c for c in self.fit.findings if c.location == shape_place(candidate)), None)
-        if shape is not None:  # which belongs to it
+        shape = shape or self.ground.shapes.candidates[index]
+        if shape is not None:  # in the model or not, it belongs to it
             both = replace(candidate, columns=(*candidate.columns, *shape.columns))
-            own = float(take_survey(self.ground, [both]).freed(index).log_evidence[0])
-            log_weight += max(own - best, 0.0) + np.log(SHAPE_PRIOR)
-        elif candidate.refine is None and candidate not in scores.signatures.candidates:
-            own = float(self.alone(index).log_evidence[index])
-            log_weight += max(own - best, 0.0)
+            bent = float(take_survey(self.ground, [both]).freed(index).log_evidence[0])
+            own = float(np.logaddexp(own, bent + np.log(SHAPE_PRIOR)))
+        log_weight += max(own - best, 0.0)
         return float(np.exp(np.clip(log_weight, -500.0, 500.0)))
 
 

@@ -171,6 +171,23 @@ def test_a_bent_cause_is_not_its_neighbour_that_fits_better_unbent() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
+    ("seed", "cause", "location", "size"),
+    [
+        (9604060001, "encoder_scale", "joint 2", 16.9),
+        (9604060003, "link_bending", "link 2", 5.7),
+        (9604060016, "joint_compliance", "joint 3", 20.2),
+    ],
+)
+def test_a_bent_cause_keeps_its_name_when_looked_back_at(
+    seed: int, cause: str, location: str, size: float
+) -> None:
+    judged = run_case(seed, [Plant(cause, location, size, {"distortion": 0.3})])
+    assert judged.named == (True,)
+    assert judged.false_causes == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
     ("seed", "kind", "joint", "size"),
     [(9313020002, "drag", 3, 54.2), (9502020006, "drag", 2, 17.5), (512, "letting go", 2, 8.0)],
 )
