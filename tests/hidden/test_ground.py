@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.arm import load_arm
+from armd.compensation.diagnose.absorbing import with_gauge
 from armd.compensation.diagnose.diagnose import model_under_test
 from armd.compensation.diagnose.evidence import score, total
 from armd.compensation.diagnose.fit import finding_columns, fit, solve_again
@@ -84,6 +85,26 @@ def test_a_part_left_out_of_the_sums_is_left_out_of_the_problem(problem) -> None
     np.testing.assert_allclose(from_parts.statistic, anew.statistic, rtol=1e-5, atol=1e-6)
     np.testing.assert_array_equal(from_parts.freedom, anew.freedom)
     assert second.xr.any()
+
+
+def test_a_fit_without_a_part_is_the_fit_of_the_others_alone(problem) -> None:
+    """Also along what they hardly know: a prior of what was left out once was the measure there."""
+    current, arm, _ = problem
+    observations = current.linear.rests.observations
+    out = observations.placement % 2 == 1
+    whitener = np.where(out[:, None, None], 0.0, current.noise.whitener)
+    without = solve_again(current, [], replace(current.noise, whitener=whitener), arm)
+    kept = np.append(np.repeat(~out, 3), np.ones(len(current.residual) - 3 * len(out), bool))
+    white, scale = without.noise.whiten_to_unit(without.absorbing.columns)
+    prior = 1.0 / np.sqrt(with_gauge(without.absorbing.variance, without.layout)) / scale
+    heard = white[kept].any(axis=0)
+    rows = np.vstack([white[kept], np.diag(prior)])[:, heard]
+    side = np.append(current.noise.whiten(current.residual)[kept], np.zeros(len(prior)))
+    alone = np.linalg.lstsq(rows, side, rcond=1e-9)[0] / scale[heard]
+    own = np.flatnonzero(heard[without.layout.identified]) + without.layout.identified.start
+    move = current.absorbing.columns[:, own]
+    expected = move @ alone[np.searchsorted(np.flatnonzero(heard), own)]
+    np.testing.assert_allclose(move @ without.solution[own], expected, atol=2e-5)
 
 
 def test_findings_join_what_absorbs_without_another_pass(problem) -> None:
