@@ -40,7 +40,7 @@ MOST_BENT = 8
 def next_finding(survey: Survey, tests: int) -> Candidate | None:
     """What joins the findings: a cause, or, where none does, the shape of one that is in."""
     cause = choose(survey.ground, survey.scores, tests)
-    return cause or _shape_wanted(survey, tests)
+    return cause or shape_wanted(survey, tests)
 
 
 def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
@@ -185,7 +185,7 @@ def _finer(scores: Scores) -> dict[int, list[Candidate]]:
     return finer
 
 
-def _shape_wanted(survey: Survey, tests: int) -> Candidate | None:
+def shape_wanted(survey: Survey, tests: int) -> Candidate | None:
     """The most significant of the findings' shapes, if any is."""
     shapes = survey.ground.shapes
     wanted = {i: c for i, c in enumerate(shapes.candidates) if c is not None}

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from armd.compensation.arm import Arm
 from armd.compensation.diagnose.account import CLEARLY, Found, account
 from armd.compensation.diagnose.baseline import Baseline
-from armd.compensation.diagnose.choice import choose, joined, next_finding
+from armd.compensation.diagnose.choice import choose, joined, next_finding, shape_wanted
 from armd.compensation.diagnose.fit import Fit, fit, solve_again
 from armd.compensation.diagnose.ground import make_ground
 from armd.compensation.diagnose.problem import Rests
@@ -85,10 +85,12 @@ class Search:
             if best is None or len(current.findings) >= MOST_FINDINGS:
                 break
             findings = joined(current.findings, best)
-            key = "".join(sorted(repr((c.place, c.setting)) for c in findings))
-            if key in seen:  # a circle: the search stays where it stands
-                break
-            seen.add(key)
+            if _key(findings) in seen:  # a circle: the look back undoes what this cause does
+                shape = shape_wanted(survey, self._tests)
+                findings = joined(current.findings, shape) if shape else findings
+                if _key(findings) in seen:
+                    break
+            seen.add(_key(findings))
             current = self._pruned(self._fit(findings, current))
             survey = self._survey(current)
             for _ in range(MOST_RENAMINGS):
@@ -164,6 +166,11 @@ class Search:
         survey = take_survey(ground, self._signatures)
         self._tests = max(int((survey.scores.freedom > 0).sum()), 1)
         return survey
+
+
+def _key(findings: Sequence[Candidate]) -> str:
+    """What a set of findings is known by."""
+    return "".join(sorted(repr((c.place, c.setting)) for c in findings))
 
 
 def _with_their_causes(findings: Sequence[Candidate]) -> list[Candidate]:

@@ -118,6 +118,17 @@ def test_a_bent_shape_keeps_its_name_and_what_bends_it_is_unknown() -> None:
     )
 
 
+@pytest.mark.slow
+def test_a_cause_that_comes_and_goes_leaves_room_for_the_shape() -> None:
+    """A curve of the encoder explained what bent a compliance, and the look back took it out."""
+    plant = Plant("joint_compliance", "joint 2", 15.294873498704195, {"distortion": 0.3})
+    judged = run_case(9902060018, [plant])
+    assert judged.named == (True,)
+    assert judged.false_causes == 0
+    assert judged.unknown
+    assert judged.after_um < 1.1 * judged.oracle_um
+
+
 def test_a_wrong_length_is_no_sensor_tens_of_kelvin_off() -> None:
     """To the readings they are the same; only their plausible sizes tell them apart."""
     plant = Plant("geometry_shift", "joint 3", 40.0, {"parameter": "a"})
