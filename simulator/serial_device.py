@@ -22,9 +22,6 @@ from armd.simulator.serial_faults import at_latch, in_sensors, on_wire
 TEMPERATURES_PER_S = 2
 #: Wakers are late by tens of µs: up to SPIN_HZ the last EARLY_NS before a latch are spent awake.
 EARLY_NS, SPIN_HZ = 60_000, 2000
-#: Up to SPIN_HZ, chores are done in this last part of a period: a real arm does not share its
-#: processor with the host, and what it has just sent is on its way there.
-CHORES = 0.6
 #: Faults during which no SAMPLE leaves, the strongest first.
 MUTE = ("reboot", "unplug", "silence")
 
@@ -53,9 +50,7 @@ class SerialDevice:
         self._rng = np.random.default_rng([scenario.seed, 0x5E1])
         self._electronics = Electronics(scenario.seed)
         self._crystal = Crystal(scenario.rate_hz, scenario.clock_ppm)
-        slow = scenario.rate_hz <= SPIN_HZ
-        self._early_ns = EARLY_NS if slow else 0
-        self._chores_ns = round(CHORES / scenario.rate_hz * 1e9) if slow else sys.maxsize
+        self._early_ns = EARLY_NS if scenario.rate_hz <= SPIN_HZ else 0
         self._commands = wire.Splitter()
         self._torn = False  # the last packet lost its delimiter: the next one is lost with it
         self._mute = ""  # the fault that keeps the arm silent
@@ -78,18 +73,14 @@ class SerialDevice:
         while self._k < stop_k:
             due_k = min(self._crystal.latches_by(time.monotonic_ns()), stop_k)
             while self._k < due_k:
-                if self._k == self._block_end_k:
-                    self._take_block()
                 if self._k >= self._schedule.next_change:
                     self._change_faults()
                 self._latch_until(min(due_k, self._block_end_k, self._schedule.next_change))
-            instant_ns = self._crystal.instant_ns(self._k)
-            self._listen(instant_ns - self._chores_ns)
-            if self._k == self._block_end_k:
-                self._take_block()
+                if self._k == self._block_end_k:
+                    self._take_block()
             # Packed while there is time: at its latch a sample only has to leave.
             self._packed = (self._k, wire.pack(self._rows[self._k - self._block_k].tobytes()))
-            self._wait(instant_ns)
+            self._wait(self._crystal.instant_ns(self._k))
 
     def close(self) -> None:
         """Bring the books up to the last latch."""
@@ -248,23 +239,20 @@ class SerialDevice:
 
     def _wait(self, instant_ns: int) -> None:
         """Until the next latch, or the host's next bytes."""
-        if not self._listen(instant_ns - self._early_ns):
+        timeout_s = max(0, instant_ns - self._early_ns - time.monotonic_ns()) * 1e-9
+        if self._port.plugged:
+            received = self._port.read(timeout_s)
+        else:
+            received = b""
+            time.sleep(timeout_s)
+        if not received:
             while time.monotonic_ns() < instant_ns:  # a latch does not wait for the scheduler
                 pass
-
-    def _listen(self, until_ns: int) -> bool:
-        """Sleep until an instant or the host's next bytes, and answer them; whether any came."""
-        timeout_s = max(0, until_ns - time.monotonic_ns()) * 1e-9
-        if not self._port.plugged:
-            time.sleep(timeout_s)
-            return False
-        received = self._port.read(timeout_s)
-        if received:
-            now_us = self._crystal.device_us(time.monotonic_ns())
-            for packet in self._commands.push(received):
-                if not self._mute:
-                    self._answer(packet, now_us - self._crystal.latch_us(self._boot_k))
-        return bool(received)
+            return
+        now_us = self._crystal.device_us(time.monotonic_ns())
+        for packet in self._commands.push(received) if received else ():
+            if not self._mute:
+                self._answer(packet, now_us - self._crystal.latch_us(self._boot_k))
 
     def _answer(self, packet: bytes, t_us: int) -> None:
         try:

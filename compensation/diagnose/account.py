@@ -21,8 +21,6 @@ MOST_RIVALS = 8
 MOST_COMPARED = 20
 #: So is one that would leave the finding nothing significant to add.
 INDISTINGUISHABLE_P = 0.01
-
-
 #: Another name, or none, is clearly likelier when it is so many times as probable.
 CLEARLY = 10.0
 
