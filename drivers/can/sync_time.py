@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 
 WINDOW = 256  # SYNCs over which the shortest way out and back is taken
-LOST_NS = 100_000_000  # an own SYNC that has not come back by then never will
+LOST_NS = 100_000_000  # an own SYNC that has not come back by then, while others were sent, is lost
 ECHO_PATIENCE = 16  # own SYNCs sent before we conclude that this interface does not return them
 
 
@@ -35,7 +35,8 @@ class SyncTime:
     def received(self, now_ns: int) -> tuple[int, int]:
         """A SYNC from the bus: its instant, and how many own ones before it were lost."""
         lost = 0
-        while self._sent and now_ns - self._sent[0] > LOST_NS:
+        # All but the last are looked at: what came back of that may have waited for us to read it.
+        while len(self._sent) > 1 and now_ns - self._sent[0] > LOST_NS:
             self._sent.popleft()
             lost += 1
         if not self._sent:

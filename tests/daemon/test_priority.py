@@ -22,6 +22,8 @@ print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
 
 
 def may_go_first() -> bool:
+    if len(os.sched_getaffinity(0)) < 2:
+        return False
     allowed = []
 
     def try_it() -> None:
@@ -51,3 +53,11 @@ def test_without_the_right_nothing_changes(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     go_first()
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
+
+
+@pytest.mark.skipif(not may_go_first(), reason="this machine grants no real-time priority")
+def test_a_machine_with_one_processor_is_shared() -> None:
+    alone = "import os\nos.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+    program = [sys.executable, "-c", alone + FIRST_AND_LATER]
+    done = subprocess.run(program, capture_output=True, text=True)
+    assert [int(word) for word in done.stdout.split()] == [os.SCHED_OTHER] * 2, done.stderr

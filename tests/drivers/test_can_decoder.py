@@ -209,6 +209,24 @@ def test_a_stalled_host_does_not_declare_the_nodes_dead(bus):
     assert "joint_invalid" not in bus.events
 
 
+def test_an_own_sync_that_waited_to_be_read_is_at_its_instant_and_nobody_elses():
+    bus = Bus()
+    for node in range(1, N + 1):
+        bus.configure(node)
+    bus.cycle(5)
+    last = bus.samples[-1]
+    bus.now_ns += 2 * MS
+    sent_ns = bus.now_ns
+    bus._feed("tx", CanFrame(can.SYNC_ID, b"").to_bytes())
+    bus.now_ns += 250 * MS  # the host stands still
+    bus.rx(can.SYNC_ID)
+    for joint in range(1, N + 1):
+        bus.pdo(joint)
+    sample = bus.samples[-1]
+    assert (sample["seq"], sample["monotonic_ns"]) == (last["seq"] + 1, sent_ns)
+    assert bus.decoder.counters["foreign_sync"] == 0
+
+
 def test_a_warning_leaves_the_position_valid(bus):
     bus.tell(note="warnings", node=3, warnings=4)
     bus.cycle()
