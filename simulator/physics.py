@@ -5,6 +5,8 @@ Computed in blocks on the grid of the latches, so that a device only has to wait
 
 from __future__ import annotations
 
+import itertools
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import sin, tau
@@ -20,6 +22,7 @@ from armd.simulator.truth.heat import CAPACITY, SELF_HEATING_W, TO_AIR, HeatFiel
 F64 = npt.NDArray[np.float64]
 
 BLOCK_S = 0.05
+REST_S = BLOCK_S / 5
 AIR_SWING_K, AIR_PERIOD_S = 0.2, 900.0  # the room's air conditioning
 
 
@@ -94,3 +97,21 @@ def blocks(
             arm.encoder_angles(phi, conditions), arm.tip(phi, conditions), buttons, sensor_c
         )
         first += n
+
+
+def unhurried(blocks: Iterator[Block]) -> Iterator[Block]:
+    """With a rest after each: one who computes ahead of time keeps nobody from a processor."""
+    for block in blocks:
+        yield block
+        time.sleep(REST_S)
+
+
+def gathered(blocks: Iterator[Block], number: int) -> Iterator[Block]:
+    """As many blocks at a time as one; the sensors feel what they did at its beginning."""
+    while some := list(itertools.islice(blocks, number)):
+        yield Block(
+            np.concatenate([block.encoder_rad for block in some]),
+            np.concatenate([block.tip_mm for block in some]),
+            np.concatenate([block.buttons for block in some]),
+            some[0].sensor_c,
+        )

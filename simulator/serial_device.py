@@ -22,6 +22,9 @@ from armd.simulator.serial_faults import at_latch, in_sensors, on_wire
 TEMPERATURES_PER_S = 2
 #: Wakers are late by tens of µs: up to SPIN_HZ the last EARLY_NS before a latch are spent awake.
 EARLY_NS, SPIN_HZ = 60_000, 2000
+#: What was just sent has this long to get to its reader before the next physics are fetched: a real
+#: arm does not share its processor with the host.
+ON_ITS_WAY_NS = 300_000
 #: Faults during which no SAMPLE leaves, the strongest first.
 MUTE = ("reboot", "unplug", "silence")
 
@@ -77,6 +80,8 @@ class SerialDevice:
                     self._change_faults()
                 self._latch_until(min(due_k, self._block_end_k, self._schedule.next_change))
                 if self._k == self._block_end_k:
+                    if self._early_ns and self._k == due_k:
+                        self._listen(time.monotonic_ns() + ON_ITS_WAY_NS)
                     self._take_block()
             # Packed while there is time: at its latch a sample only has to leave.
             self._packed = (self._k, wire.pack(self._rows[self._k - self._block_k].tobytes()))
@@ -90,7 +95,8 @@ class SerialDevice:
     # latches
 
     def _latch_until(self, end_k: int) -> None:
-        """Latch k … end − 1, all in the current block and with the same faults; one write."""
+        """Latch k … end − 1, all in the current block and with the same faults; one write, and
+        one more for temperatures that follow: no sample waits for what comes after it."""
         first_seq, count = self._seq(self._k), end_k - self._k
         if self._mute:
             if self._mute != "reboot":  # while it reboots nothing is latched at all
@@ -99,15 +105,16 @@ class SerialDevice:
             return
         packets = []
         for k in range(self._k, end_k):
+            if k > self._k and k > self._next_temperature_k:
+                packets.append(self._temperature(k - 1))
             packets.append(self._sample(k))
-            if k >= self._next_temperature_k:
-                self._next_temperature_k = k + max(1, self._crystal.rate_hz // TEMPERATURES_PER_S)
-                packets.append(self._temperature(k))
         self._k = end_k
         data = b"".join(packets)
         if data and not self._port.write(data):
             self._torn = False
             self._log.withheld("nobody reads", first_seq, first_seq + count - 1)
+        if end_k > self._next_temperature_k:
+            self._port.write(self._temperature(end_k - 1))
 
     def _sample(self, k: int) -> bytes:
         row: np.void = self._rows[k - self._block_k]
@@ -129,6 +136,7 @@ class SerialDevice:
         return packet
 
     def _temperature(self, k: int) -> bytes:
+        self._next_temperature_k = k + max(1, self._crystal.rate_hz // TEMPERATURES_PER_S)
         celsius = self._electronics.celsius(self._block.sensor_c)
         for fault in self._schedule.active:
             in_sensors(fault, celsius)
@@ -239,20 +247,22 @@ class SerialDevice:
 
     def _wait(self, instant_ns: int) -> None:
         """Until the next latch, or the host's next bytes."""
-        timeout_s = max(0, instant_ns - self._early_ns - time.monotonic_ns()) * 1e-9
-        if self._port.plugged:
-            received = self._port.read(timeout_s)
-        else:
-            received = b""
-            time.sleep(timeout_s)
-        if not received:
+        if not self._listen(instant_ns - self._early_ns):
             while time.monotonic_ns() < instant_ns:  # a latch does not wait for the scheduler
                 pass
-            return
+
+    def _listen(self, until_ns: int) -> bool:
+        """Until an instant or the host's next bytes, and answer these; whether there were any."""
+        timeout_s = max(0, until_ns - time.monotonic_ns()) * 1e-9
+        if not self._port.plugged:
+            time.sleep(timeout_s)
+            return False
+        received = self._port.read(timeout_s)
         now_us = self._crystal.device_us(time.monotonic_ns())
         for packet in self._commands.push(received) if received else ():
             if not self._mute:
                 self._answer(packet, now_us - self._crystal.latch_us(self._boot_k))
+        return bool(received)
 
     def _answer(self, packet: bytes, t_us: int) -> None:
         try:

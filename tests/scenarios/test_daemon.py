@@ -165,17 +165,17 @@ def test_late_subscribers_get_the_events_of_the_past(live: Live) -> None:
 
 def test_a_reload_takes_effect_between_two_samples(live: Live) -> None:
     sha256 = write_calibration(live.folder, d_1_mm=10.0)
-    before = live.heard.points()["position_mm"][-1]
+    # On a busy machine Zenoh may leave out some points just when a subscription begins.
+    first = len(live.heard.points()) - 1
     ok, reply = live.daemon.get("command/reload")
     assert ok and sha256 in reply["done"]
     live.wait_for_calibration(sha256)
-    points = live.heard.points()
+    points = live.heard.points()[first:]
     assert (np.diff(points["seq"].astype(np.int64)) == 1).all()
     changes = np.flatnonzero(np.diff(points["calibration"].astype(object)))
     assert len(changes) == 1
     step = points["position_mm"][changes[0] + 1] - points["position_mm"][changes[0]]
     np.testing.assert_allclose(step, [0, 0, 10], atol=2)
-    assert before is not None
     assert live.heard.events("calibration")[-1]["text"].endswith(sha256)
     assert live.daemon.get("info")[1]["calibration"]["sha256"] == sha256
 
