@@ -15,6 +15,7 @@ import zenoh
 
 from armd.daemon import root
 from armd.daemon.arm_in_use import ArmInUse
+from armd.daemon.awake import Awake
 from armd.daemon.config import Config
 from armd.daemon.info import describe
 from armd.daemon.log import Log
@@ -63,6 +64,7 @@ class Service:
         self._averager = Averager(config.file.measurement.average_s, config.arm.n_joints)
         self._log = Log()
         self._systemd = Systemd()
+        self._awake = Awake()
         now_ns = time.monotonic_ns()
         self._supervisor = Supervisor(config, driver, arm, now_ns)
         self._publisher.put_health(self._supervisor.health(now_ns))  # "starting"
@@ -104,6 +106,7 @@ class Service:
 
     def close(self) -> None:
         self._systemd.stopping()
+        self._awake.keep(False)
         self._systemd.close()
         self._publisher.close()
         self._log.close()
@@ -165,6 +168,7 @@ class Service:
     def _tick(self, now_ns: int) -> None:
         self._queries.answer()
         self._publisher.look_for_recorders()
+        self._awake.keep(self._driver.connected)
         if self._reload_asked:
             self._reload_asked = False
             self._systemd.reloading()

@@ -35,13 +35,17 @@ running() {
 reload() {
     if booted; then systemctl daemon-reload; fi
     if [ -S /run/udev/control ]; then udevadm control --reload; fi
+    if booted; then # what is there already gets what the rules say now
+        udevadm trigger --subsystem-match=tty --subsystem-match=usb-serial --action=add
+        udevadm trigger --subsystem-match=misc --sysname-match=cpu_dma_latency --action=add
+    fi
 }
 
 uninstall() {
     for unit in $(running); do systemctl stop "$unit"; done
     systemctl disable --quiet armd.service 2>/dev/null || true
     rm -f "$units/armd.service" "$units/armd@.service" "$rules/70-armd.rules" \
-        "$networks/80-armd-can.network" "$users/armd.conf" /usr/local/bin/armd
+        "$rules/71-armd-awake.rules" "$networks/80-armd-can.network" "$users/armd.conf" /usr/local/bin/armd
     rm -rf "$venv" /var/cache/armd
     for folder in "$rules" "${rules%/*}" "$networks" "$units" "${units%/*}" "$users"; do
         rmdir "$folder" 2>/dev/null || true # only if nobody else has anything there
@@ -86,11 +90,9 @@ install_system() {
     install -D -m 644 "$here/armd.service" "$units/armd.service"
     install -D -m 644 "$here/armd@.service" "$units/armd@.service"
     install -D -m 644 "$here/udev/70-armd.rules" "$rules/70-armd.rules"
+    install -D -m 644 "$here/udev/71-armd-awake.rules" "$rules/71-armd-awake.rules"
     install -D -m 644 "$here/network/80-armd-can.network" "$networks/80-armd-can.network"
     reload
-    if booted; then
-        udevadm trigger --subsystem-match=tty --subsystem-match=usb-serial --action=add
-    fi
     systemctl enable --quiet armd.service
 }
 

@@ -4,8 +4,10 @@ Two floors are measured in turn with it: Zenoh alone, the same 136 bytes put by 
 same rate and received by the same callback in this one; and the line alone, 40 bytes from one
 process to another over a pseudo-terminal. The daemon's latency starts at the true latch in the
 simulated arm, so it has both in it; `p50_ratio` is to Zenoh alone, `p50_ratio_to_floors` to the sum
-of both, which no program between a line and Zenoh can beat. `zenoh_beside_an_arm` is Zenoh alone on
-a machine that simulates an arm as well, for nobody.
+of both. The daemon keeps the processors awake where it may (`armd.daemon.awake`), the floors are of
+the machine as it is; `zenoh_alone_awake` is Zenoh alone with the processors kept awake for it too,
+and `p50_ratio_awake` to that. `zenoh_beside_an_arm` is Zenoh alone on a machine that simulates an
+arm as well, for nobody.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from armd import Flag
 from armd.compensation.arm import load_arm
 from armd.compensation.calibration import save_calibration
 from armd.compensation.known_expansion import known_expansion
+from armd.daemon.awake import DEVICE, Awake
 
 RATES_HZ = (1000, 5000)
 #: The mark is 60 s at 5 kHz without a loss.
@@ -46,6 +49,8 @@ def run() -> dict[str, Any]:
     figures: dict[str, Any] = {"start": start_up()}
     for rate_hz in RATES_HZ:
         zenoh_us, line_us, through = zenoh_alone(rate_hz), line_alone(rate_hz), daemon(rate_hz)
+        with processors_awake():
+            awake_us = zenoh_alone(rate_hz)
         with an_arm_for_nobody(rate_hz):
             beside_us = zenoh_alone(rate_hz)
         for percentile in ("p50", "p99", "p99_9"):
@@ -53,10 +58,12 @@ def run() -> dict[str, Any]:
             latency_us, floors_us = through["latency"][key], zenoh_us[key] + line_us[key]
             through[f"{percentile}_ratio"] = latency_us / zenoh_us[key]
             through[f"{percentile}_ratio_to_floors"] = latency_us / floors_us
+            through[f"{percentile}_ratio_awake"] = latency_us / awake_us[key]
         figures[f"{rate_hz}_hz"] = {
             "zenoh_alone": zenoh_us,
             "line_alone": line_us,
             **through,
+            "zenoh_alone_awake": awake_us,
             "zenoh_beside_an_arm": beside_us,
         }
     return figures
@@ -106,8 +113,20 @@ def daemon(rate_hz: int) -> dict[str, Any]:
         "flagged_lost": int(np.count_nonzero(points["flags"] & Flag.SAMPLES_LOST)),
         "cpu_percent_of_a_core": 100 * cpu_s / elapsed_s,
         "goes_first": goes_first,  # whether the system grants `armd.daemon.priority`
+        "keeps_awake": os.access(DEVICE, os.W_OK),  # and `armd.daemon.awake`
         "cpu_ms_per_1000_samples": 1e3 * cpu_s / len(points) * 1000,
     }
+
+
+@contextmanager
+def processors_awake() -> Iterator[None]:
+    """As the daemon keeps them, where the system lets us."""
+    awake = Awake()
+    awake.keep(True)
+    try:
+        yield
+    finally:
+        awake.keep(False)
 
 
 @contextmanager

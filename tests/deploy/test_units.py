@@ -76,6 +76,7 @@ def test_the_daemon_is_watched_and_nobody(unit: str) -> None:
     assert [line for line in lines if line.startswith("DeviceAllow=")] == [
         "DeviceAllow=char-188 rw",
         "DeviceAllow=char-166 rw",
+        "DeviceAllow=/dev/cpu_dma_latency w",
     ]
 
 

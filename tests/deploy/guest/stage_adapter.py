@@ -8,6 +8,7 @@ from controller import PAYLOAD, journal, sh, show, wait_for
 from plug import Usb
 
 ARM = Path("/dev/armd/SIM-0001")
+AWAKE = Path("/dev/cpu_dma_latency")
 FTDI_MS = "16"  # as a real adapter starts
 
 
@@ -42,9 +43,9 @@ def adapters_come_without_the_rules() -> str:
 
 def udev_takes_the_rules() -> None:
     sh("groupadd --system armd && mkdir /etc/armd && touch /etc/armd/SIM-0001")
-    sh(f"install -D -m 644 -t /usr/local/lib/udev/rules.d {PAYLOAD}/deploy/udev/70-armd.rules")
+    sh(f"install -D -m 644 -t /usr/local/lib/udev/rules.d {PAYLOAD}/deploy/udev/*.rules")
     sh("udevadm control --reload")
-    assert "70-armd" not in journal("systemd-udevd"), journal("systemd-udevd")
+    assert "-armd" not in journal("systemd-udevd"), journal("systemd-udevd")
 
 
 def plugging_in_sends_at_once() -> str:
@@ -65,6 +66,19 @@ def installing_after_plugging_in_does_too() -> None:
     sh("udevadm trigger --subsystem-match=tty --subsystem-match=usb-serial --action=add")
     sh("udevadm settle")
     assert latency_ms("SIM-0001") == "1"
+
+
+def processors_may_be_kept_awake() -> str:
+    """By the daemon's group alone, and by nobody once the rule is masked."""
+    trigger = "udevadm trigger --subsystem-match=misc --sysname-match=cpu_dma_latency --action=add"
+    sh(f"{trigger} && udevadm settle")
+    assert owner(AWAKE) == "root:armd 620", owner(AWAKE)
+    mask = "/etc/udev/rules.d/71-armd-awake.rules"
+    sh(f"ln -s /dev/null {mask} && udevadm control --reload && {trigger} && udevadm settle")
+    masked = owner(AWAKE)
+    sh(f"rm {mask} && udevadm control --reload && {trigger} && udevadm settle")
+    assert masked == "root:root 600", masked
+    return masked
 
 
 def a_driver_that_comes_after_the_service_is_no_hindrance() -> str:
@@ -96,5 +110,6 @@ CHECKS = [
     plugging_in_sends_at_once,
     installing_after_plugging_in_does_too,
     another_adapter_is_left_alone,
+    processors_may_be_kept_awake,
     a_driver_that_comes_after_the_service_is_no_hindrance,
 ]

@@ -1,0 +1,49 @@
+"""Keeps the processors awake while an arm sends, where the system allows it.
+
+A processor that sleeps between two samples is woken four times on the way of each: by the line, by
+the daemon, by Zenoh here and by Zenoh at the subscriber. Linux's request for a quick wake-up
+(PM QoS, Documentation/power/pm_qos_interface.rst) holds as long as its file is open.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from contextlib import suppress
+from pathlib import Path
+
+DEVICE = Path("/dev/cpu_dma_latency")
+IDLE_DRIVER = Path("/sys/devices/system/cpu/cpuidle/current_driver")
+#: µs: the lightest sleep of a processor (C1), and none of the deeper ones.
+LIGHT_SLEEP_US = 2
+#: In a virtual machine even the lightest sleep leaves the machine, whatever it claims to take.
+NO_SLEEP_US = 0
+
+
+class Awake:
+    """Off at first. Without the right to the device (udev/71-armd-awake.rules) it stays so."""
+
+    def __init__(self, device: Path = DEVICE, idle_driver: Path = IDLE_DRIVER) -> None:
+        self._device = device
+        self._idle_driver = idle_driver
+        self._wanted = False
+        self._open: int | None = None
+
+    def keep(self, wanted: bool) -> None:
+        """Ask for it, or give it up; harmless to call often."""
+        if wanted == self._wanted:
+            return
+        self._wanted = wanted
+        if wanted:
+            with suppress(OSError):
+                self._open = os.open(self._device, os.O_WRONLY | os.O_CLOEXEC)
+                os.write(self._open, struct.pack("=i", self._latency_us()))
+        elif self._open is not None:
+            os.close(self._open)
+            self._open = None
+
+    def _latency_us(self) -> int:
+        with suppress(OSError):
+            if self._idle_driver.read_text().strip() == "haltpoll":  # that of virtual machines
+                return NO_SLEEP_US
+        return LIGHT_SLEEP_US
