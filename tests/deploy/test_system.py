@@ -11,6 +11,7 @@ import json
 import os
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -32,28 +33,40 @@ STAGES = {
     "live": stage_live.CHECKS,
     "package": stage_package.CHECKS,
 }
+#: The stages of each controller, one boot after the other; the controllers run side by side.
+CONTROLLERS = [["install", "live"], ["package"]]
+TOLD_LINES = 60  # of the journal, where a check fails
 LEFT_OUT = {"passed": None, "detail": "not under qemu: half an hour of what needs no kernel's help"}
 Reports = dict[str, dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
-    """What each check of every stage reported, by name, up to the stage that failed."""
+    """What each check of every stage reported, by name; of a controller's up to what failed."""
     folder = tmp_path_factory.mktemp("guest")
     (folder / "payload").mkdir()
     guest_machine = machine(folder)
     make_payload(folder / "payload", folder, python_of(build_image(guest_machine.modules)))
     if os.environ.get("BROKEN"):
         (folder / "payload/broken").touch()
-    guest = Guest(guest_machine, folder, folder / "payload")
-    found: Reports = {}
-    for stage, checks in STAGES.items():
-        if stage == "package" and isinstance(guest_machine, Qemu):
-            found |= {check.__name__: LEFT_OUT for check in checks}
-            continue
-        found |= run_stage(guest, stage)
-        if not all(report["passed"] for report in found.values()):
-            break  # what state it left the machine in, nobody knows
+    controllers, found = CONTROLLERS, Reports()
+    if isinstance(guest_machine, Qemu):
+        controllers = CONTROLLERS[:1]
+        found |= {check.__name__: LEFT_OUT for check in stage_package.CHECKS}
+
+    def run_controller(stages: list[str]) -> Reports:
+        (folder / stages[0]).mkdir()
+        guest = Guest(guest_machine, folder / stages[0], folder / "payload")
+        reports = Reports()
+        for stage in stages:
+            reports |= run_stage(guest, stage)
+            if not all(report["passed"] for report in reports.values()):
+                break  # what state it left the machine in, nobody knows
+        return reports
+
+    with ThreadPoolExecutor(len(controllers)) as side_by_side:
+        for reports in side_by_side.map(run_controller, controllers):
+            found |= reports
     return found
 
 
@@ -66,13 +79,18 @@ def adapter_reports(tmp_path_factory: pytest.TempPathFactory) -> Reports:
 
 
 def run_stage(guest: Guest, stage: str) -> Reports:
-    """What each check of one stage reported, by name."""
+    """What each check of one stage reported, by name; a failure with what the journal says."""
     start_s = time.monotonic()
     results = guest.boot(stage)
-    print(f"{type(guest.machine).__name__} {stage}: {time.monotonic() - start_s:.0f} s")
     reports = json.loads((results / "results.json").read_text())
-    for report in reports:
-        print(f"  {report['seconds']:6.1f} s {report['name']}: {report['detail']}")
+    lines = [f"{type(guest.machine).__name__} {stage}: {time.monotonic() - start_s:.0f} s"]
+    lines += [
+        f"  {report['seconds']:6.1f} s {report['name']}: {report['detail']}" for report in reports
+    ]
+    if not all(report["passed"] for report in reports):
+        journal = (results / "journal.txt").read_text(errors="replace")
+        lines += ["the end of the journal:", *journal.splitlines()[-TOLD_LINES:]]
+    print("\n".join(lines))
     return {report["name"]: report for report in reports}
 
 

@@ -1,4 +1,4 @@
-"""Third boot: the same from the Debian package, by dpkg alone."""
+"""Another fresh controller: the same from the Debian package, by dpkg alone."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ def dpkg_installs_it() -> str:
 def it_becomes_live() -> str:
     takes_the_configuration()
     the_configuration_holds()
-    sh("systemctl reset-failed && systemctl restart arm cable listener armd")
+    sh("systemctl daemon-reload && systemctl reset-failed")
+    sh("systemctl restart arm cable listener armd")
     return live_again("the start")
 
 
