@@ -148,6 +148,7 @@ def test_root_is_warned_of_everywhere(live: Live) -> None:
 
 
 def test_health_says_what_a_person_wants_to_know(live: Live) -> None:
+    live.heard.wait_for(lambda: live.heard.json("health"))
     health = live.heard.json("health")[-1]
     assert health.keys() >= {"state", "reason", "rates", "drops", "temperatures", "latency"}
     assert health["temperatures"].keys() == {"t1", "t2", "t3", "t4", "t5", "t6"}
