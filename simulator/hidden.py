@@ -120,14 +120,15 @@ def measure_next(
     q_rad: F64,
     climate: Climate | None = None,
     *,
+    sides: F64 | None = None,
     rate_rad_s: float = 0.05,
     payload_kg: float = 0.0,
     seed: int = 0,
 ) -> Path:
     """Measure the proposed poses *q_rad* (n, N) with the arm of *case*, a day after its sessions.
 
-    A ball is set up where the tip stands in each pose and certified like the case's own. Writes
-    the session *folder* and returns it.
+    A ball is set up where the tip stands in each pose and certified like the case's own; joints
+    come to rest from *sides* (n, N: a sign) if given. Writes the session *folder* and returns it.
     """
     rng = np.random.default_rng([seed, 0x0E87])
     rig = case.present.rig
@@ -153,9 +154,10 @@ def measure_next(
         standard_uncertainty_mm=rig.artefact.standard_uncertainty_mm,
         expansion_per_k=rig.artefact.expansion_per_k,
     )
+    artefact = replace(artefact, true_expansion_per_k=rig.artefact.true_expansion_per_k)
     rows = np.arange(n)
     measured = take_readings(
-        replace(rig, artefact=artefact), plan, [where], np.zeros(n, int), rows, q_rad, rng
+        replace(rig, artefact=artefact), plan, [where], np.zeros(n, int), rows, q_rad, rng, sides
     )
     write_session(folder, measured)
     return folder

@@ -115,8 +115,12 @@ def take_readings(
     target: I64,
     phi: F64,
     rng: np.random.Generator,
+    sides: F64 | None = None,
 ) -> Measured:
-    """One reading per row, in time order, the tip at its target, the arm close to *phi* (n, N)."""
+    """One reading per row, in time order, the tip at its target, the arm close to *phi* (n, N).
+
+    *sides* (n, N): the sign of the rate with which each joint turns last, where that is prescribed.
+    """
     n = len(target)
     arm = rig.arm.carrying(plan.payload_kg)
     time_s = plan.interval_s * (np.arange(n) + rng.uniform(0.0, 0.3, n))
@@ -128,6 +132,8 @@ def take_readings(
         pushed[rows] = rig.artefact.inward[target[rows]] @ where.rotation.T
     rigid = arm.posture(phi, Conditions.at_rest(n, arm.n_joints))
     approach, rate = _motion(rigid, pushed, plan, rng)
+    if sides is not None:
+        rate = np.copysign(rate, sides)
     conditions = Conditions(link_c, rate, 3600 * plan.start_h + time_s, approach, air_c)
     artefact_c = air_c  # its thin bars follow the air
     local = rig.artefact.positions(target, artefact_c)

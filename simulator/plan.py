@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import numpy.typing as npt
 
-from armd.simulator.truth.heat import SELF_HEATING_W
+from armd.simulator.truth.heat import SELF_HEATING_W, HeatField
 
 F64 = npt.NDArray[np.float64]
 
@@ -33,6 +33,14 @@ class Climate:
         """Air temperature at times since the first reading, s."""
         hours = np.maximum(time_s / 3600 + self.lead_h, 0.0)
         return self.ambient_c + self.ramp_k_per_h * hours
+
+
+def warmed(climate: Climate, link: int, kelvin: float) -> Climate:
+    """*climate* with so much more power in one link (from 0) that it ends up *kelvin* warmer."""
+    one_watt = np.zeros_like(climate.power_w)
+    one_watt[link] = 1.0
+    rise_k = HeatField().steady_c(0.0, one_watt)[link]
+    return replace(climate, power_w=climate.power_w + kelvin / rise_k * one_watt)
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ class Design:
     ranges_deg: dict[int, tuple[float, float]] = field(default_factory=dict)  # by joint
     holdout: int = 2  # more sessions, for the gain
     before: int = 0  # sessions from before anything was wrong, for a calibration to be held
+    earlier: Design | None = None  # how those were measured; None: like the others
 
 
 DESIGNS: dict[str, Design] = {
@@ -78,7 +79,7 @@ def campaigns(seed: int, design: Design, noise: Noise = NOISE) -> tuple[Campaign
     for joint, (least, most) in design.ranges_deg.items():
         low[joint - 1], high[joint - 1] = np.radians([least, most])
     rig = Rig(TrueArm.default(seed), frame, noise, (low, high))
-    before = _plans("before", design.before, 0.0, design, rng)
+    before = _plans("before", design.before, 0.0, design.earlier or design, rng)
     later = _plans("session", design.sessions, 400.0, design, rng)
     holdout = _plans("holdout", design.holdout, 400.0 + 4.0 * design.sessions, design, rng)
     text = nominal.arm_toml()

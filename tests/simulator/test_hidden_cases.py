@@ -14,7 +14,7 @@ from armd.simulator.campaigns.hidden import DESIGNS, NOISE, Design, campaigns
 from armd.simulator.hidden import HiddenCase, generate_case, measure_next
 from armd.simulator.measuring import Measured
 from armd.simulator.noise import Noise
-from armd.simulator.plan import Climate
+from armd.simulator.plan import Climate, warmed
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import FOREIGN, FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, parse_plant
@@ -211,3 +211,29 @@ def test_proposed_poses_can_be_measured_next(tmp_path: Path) -> None:
     there = np.array(list(certified.values()))
     apart = [np.linalg.norm(x[:, None] - x[None], axis=2) for x in (tip, there)]
     assert 0.02 < np.abs(apart[0] - apart[1]).max() < 0.5
+
+
+def test_what_is_proposed_is_done(tmp_path: Path) -> None:
+    """Joints come from the sides given, a link is as warm as meant, the artefact is the same."""
+    plant = Plant("artefact_expansion", "artefact", 100.0)
+    case = generate_case(tmp_path / "case", 4, [plant], SMALL)
+    rng = np.random.default_rng(0)
+    q, sides = rng.uniform(-1.0, 0.0, (12, 6)), rng.choice([-1.0, 1.0], (12, 6))
+    told = {}
+    for name, climate in (("usual", Climate(30.0)), ("warm", warmed(Climate(30.0), 3, 4.0))):
+        folder = measure_next(case, tmp_path / name, q, climate, sides=sides)
+        with (folder / "readings.csv").open(newline="") as file:
+            told[name] = list(csv.DictReader(file))
+    rate = np.array([[float(row[f"w{k}"]) for k in range(1, 7)] for row in told["usual"]])
+    np.testing.assert_array_equal(np.sign(rate), sides)
+    mean = {name: np.mean([float(row["t4"]) for row in rows]) for name, rows in told.items()}
+    assert mean["warm"] - mean["usual"] == pytest.approx(4.0, abs=0.05)
+    # 100 ppm/K more than certified, 10 K over the reference, the arm's own growth besides.
+    tip = TrueArm.default(4).tip(
+        np.array([[float(row[f"q{k}"]) for k in range(1, 7)] for row in told["usual"]]),
+        Conditions.at_rest(12, 6, 31.5),
+    )
+    session = tomllib.loads((tmp_path / "usual" / "session.toml").read_text())
+    there = np.array([t["position_mm"] for t in session["artefact"]["target"]])
+    apart = [np.linalg.norm(x[:, None] - x[None], axis=2).sum() for x in (tip, there)]
+    assert 0.9e-3 < apart[0] / apart[1] - 1 < 1.2e-3
