@@ -14,6 +14,8 @@ F64 = npt.NDArray[np.float64]
 
 #: Moments at which something may have stepped, on the first, coarse grid.
 MOST_INSTANTS = 40
+#: A temperature that varies by less did not vary.
+LEAST_SPAN_K = 0.05
 
 
 def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
@@ -21,7 +23,10 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
     observations = rests.observations
     states = observations.states
     temperatures = states.temperature_c
-    varied = np.isfinite(temperatures).all(axis=0) & (np.ptp(temperatures, axis=0) > 0.05)
+    # Constants that are held are those at the reference: one other temperature is a change.
+    usual = baseline.model.reference_c if baseline.held else None
+    varied = np.isfinite(temperatures).all(axis=0) & (_span(temperatures, usual) > LEAST_SPAN_K)
+    artefact_k = _span(rests.artefact_rise_c, 0.0 if baseline.held else None)
     timed = bool(np.isfinite(states.time_s).all())
     moments = _moments(states.time_s) if timed else np.empty(0)
     labels = np.array(rests.target_label)
@@ -38,13 +43,21 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
         timed=timed,
         rates=bool(rate.size and np.any(rate != 0.0)),
         approach=bool(np.isfinite(states.approach).all(axis=1).mean() > 0.5),
-        artefact_c=bool(np.ptp(rests.artefact_rise_c) > 0.05),
+        artefact_c=bool(artefact_k > LEAST_SPAN_K),
         targets=tuple(named) if len(named) > 3 else (),
         distances=_checked_distances(rests, baseline),
         start_unix_s=float(states.time_s.min()) if timed else 0.0,
         instants_unix_s=_grid(moments),
         all_instants_unix_s=moments,
     )
+
+
+def _span(temperature: F64, usual: float | None) -> F64:
+    """Highest less lowest of temperatures (n, …), with the *usual* one."""
+    if usual is not None:
+        temperature = np.concatenate([temperature, np.full_like(temperature[:1], usual)])
+    span: F64 = np.ptp(temperature, axis=0)
+    return span
 
 
 def _checked_distances(rests: Rests, baseline: Baseline) -> tuple[str, ...]:
