@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.compensation.diagnose.angles import compare
-from armd.compensation.diagnose.evidence import Scores
+from armd.compensation.diagnose.evidence import Scores, kind
 from armd.compensation.diagnose.shape import is_shape
 from armd.compensation.diagnose.survey import Survey
 from armd.compensation.diagnose.threshold import family_wise
@@ -18,6 +18,8 @@ from armd.compensation.effects.effect import Candidate
 #: A place this much less probable than the best is still told as an alternative.
 LEAST_PROBABILITY = 0.01
 MOST_RIVALS = 8
+#: Many less probable ones together can keep a finding in doubt.
+LEAST_WORTH_EXCLUDING = 1e-4
 MOST_COMPARED = 20
 #: So is one that would leave the finding nothing significant to add.
 INDISTINGUISHABLE_P = 0.01
@@ -43,6 +45,7 @@ class Found:
     statistic: float
     probability: float
     rivals: tuple[Rival, ...]
+    variants: tuple[tuple[Candidate, float], ...]  # what an experiment must tell apart, one by one
 
 
 def account(survey: Survey, tests: int) -> tuple[Found, ...]:
@@ -63,6 +66,7 @@ def _found(survey: Survey, index: int, tests: int) -> Found:
         float(own.statistic[index]),
         probability[candidate.place],
         _rivals(candidate, probability, scores, survey),
+        _variants(candidate, scores),
     )
 
 
@@ -89,6 +93,21 @@ def _rivals(
         or (likeness.left_p > INDISTINGUISHABLE_P and rival.cause != "unknown")
     ]
     return tuple(told[:MOST_RIVALS])
+
+
+def _variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidate, float], ...]:
+    """The most probable others one by one, of the finding's own place too: another order of a
+    temperature may pass for a rival where this one does not. Of a grid, the best."""
+    posterior = scores.log_posterior()
+    variants: dict[tuple[object, ...], tuple[Candidate, float]] = {}
+    for i in np.argsort(-posterior):
+        other, share = scores.signatures.candidates[i], float(np.exp(posterior[i]))
+        if share < LEAST_WORTH_EXCLUDING or len(variants) == MOST_COMPARED:
+            break
+        of = (*kind(other), *(() if other.refine else other.setting))
+        if of != (*kind(candidate), *(() if candidate.refine else candidate.setting)):
+            variants.setdefault(of, (other, share))
+    return tuple(variants.values())
 
 
 def _at_the_instant_of(

@@ -52,7 +52,7 @@ def climates(diagnosis: Diagnosis) -> list[Climate]:
     sensors = [name for i, name in enumerate(diagnosis.arm.sensors) if seen[:, i].any()]
     if not sensors:
         return [Climate(reference)]
-    return [Climate(reference + k) for k in AIR_K] + [Climate(reference, s) for s in sensors]
+    return [Climate(reference + k, heated) for heated in ("", *sensors) for k in AIR_K]
 
 
 def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
@@ -77,9 +77,17 @@ def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
     )
 
 
-def in_climate(poses: States, climate: Climate, arm: Arm) -> States:
-    """The same poses at the climate's temperatures."""
-    temperature = np.full(poses.temperature_c.shape, climate.air_c)
+def in_climate(poses: States, climate: Climate, diagnosis: Diagnosis) -> States:
+    """The same poses at the climate's temperatures, links warmed by themselves as in the sessions.
+
+    What the artefact's temperature was then is taken for the air's.
+    """
+    rests, arm = diagnosis.search.last.linear.rests, diagnosis.arm
+    seen = rests.observations.states.temperature_c
+    over = seen - (diagnosis.search.last.model.reference_c + rests.artefact_rise_c)[:, None]
+    known = np.isfinite(over).all(axis=0) & np.any(rests.artefact_rise_c != 0.0)
+    own_k = np.where(known, np.median(np.nan_to_num(over), axis=0), 0.0)
+    temperature = np.tile(climate.air_c + own_k, (poses.n, 1))
     if climate.heated:
         temperature[:, arm.sensors.index(climate.heated)] += HEATED_K
     return States(poses.q, poses.rate, temperature, poses.time_s, poses.approach, poses.series)
@@ -110,7 +118,7 @@ def rows_of(
         for column in columns
     ]
     stacked = [own, *(block[:, :, None] for block in extra), _placement(position)]
-    whitener = _whitener(joint_jacobian(states.q, p), last.noise)
+    whitener = _whitener(joint_jacobian(states.q, p), last.noise, _target_mm(last))
     rows: F64 = whitener @ np.concatenate(stacked, axis=2)
     return rows, position
 
@@ -147,10 +155,19 @@ def _placement(position: F64) -> F64:
     return columns
 
 
-def _whitener(joints: F64, noise: Noise) -> F64:
-    """(n, 3, 3): the noise of the sessions, as it would be in poses of Jacobian (n, 3, joints)."""
+def _target_mm(last: Fit) -> float:
+    """How uncertain the position of a new target is: as those of the sessions there are."""
+    observations = last.linear.rests.observations
+    uncertainty = observations.uncertainty_mm[~observations.unknown]
+    return float(np.sqrt(np.mean(uncertainty**2))) if len(uncertainty) else 0.0
+
+
+def _whitener(joints: F64, noise: Noise, target_mm: float) -> F64:
+    """(n, 3, 3): the noise of the sessions, as it would be in poses of Jacobian (n, 3, joints),
+    each at a target of its own."""
     turning = joints / LEVER_MM
     share = noise.encoder_share
-    blocks = share * turning @ turning.transpose(0, 2, 1) + (1 - share) * np.eye(3)
+    blocks = share * turning @ turning.transpose(0, 2, 1)
+    blocks += (1 - share + (target_mm / noise.scale_mm) ** 2) * np.eye(3)
     whitener: F64 = np.linalg.inv(np.linalg.cholesky(blocks)) / noise.scale_mm
     return whitener

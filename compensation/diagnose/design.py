@@ -1,9 +1,7 @@
 """The next experiment: of many poses and climates, those that tell the most.
 
-Two rivals: the projected signal-to-noise of the doubtful finding with its rival in the model is
-raised (T-optimal). Nothing in doubt: the standard uncertainty of the least well known parameter
-is lowered (c-optimal). All other unknowns and a new placement are fitted along. Poses are taken
-greedily, then exchanged while that helps.
+All other unknowns and a new placement are fitted along. Poses are taken greedily, then exchanged
+while that helps.
 """
 
 from __future__ import annotations
@@ -13,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.diagnose.conditions import (
     Climate,
@@ -24,48 +21,20 @@ from armd.compensation.diagnose.conditions import (
 )
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.fit import Fit, finding_columns
-from armd.compensation.diagnose.next import Doubt, most_doubtful
+from armd.compensation.diagnose.next import most_doubtful
+from armd.compensation.diagnose.question import Question, between, weakest
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.kinematics import jacobian
 from armd.compensation.state import States
-from armd.errors import BadInput
 
 F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
+FEW, MANY = 12, 24  # poses to choose unless told how many
+TOLD_AT_ALL = 2.0  # noise units between two causes under which they are not told apart
 MOST_EXCHANGES = 3
 WORTHWHILE = 1.01  # least factor by which an exchange must help
-WORTH_A_CLIMATE = 1.1  # least factor by which a climate must beat the reference temperature
+WORTH_A_CLIMATE = 1.1  # least factor by which a climate must beat one of less trouble
 #: Prior of the unknowns, as a share of what the whole pool would tell: makes gauges invertible.
 RIDGE = 1e-9
-#: A parameter of which less than this share stays when all others are fitted along, though the
-#: whole pool is measured, is a gauge: the placement or the tip's offset does the same.
-GAUGE_SHARE = 1e-5
-
-
-@dataclass(frozen=True)
-class Question:
-    """What the experiment is asked, as directions in the space of unknowns."""
-
-    words: str
-    quantity: str
-    unit: str
-    directions: F64  # (k, m)
-    amplitude: F64 | None  # (m,) that should stand out; None: the one direction's uncertainty
-
-    def merit(self, covariance: F64) -> F64:
-        """Figures of merit (n,), higher is better, of covariances (n, m, m) of the answer."""
-        if self.amplitude is None:
-            precision: F64 = 1.0 / np.sqrt(np.maximum(covariance[:, 0, 0], 1e-300))
-            return precision
-        wanted = np.broadcast_to(self.amplitude[:, None], (*covariance.shape[:2], 1))
-        solved = np.linalg.solve(covariance, wanted)
-        signal: F64 = np.sqrt(np.maximum(solved[:, :, 0] @ self.amplitude, 0.0))
-        return signal
-
-    def figure(self, merit: float) -> float:
-        """A merit in `unit`."""
-        return merit if self.amplitude is not None else 1.0 / merit
 
 
 @dataclass(frozen=True)
@@ -81,34 +50,39 @@ class Experiment:
     parameters: F64  # (P,) of the model, for the picture
 
 
-def design(diagnosis: Diagnosis, poses: int = 12, seed: int = 1) -> Experiment:
+def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Experiment:
     """Choose a climate and *poses* poses for the next session, on one new placement.
 
+    None: a dozen; more where they leave causes too close to each other.
     Raises `BadInput` when nothing is in doubt and the calibration tells no uncertainties.
     """
     last, arm = diagnosis.search.last, diagnosis.arm
     doubt = most_doubtful(diagnosis)
-    candidates = [] if doubt is None else [last.findings[doubt.index], doubt.rival]
+    candidates = []
+    if doubt is not None:
+        candidates = [last.findings[doubt.index], *doubt.rivals]
     known = _known(last, candidates, arm)
     drawn = draw_poses(diagnosis, seed)
-    choices = [(c, in_climate(drawn, c, arm)) for c in climates(diagnosis)]
+    choices = [(c, in_climate(drawn, c, diagnosis)) for c in climates(diagnosis)]
     rows = [rows_of(states, climate, last, candidates, arm) for climate, states in choices]
     pool = sum(_gram(whitened) for whitened, _ in rows)
     known = known + np.diag(RIDGE * np.diag(known + pool) + 1e-300)
+    question: Question
     if doubt is None:
-        question = _weakest(last, arm, known, known + pool, drawn)
+        question = weakest(last, arm, known, known + pool, drawn)
     else:
-        question = _rivals(doubt, last, len(known))
-    greedy = [_greedy(known, whitened, question, poses) for whitened, _ in rows]
+        question = between(doubt, last, known, known + pool)
+    greedy = [_greedy(known, whitened, question, poses or FEW) for whitened, _ in rows]
     reached = [
         _merit(known + _gram(whitened[chosen]), question)
         for (whitened, _), chosen in zip(rows, greedy, strict=True)
     ]
-    best = int(np.argmax(reached))
-    if reached[best] < WORTH_A_CLIMATE * reached[0]:
-        best = 0
+    best = int(np.argmax(WORTH_A_CLIMATE * np.array(reached) >= max(reached)))
     (climate, states), (whitened, tip) = choices[best], rows[best]
     chosen = _exchanged(known, whitened, question, greedy[best])
+    if poses is None:
+        more = _more(known, whitened, question, chosen)
+        chosen = _exchanged(known, whitened, question, more) if len(more) > len(chosen) else chosen
     return Experiment(
         question,
         climate,
@@ -117,44 +91,6 @@ def design(diagnosis: Diagnosis, poses: int = 12, seed: int = 1) -> Experiment:
         question.figure(_merit(known, question)),
         question.figure(_merit(known + _gram(whitened[chosen]), question)),
         last.model.constants,
-    )
-
-
-def _rivals(doubt: Doubt, last: Fit, size: int) -> Question:
-    first = last.layout.identified.stop - last.layout.identified.start
-    amplitude = last.amplitudes[doubt.index]
-    directions = np.eye(size)[:, first : first + len(amplitude)]
-    quantity = "projected signal-to-noise of the first with the second in the model"
-    return Question(doubt.words, quantity, "noise units", directions, amplitude)
-
-
-def _weakest(last: Fit, arm: Arm, known: F64, richest: F64, poses: States) -> Question:
-    """The constant known least well, in µm at the tip, of those that poses can settle at all."""
-    baseline = last.baseline
-    if not baseline.parameters:
-        raise BadInput("calibration", "covariance", "none", "that of the constants to tighten")
-    names = parameters.names(arm.n_joints)
-    moves = jacobian(poses.q, last.model.constants)[1]  # (n, 3, P) mm per unit
-    lever_um = 1e3 * np.sqrt((moves**2).sum(axis=1).mean(axis=0))
-    indices = list(baseline.parameters)
-    directions = np.zeros((len(known), len(indices)))
-    if baseline.held:
-        directions[: baseline.root.shape[1]] = baseline.root[: len(indices)].T
-        settled = np.ones(len(indices), dtype=bool)
-    else:
-        directions[: len(indices)] = np.eye(len(indices))
-        alone = np.diag(richest)[: len(indices)]
-        settled = 1.0 / np.diag(_inverse(richest))[: len(indices)] > GAUGE_SHARE * alone
-    directions *= lever_um[indices]
-    variance = np.einsum("ki,kl,li->i", directions, _inverse(known), directions)
-    weakest = int(np.argmax(np.where(settled, variance, -1.0)))
-    name = names[indices[weakest]]
-    return Question(
-        f"tighten {name}, the least well known parameter",
-        f"standard uncertainty of {name}",
-        "µm at the tip",
-        directions[:, weakest : weakest + 1],
-        None,
     )
 
 
@@ -187,29 +123,12 @@ def _gram(rows: F64) -> F64:
     return gram
 
 
-def _inverse(information: F64) -> F64:
-    scale = np.sqrt(np.diag(information))
-    inverse: F64 = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
-    return inverse
-
-
 def _merit(information: F64, question: Question) -> float:
-    answer = question.directions.T @ _inverse(information) @ question.directions
-    return float(question.merit(answer[None])[0])
-
-
-def _with_each(information: F64, rows: F64, question: Question) -> F64:
-    """Merits (n,) of *information* and one more reading, for each of rows (n, 3, k)."""
-    covariance = _inverse(information)
-    towards = covariance @ question.directions
-    moved = rows @ towards
-    spread = np.eye(3) + (rows @ covariance) @ rows.transpose(0, 2, 1)
-    less = moved.transpose(0, 2, 1) @ np.linalg.solve(spread, moved)
-    return question.merit(question.directions.T @ towards - less)
+    return float(question.merit(information)[0])
 
 
 def _best(information: F64, rows: F64, question: Question, chosen: list[int]) -> tuple[int, float]:
-    merit = _with_each(information, rows, question)
+    merit = question.merit(information, rows)
     merit[chosen] = -np.inf
     best = int(np.argmax(merit))
     return best, float(merit[best])
@@ -222,6 +141,15 @@ def _greedy(known: F64, rows: F64, question: Question, poses: int) -> list[int]:
         total = known + _gram(rows[chosen])
         chosen.append(_best(total, rows, question, chosen)[0])
     return chosen
+
+
+def _more(known: F64, rows: F64, question: Question, chosen: list[int]) -> list[int]:
+    """With as many more as settle the question, up to MANY; none if these hardly help."""
+    more, merit = list(chosen), _merit(known + _gram(rows[chosen]), question)
+    while len(more) < min(MANY, len(rows)) and not question.settled(merit):
+        best, merit = _best(known + _gram(rows[more]), rows, question, more)
+        more.append(best)
+    return more if question.figure(merit) >= TOLD_AT_ALL else list(chosen)
 
 
 def _exchanged(known: F64, rows: F64, question: Question, chosen: list[int]) -> list[int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from armd.compensation.diagnose.account import Found
+from armd.compensation.diagnose.account import Found, Rival
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
@@ -21,27 +21,37 @@ class Doubt:
 
     index: int  # among the diagnosis' findings
     found: Found
-    rival: Candidate  # the most probable one
+    rivals: tuple[Candidate, ...]  # the most probable one first
+    share: tuple[float, ...]  # probability of each
 
     @property
     def words(self) -> str:
         """What an experiment is to do about it."""
-        return f"tell {_named(self.found.candidate)} from {_named(self.rival)}"
+        return f"tell {_named(self.found.candidate)} from {_named(self.rivals[0])}"
 
 
 def most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
     """The finding an experiment should settle first; None when none is in doubt."""
     doubts = []
     for i, found in enumerate(diagnosis.found):
-        rivals = [r.candidate for r in found.rivals if not _same(r.candidate, found.candidate)]
+        rivals = [r for r in found.rivals if not alike(r.candidate, found.candidate)]
         if rivals and found.probability < SURE:
-            doubts.append(Doubt(i, found, rivals[0]))
+            doubts.append(_doubt(i, found, rivals[0]))
     return min(doubts, key=lambda doubt: doubt.found.probability, default=None)
 
 
-def _same(one: Candidate, other: Candidate) -> bool:
-    """Two structures without a name in the same variables: an experiment need not part them."""
-    return one.cause == other.cause == "unknown" and one.depends_on == other.depends_on
+def _doubt(index: int, found: Found, first: Rival) -> Doubt:
+    """The finding against its likeliest rival and all other variants of what it may be."""
+    others = [(c, share) for c, share in found.variants if c is not first.candidate]
+    rivals = (first.candidate, *(candidate for candidate, _ in others))
+    return Doubt(index, found, rivals, (first.probability, *(share for _, share in others)))
+
+
+def alike(one: Candidate, other: Candidate) -> bool:
+    """One cause at one place, or two structures without a name in the same variables: an
+    experiment need not part them."""
+    unnamed = one.cause == other.cause == "unknown" and one.depends_on == other.depends_on
+    return unnamed or one.place == other.place
 
 
 def next_experiment(diagnosis: Diagnosis) -> str:

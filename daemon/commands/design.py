@@ -15,7 +15,7 @@ from rich.table import Table
 from armd.compensation.arm import load_arm
 from armd.compensation.calibration import load_calibration
 from armd.compensation.diagnose.conditions import POOL
-from armd.compensation.diagnose.design import Experiment, design
+from armd.compensation.diagnose.design import FEW, MANY, Experiment, design
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.next import next_experiment
 from armd.compensation.session import load_sessions
@@ -31,14 +31,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CAL.json",
         help="the model under test, held; default: what `armd calibrate` makes of the sessions",
     )
-    parser.add_argument("--poses", type=int, default=12, help="how many to choose (default 12)")
+    parser.add_argument(
+        "--poses",
+        type=int,
+        help=f"how many to choose (default {FEW}, up to {MANY} where causes are close)",
+    )
     parser.add_argument("-o", "--output", metavar="POSES.csv", help="the table")
     parser.add_argument("--json", metavar="OUT.json")
     parser.add_argument("--report", metavar="R.html", help="the table with a picture")
 
 
 def run(args: argparse.Namespace) -> int:
-    if not 1 <= args.poses <= POOL:
+    if args.poses is not None and not 1 <= args.poses <= POOL:
         raise BadInput("--poses", "value", str(args.poses), f"1 to {POOL}")
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm).content if args.calibration else None
