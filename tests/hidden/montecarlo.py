@@ -11,6 +11,8 @@ import json
 import multiprocessing
 import os
 import sys
+import tempfile
+import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -18,14 +20,17 @@ from pathlib import Path
 
 import numpy as np
 from cases import NOISES, run_case
+from doubts import draw_doubtful, settle
 
+from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import draw_plant
 from armd.simulator.plants.plant import Plant, depends_on
 
 #: One cause; two or three; one outside the catalogue; clean data of each noise; one cause whose
-#: shape is DISTORTION off the catalogue's. All but the first have a quarter of the cases.
-KINDS = ("single", "pair", "unknown", *NOISES, "distorted")
+#: shape is DISTORTION off the catalogue's; one that the data leave in doubt, and the experiment
+#: that armd proposes. All but the first have a quarter of the cases.
+KINDS = ("single", "pair", "unknown", *NOISES, "distorted", "doubt")
 DISTORTION = 0.3
 #: Causes that act through the posture, whose shape the simulator can bend.
 DISTORTABLE = (
@@ -64,6 +69,22 @@ class Outcome:
     seconds: float
 
 
+@dataclass(frozen=True)
+class Asked:
+    """What came of a case measured so that it may be in doubt."""
+
+    kind: str
+    seed: int
+    reason: str
+    truth: tuple[str, str, float]
+    found: tuple[tuple[str, str, float], ...]  # with probabilities, at first
+    doubt: str  # "": these data leave none
+    proposal: str
+    after: tuple[tuple[str, str, float], ...]  # with the next experiment
+    resolved: bool
+    seconds: float
+
+
 def plants_for(task: Task) -> list[Plant]:
     rng = np.random.default_rng([task.seed, 0xD1A6])
     match task.kind:
@@ -81,14 +102,42 @@ def plants_for(task: Task) -> list[Plant]:
     return []
 
 
-def carry_out(task: Task) -> Outcome | None:
+def carry_out(task: Task) -> Outcome | Asked | None:
     """One task; a failure is told and counted, not hidden."""
-    plants = plants_for(task)
     try:
-        judged = run_case(task.seed, plants, NOISES.get(task.kind, NOISES["gaussian"]))
+        return ask(task) if task.kind == "doubt" else judge(task)
     except Exception:
         traceback.print_exc(file=sys.stderr)
         return None
+
+
+def ask(task: Task) -> Asked:
+    case = draw_doubtful(np.random.default_rng([task.seed, 0xD1A6]))
+    started = time.perf_counter()
+    with tempfile.TemporaryDirectory() as folder:
+        before, settled = settle(Path(folder), task.seed, case)
+    plant = case.plant
+    return Asked(
+        task.kind,
+        task.seed,
+        case.reason,
+        (plant.cause, plant.location, plant.size),
+        _said(before),
+        settled.doubt.words if settled else "",
+        settled.proposal if settled else "",
+        _said(settled.after) if settled else (),
+        settled is not None and settled.resolved,
+        time.perf_counter() - started,
+    )
+
+
+def _said(diagnosis: Diagnosis) -> tuple[tuple[str, str, float], ...]:
+    return tuple((*found.candidate.place, found.probability) for found in diagnosis.found)
+
+
+def judge(task: Task) -> Outcome:
+    plants = plants_for(task)
+    judged = run_case(task.seed, plants, NOISES.get(task.kind, NOISES["gaussian"]))
     places = [f.candidate.place for f in judged.diagnosis.found]
     if judged.diagnosis.outliers:
         places.append(("outliers", "rows"))
@@ -112,7 +161,23 @@ def carry_out(task: Task) -> Outcome | None:
     )
 
 
-def tell(outcome: Outcome) -> str:
+def tell_asked(asked: Asked) -> str:
+    def said(found: Sequence[tuple[str, str, float]]) -> str:
+        return "; ".join(f"{c} {where} {p:.2f}" for c, where, p in found) or "silence"
+
+    cause, where, size = asked.truth
+    head = f"{asked.kind} {asked.seed}: {asked.reason}, {cause} {where} {size:.3g}"
+    if not asked.doubt:
+        return f"   {head} → {said(asked.found)}; not in doubt, {asked.seconds:.1f} s"
+    return (
+        f"{'ok ' if asked.resolved else '-- '}{head} → {said(asked.found)}; {asked.doubt}: "
+        f"{asked.proposal} → {said(asked.after)}; {asked.seconds:.1f} s"
+    )
+
+
+def tell(outcome: Outcome | Asked) -> str:
+    if isinstance(outcome, Asked):
+        return tell_asked(outcome)
     truths = " + ".join(f"{c} {where} {size:.3g}" for c, where, size in outcome.truths) or "clean"
     snr = ", ".join(f"{value:.1f}" for value in outcome.snr)
     found = "; ".join(f"{c} {where}" for c, where in outcome.places) or "silence"
@@ -132,8 +197,10 @@ def share(values: Sequence[bool]) -> str:
     return f"{np.mean(values):.3f} of {len(values)}" if len(values) else "no case"
 
 
-def table(outcomes: Sequence[Outcome]) -> None:
+def table(everything: Sequence[Outcome | Asked]) -> None:
     """Print the marks of the diagnosis beside what was reached."""
+    outcomes = [o for o in everything if isinstance(o, Outcome)]
+    asked = [o for o in everything if isinstance(o, Asked)]
     singles = [o for o in outcomes if o.kind == "single"]
     # Outliers have no signature, so no projected norm: they stand in a line of their own.
     signed = [o for o in singles if o.truths[0][0] != "outliers"]
@@ -185,8 +252,12 @@ def table(outcomes: Sequence[Outcome]) -> None:
         row.format("outside the catalogue: right variables",
                    share([_right(o) for o in foreign if o.unknown]), "0.90")
     )  # fmt: skip
-    seconds = [o.seconds for o in outcomes]
-    print(row.format("seconds per diagnosis, median", f"{np.median(seconds):.1f}", "10"))
+    in_doubt = [o.resolved for o in asked if o.doubt]
+    resolved = f"{sum(in_doubt)} of {len(in_doubt)}" if in_doubt else "no case"
+    print(row.format("next experiment: ambiguities resolved", resolved, "0.80"))
+    print(row.format("cases for it that were not in doubt", str(len(asked) - len(in_doubt)), ""))
+    seconds = f"{np.median([o.seconds for o in outcomes]):.1f}" if outcomes else "no case"
+    print(row.format("seconds per diagnosis, median", seconds, "10"))
 
 
 def _gain(outcomes: Sequence[Outcome]) -> str:
@@ -213,7 +284,7 @@ def tasks_of(args: argparse.Namespace) -> list[Task]:
     ]
 
 
-def main(run: Callable[[Task], Outcome | None] = carry_out) -> int:
+def main(run: Callable[[Task], Outcome | Asked | None] = carry_out) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=40, help="single causes; others follow")
     parser.add_argument("--seed", type=int, default=1)
@@ -223,7 +294,7 @@ def main(run: Callable[[Task], Outcome | None] = carry_out) -> int:
     parser.add_argument("--save", type=Path, help="raw outcomes, a JSON object per line")
     args = parser.parse_args()
     tasks = tasks_of(args)
-    outcomes = []
+    outcomes: list[Outcome | Asked] = []
     with multiprocessing.get_context("spawn").Pool(args.workers) as pool:
         for outcome in pool.imap_unordered(run, tasks):
             if outcome is not None:
