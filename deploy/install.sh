@@ -53,6 +53,8 @@ uninstall() {
     # Instances enabled by hand leave links that lead nowhere now.
     find /etc/systemd/system -name 'armd@*.service' -type l -delete
     reload
+    awake=/dev/cpu_dma_latency # without its rule, udev leaves it as it is
+    if [ -e $awake ]; then chown root:root $awake; chmod 600 $awake; fi
     systemctl reset-failed 'armd*' 2>/dev/null || true
     if [ "$purge" = yes ]; then
         rm -rf /etc/armd /var/lib/armd

@@ -69,16 +69,14 @@ def installing_after_plugging_in_does_too() -> None:
 
 
 def processors_may_be_kept_awake() -> str:
-    """By the daemon's group alone, and by nobody once the rule is masked."""
+    """By the daemon's group too, unless the rule is masked."""
     trigger = "udevadm trigger --subsystem-match=misc --sysname-match=cpu_dma_latency --action=add"
-    sh(f"{trigger} && udevadm settle")
-    assert owner(AWAKE) == "root:armd 620", owner(AWAKE)
     mask = "/etc/udev/rules.d/71-armd-awake.rules"
     sh(f"ln -s /dev/null {mask} && udevadm control --reload && {trigger} && udevadm settle")
-    masked = owner(AWAKE)
+    assert owner(AWAKE) == "root:root 600", owner(AWAKE)
     sh(f"rm {mask} && udevadm control --reload && {trigger} && udevadm settle")
-    assert masked == "root:root 600", masked
-    return masked
+    assert owner(AWAKE) == "root:armd 620", owner(AWAKE)
+    return owner(AWAKE)
 
 
 def a_driver_that_comes_after_the_service_is_no_hindrance() -> str:
