@@ -79,6 +79,11 @@ class Model:
         kernel.uncorrected(np.ascontiguousarray(q), self.state, position)
         return position
 
+    @property
+    def covariance(self) -> tuple[F64, float]:
+        """Its factor and floor, as `armd.compensation.points.fill` takes them."""
+        return self._uncertainty.factor, self._uncertainty.floor
+
     def correct(self, q: F64, rate: F64, approach: F64, points: npt.NDArray[np.void]) -> None:
         """Fill position, orientation, covariance and correction of *points* (n,), dtype `POINT`.
 
@@ -90,8 +95,7 @@ class Model:
             np.ascontiguousarray(rate),
             np.ascontiguousarray(approach),
             self.state,
-            self._uncertainty.factor,
-            self._uncertainty.floor,
+            *self.covariance,
             points,
         )
 

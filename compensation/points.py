@@ -1,4 +1,4 @@
-"""The live path's one compiled call: samples in, finished points out."""
+"""Corrected points of samples, with orientation and covariance."""
 
 from __future__ import annotations
 

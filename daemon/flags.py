@@ -13,6 +13,8 @@ from armd.compensation.arm import Arm
 from armd.daemon.motion import REST_AFTER_NS
 from armd.jit import jit
 
+F64 = npt.NDArray[np.float64]
+
 END_STOP_DEG = 0.5
 
 _INVALID = int(Flag.INVALID)
@@ -25,46 +27,31 @@ _REST = int(Flag.AT_REST)
 
 
 class Flagger:
-    """Flags one arm's samples, in batches of any size."""
+    """What `finish` must know of one arm, and remembers between batches of any size."""
 
     def __init__(self, arm: Arm) -> None:
         limits = [(joint.min_deg, joint.max_deg) for joint in arm.joint]
-        self._low = np.array(
+        low = np.array(
             [-math.inf if low is None else math.radians(low + END_STOP_DEG) for low, _ in limits]
         )
-        self._high = np.array(
+        high = np.array(
             [math.inf if high is None else math.radians(high - END_STOP_DEG) for _, high in limits]
         )
-        self._last_seq = np.full(1, -1, np.int64)
-
-    def finish(
-        self,
-        samples: npt.NDArray[np.void],
-        q: npt.NDArray[np.float64],
-        still_since_ns: npt.NDArray[np.int64],
-        slow: int,
-        stale_after_ns: int,
-        invalid_after_ns: int,
-        calibration: int,
-        points: npt.NDArray[np.void],
-    ) -> None:
-        """Flag the points (n,) of samples with angles (n, N) rad, and copy what is the samples'.
-
-        An invalid point's numbers become NaN. *slow* holds for the whole batch: flags 1, 3 and 7,
-        which change with a temperature or a calibration. After the two instants the temperature
-        is stale, and held no longer.
-        """
-        _finish(
-            samples, q, still_since_ns, slow, stale_after_ns, invalid_after_ns,
-            np.uint64(calibration), self._low, self._high, self._last_seq, points,
-        )  # fmt: skip
+        #: Limits (N,) rad of the joints, and the last sample's number.
+        self.memory: tuple[F64, F64, npt.NDArray[np.int64]] = (low, high, np.full(1, -1, np.int64))
 
 
 @jit
-def _finish(
+def finish(
     samples: Any, q: Any, still_since_ns: Any, slow: int, stale_after_ns: int,
     invalid_after_ns: int, calibration: Any, low: Any, high: Any, last_seq: Any, points: Any,
 ) -> None:  # fmt: skip
+    """Flag the points (n,) of samples with angles (n, N) rad, and copy what is the samples'.
+
+    An invalid point's numbers become NaN. *slow* holds for the whole batch: flags 1, 3 and 7, which
+    change with a temperature or a calibration. After the two instants the temperature is stale, and
+    held no longer. *low*, *high* and *last_seq* are a `Flagger`'s memory.
+    """
     for i in range(len(samples)):
         sample, point = samples[i], points[i]
         now, seq = sample.monotonic_ns, np.int64(sample.seq)

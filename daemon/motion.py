@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armd.drivers.sample import SampleArray
 from armd.jit import jit
 
 F64 = npt.NDArray[np.float64]
@@ -41,50 +40,31 @@ _SEEN, _LAST_NS, _STILL_NS = 0, 1, 2
 
 
 class Motion:
-    """Follows one arm's motion; `follow` takes batches of any size."""
+    """What is remembered of one arm's motion; `follow` goes on from it, in batches of any size."""
 
     def __init__(self, counts_per_turn: list[int], reach_mm: float) -> None:
         """*reach_mm*: longest lever from a joint to the tip, which turns a count into mm."""
         n = len(counts_per_turn)
         resolution_mm = reach_mm * 2 * math.pi / min(counts_per_turn)
-        self._floor_mm = 1.5 * resolution_mm  # one count to and fro is not a motion
-        self._floats = np.zeros(17)
-        self._integers = np.zeros(3, np.int64)
-        self._last_q = np.zeros(n)
-        self._turned_q = np.zeros(n)
-        self._side = np.zeros(n)
-        self._rate = np.empty((0, n))
-        self._approach = np.empty((0, 3))
-        self._still_since_ns = np.empty(0, np.int64)
-
-    def follow(self, samples: SampleArray, q: F64, position_mm: F64) -> tuple[F64, F64, I64]:
-        """Samples (n,) with their joint angles (n, N) rad and tips (n, 3) mm.
-
-        Returns rate (n, N) rad/s whose sign is the side of approach (at rest it stays, on a value
-        of almost 0; NaN while unknown), approach (n, 3) unit vectors (NaN while unknown) and the
-        instant (n,) ns since which the tip has been still. The next call overwrites them.
-        """
-        n = len(q)
-        if n > len(self._rate):
-            self._rate = np.empty((2 * n, q.shape[1]))
-            self._approach = np.empty((2 * n, 3))
-            self._still_since_ns = np.empty(2 * n, np.int64)
-        rate, approach = self._rate[:n], self._approach[:n]
-        still_since_ns = self._still_since_ns[:n]
-        _follow(
-            samples, q, position_mm,
-            self._floor_mm, self._floats, self._integers, self._last_q, self._turned_q, self._side,
-            rate, approach, still_since_ns,
+        floor_mm = 1.5 * resolution_mm  # one count to and fro is not a motion
+        #: What `follow` takes and keeps.
+        self.memory: tuple[float, F64, I64, F64, F64, F64] = (
+            floor_mm, np.zeros(17), np.zeros(3, np.int64), np.zeros(n), np.zeros(n), np.zeros(n),
         )  # fmt: skip
-        return rate, approach, still_since_ns
 
 
 @jit
-def _follow(
+def follow(
     samples: Any, q: Any, position: Any,
     floor: float, state: Any, clock: Any, last_q: Any, turned_q: Any, sides: Any,
     rate: Any, approach: Any, still_since: Any,
 ) -> None:  # fmt: skip
+    """Samples (n,) with their joint angles (n, N) rad and tips (n, 3) mm, and a `Motion`'s memory.
+
+    Fills *rate* (n, N) rad/s whose sign is the side of approach (at rest it stays, on a value of
+    almost 0; NaN while unknown), *approach* (n, 3) unit vectors (NaN while unknown) and the instant
+    (n,) ns since which the tip has been still.
+    """
     n, joints = q.shape
     for i in range(n):
         now = samples[i].monotonic_ns

@@ -16,10 +16,13 @@ import numpy.typing as npt
 from armd import POINT, Flag
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import LoadedCalibration
+from armd.compensation.kernel import uncorrected
+from armd.compensation.kernel_state import BLOCK, State
 from armd.compensation.model import Model
+from armd.compensation.points import fill
 from armd.daemon.config import Limits
-from armd.daemon.flags import Flagger
-from armd.daemon.motion import Motion
+from armd.daemon.flags import Flagger, finish
+from armd.daemon.motion import Motion, follow
 from armd.daemon.temperature import TemperatureWatch
 from armd.drivers.sample import SampleArray, Temperatures
 from armd.jit import jit
@@ -33,7 +36,7 @@ MEMORY_STEP_S = 10.0
 
 
 class Joints(NamedTuple):
-    """What joints and tip did at n samples, as `Motion.follow` tells it."""
+    """What joints and tip did at n samples, as `armd.daemon.motion.follow` tells it."""
 
     q: F64  # (n, N) rad, as read (before θ offset)
     rate: F64  # (n, N) rad/s, its sign the side of approach; NaN unknown
@@ -46,13 +49,13 @@ class Pipeline:
 
     def __init__(self, arm: Arm, calibration: LoadedCalibration | None, limits: Limits) -> None:
         turns = [joint.counts_per_turn or 1 for joint in arm.joint]
-        self._radians = np.array(
+        radians = np.array(
             [joint.direction * 2 * math.pi / n for joint, n in zip(arm.joint, turns, strict=True)]
         )
-        self._middle, self._one_turn = _ranges(arm)
+        self._encoders = (radians, *_ranges(arm))
         self._motion = Motion(turns, _reach_mm(arm))
         self._flagger = Flagger(arm)
-        self._angles = np.empty((0, len(turns)))
+        self._make_room(BLOCK, len(turns))
         self.temperature = TemperatureWatch(arm, limits)
         self._stamp_ns = 0  # of the last temperatures
         self._past: deque[tuple[F64, int]] = deque(maxlen=round(MEMORY_S / MEMORY_STEP_S))
@@ -62,7 +65,7 @@ class Pipeline:
     def use(self, arm: Arm, calibration: LoadedCalibration | None) -> None:
         """Correct with this calibration (None: nominal geometry) from the next sample on."""
         self._model = Model(arm, calibration)
-        self._identity = 0 if calibration is None else calibration.identity
+        self._identity = np.uint64(0 if calibration is None else calibration.identity)
         self._own_flags = Flag.NOT_CALIBRATED if calibration is None else Flag(0)
         self.temperature.use(arm, None if calibration is None else calibration.content)
         for celsius, stamp_ns in self._past:  # a term that lags remembers what it never saw
@@ -88,19 +91,50 @@ class Pipeline:
         if not self._begun:
             self._begun = True
             self.temperature.begin(int(samples["monotonic_ns"][0]))
-        if n > len(self._angles):
-            self._angles = np.empty((2 * n, len(self._radians)))
-        q = self._angles[:n]
-        _angles(samples, self._radians, self._middle, self._one_turn, q)
-        rate, approach, still_since_ns = self._motion.follow(samples, q, self._model.uncorrected(q))
+        if n > len(self._tip):
+            self._make_room(2 * n, self._joints.q.shape[1])
         points = np.zeros(n, POINT)
-        self._model.correct(q, rate, approach, points)
-        self._flagger.finish(
-            samples, q, still_since_ns, self._slow_flags,
-            self.temperature.stale_after_ns, self.temperature.invalid_after_ns,
-            self._identity, points,
+        _correct(
+            samples, *self._encoders, *self._joints, self._tip, *self._motion.memory,
+            *self._model.state, *self._model.covariance, *self._flagger.memory, self._slow_flags,
+            self.temperature.stale_after_ns, self.temperature.invalid_after_ns, self._identity,
+            points,
         )  # fmt: skip
-        return points, Joints(q, rate, approach, still_since_ns)
+        q, rate, approach, still_since_ns = self._joints
+        return points, Joints(q[:n], rate[:n], approach[:n], still_since_ns[:n])
+
+    def _make_room(self, n: int, n_joints: int) -> None:
+        """For batches of *n* samples."""
+        q, rate = np.empty((2, n, n_joints))
+        self._joints = Joints(q, rate, np.empty((n, 3)), np.empty(n, np.int64))
+        self._tip = np.empty((n, 3))
+
+
+@jit
+def _correct(
+    samples: Any, radians: Any, middle: Any, one_turn: Any,
+    q: Any, rate: Any, approach: Any, still_since_ns: Any, tip: Any,
+    floor_mm: Any, motion: Any, clock: Any, last_q: Any, turned_q: Any, sides: Any,
+    sizes: Any, numbers: Any, work: Any, factor: Any, floor_mm2: float,
+    low: Any, high: Any, last_seq: Any,
+    slow_flags: int, stale_after_ns: int, invalid_after_ns: int, identity: Any, points: Any,
+) -> None:  # fmt: skip
+    """From samples (n,) to finished points (n,): the live path's one compiled call, because each
+    call from Python costs as much as what it does for one sample."""
+    n = len(samples)
+    q, rate, approach, still_since_ns = q[:n], rate[:n], approach[:n], still_since_ns[:n]
+    state = State(sizes, numbers, work)
+    _angles(samples, radians, middle, one_turn, q)
+    uncorrected(q, state, tip)
+    follow(
+        samples, q, tip, floor_mm, motion, clock, last_q, turned_q, sides,
+        rate, approach, still_since_ns,
+    )  # fmt: skip
+    fill(q, rate, approach, state, factor, floor_mm2, points)
+    finish(
+        samples, q, still_since_ns, slow_flags, stale_after_ns, invalid_after_ns, identity,
+        low, high, last_seq, points,
+    )  # fmt: skip
 
 
 @jit

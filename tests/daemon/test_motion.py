@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from armd.daemon import motion
 from armd.daemon.motion import REST_AFTER_NS, SIDE_PLAY_RAD, Motion
 from armd.drivers.sample import sample_dtype
 
@@ -23,13 +24,23 @@ def samples_at(time_ns: np.ndarray, invalid: np.ndarray | int = 0) -> np.ndarray
 REACH_MM = 1000.0
 
 
+def go_on(
+    followed: Motion, samples: np.ndarray, q: np.ndarray, position_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rate (n, N), approach (n, 3) and still_since_ns (n,) of the next samples."""
+    n = len(q)
+    said = np.empty(q.shape), np.empty((n, 3)), np.empty(n, np.int64)
+    motion.follow(samples, q, position_mm, *followed.memory, *said)
+    return said
+
+
 def follow(position_mm: np.ndarray, rate_hz: int = 1000, q: np.ndarray | None = None):
-    """Everything `Motion.follow` says of a motion of the tip at a steady rate."""
+    """Everything that is said of a motion of the tip at a steady rate."""
     n = len(position_mm)
     q = np.zeros((n, 3)) if q is None else q
     time_ns = np.arange(n) * (10**9 // rate_hz)
-    motion = Motion(COUNTS, REACH_MM)
-    rate, approach, still_ns = motion.follow(samples_at(time_ns), q, position_mm)
+    followed = Motion(COUNTS, REACH_MM)
+    rate, approach, still_ns = go_on(followed, samples_at(time_ns), q, position_mm)
     return rate, approach, time_ns - still_ns >= REST_AFTER_NS
 
 
@@ -80,12 +91,12 @@ def test_slow_creep_is_not_rest_when_it_goes_on():
 
 
 def test_after_a_gap_nobody_knows_whether_it_rested():
-    motion = Motion(COUNTS, REACH_MM)
+    followed = Motion(COUNTS, REACH_MM)
     q, tip = np.zeros((1000, 3)), np.zeros((1000, 3))
     time_ns = np.arange(1000) * 1_000_000
-    motion.follow(samples_at(time_ns), q, tip)
+    go_on(followed, samples_at(time_ns), q, tip)
     later_ns = time_ns + 2_000_000_000
-    still_ns = motion.follow(samples_at(later_ns), q, tip)[2]
+    still_ns = go_on(followed, samples_at(later_ns), q, tip)[2]
     assert (still_ns == later_ns[0]).all()
 
 
@@ -93,9 +104,9 @@ def test_an_invalid_sample_ends_a_rest():
     invalid = np.zeros(1000, np.uint16)
     invalid[700] = 1
     time_ns = np.arange(1000) * 1_000_000
-    motion = Motion(COUNTS, REACH_MM)
     nowhere = np.zeros((1000, 3))
-    still_ns = motion.follow(samples_at(time_ns, invalid), nowhere, nowhere)[2]
+    samples = samples_at(time_ns, invalid)
+    still_ns = go_on(Motion(COUNTS, REACH_MM), samples, nowhere, nowhere)[2]
     assert still_ns[699] == 0 and still_ns[701] == time_ns[701]
 
 
@@ -130,10 +141,9 @@ def test_batches_do_not_matter(cuts, seed):
     time_ns = np.cumsum(rng.integers(5 * 10**5, 2 * 10**8, n))
     invalid = (rng.random(n) < 0.05).astype(np.uint16)
     samples = samples_at(time_ns, invalid)
-    whole = Motion(COUNTS, REACH_MM).follow(samples, q, tip)
-    motion, parts = Motion(COUNTS, REACH_MM), []
+    whole = go_on(Motion(COUNTS, REACH_MM), samples, q, tip)
+    followed, parts = Motion(COUNTS, REACH_MM), []
     for rows in np.split(np.arange(n), np.cumsum(cuts)[:-1]):
-        said = motion.follow(samples[rows], q[rows], tip[rows])
-        parts.append([each.copy() for each in said])
+        parts.append(go_on(followed, samples[rows], q[rows], tip[rows]))
     for one, cut in zip(whole, zip(*parts, strict=True), strict=True):
         np.testing.assert_array_equal(one, np.concatenate(cut))
