@@ -1,6 +1,6 @@
 """What the next experiment is asked, and how good an answer a covariance of the unknowns is.
 
-Two causes or more: the projected signal-to-noise of the doubtful finding with a rival in the model
+Several causes: the projected signal-to-noise of each with another in the model
 (T-optimal). Nothing in doubt: the standard uncertainty of the least well known parameter
 (c-optimal).
 """

@@ -109,7 +109,7 @@ def test_of_several_rivals_the_near_and_likely_ones_count() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n_seeds", [5])
+@pytest.mark.parametrize("n_seeds", [15])
 def test_the_proposed_poses_resolve_what_a_short_range_confounds(n_seeds: int, tmp_path) -> None:
     """Of the cases in doubt, most are settled by the proposed poses, and rightly."""
     outcomes = []
