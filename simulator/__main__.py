@@ -20,7 +20,7 @@ from armd.simulator.canbus.timeline import GRID_HZ
 from armd.simulator.canbus.wires import Wire
 from armd.simulator.crystal import precise_timers
 from armd.simulator.faults import FAULTS, check_wire, parse_fault, random_faults
-from armd.simulator.physics import Block, WarmUp, blocks, gathered, unhurried
+from armd.simulator.physics import Block, WarmUp, blocks
 from armd.simulator.pty_port import PtyPort
 from armd.simulator.scenario import Scenario
 from armd.simulator.serial_device import SerialDevice
@@ -35,8 +35,6 @@ CAN_WIRES = {
     "socketcan": "vcan0",
     "udp_multicast": "239.74.163.2:43113",
 }
-#: Half a second: a device that fetches its physics delays what it has just sent.
-BLOCKS_AT_A_TIME = 10
 FAULT_HELP = "faults, their usual duration in seconds and what they do:\n" + "\n".join(
     f"  {name:17}{kind.duration_s:6g}  {kind.text}" for name, kind in FAULTS.items()
 )
@@ -166,11 +164,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
         truth = cleanup.enter_context(closing(TruthFile(options.truth)))
         log = cleanup.enter_context(closing(FaultLog(options.fault_log)))
         if options.serial:
-            physics = cleanup.enter_context(
-                closing(
-                    Ahead(gathered(unhurried(life(scenario, scenario.rate_hz)), BLOCKS_AT_A_TIME))
-                )
-            )
+            physics = cleanup.enter_context(closing(Ahead(life(scenario, scenario.rate_hz))))
             port = cleanup.enter_context(closing(PtyPort(options.link)))
             device = cleanup.enter_context(
                 closing(SerialDevice(scenario, physics, port, truth, log))

@@ -6,10 +6,10 @@ Computed in blocks on the grid of the latches, so that a device only has to wait
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import sin, tau
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +21,8 @@ from armd.simulator.truth.heat import CAPACITY, SELF_HEATING_W, TO_AIR, HeatFiel
 
 F64 = npt.NDArray[np.float64]
 
-BLOCK_S = 0.05
-REST_S = BLOCK_S / 5
+STEP_S = 0.05
+STEPS = 10  # in a block: temperatures are sent twice a second
 AIR_SWING_K, AIR_PERIOD_S = 0.2, 900.0  # the room's air conditioning
 
 
@@ -33,7 +33,12 @@ class Block:
     encoder_rad: F64  # (n, N) what ideal encoders show, not wrapped
     tip_mm: F64  # (n, 3) the truth: the tip's centre in the base frame
     buttons: npt.NDArray[np.uint8]  # (n,)
-    sensor_c: F64  # (S,) what the sensors feel
+    sensor_c: F64  # (STEPS, S) what the sensors feel
+
+    def felt_c(self, row: int) -> F64:
+        """What the sensors feel (S,) at latch *row* of the block."""
+        felt: F64 = self.sensor_c[row * len(self.sensor_c) // len(self.buttons)]
+        return felt
 
 
 @dataclass(frozen=True)
@@ -74,44 +79,53 @@ class Heat:
         return self._ambient_c + AIR_SWING_K * sin(tau * self._time_s / AIR_PERIOD_S)
 
 
+class Step(NamedTuple):
+    """Some latches during which temperatures stand still: what the hand and the room do."""
+
+    phi: F64  # (n, N) axis angles, rad
+    rate: F64  # (n, N) rad/s
+    buttons: npt.NDArray[np.uint8]  # (n,)
+    time_s: F64  # (n,)
+    link_c: F64  # (n, N)
+    air_c: F64  # (n,)
+    sensor_c: F64  # (1, S)
+
+
 def blocks(
     arm: TrueArm, seed: int, rate_hz: int, ambient_c: float, warm_up: WarmUp | None
 ) -> Iterator[Block]:
     """The arm's life from time 0 on, sample k at k / rate_hz; never ends."""
-    operator = Operator(arm, seed)
-    heat = Heat(ambient_c, warm_up)
-    n = max(1, round(BLOCK_S * rate_hz))
-    first = 0
+    life = steps(Operator(arm, seed), Heat(ambient_c, warm_up), rate_hz)
     while True:
+        some = zip(*itertools.islice(life, STEPS), strict=True)
+        together = Step(*(np.concatenate(each) for each in some))
+        conditions = Conditions(
+            link_c=together.link_c,
+            rate=together.rate,
+            time_s=together.time_s,
+            approach=np.tile([0.0, 0.0, -1.0], (len(together.time_s), 1)),
+            ambient_c=together.air_c,
+        )
+        yield Block(
+            arm.encoder_angles(together.phi, conditions),
+            arm.tip(together.phi, conditions),
+            together.buttons,
+            together.sensor_c,
+        )
+
+
+def steps(operator: Operator, heat: Heat, rate_hz: int) -> Iterator[Step]:
+    n = max(1, round(STEP_S * rate_hz))
+    for first in itertools.count(0, n):
         time_s = np.arange(first, first + n) / rate_hz
         link_c, sensor_c = heat.at(float(time_s[0]))
         phi, rate, buttons = operator.angles(time_s, link_c)
-        conditions = Conditions(
-            link_c=np.tile(link_c, (n, 1)),
-            rate=rate,
-            time_s=time_s,
-            approach=np.tile([0.0, 0.0, -1.0], (n, 1)),
-            ambient_c=np.full(n, heat.air_c),
-        )
-        yield Block(
-            arm.encoder_angles(phi, conditions), arm.tip(phi, conditions), buttons, sensor_c
-        )
-        first += n
-
-
-def unhurried(blocks: Iterator[Block]) -> Iterator[Block]:
-    """With a rest after each: one who computes ahead of time keeps nobody from a processor."""
-    for block in blocks:
-        yield block
-        time.sleep(REST_S)
-
-
-def gathered(blocks: Iterator[Block], number: int) -> Iterator[Block]:
-    """As many blocks at a time as one; the sensors feel what they did at its beginning."""
-    while some := list(itertools.islice(blocks, number)):
-        yield Block(
-            np.concatenate([block.encoder_rad for block in some]),
-            np.concatenate([block.tip_mm for block in some]),
-            np.concatenate([block.buttons for block in some]),
-            some[0].sensor_c,
+        yield Step(
+            phi,
+            rate,
+            buttons,
+            time_s,
+            np.tile(link_c, (n, 1)),
+            np.full(n, heat.air_c),
+            sensor_c[None, :].copy(),
         )

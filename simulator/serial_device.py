@@ -137,7 +137,7 @@ class SerialDevice:
 
     def _temperature(self, k: int) -> bytes:
         self._next_temperature_k = k + max(1, self._crystal.rate_hz // TEMPERATURES_PER_S)
-        celsius = self._electronics.celsius(self._block.sensor_c)
+        celsius = self._electronics.celsius(self._block.felt_c(k - self._block_k))
         for fault in self._schedule.active:
             in_sensors(fault, celsius)
         if self._schedule.is_on("sensor_silent"):
@@ -281,7 +281,7 @@ class SerialDevice:
         hello = wire.Hello(
             protocol=wire.PROTOCOL,
             n_joints=self._block.encoder_rad.shape[1],
-            n_sensors=len(self._block.sensor_c),
+            n_sensors=self._block.sensor_c.shape[1],
             rate_hz=self._crystal.rate_hz,
             boot_id=self._boot_id,
             serial_number=self._scenario.serial_number,

@@ -48,7 +48,7 @@ class Timeline:
         return Instant(
             self._between("encoder_rad", row, share),
             self._between("tip_mm", row, share),
-            self._block.sensor_c,
+            self._block.felt_c(row),
         )
 
     def _between(self, name: str, row: int, share: float) -> F64:
