@@ -5,15 +5,20 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import time
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from typing import Generic, TypeVar
 
 T = TypeVar("T")
 
+#: After an item, before the next: whoever has just taken one is busy with it.
+REST_S = 0.1
+
 
 class Ahead(Generic[T]):
-    """An iterator whose items another process computes, as far ahead as the pipe holds (64 kB).
+    """An iterator whose items another process computes, as far ahead as the pipe holds (64 kB), ten
+    a second at most.
 
     Close it; the other process also ends when this one dies, because its pipe breaks.
     """
@@ -49,5 +54,6 @@ def _produce(items: Iterator[T], send: Connection, receive: Connection) -> None:
     try:
         for item in items:
             send.send(item)
+            time.sleep(REST_S)
     except BrokenPipeError:
         pass
