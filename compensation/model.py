@@ -9,13 +9,12 @@ from armd.compensation import kernel, parameters
 from armd.compensation.arm import Arm
 from armd.compensation.basis import Delay, basis_values
 from armd.compensation.calibration import LoadedCalibration
-from armd.compensation.kernel_state import BLOCK, Amounts, State, fold
+from armd.compensation.kernel_state import Amounts, State, fold
 from armd.compensation.points import fill
 from armd.compensation.program import by_parameter, compile_terms, state_of
 from armd.compensation.state import Lag, States
 from armd.compensation.terms import SLOW_FACTORS, Term
 from armd.compensation.uncertainty import Uncertainty
-from armd.point import POINT
 
 F64 = npt.NDArray[np.float64]
 
@@ -49,7 +48,6 @@ class Model:
         self.state = state_of(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
         self._lags: dict[str, Lag] = {}
-        self._position = np.zeros((BLOCK, 3))
         self.fold(np.full(len(arm.sensors), self._reference_c), 0.0)
         self._lags.clear()  # the first measured temperature starts them
 
@@ -66,18 +64,6 @@ class Model:
             each = celsius + self._uncertainty.temperature_c * np.eye(len(celsius))
             bumped = self._values(_instants(np.vstack([celsius, each]), unix_s, self.arm), None)
             self._uncertainty.fold(values, bumped[1:] - bumped[0])
-
-    def uncorrected(self, q: F64) -> F64:
-        """Tip positions (n, 3) mm of angles (n, N) rad by the constants alone.
-
-        The array is the model's own: the next call overwrites it.
-        """
-        n = len(q)
-        if n > len(self._position):
-            self._position = np.zeros((2 * n, 3))
-        position = self._position[:n]
-        kernel.uncorrected(np.ascontiguousarray(q), self.state, position)
-        return position
 
     @property
     def covariance(self) -> tuple[F64, float]:
@@ -117,12 +103,6 @@ class Model:
             correction,
         )
         return position, correction
-
-    def compile(self) -> None:
-        """Compile (or load from the cache) all that the live path calls."""
-        q = np.zeros((1, self.arm.n_joints))
-        self.uncorrected(q)
-        self.correct(q, q, np.zeros((1, 3)), np.zeros(1, POINT))
 
     def _values(self, states: States, delay: Delay | None) -> F64:
         """Slow factors' values (n, L+T) of slow terms, then pose terms."""

@@ -74,9 +74,10 @@ def run() -> dict[str, Any]:
 def live(model: Model) -> dict[str, float]:
     """One sample: uncorrected tip, then the finished point with covariance."""
     q, approach, points = np.zeros((1, 6)), np.zeros((1, 3)), np.zeros(1, POINT)
+    tip = np.zeros((1, 3))
     batch = np.zeros((64, 6)), np.zeros((64, 6)), np.zeros((64, 3)), np.zeros(64, POINT)
     ways: dict[str, Callable[[], object]] = {
-        "uncorrected_call_ns": lambda: model.uncorrected(q),
+        "uncorrected_call_ns": lambda: kernel.uncorrected(q, model.state, tip),
         "point_call_ns": lambda: model.correct(q, q, approach, points),
         "point_of_64_ns": lambda: model.correct(*batch),
         "fold_us": lambda: model.fold(np.full(6, 25.0), 0.0),
