@@ -25,6 +25,9 @@ EARLY_NS, SPIN_HZ = 60_000, 2000
 #: What was just sent has this long to get to its reader before the next physics are fetched: a real
 #: arm does not share its processor with the host.
 ON_ITS_WAY_NS = 300_000
+#: After a stall of this machine what is overdue leaves in pieces, hardly faster than a real line
+#: would carry it, so that the reader, who stood still as well, can keep up.
+AT_ONCE_S, BETWEEN_S = 0.05, 0.002
 #: Faults during which no SAMPLE leaves, the strongest first.
 MUTE = ("reboot", "unplug", "silence")
 
@@ -54,6 +57,7 @@ class SerialDevice:
         self._electronics = Electronics(scenario.seed)
         self._crystal = Crystal(scenario.rate_hz, scenario.clock_ppm)
         self._early_ns = EARLY_NS if scenario.rate_hz <= SPIN_HZ else 0
+        self._most = max(1, round(AT_ONCE_S * scenario.rate_hz))
         self._commands = wire.Splitter()
         self._torn = False  # the last packet lost its delimiter: the next one is lost with it
         self._mute = ""  # the fault that keeps the arm silent
@@ -78,7 +82,10 @@ class SerialDevice:
             while self._k < due_k:
                 if self._k >= self._schedule.next_change:
                     self._change_faults()
-                self._latch_until(min(due_k, self._block_end_k, self._schedule.next_change))
+                most_k = self._k + self._most
+                self._latch_until(min(due_k, most_k, self._block_end_k, self._schedule.next_change))
+                if self._k == most_k:
+                    time.sleep(BETWEEN_S)
                 if self._k == self._block_end_k:
                     if self._early_ns and self._k == due_k:
                         self._listen(time.monotonic_ns() + ON_ITS_WAY_NS)
