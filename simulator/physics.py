@@ -115,6 +115,7 @@ def blocks(
 
 
 def steps(operator: Operator, heat: Heat, rate_hz: int) -> Iterator[Step]:
+    """What hand and room do from time 0 on, `STEP_S` at a time; never ends."""
     n = max(1, round(STEP_S * rate_hz))
     for first in itertools.count(0, n):
         time_s = np.arange(first, first + n) / rate_hz
