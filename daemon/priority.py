@@ -1,13 +1,21 @@
-"""The thread that carries the stream goes first, where the system allows it."""
+"""The threads that carry the stream go first, where the system allows it."""
 
 from __future__ import annotations
 
 import os
 from contextlib import suppress
+from pathlib import Path
+
+#: Real-time priorities, the lowest there are. Zenoh's sending thread before the one that feeds it:
+#: else a point waits for what is done after it was put.
+STREAM, SENDER = 1, 2
+#: Zenoh has one; it starts with the first subscriber.
+SENDER_NAME = "tx-0"
+TASKS = Path("/proc/self/task")
 
 
 def go_first() -> None:
-    """Before every ordinary thread, and after every other real-time one; the calling thread alone,
+    """Before every ordinary thread, and after most real-time ones; the calling thread alone,
     what it starts later is ordinary again.
 
     Without the right to it (LimitRTPRIO= of the unit) all stays as it is, and points are a little
@@ -17,4 +25,19 @@ def go_first() -> None:
     if len(os.sched_getaffinity(0)) < 2:
         return
     with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(1))
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(STREAM))
+
+
+def sender_goes_first() -> bool:
+    """Zenoh's sending thread too, if the calling thread goes first; no other thread of Zenoh's,
+    as others decide on what those have to do. Returns whether that is settled: ask again if not.
+    """
+    if os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK != os.SCHED_FIFO:
+        return True
+    with suppress(OSError):  # a thread may end while we look
+        for task in TASKS.iterdir():
+            if (task / "comm").read_text().strip() == SENDER_NAME:
+                with suppress(OSError):  # the right to it may not reach that far
+                    os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(SENDER))
+                return True
+    return False

@@ -21,6 +21,7 @@ from armd.daemon.info import describe
 from armd.daemon.log import Log
 from armd.daemon.measurement import Averager, Press, Trigger, known
 from armd.daemon.pipeline import Joints, PointArray
+from armd.daemon.priority import sender_goes_first
 from armd.daemon.publisher import Publisher
 from armd.daemon.queries import Queries
 from armd.daemon.supervisor import Supervisor
@@ -69,6 +70,7 @@ class Service:
         self._supervisor = Supervisor(config, driver, arm, now_ns)
         self._publisher.put_health(self._supervisor.health(now_ns))  # "starting"
         self._next_tick_ns = now_ns
+        self._sender_settled = False
         self._stopping = False
         self._reload_asked = False
 
@@ -179,6 +181,7 @@ class Service:
         for event in self._supervisor.assess(now_ns):
             self._tell(event)
         if second_over:
+            self._sender_settled = self._sender_settled or sender_goes_first()
             self._publisher.put_health(self._supervisor.health(now_ns))
             self._systemd.status(f"{self._supervisor.state}: {self._supervisor.reason}")
         # This thread runs, and the supervisor has a reason for every silence.

@@ -1,4 +1,4 @@
-"""The stream's thread goes first where it may, and alone."""
+"""The stream's thread goes first where it may, Zenoh's sending thread with it, and no other."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import os
 import subprocess
 import sys
 import threading
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
+from running_daemon import running_daemon
+from simulated_arm import simulated_arm
 
-from armd.daemon.priority import go_first
+from armd.daemon.priority import SENDER, SENDER_NAME, STREAM, go_first, sender_goes_first
 
 FIRST_AND_LATER = """
 import os, threading
@@ -61,3 +65,34 @@ def test_a_machine_with_one_processor_is_shared() -> None:
     program = [sys.executable, "-c", alone + FIRST_AND_LATER]
     done = subprocess.run(program, capture_output=True, text=True)
     assert [int(word) for word in done.stdout.split()] == [os.SCHED_OTHER] * 2, done.stderr
+
+
+def test_zenohs_sending_thread_goes_first_where_the_stream_does(tmp_path: Path) -> None:
+    """And no other thread of the daemon's; found once a subscriber is there."""
+    if not may_go_first():
+        pytest.skip("this machine grants no real-time priority")
+    with (
+        simulated_arm(tmp_path) as arm,
+        running_daemon(arm.folder, arm.port) as daemon,
+        daemon.listen() as heard,
+    ):
+        heard.wait_for(lambda: priorities(daemon.process.pid).get(SENDER_NAME))
+        first = {name: p for name, p in priorities(daemon.process.pid).items() if p}
+    assert first.pop(SENDER_NAME) == SENDER
+    assert list(first.values()) == [STREAM], first  # the main thread
+
+
+def priorities(pid: int) -> dict[str, int]:
+    """The highest real-time priority among the threads of each name; 0 is an ordinary one."""
+    found: dict[str, int] = {}
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        with suppress(OSError):  # it may just have ended
+            name = (task / "comm").read_text().strip()
+            priority = os.sched_getparam(int(task.name)).sched_priority
+            found[name] = max(priority, found.get(name, 0))
+    return found
+
+
+def test_nothing_is_asked_again_where_the_stream_is_ordinary() -> None:
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    assert sender_goes_first()
