@@ -18,12 +18,13 @@ from armd.simulator.physics import Block
 from armd.simulator.pty_port import PtyPort
 from armd.simulator.scenario import Scenario
 from armd.simulator.serial_faults import at_latch, in_sensors, on_wire
+from armd.simulator.supply import Supply
 
 TEMPERATURES_PER_S = 2
 #: Wakers are late by tens of µs: up to SPIN_HZ the last EARLY_NS before a latch are spent awake.
 EARLY_NS, SPIN_HZ = 60_000, 2000
-#: What was just sent has this long to get to its reader before the next physics are fetched: a real
-#: arm does not share its processor with the host.
+#: What was just sent has this long to get to its reader before the next physics are prepared: a
+#: real arm does not share its processor with the host.
 ON_ITS_WAY_NS = 300_000
 #: After a stall of this machine what is overdue leaves in pieces, hardly faster than a real line
 #: would carry it, so that the reader, who stood still as well, can keep up.
@@ -49,7 +50,6 @@ class SerialDevice:
     ) -> None:
         self._scenario = scenario
         self._schedule = Schedule(scenario.fault, scenario.rate_hz)
-        self._blocks = blocks
         self._port = port
         self._truth = truth
         self._log = log
@@ -65,7 +65,7 @@ class SerialDevice:
         self._boot_k = 0
         self._boot_id = 0
         self._boot_seq = scenario.first_seq  # epoch << 32 | device seq at the last boot
-        self._block = next(blocks)
+        self._supply = Supply(blocks, self._electronics)
         self._block_k = 0
         self._truth_k = 0
         self._next_temperature_k = 0
@@ -79,6 +79,7 @@ class SerialDevice:
         self._boot()
         while self._k < stop_k:
             due_k = min(self._crystal.latches_by(time.monotonic_ns()), stop_k)
+            spare_time = self._k < due_k  # the next latch is a whole period away
             while self._k < due_k:
                 if self._k >= self._schedule.next_change:
                     self._change_faults()
@@ -87,9 +88,12 @@ class SerialDevice:
                 if self._k == most_k:
                     time.sleep(BETWEEN_S)
                 if self._k == self._block_end_k:
-                    if self._early_ns and self._k == due_k:
-                        self._listen(time.monotonic_ns() + ON_ITS_WAY_NS)
+                    if self._k == due_k:
+                        self._let_it_arrive()
                     self._take_block()
+            if spare_time and self._k >= self._block_middle_k and not self._supply.prepared:
+                self._let_it_arrive()
+                self._supply.prepare()
             # Packed while there is time: at its latch a sample only has to leave.
             self._packed = (self._k, wire.pack(self._rows[self._k - self._block_k].tobytes()))
             self._wait(self._crystal.instant_ns(self._k))
@@ -155,13 +159,21 @@ class SerialDevice:
     # blocks of physics
 
     @property
+    def _block(self) -> Block:
+        return self._supply.block
+
+    @property
+    def _block_middle_k(self) -> int:
+        return (self._block_k + self._block_end_k) // 2
+
+    @property
     def _block_end_k(self) -> int:
         return self._block_k + len(self._block.buttons)
 
     def _take_block(self) -> None:
         self._keep_truth()
         self._block_k = self._block_end_k
-        self._block = next(self._blocks)
+        self._supply.take()
         self._stamp()
 
     def _stamp(self) -> None:
@@ -173,7 +185,7 @@ class SerialDevice:
         self._rows["seq"] = (self._boot_seq + since_boot) & 0xFFFFFFFF
         self._rows["t_us"] = since_boot.clip(0) * 1_000_000 // self._crystal.rate_hz
         self._rows["buttons"] = self._block.buttons
-        self._rows["count"] = self._electronics.counts(self._block.encoder_rad)
+        self._rows["count"] = self._supply.counts
 
     def _keep_truth(self) -> None:
         """Write down the block's latches that are past and not yet written."""
@@ -257,6 +269,11 @@ class SerialDevice:
         if not self._listen(instant_ns - self._early_ns):
             while time.monotonic_ns() < instant_ns:  # a latch does not wait for the scheduler
                 pass
+
+    def _let_it_arrive(self) -> None:
+        """While samples come one by one."""
+        if self._early_ns:
+            self._listen(time.monotonic_ns() + ON_ITS_WAY_NS)
 
     def _listen(self, until_ns: int) -> bool:
         """Until an instant or the host's next bytes, and answer these; whether there were any."""

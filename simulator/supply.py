@@ -1,0 +1,43 @@
+"""Blocks of physics with what the encoders count in them, the next one prepared in pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.simulator.electronics import Electronics
+from armd.simulator.physics import Block
+
+Counts = npt.NDArray[np.uint32]
+
+
+class Supply:
+    """The current block, and the next one as far as it has been prepared."""
+
+    def __init__(self, blocks: Iterator[Block], electronics: Electronics) -> None:
+        self._blocks = blocks
+        self._electronics = electronics
+        self._next: Block | None = None
+        self._next_counts: Counts | None = None
+        self.take()
+
+    @property
+    def prepared(self) -> bool:
+        """Whether `take` would have nothing to wait for."""
+        return self._next_counts is not None
+
+    def prepare(self) -> None:
+        """One piece of what the next block takes, short enough for the time between two latches."""
+        if self._next is None:
+            self._next = next(self._blocks)
+        elif self._next_counts is None:
+            self._next_counts = self._electronics.counts(self._next.encoder_rad)
+
+    def take(self) -> None:
+        """Make the next block the current one."""
+        while self._next is None or self._next_counts is None:
+            self.prepare()
+        self.block, self.counts = self._next, self._next_counts  # counts (n, N)
+        self._next = self._next_counts = None
