@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -64,8 +64,7 @@ the bytes were chunked."""
 Direction = Literal["rx", "tx", "link"]
 
 
-@dataclass(frozen=True, slots=True)
-class RawFrame:
+class RawFrame(NamedTuple):
     """Bytes as they crossed the wire, recorded before anything decodes them.
 
     A decoder is fed nothing else, so the frames of one recording give the same samples again,

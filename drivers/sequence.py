@@ -9,15 +9,18 @@ longer than we have been waiting.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from armd.jit import jit
 
 Rows = npt.NDArray[np.void]  # (m,) of serial_wire.row_layout
 
 WRAP = 1 << 32
 LATENESS_NS = 100_000_000  # by how much bytes may arrive late
+NOTHING = (-1, -1, 0)  # in the place of a last packet
 CERTAIN = 32  # so many packets running on in the past are a reboot, whatever the clock says
 
 
@@ -55,20 +58,21 @@ class SequenceExtender:
         """*rows* in the order of the wire, arrived at *arrival_ns* (host, monotonic)."""
         runs: list[Run] = []
         while len(rows):
-            if self._runs_on(rows):
-                return [*runs, self._accept(rows, arrival_ns)]
+            if not self._suspects and (run := self._go_on(rows, arrival_ns)) is not None:
+                return [*runs, run]
             runs += self._judge(rows[:1], arrival_ns)
             rows = rows[1:]
         return runs
 
-    def _runs_on(self, rows: Rows) -> bool:
-        """Whether all of *rows* plainly follow what went before: the usual case, at once."""
-        if self._suspects:
-            return False
-        seq, t_us = rows["seq"], rows["t_us"]
-        if self._last is not None and (seq[0] <= self._last[0] or t_us[0] <= self._last[1]):
-            return False
-        return len(rows) == 1 or bool((seq[1:] > seq[:-1]).all() and (t_us[1:] > t_us[:-1]).all())
+    def _go_on(self, rows: Rows, arrival_ns: int) -> Run | None:
+        """All of *rows* at once where they plainly follow what went before: the usual case."""
+        seq, t_us, _ = self._last or NOTHING
+        first, last, last_us = _ends(rows, seq, t_us)
+        if first < 0:
+            return None
+        self.lost += last - len(rows) - (seq if self._last else first - 1)
+        self._last = (last, last_us, arrival_ns)
+        return Run(rows, self.epoch, arrival_ns, False)
 
     def _judge(self, row: Rows, arrival_ns: int) -> list[Run]:
         if self._last is None:
@@ -121,3 +125,15 @@ class SequenceExtender:
         self.lost += last - first + 1 - len(rows)
         self._last = (last, int(rows["t_us"][-1]), arrival_ns)
         return Run(rows, self.epoch, arrival_ns, rebooted)
+
+
+@jit
+def _ends(rows: Any, seq: Any, t_us: Any) -> Any:
+    """First and last number of *rows* and their last time, if both rise from row to row and from
+    *seq* and *t_us* on; else −1 thrice."""
+    first = np.int64(rows[0].seq)
+    for row in rows:
+        if np.int64(row.seq) <= seq or np.int64(row.t_us) <= t_us:
+            return -1, -1, -1
+        seq, t_us = np.int64(row.seq), np.int64(row.t_us)
+    return first, seq, t_us

@@ -7,7 +7,6 @@ test needs no hardware.
 from __future__ import annotations
 
 from collections import Counter, deque
-from dataclasses import replace
 
 import numpy as np
 from cobs import cobs
@@ -84,6 +83,7 @@ class SerialDecoder:
 
     def warm_up(self) -> None:
         """Compile, or load from the cache: before the first sample, not while it waits."""
+        SequenceExtender().push(np.zeros(1, wire.row_layout(self._expected.n_joints)), 0)
         self._assembler.warm_up()
 
     def preamble(self) -> list[RawFrame]:
@@ -92,7 +92,7 @@ class SerialDecoder:
         if not self.accepted or self._greeting is None:
             return []
         epoch = EPOCH + b"%d" % self._sequence.epoch
-        frames = [replace(self._greeting, direction="link", data=epoch), self._greeting]
+        frames = [self._greeting._replace(direction="link", data=epoch), self._greeting]
         if self._warmth is not None:
             frames.append(self._warmth)
         return frames + [frame for exchange in self._exchanges for frame in exchange]
@@ -133,7 +133,7 @@ class SerialDecoder:
             case wire.Type.TEMPERATURE:
                 reading = wire.decode_temperature(data)
                 if reading is not None:
-                    self._warmth = replace(frame, data=wire.pack(data[:-4]))
+                    self._warmth = frame._replace(data=wire.pack(data[:-4]))
                     return self._deliver_or_hold(reading, frame)
             case wire.Type.HELLO:
                 hello = wire.decode_hello(data)
@@ -154,7 +154,7 @@ class SerialDecoder:
         if ping is None:
             return
         self.clock.add(ping.monotonic_ns, frame.monotonic_ns, pong.t_us * 1000)
-        alone = replace(frame, data=wire.encode_pong(pong.nonce, pong.t_us))
+        alone = frame._replace(data=wire.encode_pong(pong.nonce, pong.t_us))
         self._exchanges.append((ping, alone))
 
     def _samples(self, run: list[bytes], frame: RawFrame) -> list[Item]:
@@ -218,7 +218,7 @@ class SerialDecoder:
             self._new_boot()
             items.append(Event("reboot", "the arm has rebooted", frame.monotonic_ns, "warning"))
         self._boot_id = hello.boot_id
-        self._greeting = replace(frame, data=wire.encode_hello(hello))
+        self._greeting = frame._replace(data=wire.encode_hello(hello))
         self._assembler.set_bits(hello.bits)
         text = f"arm {hello.serial_number} identified, {hello.rate_hz} samples a second"
         items.append(Event("identified", text, frame.monotonic_ns, "info", detail))

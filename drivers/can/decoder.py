@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import replace
 from typing import Any
 
 from armd.drivers.can import objects as can
@@ -93,7 +92,7 @@ class CanDecoder:
             echo=self._sync_time.echo,
             first_latch_ns=self._sampler.first_latch_ns,
         )
-        return [replace(settings[0], data=number), *settings, *self._warmth.values()]
+        return [settings[0]._replace(data=number), *settings, *self._warmth.values()]
 
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes, in the order of the bus."""

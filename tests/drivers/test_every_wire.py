@@ -189,14 +189,23 @@ class TestSerial(EveryWire):
 
     @classmethod
     def instants(cls, arm, truth):
-        """The device's own clock, boot by boot: `seq` carries the epoch."""
+        """The device's own clock, boot by boot: `seq` carries the epoch. Faults begin and end at
+        latches, whenever a busy machine wrote that down."""
         instants = np.zeros(len(truth), np.int64)
         for epoch, boot in enumerate(arm.events("boot")):
             own = (truth["seq"] >> np.uint64(32)) == epoch
             period_ns = 1e9 / (boot["rate_hz"] * (1 + boot["clock_ppm"] * 1e-6))
             seq = truth["seq"][own].astype(np.int64)
             instants[own] = boot["latch_monotonic_ns"] + (seq - boot["seq"]) * period_ns
-        _, windows = super().instants(arm, truth)
+        first, pace = arm.events("boot")[0], 1e9 / (1 + arm.events("boot")[0]["clock_ppm"] * 1e-6)
+        begins, ends = (
+            {
+                line["fault"]: first["latch_monotonic_ns"] + round(line["at_s"] * pace)
+                for line in arm.events(what)
+            }
+            for what in ("begin", "end")
+        )
+        windows = {name: (begins[name], ends[name]) for name in begins.keys() & ends.keys()}
         return instants, windows
 
     def test_every_sample_that_was_sent_whole_comes_exactly_once(self, run):
