@@ -1,0 +1,76 @@
+"""What the live path stands on, each alone: Zenoh, and the line. Latencies in µs."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import serial
+import zenoh
+from running_daemon import free_endpoint
+
+F64 = npt.NDArray[np.float64]
+
+
+class Arrivals:
+    """A subscriber's callback that does as little as one can: when what came."""
+
+    def __init__(self) -> None:
+        self.payloads: list[bytes] = []
+        self.arrived_ns: list[int] = []
+
+    def take(self, sample: zenoh.Sample) -> None:
+        self.arrived_ns.append(time.monotonic_ns())
+        self.payloads.append(sample.payload.to_bytes())
+
+
+def zenoh_alone(rate_hz: int, seconds: float) -> F64:
+    """From put to callback of 136 bytes; one latency for each, the first second left out."""
+    endpoint, key = free_endpoint(), "bare/point"
+    script = Path(__file__).with_name("bare_put.py")
+    command = [sys.executable, str(script), endpoint, key, str(rate_hz), str(seconds + 1)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as sender:
+        assert sender.stdout is not None
+        sender.stdout.readline()
+        config = zenoh.Config()
+        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+        config.insert_json5("scouting/multicast/enabled", "false")
+        config.insert_json5("listen/endpoints", "[]")
+        arrivals = Arrivals()
+        with zenoh.open(config) as session:
+            session.declare_subscriber(key, arrivals.take)
+            sender.wait(seconds + 60)
+    put_ns = np.frombuffer(b"".join(arrivals.payloads), np.int64).reshape(-1, 17)[:, 0]
+    return (np.array(arrivals.arrived_ns) - put_ns)[rate_hz:] / 1000
+
+
+def line_alone(rate_hz: int, seconds: float) -> F64:
+    """From a write to the end of a read in another process, over a pseudo-terminal."""
+    script = Path(__file__).with_name("bare_line.py")
+    command = [sys.executable, str(script), str(rate_hz), str(seconds + 1)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as sender:
+        assert sender.stdin is not None and sender.stdout is not None
+        with serial.Serial(sender.stdout.readline().strip(), timeout=0) as port:
+            poll = select.poll()
+            poll.register(port.fileno(), select.POLLIN)
+            sender.stdin.write("go\n")
+            sender.stdin.flush()
+            data = bytearray()
+            arrived_ns: list[int] = []
+            with suppress(OSError):  # the line breaks, or reads as ended, when all is sent
+                while poll.poll(1000) and (chunk := os.read(port.fileno(), 1 << 16)):
+                    data += chunk
+                    now_ns = time.monotonic_ns()
+                    arrived_ns += [now_ns] * (len(data) // 40 - len(arrived_ns))
+    sent_ns = np.frombuffer(data, np.int64).reshape(-1, 5)[:, 0]
+    return (np.array(arrived_ns) - sent_ns)[rate_hz:] / 1000
