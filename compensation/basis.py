@@ -46,8 +46,13 @@ F64 = npt.NDArray[np.float64]
 AXES = "xyz"
 
 
-#: (name, temperature (n,), time (n,) s, lag s) → the temperature delayed (n,)
+#: (name by `delay_name`, temperature (n,), time (n,) s, lag s) → the temperature delayed (n,)
 Delay = Callable[[str, F64, F64, float], F64]
+
+
+def delay_name(weights: dict[str, float], lag_s: float) -> str:
+    """What tells one delayed mean of temperatures from another."""
+    return f"{weights} {lag_s}"
 
 
 def basis_values(
@@ -169,7 +174,7 @@ class _Basis:
                 value += weight * self._states.temperature_c[:, column[name]]
         if lag_s == 0:
             return value
-        name = f"{weights} {lag_s}"
+        name = delay_name(weights, lag_s)
         return self._once(name, lambda: self._delay(name, value, self._states.time_s, lag_s))
 
     def _by_series(self, _: str, value: F64, time_s: F64, lag_s: float) -> F64:

@@ -12,7 +12,8 @@ from armd.compensation.calibration import LoadedCalibration
 from armd.compensation.kernel_state import Amounts, State, fold
 from armd.compensation.points import fill
 from armd.compensation.program import by_parameter, compile_terms, state_of
-from armd.compensation.state import Lag, States
+from armd.compensation.slow import SlowFactors
+from armd.compensation.state import States
 from armd.compensation.terms import SLOW_FACTORS, Term
 from armd.compensation.uncertainty import Uncertainty
 
@@ -38,6 +39,7 @@ class Model:
         slow = [term for term in terms if term.slow]
         pose = by_parameter([term for term in terms if not term.slow], n)
         self._slow_parts = [_slow_part(term) for term in (*slow, *pose)]
+        self._slow = SlowFactors(self._slow_parts, arm, self._reference_c)
         self._amounts = Amounts(
             slow_parameter=np.array(
                 [parameters.index(term.parameter, n) for term in slow], dtype=np.int64
@@ -47,9 +49,8 @@ class Model:
         )
         self.state = state_of(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
-        self._lags: dict[str, Lag] = {}
         self.fold(np.full(len(arm.sensors), self._reference_c), 0.0)
-        self._lags.clear()  # the first measured temperature starts them
+        self._slow.forget()  # the first measured temperature starts them
 
     def fold(self, celsius: F64, unix_s: float) -> None:
         """From here on samples are corrected for these temperatures (S,) °C at this time.
@@ -57,13 +58,10 @@ class Model:
         Called at the rate of the temperatures, in ascending time: lags are followed from call to
         call. A sensor that a term uses must have a value.
         """
-        values = self._values(_instants(celsius[None, :], unix_s, self.arm), self._lagged)[0]
+        deviation_c = self._uncertainty.temperature_c
+        values, changes = self._slow.values(celsius, unix_s, deviation_c)
         fold(values, self._amounts, self.state)
-        if self._uncertainty.known:
-            # One row per sensor that reads one standard deviation too high.
-            each = celsius + self._uncertainty.temperature_c * np.eye(len(celsius))
-            bumped = self._values(_instants(np.vstack([celsius, each]), unix_s, self.arm), None)
-            self._uncertainty.fold(values, bumped[1:] - bumped[0])
+        self._uncertainty.fold(values, changes)
 
     @property
     def covariance(self) -> tuple[F64, float]:
@@ -93,7 +91,7 @@ class Model:
         """
         position, correction = np.empty((states.n, 3)), np.empty((states.n, 3))
         kernel.correct_runs(
-            self._values(states, self._lagged if onwards else None),
+            self._values(states, self._slow.delay if onwards else None),
             self._amounts,
             np.ascontiguousarray(states.q),
             np.ascontiguousarray(states.rate),
@@ -110,20 +108,8 @@ class Model:
             self._slow_parts, states, self.arm, self._reference_c, self.constants, delay
         )
 
-    def _lagged(self, name: str, value: F64, time_s: F64, lag_s: float) -> F64:
-        """The live path's `Delay`."""
-        lag = self._lags.setdefault(name, Lag(lag_s, 1))
-        return lag.follow(time_s, value[:, None])[:, 0]
-
 
 def _slow_part(term: Term) -> Term:
     """The term without its pose factors."""
     factors = [factor for factor in term.basis if isinstance(factor, SLOW_FACTORS)]
     return term.model_copy(update={"basis": factors})
-
-
-def _instants(celsius: F64, unix_s: float, arm: Arm) -> States:
-    """States (n,) of which temperatures (n, S) and time matter, each a run of its own."""
-    n = len(celsius)
-    nothing = np.zeros((n, arm.n_joints))
-    return States(nothing, nothing, celsius, np.full(n, unix_s), np.zeros((n, 3)), np.arange(n))

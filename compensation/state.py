@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,18 +51,18 @@ class Lag:
 
     def __init__(self, lag_s: float, n_sensors: int) -> None:
         self.lag_s = lag_s
-        self._time_s = np.full(n_sensors, np.nan)
-        self._value = np.zeros(n_sensors)
-        self._delayed = np.zeros(n_sensors)
+        self._memory = np.full((n_sensors, 3), np.nan)
 
     def follow(self, time_s: F64, values: F64) -> F64:
         """Delayed values (n, S) of *values* (n, S) at ascending times (n,) in s."""
-        delayed = np.empty(values.shape)
-        _follow(
-            time_s, np.ascontiguousarray(values), self.lag_s,
-            self._time_s, self._value, self._delayed, delayed,
-        )  # fmt: skip
-        return delayed
+        return followed(time_s, values, self.lag_s, self._memory)
+
+
+def followed(time_s: F64, values: F64, lag_s: float, memory: F64) -> F64:
+    """As `Lag.follow`; *memory* (S, 3) is what `advance` keeps, NaN before the first value."""
+    delayed = np.empty(values.shape)
+    _follow(time_s, np.ascontiguousarray(values), lag_s, memory, delayed)
+    return delayed
 
 
 def lagged(time_s: F64, values: F64, series: I64, lag_s: float) -> F64:
@@ -77,23 +78,27 @@ def lagged(time_s: F64, values: F64, series: I64, lag_s: float) -> F64:
 
 
 @jit
-def _follow(
-    time_s: F64, values: F64, lag_s: float, last_s: F64, last: F64, state: F64, delayed: F64
-) -> None:
-    n, sensors = values.shape
-    for s in range(sensors):
-        for i in range(n):
-            x = values[i, s]
-            if np.isnan(x) or np.isnan(time_s[i]):
-                delayed[i, s] = np.nan
-                continue
-            dt = time_s[i] - last_s[s]
-            if np.isnan(dt):  # the first value
-                state[s] = x
-            elif dt > 0:
-                # x runs straight with slope r: y follows it τ behind, plus what decays.
-                behind = (x - last[s]) / dt * lag_s
-                state[s] = x - behind + (state[s] - last[s] + behind) * np.exp(-dt / lag_s)
-            last[s] = x
-            last_s[s] = time_s[i]
-            delayed[i, s] = state[s]
+def _follow(time_s: F64, values: F64, lag_s: float, memory: F64, delayed: F64) -> None:
+    for s in range(values.shape[1]):
+        for i in range(len(values)):
+            delayed[i, s] = advance(values[i, s], time_s[i], lag_s, memory, s)
+
+
+@jit
+def advance(x: float, time_s: float, lag_s: float, memory: F64, s: int) -> float:
+    """The delayed value of sensor *s* at its next reading *x*.
+
+    *memory* (S, 3): time, value and delayed value of the last reading.
+    """
+    if math.isnan(x) or math.isnan(time_s):
+        return math.nan
+    dt = time_s - memory[s, 0]
+    if math.isnan(dt):  # the first value
+        memory[s, 2] = x
+    elif dt > 0:
+        # x runs straight with slope r: y follows it τ behind, plus what decays.
+        last, delayed = memory[s, 1], memory[s, 2]
+        behind = (x - last) / dt * lag_s
+        memory[s, 2] = x - behind + (delayed - last + behind) * math.exp(-dt / lag_s)
+    memory[s, 0], memory[s, 1] = time_s, x
+    return float(memory[s, 2])

@@ -146,6 +146,7 @@ Factor = Annotated[
     Field(discriminator="kind"),
 ]
 
+SlowFactor = Temperature | TemperatureRate | Time | After
 SLOW_FACTORS = (Temperature, TemperatureRate, Time, After)
 
 
