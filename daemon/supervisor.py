@@ -56,11 +56,12 @@ class Supervisor:
     def assess(self, now_ns: int) -> list[Event]:
         """Renew state and reason; what has changed, told as events."""
         before, missed = self.state, self._missing
-        self._missing = tuple(self._arm.pipeline.temperature.missing(self._latched_ns))
+        temperature = self._arm.pipeline.temperature
+        self._missing = temperature.missing(self._latched_ns)
         self.state, self.reason = assess(self._seen(now_ns))
         events = []
-        changed = {*missed} ^ {*self._missing} if self._arm.pipeline.temperature.heard else ()
-        for sensor in sorted(changed):
+        changed = self._missing != missed and temperature.heard
+        for sensor in sorted({*missed} ^ {*self._missing}) if changed else ():
             if sensor in self._missing:
                 text = f"sensor {sensor} is invalid or silent; its last value is held"
                 kind, severity = "temperature_missing", "warning"
@@ -123,6 +124,6 @@ class Supervisor:
             invalid_joints=second.invalid_joints,
             warning_joints=second.warning_joints,
             missing_sensors=self._missing,
-            outside_sensors=tuple(temperature.outside()),
+            outside_sensors=temperature.outside,
             drift=temperature.unsteady(self._config.file.health.steady_k_per_h),
         )

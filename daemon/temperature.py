@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -13,36 +11,12 @@ from armd import Flag
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration, used_sensors
 from armd.daemon.config import Limits
+from armd.daemon.drift import History
 
 F64 = npt.NDArray[np.float64]
 
 STALE_AFTER_NS = 5_000_000_000
-#: A rate of change is judged over this stretch, at first over at least the shorter one.
-RATE_OVER_NS = 60_000_000_000
-RATE_AFTER_NS = 3_000_000_000
-#: More than this between two readings is a step, whatever the slope.
-STEP_K = 0.2
 NEVER_NS = np.iinfo(np.int64).max
-
-
-@dataclass(frozen=True)
-class Drift:
-    """The fastest change among the sensors in use, in K/h, and its standard error."""
-
-    sensor: str
-    k_per_h: float
-    standard_error: float
-    jump_k_per_h: float  # the fastest step of more than STEP_K between two readings; else 0
-
-    def __str__(self) -> str:
-        return f"{self.sensor} drifts by {self.k_per_h:+.1f} K/h"
-
-    def exceeds(self, limit_k_per_h: float) -> bool:
-        """Beyond doubt: by a step, or by more than three standard errors."""
-        return (
-            self.jump_k_per_h > limit_k_per_h
-            or abs(self.k_per_h) - 3 * self.standard_error > limit_k_per_h
-        )
 
 
 class TemperatureWatch:
@@ -52,55 +26,60 @@ class TemperatureWatch:
         self.sensors = arm.sensors
         self._hold_ns = round(limits.temperature_hold_s * 1e9)
         self._limit_k_per_h = limits.temperature_rate_k_per_h
-        self.held_c = np.full(len(self.sensors), arm.reference_temperature_c)
-        self.current_c = np.full(len(self.sensors), np.nan)
-        self._heard_c = self.current_c  # the last good value, NaN before the first
-        self._good_ns = np.full(len(self.sensors), -1, np.int64)
-        self._history: deque[tuple[int, F64]] = deque()
+        n = len(self.sensors)
+        #: (S,) the last good values, arm.toml's reference before the first; a new array each time
+        self.held_c = np.full(n, arm.reference_temperature_c)
+        # Plain lists: on a handful of sensors numpy takes ten times as long.
+        self._current_c = [math.nan] * n
+        self._heard_c = [math.nan] * n  # the last good value, NaN before the first
+        self._good_ns = [-1] * n
+        self._history = History(self.sensors)
         self.use(arm, None)
 
     def use(self, arm: Arm, calibration: Calibration | None) -> None:
         """Judge by another calibration; what was measured so far stays."""
         used = used_sensors(arm, calibration)
         self._used = [i for i, name in enumerate(self.sensors) if name in used]
+        self._used_array = np.array(self._used, np.int64)
         ranges = {} if calibration is None else calibration.temperature_range_c
-        self._low = np.array([ranges.get(name, (-np.inf, np.inf))[0] for name in self.sensors])
-        self._high = np.array([ranges.get(name, (-np.inf, np.inf))[1] for name in self.sensors])
+        self._ranges = [
+            (i, *ranges[name]) for i in self._used if (name := self.sensors[i]) in ranges
+        ]
         own_limit = None if calibration is None else calibration.max_temperature_rate_k_per_h
         self._rate_limit = min(self._limit_k_per_h, own_limit or self._limit_k_per_h)
         self._judge()
 
     def begin(self, monotonic_ns: int) -> None:
         """The stream starts: from here on a temperature that was never heard ages."""
-        self._good_ns[self._good_ns < 0] = monotonic_ns
+        self._good_ns = [monotonic_ns if good_ns < 0 else good_ns for good_ns in self._good_ns]
         self._judge()
 
     def update(self, celsius: F64, monotonic_ns: int) -> None:
         """One reading of all channels (S,), NaN where invalid."""
-        good = np.isfinite(celsius)
-        self.current_c = celsius
-        self.held_c = np.where(good, celsius, self.held_c)
-        self._heard_c = np.where(good, celsius, self._heard_c)
-        self._good_ns[good] = monotonic_ns
-        self._history.append((monotonic_ns, self._heard_c))
-        while self._history[0][0] < monotonic_ns - RATE_OVER_NS:
-            self._history.popleft()
+        self._current_c = celsius.tolist()
+        self.held_c = self.held_c.copy()
+        for i, value in enumerate(self._current_c):
+            if math.isfinite(value):
+                self.held_c[i] = self._heard_c[i] = value
+                self._good_ns[i] = monotonic_ns
+        self._history.append(self._heard_c, monotonic_ns)
         self._judge()
 
     @property
     def heard(self) -> bool:
         """Any reading has come, be it of invalid channels."""
-        return bool(self._history)
+        return len(self._history) > 0
 
-    def missing(self, monotonic_ns: int) -> list[str]:
+    def missing(self, monotonic_ns: int) -> tuple[str, ...]:
         """Names of the sensors in use without a value at this instant."""
-        late = self._good_ns + STALE_AFTER_NS < monotonic_ns
-        return [self.sensors[i] for i in self._used if late[i] or np.isnan(self.current_c[i])]
-
-    def outside(self) -> list[str]:
-        """Names of the sensors in use beyond the identified range."""
-        out = (self.held_c < self._low) | (self.held_c > self._high)
-        return [self.sensors[i] for i in self._used if out[i]]
+        if monotonic_ns <= self.stale_after_ns:
+            return ()
+        late_ns = monotonic_ns - STALE_AFTER_NS
+        return tuple(
+            self.sensors[i]
+            for i in self._used
+            if self._good_ns[i] < late_ns or math.isnan(self._current_c[i])
+        )
 
     def unsteady(self, limit_k_per_h: float) -> str:
         """Why the sensors in use are not called steady; "" if they are."""
@@ -112,17 +91,21 @@ class TemperatureWatch:
 
     def as_json(self) -> dict[str, float | None]:
         """The last reading in °C by sensor name; None where a channel is invalid."""
-        values = self.current_c.tolist()
         return {
             name: None if math.isnan(value) else round(value, 3)
-            for name, value in zip(self.sensors, values, strict=True)
+            for name, value in zip(self.sensors, self._current_c, strict=True)
         }
 
     def _judge(self) -> None:
         self._judge_age()
-        self.drift = self._fastest()
+        self.drift = self._history.fastest(self._used_array)
+        held_c = self.held_c.tolist()
+        #: names of the sensors in use beyond the identified range
+        self.outside = tuple(
+            self.sensors[i] for i, low, high in self._ranges if held_c[i] < low or held_c[i] > high
+        )
         self.slow_flags = Flag(0)
-        if self.outside():
+        if self.outside:
             self.slow_flags |= Flag.TEMPERATURE_RANGE
         if self.drift is not None and self.drift.exceeds(self._rate_limit):
             self.slow_flags |= Flag.TEMPERATURE_RATE
@@ -133,36 +116,7 @@ class TemperatureWatch:
         #: … and later than this they are invalid: the temperature is held no longer.
         self.invalid_after_ns = NEVER_NS
         if self._used:
-            oldest_ns = int(self._good_ns[self._used].min())
+            oldest_ns = min([self._good_ns[i] for i in self._used])
             self.invalid_after_ns = oldest_ns + self._hold_ns
-            known = bool(np.isfinite(self.current_c[self._used]).all())
+            known = all(math.isfinite(self._current_c[i]) for i in self._used)
             self.stale_after_ns = oldest_ns + STALE_AFTER_NS if known else -1
-
-    def _fastest(self) -> Drift | None:
-        """Slopes by least squares over the history; None while it is too short to tell."""
-        if not self._used or len(self._history) < 3:
-            return None
-        times = np.array([time for time, _ in self._history], np.float64)
-        hours = (times - times[-1]) / 3.6e12
-        if times[-1] - times[0] < RATE_AFTER_NS:
-            return None
-        heard = np.array([celsius for _, celsius in self._history])
-        steady = [i for i in self._used if np.isfinite(heard[:, i]).all()]
-        if not steady:
-            return None
-        values = heard[:, steady]
-        centred = hours - hours.mean()
-        spread = float(centred @ centred)
-        slopes = centred @ values / spread
-        residuals = values - values.mean(axis=0) - np.outer(centred, slopes)
-        errors = np.sqrt((residuals**2).sum(axis=0) / (len(hours) - 2) / spread)
-        steps = np.abs(np.diff(values, axis=0))
-        within = np.maximum(np.diff(hours), 1e-12)[:, None]  # a reading told twice is no step
-        jumps = (np.where(steps > STEP_K, steps, 0.0) / within).max(axis=0)
-        worst = int(np.argmax(np.maximum(np.abs(slopes) - 3 * errors, jumps)))
-        return Drift(
-            self.sensors[steady[worst]],
-            float(slopes[worst]),
-            float(errors[worst]),
-            float(jumps[worst]),
-        )

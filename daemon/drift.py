@@ -1,0 +1,124 @@
+"""How fast temperatures change: slopes over the last minute, and steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.jit import jit
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+#: A rate of change is judged over this stretch, at first over at least the shorter one.
+RATE_OVER_NS = 60_000_000_000
+RATE_AFTER_NS = 3_000_000_000
+#: More than this between two readings is a step, whatever the slope.
+STEP_K = 0.2
+#: Readings that a history has room for at first: a minute of four a second.
+ROOM = 256
+
+
+@dataclass(frozen=True)
+class Drift:
+    """The fastest change among the sensors in use, in K/h, and its standard error."""
+
+    sensor: str
+    k_per_h: float
+    standard_error: float
+    jump_k_per_h: float  # the fastest step of more than STEP_K between two readings; else 0
+
+    def __str__(self) -> str:
+        return f"{self.sensor} drifts by {self.k_per_h:+.1f} K/h"
+
+    def exceeds(self, limit_k_per_h: float) -> bool:
+        """Beyond doubt: by a step, or by more than three standard errors."""
+        return (
+            self.jump_k_per_h > limit_k_per_h
+            or abs(self.k_per_h) - 3 * self.standard_error > limit_k_per_h
+        )
+
+
+class History:
+    """The readings of the last RATE_OVER_NS, in arrays that are not built anew for each."""
+
+    def __init__(self, sensors: Sequence[str]) -> None:
+        self._sensors = sensors
+        self._first, self._end = 0, 0
+        self._times_ns = np.empty(ROOM, np.int64)
+        self._celsius = np.empty((ROOM, len(sensors)))
+        self._found = np.empty(3)
+
+    def __len__(self) -> int:
+        return self._end - self._first
+
+    def append(self, celsius: Sequence[float], monotonic_ns: int) -> None:
+        """One reading of all sensors (S,), NaN before a sensor's first value."""
+        if self._end == len(self._times_ns):
+            self._make_room()
+        self._times_ns[self._end] = monotonic_ns
+        self._celsius[self._end] = celsius
+        self._end += 1
+        while self._times_ns[self._first] < monotonic_ns - RATE_OVER_NS:
+            self._first += 1
+
+    def fastest(self, used: I64) -> Drift | None:
+        """Of the sensors *used*; None while the history is too short to tell."""
+        kept = slice(self._first, self._end)
+        worst = _fastest(self._times_ns[kept], self._celsius[kept], used, self._found)
+        if worst < 0:
+            return None
+        slope, error, jump = self._found.tolist()
+        return Drift(self._sensors[worst], slope, error, jump)
+
+    def _make_room(self) -> None:
+        """Move what is kept to the front, of longer arrays if it is more than half of these."""
+        kept, n = slice(self._first, self._end), len(self)
+        room = len(self._times_ns) * (2 if 2 * n > len(self._times_ns) else 1)
+        times_ns, celsius = np.empty(room, np.int64), np.empty((room, len(self._sensors)))
+        times_ns[:n], celsius[:n] = self._times_ns[kept], self._celsius[kept]
+        self._times_ns, self._celsius = times_ns, celsius
+        self._first, self._end = 0, n
+
+
+@jit
+def _fastest(times_ns: I64, celsius: F64, used: I64, found: F64) -> int:
+    """The sensor that changes fastest, or -1; into *found* its slope, standard error and step.
+
+    Slopes by least squares over all n readings, in K/h; a sensor that lacks one does not count.
+    """
+    n, worst, highest = len(times_ns), -1, 0.0
+    if n < 3 or times_ns[n - 1] - times_ns[0] < RATE_AFTER_NS:
+        return worst
+    mean_h, spread = 0.0, 0.0
+    for i in range(n):
+        mean_h += (times_ns[i] - times_ns[n - 1]) / 3.6e12 / n
+    for i in range(n):
+        spread += ((times_ns[i] - times_ns[n - 1]) / 3.6e12 - mean_h) ** 2
+    for sensor in used:
+        mean_c, slope, squares, jump = 0.0, 0.0, 0.0, 0.0
+        for i in range(n):
+            mean_c += celsius[i, sensor] / n
+        if math.isnan(mean_c):
+            continue
+        for i in range(n):
+            hours = (times_ns[i] - times_ns[n - 1]) / 3.6e12 - mean_h
+            slope += hours * (celsius[i, sensor] - mean_c) / spread
+        for i in range(n):
+            hours = (times_ns[i] - times_ns[n - 1]) / 3.6e12 - mean_h
+            squares += (celsius[i, sensor] - mean_c - slope * hours) ** 2
+        error = math.sqrt(squares / (n - 2) / spread)
+        for i in range(1, n):
+            step = abs(celsius[i, sensor] - celsius[i - 1, sensor])
+            if step > STEP_K:
+                hours = (times_ns[i] - times_ns[i - 1]) / 3.6e12
+                jump = max(jump, step / max(hours, 1e-12))  # a reading told twice is no step
+        rate = max(abs(slope) - 3 * error, jump)
+        if worst < 0 or rate > highest:
+            worst, highest = sensor, rate
+            found[0], found[1], found[2] = slope, error, jump
+    return worst
