@@ -131,14 +131,16 @@ def daemon(rate_hz: int, seconds: float) -> tuple[F64, dict[str, float]]:
 
 
 def on_hardware_of_its_own(arm: SimulatedArm) -> bool:
-    """Let the arm latch on time, and compute what comes next only while nobody else computes: a
-    real arm takes no processor from the controller. Returns whether the system grants it."""
-    own = Path(f"/proc/{arm.process.pid}/task/{arm.process.pid}/children")
-    for child in own.read_text().split():  # the physics
-        os.sched_setscheduler(int(child), os.SCHED_IDLE, os.sched_param(0))
+    """As far as one machine can: the arm stays on one processor and latches on time, and what it
+    measures next is computed only while nobody else computes. A real arm takes no processor from
+    the controller. Returns whether the system grants all of it."""
+    pid, one = arm.process.pid, {min(os.sched_getaffinity(0))}
+    os.sched_setaffinity(pid, one)
+    for physics in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        os.sched_setaffinity(int(physics), one)
+        os.sched_setscheduler(int(physics), os.SCHED_IDLE, os.sched_param(0))
     with suppress(PermissionError):
-        priority = os.sched_param(LATCH_PRIORITY)
-        os.sched_setscheduler(arm.process.pid, os.SCHED_FIFO, priority)
+        os.sched_setscheduler(pid, os.SCHED_FIFO, os.sched_param(LATCH_PRIORITY))
         return True
     return False
 
