@@ -134,7 +134,10 @@ def on_hardware_of_its_own(arm: SimulatedArm) -> bool:
     """As far as one machine can: the arm stays on one processor and latches on time, and what it
     measures next is computed only while nobody else computes. A real arm takes no processor from
     the controller. Returns whether the system grants all of it."""
-    pid, one = arm.process.pid, {min(os.sched_getaffinity(0))}
+    processors = os.sched_getaffinity(0)
+    if len(processors) < 2:
+        return False
+    pid, one = arm.process.pid, {min(processors)}
     os.sched_setaffinity(pid, one)
     for physics in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
         os.sched_setaffinity(int(physics), one)
