@@ -39,7 +39,7 @@ class Model:
         slow = [term for term in terms if term.slow]
         pose = by_parameter([term for term in terms if not term.slow], n)
         self._slow_parts = [_slow_part(term) for term in (*slow, *pose)]
-        self._slow = SlowFactors(self._slow_parts, arm, self._reference_c)
+        self._slow = SlowFactors([*slow, *pose], arm, self._reference_c)
         self._amounts = Amounts(
             slow_parameter=np.array(
                 [parameters.index(term.parameter, n) for term in slow], dtype=np.int64

@@ -116,15 +116,13 @@ class SequenceExtender:
         self.repeated += len(self._suspects)
         self._suspects.clear()
 
-    def _accept(self, rows: Rows, arrival_ns: int, rebooted: bool = False) -> Run:
-        seq = rows["seq"]
-        first, last = int(seq[0]), int(seq[-1])
+    def _accept(self, row: Rows, arrival_ns: int, rebooted: bool = False) -> Run:
+        seq = int(row["seq"][0])
         if self._last is not None and not rebooted:
-            gap = (first - self._last[0]) % WRAP - 1
-            self.lost += gap if first > self._last[0] or gap < WRAP // 2 else 0
-        self.lost += last - first + 1 - len(rows)
-        self._last = (last, int(rows["t_us"][-1]), arrival_ns)
-        return Run(rows, self.epoch, arrival_ns, rebooted)
+            gap = (seq - self._last[0]) % WRAP - 1
+            self.lost += gap if seq > self._last[0] or gap < WRAP // 2 else 0
+        self._last = (seq, int(row["t_us"][0]), arrival_ns)
+        return Run(row, self.epoch, arrival_ns, rebooted)
 
 
 @jit

@@ -70,17 +70,8 @@ class Daemon:
     serial: str
     log: Path
 
-    @contextmanager
-    def session(self) -> Iterator[zenoh.Session]:
-        config = zenoh.Config()
-        config.insert_json5("connect/endpoints", json.dumps([self.endpoint]))
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("listen/endpoints", "[]")
-        session = zenoh.open(config)
-        try:
-            yield session
-        finally:
-            session.close()
+    def session(self) -> zenoh.Session:
+        return session_with(self.endpoint)
 
     @contextmanager
     def listen(self) -> Iterator[Heard]:
@@ -105,6 +96,15 @@ class Daemon:
         start_s = time.monotonic()
         self.process.send_signal(how)
         return self.process.wait(PATIENCE_S), time.monotonic() - start_s
+
+
+def session_with(endpoint: str) -> zenoh.Session:
+    """With whoever listens there, and nobody else; to be closed."""
+    config = zenoh.Config()
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("listen/endpoints", "[]")
+    return zenoh.open(config)
 
 
 def free_endpoint() -> str:

@@ -26,7 +26,7 @@ from armd.drivers.config import CanConfig, SerialConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.table import open_driver
 from armd.simulator.electronics import COUNTS_PER_TURN
-from armd.simulator.physics import BLOCK_S, blocks
+from armd.simulator.physics import STEP_S, STEPS, blocks
 from armd.simulator.truth.arm import TrueArm
 
 TIP_MM_S = 500.0
@@ -88,7 +88,8 @@ def _figures(
     samples: np.ndarray, latch_ns: np.ndarray, start_ns: int, clock_ppm: float, seconds: float
 ) -> dict[str, Any]:
     life = islice(
-        blocks(TrueArm.default(SEED), SEED, GRID_HZ, 20.0, None), round(seconds / BLOCK_S) + 2
+        blocks(TrueArm.default(SEED), SEED, GRID_HZ, 20.0, None),
+        round(seconds / (STEPS * STEP_S)) + 2,
     )
     true_rad = np.concatenate([block.encoder_rad for block in life])
     grid_s = np.arange(len(true_rad)) / GRID_HZ

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import select
 import subprocess
@@ -15,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import serial
 import zenoh
-from running_daemon import free_endpoint
+from running_daemon import free_endpoint, session_with
 
 F64 = npt.NDArray[np.float64]
 
@@ -40,12 +39,8 @@ def zenoh_alone(rate_hz: int, seconds: float) -> F64:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as sender:
         assert sender.stdout is not None
         sender.stdout.readline()
-        config = zenoh.Config()
-        config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-        config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("listen/endpoints", "[]")
         arrivals = Arrivals()
-        with zenoh.open(config) as session:
+        with session_with(endpoint) as session:
             session.declare_subscriber(key, arrivals.take)
             sender.wait(seconds + 60)
     put_ns = np.frombuffer(b"".join(arrivals.payloads), np.int64).reshape(-1, 17)[:, 0]

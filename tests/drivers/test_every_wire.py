@@ -59,6 +59,14 @@ class Run:
         return [event for event in self.events if event.kind == kind]
 
 
+def windows(arm, instant_ns):
+    """Begin and end of each fault that ended, by the instant of its lines in the fault log."""
+    begins, ends = (
+        {line["fault"]: instant_ns(line) for line in arm.events(what)} for what in ("begin", "end")
+    )
+    return {name: (begins[name], ends[name]) for name in begins.keys() & ends.keys()}
+
+
 class EveryWire:
     """What must hold whatever carries the samples."""
 
@@ -78,10 +86,7 @@ class EveryWire:
     @classmethod
     def instants(cls, arm, truth):
         """When each row of *truth* was latched, and when each fault began and ended."""
-        begins = {line["fault"]: line["monotonic_ns"] for line in arm.events("begin")}
-        ends = {line["fault"]: line["monotonic_ns"] for line in arm.events("end")}
-        windows = {name: (begins[name], ends[name]) for name in begins.keys() & ends.keys()}
-        return truth["seq"].astype(np.int64), windows
+        return truth["seq"].astype(np.int64), windows(arm, lambda line: line["monotonic_ns"])
 
     @pytest.fixture(scope="class")
     @classmethod
@@ -127,6 +132,7 @@ class EveryWire:
         before = good["monotonic_ns"] - run.truth_ns[nearest - 1]
         nearest -= before < run.truth_ns[nearest] - good["monotonic_ns"]
         late_ns = np.abs(good["monotonic_ns"] - run.truth_ns[nearest])
+        assert np.quantile(late_ns, 0.25) < 0.5e6  # of the rest a busy machine may be the cause
         assert np.median(late_ns) < S / self.rate_hz / 4  # or one latch is taken for another
         angles = good["count"] / COUNTS_PER_TURN * 2 * np.pi
         tips = TrueArm.default(1).tip(angles, Conditions.at_rest(len(good), 6, 20.0))
@@ -197,16 +203,12 @@ class TestSerial(EveryWire):
             period_ns = 1e9 / (boot["rate_hz"] * (1 + boot["clock_ppm"] * 1e-6))
             seq = truth["seq"][own].astype(np.int64)
             instants[own] = boot["latch_monotonic_ns"] + (seq - boot["seq"]) * period_ns
-        first, pace = arm.events("boot")[0], 1e9 / (1 + arm.events("boot")[0]["clock_ppm"] * 1e-6)
-        begins, ends = (
-            {
-                line["fault"]: first["latch_monotonic_ns"] + round(line["at_s"] * pace)
-                for line in arm.events(what)
-            }
-            for what in ("begin", "end")
-        )
-        windows = {name: (begins[name], ends[name]) for name in begins.keys() & ends.keys()}
-        return instants, windows
+        first = arm.events("boot")[0]
+
+        def latch_ns(line):
+            return arm.latch_ns(first["seq"] + line["at_s"] * first["rate_hz"])
+
+        return instants, windows(arm, latch_ns)
 
     def test_every_sample_that_was_sent_whole_comes_exactly_once(self, run):
         got = run.samples["seq"]
