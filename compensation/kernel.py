@@ -4,11 +4,11 @@ What depends on temperature and time alone is folded beforehand (`fold`) into on
 matrix per joint, A = Rz(q)·[Rz(θ0)·Tz(d)·Tx(a)·Rx(α)·Ry(β)], so a sample pays for the sines and
 cosines of its joints, for those joints that have pose-dependent terms, and for nothing else.
 
-Samples are worked off in blocks of 64, one row of a small array per quantity, every inner loop
-running over the samples of the block without a call or a branch, so that LLVM turns it into
-vector instructions; each such loop is a function of its own, for LLVM leaves loops within loops
-alone. A live sample is a block of one and takes the same path; the result does not
-depend on how the samples were cut into calls.
+Samples are worked off in blocks, one row of a small array per quantity, every inner loop running
+over the samples of the block without a call or a branch, so that LLVM turns it into vector
+instructions; each such loop is a function of its own, for LLVM leaves loops within loops alone. How
+wide a block is, the state's scratch tells: 64 for a batch, 1 for what comes live, so the result
+does not depend on how the live samples were cut into calls.
 
 `kernel_state` holds what a model is here, `kernel_chain` the inner loops, `kernel_factors` the
 pose-dependent functions.
@@ -29,7 +29,6 @@ from armd.compensation.kernel_chain import (
 )
 from armd.compensation.kernel_factors import evaluate_factors
 from armd.compensation.kernel_state import (
-    BLOCK,
     Amounts,
     Folded,
     Program,
@@ -50,8 +49,8 @@ def uncorrected(q: F64, state: State, position: F64) -> None:
     folded, _, work = opened(state)
     angle, trig, vectors = work.angle, work.trig, work.vectors
     tip = folded.constants[5 * len(angle) :]
-    for start in range(0, len(q), BLOCK):
-        m = min(BLOCK, len(q) - start)
+    for start in range(0, len(q), angle.shape[1]):
+        m = min(angle.shape[1], len(q) - start)
         take_angles(q, start, m, angle, trig)
         to_world(folded.plain, tip, trig, vectors, 0)
         for i in range(m):
@@ -65,8 +64,8 @@ def correct(q: F64, rate: F64, approach: F64, state: State, position: F64, corre
     folded, program, work = opened(state)
     angle, trig, vectors = work.angle, work.trig, work.vectors
     tip, plain_tip = folded.parameters[5 * len(angle) :], folded.constants[5 * len(angle) :]
-    for start in range(0, len(q), BLOCK):
-        m = min(BLOCK, len(q) - start)
+    for start in range(0, len(q), angle.shape[1]):
+        m = min(angle.shape[1], len(q) - start)
         take_angles(q, start, m, angle, trig)
         if len(program.parameter):
             to_world_posed(rate, approach, start, m, folded, program, work, 1)
@@ -134,7 +133,7 @@ def to_world_posed(
     if first[n_joints] < first[n_joints + 1]:
         spread(n_joints, 5 * n_joints, 3, folded, program, work)
         for axis in range(3):
-            for i in range(BLOCK):
+            for i in range(vectors.shape[1]):
                 vectors[axis, i] = work.posed[axis, i]
     k = n_joints
     while k >= 0:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.kernel_state import BLOCK, Folded, Program, Work
+from armd.compensation.kernel_state import Folded, Program, Work
 from armd.jit import inlined, jit
 
 F64 = npt.NDArray[np.float64]
@@ -34,7 +34,7 @@ def sincos(angle: F64, first: int, rows: int, order: float, out: F64, to: int) -
 
 @inlined
 def _sincos_row(angle: F64, row: int, order: float, out: F64, to: int) -> None:
-    for i in range(BLOCK):
+    for i in range(angle.shape[1]):
         x = order * angle[row, i]
         j = np.rint(x * (2 / math.pi))
         r = (x - j * _HALF_PI) - j * _HALF_PI_REST
@@ -63,12 +63,12 @@ def start_vectors(vectors: F64, v: int, tip: F64) -> None:
     if v == 3:
         for row in range(3, 9):
             value = 1.0 if row in (3, 7) else 0.0
-            for i in range(BLOCK):
+            for i in range(vectors.shape[1]):
                 vectors[row, i] = value
         return
     for axis in range(3):
         value = tip[axis]
-        for i in range(BLOCK):
+        for i in range(vectors.shape[1]):
             vectors[v + axis, i] = value
 
 
@@ -93,7 +93,7 @@ def _fixed_joint(matrices: F64, k: int, place: float, trig: F64, vectors: F64, v
     m20, m21, m22, m23 = matrices[k, 2, 0], matrices[k, 2, 1], matrices[k, 2, 2], matrices[k, 2, 3]
     m03, m13, m23 = m03 * place, m13 * place, m23 * place
     sine = 2 * (k - 1)
-    for i in range(BLOCK):
+    for i in range(vectors.shape[1]):
         x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
         s, c = trig[sine, i], trig[sine + 1, i]
         along = m03 + m00 * x + m01 * y + m02 * z
@@ -119,7 +119,7 @@ def _fixed_base(matrices: F64, place: float, vectors: F64, v: int) -> None:
     m10, m11, m12, m13 = matrices[0, 1, 0], matrices[0, 1, 1], matrices[0, 1, 2], matrices[0, 1, 3]
     m20, m21, m22, m23 = matrices[0, 2, 0], matrices[0, 2, 1], matrices[0, 2, 2], matrices[0, 2, 3]
     m03, m13, m23 = m03 * place, m13 * place, m23 * place
-    for i in range(BLOCK):
+    for i in range(vectors.shape[1]):
         x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
         vectors[v, i] = m03 + m00 * x + m01 * y + m02 * z
         vectors[v + 1, i] = m13 + m10 * x + m11 * y + m12 * z
@@ -131,22 +131,22 @@ def spread(
     group: int, offset: int, rows: int, folded: Folded, program: Program, work: Work
 ) -> None:
     """A group's parameters from *offset* on, sample by sample: rows of `work.posed`."""
+    posed, product = work.posed, work.product
     for row in range(rows):
         value = folded.parameters[offset + row]
-        for i in range(BLOCK):
-            work.posed[row, i] = value
-    product = work.product
+        for i in range(posed.shape[1]):
+            posed[row, i] = value
     for t in range(program.first[group], program.first[group + 1]):
         coefficient = folded.coefficients[t]
-        for i in range(BLOCK):
+        for i in range(posed.shape[1]):
             product[0, i] = coefficient
         for j in range(program.factor_first[t], program.factor_first[t + 1]):
             f = program.term_factors[j]
-            for i in range(BLOCK):
+            for i in range(posed.shape[1]):
                 product[0, i] *= work.factors[f, i]
         row = program.parameter[t] - offset
-        for i in range(BLOCK):
-            work.posed[row, i] += product[0, i]
+        for i in range(posed.shape[1]):
+            posed[row, i] += product[0, i]
 
 
 @jit
@@ -154,13 +154,13 @@ def posed_joint(k: int, folded: Folded, program: Program, work: Work, turned: in
     """Like `_fixed` for joint k (from 0), its five parameters differing from sample to sample."""
     spread(k, 5 * k, 5, folded, program, work)
     posed, angle, vectors = work.posed, work.angle, work.vectors
-    for i in range(BLOCK):
+    for i in range(posed.shape[1]):
         posed[0, i] += angle[k, i]
     sincos(posed, 0, 1, 1.0, posed, 6)
     sincos(posed, 3, 2, 1.0, posed, 8)
     for v in range(0, 3 * turned, 3):
         shift = 1.0 if v == 0 else 0.0
-        for i in range(BLOCK):
+        for i in range(posed.shape[1]):
             x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
             x, z = posed[11, i] * x + posed[10, i] * z, posed[11, i] * z - posed[10, i] * x
             y, z = posed[9, i] * y - posed[8, i] * z, posed[8, i] * y + posed[9, i] * z
@@ -178,7 +178,7 @@ def posed_base(n_joints: int, folded: Folded, program: Program, work: Work, turn
     sincos(posed, 3, 3, 1.0, posed, 6)
     for v in range(0, 3 * turned, 3):
         shift = 1.0 if v == 0 else 0.0
-        for i in range(BLOCK):
+        for i in range(posed.shape[1]):
             x, y, z = vectors[v, i], vectors[v + 1, i], vectors[v + 2, i]
             y, z = posed[7, i] * y - posed[6, i] * z, posed[6, i] * y + posed[7, i] * z
             x, z = posed[9, i] * x + posed[8, i] * z, posed[9, i] * z - posed[8, i] * x

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.kernel_chain import sincos
-from armd.compensation.kernel_state import BLOCK, Program, Work
+from armd.compensation.kernel_state import Program, Work
 from armd.jit import jit
 
 F64 = npt.NDArray[np.float64]
@@ -23,10 +23,10 @@ def evaluate_factors(
 ) -> None:
     """Every distinct pose factor, one row of `work.factors` each."""
     factors, trig = work.factors, work.trig
-    down, lever = work.down, work.lever
+    down, lever, width = work.down, work.lever, trig.shape[1]
     if program.needs[1]:
         for axis in range(3):
-            for i in range(BLOCK):
+            for i in range(width):
                 down[axis, i] = program.gravity[0, axis]
         _into_links(plain, trig, down)
     if program.needs[0]:
@@ -42,27 +42,27 @@ def evaluate_factors(
         if kind in (SIN, COS):
             which = 0 if kind == SIN else 1
             if detail == 1:
-                for i in range(BLOCK):
+                for i in range(width):
                     factors[f, i] = trig[2 * k + which, i]
             else:
                 sincos(work.angle, k, 1, float(detail), work.posed, 0)
-                for i in range(BLOCK):
+                for i in range(width):
                     factors[f, i] = work.posed[which, i]
         elif kind == ANGLE:
-            for i in range(BLOCK):
+            for i in range(width):
                 factors[f, i] = work.angle[k, i] ** detail
         elif kind == CURVE:
             _curve(work.angle, k, program.curves, detail, program.curve_pieces[f], factors, f)
         elif kind == TORQUE:
             a = 3 * k  # the frame before the joint, whose z axis it turns about
-            for i in range(BLOCK):
+            for i in range(width):
                 factors[f, i] = lever[a, i] * down[a + 1, i] - lever[a + 1, i] * down[a, i]
         elif kind == MOMENT:
             a, b = 3 * (k + 1) + (detail + 1) % 3, 3 * (k + 1) + (detail + 2) % 3
-            for i in range(BLOCK):
+            for i in range(width):
                 factors[f, i] = lever[a, i] * down[b, i] - lever[b, i] * down[a, i]
         elif kind == DIRECTION:
-            for i in range(BLOCK):
+            for i in range(width):
                 factors[f, i] = down[3 * (k + 1) + detail, i]
         elif kind == SIDE:
             for i in range(m):
@@ -78,7 +78,7 @@ def evaluate_factors(
                 factors[f, i] = 0.0 if np.isnan(toward) else toward
         else:
             last = len(work.toward) - 3
-            for i in range(BLOCK):
+            for i in range(width):
                 factors[f, i] = work.toward[last + detail, i]
 
 
@@ -86,7 +86,7 @@ def evaluate_factors(
 def _curve(angle: F64, k: int, curves: F64, at: int, pieces: int, factors: F64, f: int) -> None:
     """A periodic piecewise cubic; pieces are counted from angle 0, their argument is in rad."""
     width = 2 * math.pi / pieces
-    for i in range(BLOCK):
+    for i in range(angle.shape[1]):
         turns = angle[k, i] / (2 * math.pi)
         place = (turns - np.floor(turns)) * pieces
         piece = min(int(place), pieces - 1)
@@ -106,7 +106,7 @@ def _into_links(plain: F64, trig: F64, rows: F64) -> None:
         m10, m11, m12 = plain[k, 1, 0], plain[k, 1, 1], plain[k, 1, 2]
         m20, m21, m22 = plain[k, 2, 0], plain[k, 2, 1], plain[k, 2, 2]
         source, to = 3 * max(k - 1, 0), 3 * k
-        for i in range(BLOCK):
+        for i in range(rows.shape[1]):
             x, y, z = rows[source, i], rows[source + 1, i], rows[source + 2, i]
             if k > 0:
                 s, c = trig[2 * k - 2, i], trig[2 * k - 1, i]
@@ -120,7 +120,7 @@ def _into_links(plain: F64, trig: F64, rows: F64) -> None:
 def _levers(plain: F64, trig: F64, gravity: F64, lever: F64) -> None:
     """Mass moments (scaled to Nm under unit gravity) of all links beyond a frame, in that frame."""
     last = 3 * (len(plain) - 1)
-    for i in range(BLOCK):
+    for i in range(lever.shape[1]):
         lever[last, i] = lever[last + 1, i] = lever[last + 2, i] = 0.0
     for k in range(len(plain) - 1, 0, -1):
         own_x, own_y, own_z, carried = gravity[k]
@@ -129,7 +129,7 @@ def _levers(plain: F64, trig: F64, gravity: F64, lever: F64) -> None:
         m20, m21, m22, m23 = plain[k, 2, 0], plain[k, 2, 1], plain[k, 2, 2], plain[k, 2, 3]
         m03, m13, m23 = carried * m03, carried * m13, carried * m23
         a = 3 * k
-        for i in range(BLOCK):
+        for i in range(lever.shape[1]):
             x, y, z = lever[a, i] + own_x, lever[a + 1, i] + own_y, lever[a + 2, i] + own_z
             s, c = trig[2 * k - 2, i], trig[2 * k - 1, i]
             along = m00 * x + m01 * y + m02 * z + m03

@@ -13,7 +13,7 @@ from armd.jit import jit
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
-#: Samples worked off together.
+#: Samples of a batch that are worked off together.
 BLOCK = 64
 
 
@@ -52,7 +52,7 @@ class Program(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch of one model, a block wide."""
+    """Scratch of one model, as many samples wide as are worked off together (B)."""
 
     angle: F64  # (N, B)
     trig: F64  # (2N, B) sine and cosine of each joint
@@ -76,6 +76,10 @@ class State(NamedTuple):
     sizes: I64  # N, T, F, C and length of term_factors; then the integers of the program
     numbers: F64  # Folded, then the floats of the program
     work: F64  # (rows, B)
+
+    def for_batches(self) -> State:
+        """A copy that works off `BLOCK` samples together."""
+        return State(self.sizes, self.numbers.copy(), np.zeros((len(self.work), BLOCK)))
 
 
 @jit

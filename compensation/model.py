@@ -9,7 +9,7 @@ from armd.compensation import kernel, parameters
 from armd.compensation.arm import Arm
 from armd.compensation.basis import Delay, basis_values
 from armd.compensation.calibration import LoadedCalibration
-from armd.compensation.kernel_state import Amounts, State, fold
+from armd.compensation.kernel_state import Amounts, fold
 from armd.compensation.points import fill
 from armd.compensation.program import by_parameter, compile_terms, state_of
 from armd.compensation.slow import SlowFactors
@@ -96,7 +96,7 @@ class Model:
             np.ascontiguousarray(states.q),
             np.ascontiguousarray(states.rate),
             np.ascontiguousarray(states.approach),
-            State(self.state.sizes, self.state.numbers.copy(), np.empty_like(self.state.work)),
+            self.state.for_batches(),
             position,
             correction,
         )

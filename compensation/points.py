@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from armd.compensation.kernel import take_angles, to_world, to_world_posed
 from armd.compensation.kernel_chain import quaternion
-from armd.compensation.kernel_state import BLOCK, Program, State, Work, opened
+from armd.compensation.kernel_state import Program, State, Work, opened
 from armd.compensation.kinematics import compiled_jacobian
 from armd.jit import jit
 
@@ -28,8 +28,8 @@ def fill(
     folded, program, work = opened(state)
     angle, trig, vectors, count = work.angle, work.trig, work.vectors, len(folded.parameters)
     tip, plain_tip = folded.parameters[5 * len(angle) :], folded.constants[5 * len(angle) :]
-    for start in range(0, len(q), BLOCK):
-        m = min(BLOCK, len(q) - start)
+    for start in range(0, len(q), angle.shape[1]):
+        m = min(angle.shape[1], len(q) - start)
         take_angles(q, start, m, angle, trig)
         if len(program.parameter):
             to_world_posed(rate, approach, start, m, folded, program, work, 3)

@@ -12,7 +12,7 @@ from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.basis import AXES, curve_spline
 from armd.compensation.gravity import STANDARD_GRAVITY, link_masses
-from armd.compensation.kernel_state import BLOCK, Folded, Program, State
+from armd.compensation.kernel_state import Folded, Program, State
 from armd.compensation.terms import (
     SLOW_FACTORS,
     Angle,
@@ -77,7 +77,10 @@ def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
 
 
 def state_of(program: Program, constants: F64) -> State:
-    """A model's state for the kernel, still to be folded; *constants* (P,)."""
+    """A model's state for the kernel, for samples one by one, still to be folded; *constants* (P,).
+
+    One by one, because a live sample comes alone, to cold caches: 64 wide the scratch is 50 KB.
+    """
     n = (len(constants) - 9) // 5
     n_terms, n_factors = len(program.parameter), len(program.factors)
     matrices = np.zeros((n + 1, 3, 4))
@@ -88,7 +91,7 @@ def state_of(program: Program, constants: F64) -> State:
     return State(
         sizes=np.concatenate([np.array(sizes), *(array.ravel() for array in integers)]),
         numbers=np.concatenate([array.ravel() for array in (*folded, *floats)]),
-        work=np.zeros((rows, BLOCK)),
+        work=np.zeros((rows, 1)),
     )
 
 

@@ -42,12 +42,13 @@ def run() -> dict[str, Any]:
     celsius = np.linspace(22.0, 27.0, 6)
     model = Model(arm, calibrated(arm, polynomial_terms(coefficients)))
     model.fold(celsius, 0.0)
+    state = model.state.for_batches()
     nothing = np.zeros((SAMPLES, 6)), np.zeros((SAMPLES, 3))
     position = np.empty((SAMPLES, 3))
     no_correction = np.empty((0, 3))
 
     def batch() -> F64:
-        kernel.correct(angle, *nothing, model.state, position, no_correction)
+        kernel.correct(angle, *nothing, state, position, no_correction)
         return position
 
     ways: dict[str, Callable[[], F64]] = {"kernel": batch}
@@ -113,7 +114,7 @@ def pose_terms(arm: Arm) -> dict[str, float]:
         terms = [
             {"parameter": name, "basis": [factor], "coefficient": 1e-6} for name, factor in chosen
         ]
-        state = Model(arm, calibrated(arm, terms)).state
+        state = Model(arm, calibrated(arm, terms)).state.for_batches()
         return lambda: kernel.correct(q, *nothing, state, position, no_correction)
 
     best = best_ns({name: way(chosen) for name, chosen in sets.items()})
