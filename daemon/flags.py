@@ -6,14 +6,11 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from armd import Flag
 from armd.compensation.arm import Arm
 from armd.daemon.motion import REST_AFTER_NS
 from armd.jit import jit
-
-F64 = npt.NDArray[np.float64]
 
 END_STOP_DEG = 0.5
 
@@ -37,26 +34,48 @@ class Flagger:
         high = np.array(
             [math.inf if high is None else math.radians(high - END_STOP_DEG) for _, high in limits]
         )
-        #: Limits (N,) rad of the joints, and the last sample's number.
-        self.memory: tuple[F64, F64, npt.NDArray[np.int64]] = (low, high, np.full(1, -1, np.int64))
+        self.memory = np.zeros(1, _memory(arm.n_joints))
+        self.memory["low"], self.memory["high"], self.memory["last_seq"] = low, high, -1
+
+    def judge_by(
+        self, slow: Flag, stale_after_ns: int, invalid_after_ns: int, calibration: int
+    ) -> None:
+        """From the next sample on. *slow* holds for all: flags 1, 3 and 7, which change with a
+        temperature or a calibration. After the two instants the temperature is stale, and held no
+        longer."""
+        self.memory["slow"] = int(slow)
+        self.memory["stale_after_ns"] = stale_after_ns
+        self.memory["invalid_after_ns"] = invalid_after_ns
+        self.memory["calibration"] = calibration
+
+
+def _memory(n_joints: int) -> np.dtype[np.void]:
+    """One record: it crosses into the compiled call as one array, for what two numbers cost."""
+    return np.dtype(
+        [
+            ("low", "f8", (n_joints,)),  # rad, limits of the joints
+            ("high", "f8", (n_joints,)),
+            ("last_seq", "i8"),  # −1: none
+            ("slow", "i8"),
+            ("stale_after_ns", "i8"),
+            ("invalid_after_ns", "i8"),
+            ("calibration", "u8"),
+        ]
+    )
 
 
 @jit
-def finish(
-    samples: Any, q: Any, still_since_ns: Any, slow: int, stale_after_ns: int,
-    invalid_after_ns: int, calibration: Any, low: Any, high: Any, last_seq: Any, points: Any,
-) -> None:  # fmt: skip
+def finish(samples: Any, q: Any, still_since_ns: Any, memory: Any, points: Any) -> None:
     """Flag the points (n,) of samples with angles (n, N) rad, and copy what is the samples'.
 
-    An invalid point's numbers become NaN. *slow* holds for the whole batch: flags 1, 3 and 7, which
-    change with a temperature or a calibration. After the two instants the temperature is stale, and
-    held no longer. *low*, *high* and *last_seq* are a `Flagger`'s memory.
+    An invalid point's numbers become NaN. *memory* is a `Flagger`'s.
     """
+    kept = memory[0]
     for i in range(len(samples)):
         sample, point = samples[i], points[i]
         now, seq = sample.monotonic_ns, np.int64(sample.seq)
-        flag = slow
-        if sample.joint_invalid != 0 or now > invalid_after_ns:
+        flag = kept.slow
+        if sample.joint_invalid != 0 or now > kept.invalid_after_ns:
             flag |= _INVALID
             for part in range(3):
                 point.position_mm[part] = math.nan
@@ -67,21 +86,21 @@ def finish(
                 point.covariance_mm2[part] = math.nan
         elif now - still_since_ns[i] >= REST_AFTER_NS:
             flag |= _REST
-        if now > stale_after_ns:
+        if now > kept.stale_after_ns:
             flag |= _STALE
         if sample.joint_warning != 0:
             flag |= _WARNING
         for k in range(q.shape[1]):
-            if q[i, k] < low[k] or q[i, k] > high[k]:
+            if q[i, k] < kept.low[k] or q[i, k] > kept.high[k]:
                 flag |= _END_STOP
-        if last_seq[0] >= 0 and seq != last_seq[0] + 1:
+        if kept.last_seq >= 0 and seq != kept.last_seq + 1:
             flag |= _LOST
         if not sample.clock_mapped:
             flag |= _CLOCK
-        last_seq[0] = seq
+        kept.last_seq = seq
         point.flags = flag
         point.seq = sample.seq
         point.stamp_ns = sample.stamp_ns
         point.monotonic_ns = now
         point.buttons = sample.buttons
-        point.calibration = calibration
+        point.calibration = kept.calibration

@@ -73,8 +73,9 @@ class Averager:
         self._resting = False
 
     def remember(self, points: npt.NDArray[np.void], angles: F64) -> list[Press]:
-        """Keep a batch of points (n,) with angles (n, N) rad; returns the presses in it."""
-        points, angles = points[-REMEMBERED:], angles[-REMEMBERED:]
+        """Keep a batch of points (n,) with angles (m ≥ n, N) rad; returns the presses in it."""
+        angles = angles[: len(points)][-REMEMBERED:]
+        points = points[-REMEMBERED:]
         start = self._written % REMEMBERED
         first = min(len(points), REMEMBERED - start)
         self._put(start, points[:first], angles[:first])

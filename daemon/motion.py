@@ -10,12 +10,8 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from armd.jit import jit
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 REST_AFTER_NS = 500_000_000
 #: The tip counts as moving above this speed; the contract's bound is 10 mm/s.
@@ -34,101 +30,115 @@ TRAIL_MM = 0.2
 NOISE_SAMPLES = 100.0
 MEAN_SAMPLES = 2000.0
 
-# State kept between batches, one row of floats and one of integers, so that numba can hold it.
-_MEAN, _LAST, _BEFORE, _TRAIL, _DIRECTION, _VARIANCE, _COUNT = 0, 3, 6, 9, 12, 15, 16
-_SEEN, _LAST_NS, _STILL_NS = 0, 1, 2
-
 
 class Motion:
     """What is remembered of one arm's motion; `follow` goes on from it, in batches of any size."""
 
     def __init__(self, counts_per_turn: list[int], reach_mm: float) -> None:
         """*reach_mm*: longest lever from a joint to the tip, which turns a count into mm."""
-        n = len(counts_per_turn)
         resolution_mm = reach_mm * 2 * math.pi / min(counts_per_turn)
-        floor_mm = 1.5 * resolution_mm  # one count to and fro is not a motion
-        #: What `follow` takes and keeps.
-        self.memory: tuple[float, F64, I64, F64, F64, F64] = (
-            floor_mm, np.zeros(17), np.zeros(3, np.int64), np.zeros(n), np.zeros(n), np.zeros(n),
-        )  # fmt: skip
+        self.memory = np.zeros(1, _memory(len(counts_per_turn)))
+        self.memory["floor_mm"] = 1.5 * resolution_mm  # one count to and fro is not a motion
+
+
+def _memory(n_joints: int) -> np.dtype[np.void]:
+    """One record: it crosses into the compiled call as one array, for what two numbers cost."""
+    return np.dtype(
+        [
+            ("floor_mm", "f8"),
+            ("mean", "f8", (3,)),  # mm: of the tip at rest, over `count` samples
+            ("count", "f8"),
+            ("last", "f8", (3,)),  # mm: the tip one sample ago, and two
+            ("before", "f8", (3,)),
+            ("trail", "f8", (3,)),  # mm: what the tip drags behind it, and in which direction
+            ("direction", "f8", (3,)),
+            ("variance", "f8"),  # mm²: noise of the position
+            ("seen", "i8"),  # samples since the last gap
+            ("last_ns", "i8"),
+            ("still_ns", "i8"),
+            ("last_q", "f8", (n_joints,)),  # rad
+            ("turned_q", "f8", (n_joints,)),  # rad: the farthest point reached on this side
+            ("sides", "f8", (n_joints,)),  # ±1, 0 unknown
+        ]
+    )
 
 
 @jit
 def follow(
-    samples: Any, q: Any, position: Any,
-    floor: float, state: Any, clock: Any, last_q: Any, turned_q: Any, sides: Any,
-    rate: Any, approach: Any, still_since: Any,
-) -> None:  # fmt: skip
+    samples: Any, q: Any, position: Any, memory: Any, rate: Any, approach: Any, still_since: Any
+) -> None:
     """Samples (n,) with their joint angles (n, N) rad and tips (n, 3) mm, and a `Motion`'s memory.
 
     Fills *rate* (n, N) rad/s whose sign is the side of approach (at rest it stays, on a value of
     almost 0; NaN while unknown), *approach* (n, 3) unit vectors (NaN while unknown) and the instant
     (n,) ns since which the tip has been still.
     """
+    kept = memory[0]
+    mean, last, before, sides = kept.mean, kept.last, kept.before, kept.sides
     n, joints = q.shape
     for i in range(n):
         now = samples[i].monotonic_ns
         if samples[i].joint_invalid != 0:
-            clock[_SEEN] = 0
+            kept.seen = 0
             still_since[i] = now
             for k in range(joints):
                 rate[i, k] = math.nan
             for axis in range(3):
                 approach[i, axis] = math.nan
             continue
-        dt_ns = now - clock[_LAST_NS]
-        if clock[_SEEN] == 0 or dt_ns > GAP_NS or dt_ns <= 0:
-            clock[_SEEN] = 0
-            clock[_STILL_NS] = now
-            state[_COUNT] = 0.0
-        seen = clock[_SEEN]
+        dt_ns = now - kept.last_ns
+        if kept.seen == 0 or dt_ns > GAP_NS or dt_ns <= 0:
+            kept.seen = 0
+            kept.still_ns = now
+            kept.count = 0.0
+        seen = kept.seen
         dt = dt_ns * 1e-9
 
         for k in range(joints):
             if seen == 0 and sides[k] == 0.0:
-                turned_q[k] = q[i, k]
-            _turn(k, q[i, k], turned_q, sides)
-            measured = (q[i, k] - last_q[k]) / dt if seen > 0 else 0.0
+                kept.turned_q[k] = q[i, k]
+            _turn(k, q[i, k], kept)
+            measured = (q[i, k] - kept.last_q[k]) / dt if seen > 0 else 0.0
             rate[i, k] = math.nan
             if sides[k] != 0.0:
                 rate[i, k] = sides[k] * max(measured * sides[k], NO_RATE_RAD_S)
-            last_q[k] = q[i, k]
+            kept.last_q[k] = q[i, k]
 
         step = 0.0
         jerk = 0.0
         away = 0.0
         for axis in range(3):
             here = position[i, axis]
-            step += (here - state[_LAST + axis]) ** 2
-            jerk += (here - 2.0 * state[_LAST + axis] + state[_BEFORE + axis]) ** 2
-            away += (here - state[_MEAN + axis]) ** 2
-            state[_BEFORE + axis] = state[_LAST + axis]
-            state[_LAST + axis] = here
+            step += (here - last[axis]) ** 2
+            jerk += (here - 2.0 * last[axis] + before[axis]) ** 2
+            away += (here - mean[axis]) ** 2
+            before[axis] = last[axis]
+            last[axis] = here
         if seen > 1:  # second differences see noise (variance 6 s² an axis), hardly motion
-            state[_VARIANCE] += (jerk / 18.0 - state[_VARIANCE]) / min(NOISE_SAMPLES, seen)
-        noise = max(6.0 * math.sqrt(state[_VARIANCE]), floor)
+            kept.variance += (jerk / 18.0 - kept.variance) / min(NOISE_SAMPLES, seen)
+        noise = max(6.0 * math.sqrt(kept.variance), kept.floor_mm)
         moved = seen > 0 and (
             math.sqrt(step) > MOVING_MM_S * dt + 1.4 * noise or math.sqrt(away) > TREMOR_MM + noise
         )
         if moved:
-            clock[_STILL_NS] = now
-            state[_COUNT] = 0.0
-        state[_COUNT] = min(state[_COUNT] + 1.0, MEAN_SAMPLES)
+            kept.still_ns = now
+            kept.count = 0.0
+        kept.count = min(kept.count + 1.0, MEAN_SAMPLES)
         for axis in range(3):
-            offset = position[i, axis] - state[_MEAN + axis]
-            state[_MEAN + axis] += offset / state[_COUNT]
-        still_since[i] = clock[_STILL_NS]
+            mean[axis] += (position[i, axis] - mean[axis]) / kept.count
+        still_since[i] = kept.still_ns
 
-        _drag(position[i], seen, state)
+        _drag(position[i], kept)
         for axis in range(3):
-            approach[i, axis] = state[_DIRECTION + axis]
-        clock[_SEEN] = seen + 1
-        clock[_LAST_NS] = now
+            approach[i, axis] = kept.direction[axis]
+        kept.seen = seen + 1
+        kept.last_ns = now
 
 
 @jit
-def _turn(k: int, q: float, turned_q: Any, sides: Any) -> None:
+def _turn(k: int, q: float, kept: Any) -> None:
     """Side of approach with play: `turned_q` is the farthest point reached on this side."""
+    sides, turned_q = kept.sides, kept.turned_q
     beyond = q - turned_q[k]
     if sides[k] == 0.0:
         if abs(beyond) > SIDE_PLAY_RAD:
@@ -142,19 +152,19 @@ def _turn(k: int, q: float, turned_q: Any, sides: Any) -> None:
 
 
 @jit
-def _drag(position: Any, seen: int, state: Any) -> None:
+def _drag(position: Any, kept: Any) -> None:
     """The direction of travel: from a point dragged behind the tip, held while it rests."""
-    if seen == 0:
+    trail, direction = kept.trail, kept.direction
+    if kept.seen == 0:
         for axis in range(3):
-            state[_TRAIL + axis] = position[axis]
-            state[_DIRECTION + axis] = math.nan
+            trail[axis] = position[axis]
+            direction[axis] = math.nan
         return
     length = 0.0
     for axis in range(3):
-        length += (position[axis] - state[_TRAIL + axis]) ** 2
+        length += (position[axis] - trail[axis]) ** 2
     length = math.sqrt(length)
     if length > TRAIL_MM:
         for axis in range(3):
-            direction = (position[axis] - state[_TRAIL + axis]) / length
-            state[_DIRECTION + axis] = direction
-            state[_TRAIL + axis] = position[axis] - TRAIL_MM * direction
+            direction[axis] = (position[axis] - trail[axis]) / length
+            trail[axis] = position[axis] - TRAIL_MM * direction[axis]

@@ -17,7 +17,7 @@ from armd import POINT, Flag
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import LoadedCalibration
 from armd.compensation.kernel import uncorrected
-from armd.compensation.kernel_state import BLOCK, State
+from armd.compensation.kernel_state import State
 from armd.compensation.model import Model
 from armd.compensation.points import fill
 from armd.daemon.config import Limits
@@ -33,15 +33,20 @@ F64 = npt.NDArray[np.float64]
 #: Temperatures are remembered for this long, so coarsely: link time constants are many minutes.
 MEMORY_S = 7200.0
 MEMORY_STEP_S = 10.0
+#: Samples of a batch for which there is room at first.
+ROOM = 64
 
 
 class Joints(NamedTuple):
-    """What joints and tip did at n samples, as `armd.daemon.motion.follow` tells it."""
+    """What joints and tip did at n samples, as `armd.daemon.motion.follow` tells it.
 
-    q: F64  # (n, N) rad, as read (before θ offset)
-    rate: F64  # (n, N) rad/s, its sign the side of approach; NaN unknown
-    approach: F64  # (n, 3) unit vectors, base frame; NaN unknown
-    still_since_ns: npt.NDArray[np.int64]  # (n,) monotonic instant since which the tip was still
+    The arrays have room for more (m ≥ n rows) and are overwritten by the next samples.
+    """
+
+    q: F64  # (m, N) rad, as read (before θ offset)
+    rate: F64  # (m, N) rad/s, its sign the side of approach; NaN unknown
+    approach: F64  # (m, 3) unit vectors, base frame; NaN unknown
+    still_since_ns: npt.NDArray[np.int64]  # (m,) monotonic instant since which the tip was still
 
 
 class Pipeline:
@@ -49,13 +54,10 @@ class Pipeline:
 
     def __init__(self, arm: Arm, calibration: LoadedCalibration | None, limits: Limits) -> None:
         turns = [joint.counts_per_turn or 1 for joint in arm.joint]
-        radians = np.array(
-            [joint.direction * 2 * math.pi / n for joint, n in zip(arm.joint, turns, strict=True)]
-        )
-        self._encoders = (radians, *_ranges(arm))
+        self._encoders = _encoders(arm, turns)
         self._motion = Motion(turns, _reach_mm(arm))
         self._flagger = Flagger(arm)
-        self._make_room(BLOCK, len(turns))
+        self._make_room(ROOM, len(turns))
         self.temperature = TemperatureWatch(arm, limits)
         self._stamp_ns = 0  # of the last temperatures
         self._past: deque[tuple[F64, int]] = deque(maxlen=round(MEMORY_S / MEMORY_STEP_S))
@@ -65,7 +67,7 @@ class Pipeline:
     def use(self, arm: Arm, calibration: LoadedCalibration | None) -> None:
         """Correct with this calibration (None: nominal geometry) from the next sample on."""
         self._model = Model(arm, calibration)
-        self._identity = np.uint64(0 if calibration is None else calibration.identity)
+        self._identity = 0 if calibration is None else calibration.identity
         self._own_flags = Flag.NOT_CALIBRATED if calibration is None else Flag(0)
         self.temperature.use(arm, None if calibration is None else calibration.content)
         for celsius, stamp_ns in self._past:  # a term that lags remembers what it never saw
@@ -82,8 +84,13 @@ class Pipeline:
 
     def _fold(self) -> None:
         """Whatever changes with the temperatures and not with each sample."""
-        self._slow_flags = int(self._own_flags | self.temperature.slow_flags)
+        self._judge()
         self._model.fold(self.temperature.held_c, self._stamp_ns * 1e-9)
+
+    def _judge(self) -> None:
+        watch = self.temperature
+        flags = self._own_flags | watch.slow_flags
+        self._flagger.judge_by(flags, watch.stale_after_ns, watch.invalid_after_ns, self._identity)
 
     def correct(self, samples: SampleArray) -> tuple[PointArray, Joints]:
         """Points (n,) of samples (n,), and what the joints did; the latter until the next call."""
@@ -91,68 +98,73 @@ class Pipeline:
         if not self._begun:
             self._begun = True
             self.temperature.begin(int(samples["monotonic_ns"][0]))
-        if n > len(self._tip):
-            self._make_room(2 * n, self._joints.q.shape[1])
+            self._judge()
+        joints = self._joints
+        if n > len(joints.q):
+            joints = self._make_room(2 * n, joints.q.shape[1])
         points = np.zeros(n, POINT)
         _correct(
-            samples, *self._encoders, *self._joints, self._tip, *self._motion.memory,
-            *self._model.state, *self._model.covariance, *self._flagger.memory, self._slow_flags,
-            self.temperature.stale_after_ns, self.temperature.invalid_after_ns, self._identity,
-            points,
+            samples, self._encoders, self._room, joints.still_since_ns, self._motion.memory,
+            *self._model.state, *self._model.covariance, self._flagger.memory, points,
         )  # fmt: skip
-        q, rate, approach, still_since_ns = self._joints
-        return points, Joints(q[:n], rate[:n], approach[:n], still_since_ns[:n])
+        return points, joints
 
-    def _make_room(self, n: int, n_joints: int) -> None:
-        """For batches of *n* samples."""
-        q, rate = np.empty((2, n, n_joints))
-        self._joints = Joints(q, rate, np.empty((n, 3)), np.empty(n, np.int64))
-        self._tip = np.empty((n, 3))
+    def _make_room(self, m: int, n_joints: int) -> Joints:
+        """For batches of up to *m* samples."""
+        self._room = np.empty(m * (2 * n_joints + 6))
+        q, rate, approach, _ = _views(self._room, m, n_joints)
+        self._joints = Joints(q, rate, approach, np.empty(m, np.int64))
+        return self._joints
 
 
 @jit
 def _correct(
-    samples: Any, radians: Any, middle: Any, one_turn: Any,
-    q: Any, rate: Any, approach: Any, still_since_ns: Any, tip: Any,
-    floor_mm: Any, motion: Any, clock: Any, last_q: Any, turned_q: Any, sides: Any,
-    sizes: Any, numbers: Any, work: Any, factor: Any, floor_mm2: float,
-    low: Any, high: Any, last_seq: Any,
-    slow_flags: int, stale_after_ns: int, invalid_after_ns: int, identity: Any, points: Any,
+    samples: Any, encoders: Any, room: Any, still_since_ns: Any, motion: Any,
+    sizes: Any, numbers: Any, work: Any, factor: Any, floor_mm2: float, flags: Any, points: Any,
 ) -> None:  # fmt: skip
     """From samples (n,) to finished points (n,): the live path's one compiled call, because each
-    call from Python costs as much as what it does for one sample."""
+    call from Python costs as much as what it does for one sample, and each argument a tenth."""
     n = len(samples)
+    q, rate, approach, tip = _views(room, len(still_since_ns), len(encoders))
     q, rate, approach, still_since_ns = q[:n], rate[:n], approach[:n], still_since_ns[:n]
     state = State(sizes, numbers, work)
-    _angles(samples, radians, middle, one_turn, q)
+    _angles(samples, encoders, q)
     uncorrected(q, state, tip)
-    follow(
-        samples, q, tip, floor_mm, motion, clock, last_q, turned_q, sides,
-        rate, approach, still_since_ns,
-    )  # fmt: skip
+    follow(samples, q, tip, motion, rate, approach, still_since_ns)
     fill(q, rate, approach, state, factor, floor_mm2, points)
-    finish(
-        samples, q, still_since_ns, slow_flags, stale_after_ns, invalid_after_ns, identity,
-        low, high, last_seq, points,
-    )  # fmt: skip
+    finish(samples, q, still_since_ns, flags, points)
 
 
 @jit
-def _angles(samples: Any, radians: Any, middle: Any, one_turn: Any, q: Any) -> None:
+def _views(room: Any, m: int, n_joints: int) -> Any:
+    """Angles (m, N), rates (m, N), directions of approach (m, 3) and uncorrected tips (m, 3)."""
+    q, room = room[: m * n_joints].reshape(m, n_joints), room[m * n_joints :]
+    rate, room = room[: m * n_joints].reshape(m, n_joints), room[m * n_joints :]
+    return q, rate, room[: 3 * m].reshape(m, 3), room[3 * m :].reshape(m, 3)
+
+
+@jit
+def _angles(samples: Any, encoders: Any, q: Any) -> None:
     """Angles (n, N) rad; a joint that turns at most once is in the turn of its limits."""
     for i in range(len(samples)):
-        for k in range(len(radians)):
-            angle = samples[i].count[k] * radians[k]
-            if one_turn[k]:
-                angle -= 2 * math.pi * math.floor((angle - middle[k]) / (2 * math.pi) + 0.5)
+        for k in range(len(encoders)):
+            encoder = encoders[k]
+            angle = samples[i].count[k] * encoder.radians
+            if encoder.one_turn:
+                angle -= 2 * math.pi * math.floor((angle - encoder.middle) / (2 * math.pi) + 0.5)
             q[i, k] = angle
 
 
-def _ranges(arm: Arm) -> tuple[F64, npt.NDArray[np.bool_]]:
-    """The middle of each joint's range (N,) rad, and whether the range is at most one turn."""
+def _encoders(arm: Arm, counts_per_turn: list[int]) -> npt.NDArray[np.void]:
+    """Of each joint: rad per count, the middle of its range, whether that is at most one turn."""
+    encoders = np.zeros(arm.n_joints, [("radians", "f8"), ("middle", "f8"), ("one_turn", "?")])
     low = np.array([-180.0 if joint.min_deg is None else joint.min_deg for joint in arm.joint])
     high = np.array([180.0 if joint.max_deg is None else joint.max_deg for joint in arm.joint])
-    return np.radians((low + high) / 2), high - low <= 360
+    direction = np.array([joint.direction for joint in arm.joint])
+    encoders["radians"] = direction * 2 * math.pi / counts_per_turn
+    encoders["middle"] = np.radians((low + high) / 2)
+    encoders["one_turn"] = high - low <= 360
+    return encoders
 
 
 def _reach_mm(arm: Arm) -> float:

@@ -30,7 +30,7 @@ def go_on(
     """Rate (n, N), approach (n, 3) and still_since_ns (n,) of the next samples."""
     n = len(q)
     said = np.empty(q.shape), np.empty((n, 3)), np.empty(n, np.int64)
-    motion.follow(samples, q, position_mm, *followed.memory, *said)
+    motion.follow(samples, q, position_mm, followed.memory, *said)
     return said
 
 
