@@ -9,11 +9,15 @@ import numpy as np
 
 from armd.drivers.clock import DeviceClock, host_ns
 from armd.drivers.joint_watch import JointWatch
-from armd.drivers.sample import Item, sample_dtype
-from armd.drivers.sequence import Run
+from armd.drivers.sample import Item, SampleArray, sample_dtype
+from armd.drivers.sequence import Rows, Run, SequenceExtender, goes_on
 from armd.drivers.serial_wire import row_layout
 from armd.drivers.unwrap import Unwrapper, unwrap
 from armd.jit import jit
+
+#: Samples that an array is made for at once: to make one costs numpy as much as to fill it.
+ROOM = 256
+NONE = -1
 
 
 class SampleAssembler:
@@ -25,10 +29,12 @@ class SampleAssembler:
         self._clock = clock
         self._max_rate = max_joint_rate_deg_s
         self._unwrapper: Unwrapper | None = None
-        self._next_seq = np.zeros(1, np.uint64)
+        self._next_seq = np.full(1, NONE)  # the number that would follow the last one
         self._status_watch = JointWatch("joint_invalid", "the arm calls it invalid")
         self._jump_watch = JointWatch("count_jump", "its count jumped")
-        self._jumped = np.zeros(1, np.uint16)
+        self._out = np.empty(0, self._dtype)
+        self._used = 0
+        self._jumped = np.zeros(0, np.uint16)
 
     def set_bits(self, bits: Sequence[int]) -> None:
         """Counts of joint k wrap at 2^bits[k-1]; to be told before the first run."""
@@ -41,26 +47,47 @@ class SampleAssembler:
         if self._unwrapper is not None:
             self._unwrapper.restart()
 
+    def go_on(
+        self, rows: Rows, sequence: SequenceExtender, arrival_ns: int, unix_minus_monotonic_ns: int
+    ) -> list[Item] | None:
+        """The usual case in one compiled call: rows that plainly follow the last ones. None, and
+        nothing done, where they do not."""
+        assert self._unwrapper is not None
+        out = self._room(len(rows))
+        trouble = _go_on(
+            rows, sequence.memory, self._clock.line, arrival_ns, unix_minus_monotonic_ns,
+            self._next_seq, self._unwrapper.memory, out, self._jumped,
+        )  # fmt: skip
+        return None if trouble == NONE else self._told(rows, out, trouble)
+
     def assemble(self, run: Run, unix_minus_monotonic_ns: int) -> list[Item]:
         """One array, after the events its joints give rise to."""
         assert self._unwrapper is not None
-        n = len(run.rows)
-        if n > len(self._jumped):
-            self._jumped = np.zeros(2 * n, np.uint16)
-        jumped = self._jumped[:n]
-        out = np.empty(n, self._dtype)
+        out = self._room(len(run.rows))
         trouble = _assemble(
-            run.rows, np.uint64(run.epoch << 32), self._clock.mapped, *self._clock.line,
-            run.arrival_ns, unix_minus_monotonic_ns, self.delivered > 0, self._next_seq,
-            *self._unwrapper.memory, out, jumped,
+            run.rows, run.epoch, self._clock.line, run.arrival_ns, unix_minus_monotonic_ns,
+            self._next_seq, self._unwrapper.memory, out, self._jumped,
         )  # fmt: skip
-        self.delivered += n
+        return self._told(run.rows, out, trouble)
+
+    def _room(self, n: int) -> SampleArray:
+        """An array (n,) that nobody has yet."""
+        end = self._used + n
+        if end > len(self._out):
+            self._out = np.empty(max(n, ROOM), self._dtype)
+            self._jumped = np.zeros(len(self._out), np.uint16)
+            self._used, end = 0, n
+        out, self._used = self._out[self._used : end], end
+        return out
+
+    def _told(self, rows: Rows, out: SampleArray, trouble: int) -> list[Item]:
+        self.delivered += len(out)
         if not trouble and not self._status_watch.active and not self._jump_watch.active:
             return [out]
-        status = run.rows["joint_status"].astype(np.uint16)
+        status = rows["joint_status"].astype(np.uint16)
         return [
             *self._status_watch.events(out, status),
-            *self._jump_watch.events(out, jumped),
+            *self._jump_watch.events(out, self._jumped[: len(out)]),
             out,
         ]
 
@@ -69,30 +96,46 @@ class SampleAssembler:
         n_joints = self._dtype["count"].shape[0]
         other = SampleAssembler(n_joints, self._clock, self._max_rate)
         other.set_bits([20] * n_joints)
-        other.assemble(Run(np.zeros(1, row_layout(n_joints)), 0, 0, False), 0)
+        sequence, rows = SequenceExtender(), np.zeros(1, row_layout(n_joints))
+        other.go_on(rows, sequence, 0, 0)
+        for run in sequence.push(rows, 0):
+            other.assemble(run, 0)
+        other.assemble(Run(rows, 0, 0, False), 0)
         self._clock.to_host(0)
 
 
 @jit
-def _assemble(
-    rows: Any, epoch: Any, mapped: bool, anchor_device_ns: int, anchor_host_ns: int, drift: float,
-    arrival_ns: int, unix_minus_monotonic_ns: int, follows: bool, next_seq: Any,
-    range_counts: Any, counts_per_us: Any, memory: Any, out: Any, jumped: Any,
+def _go_on(
+    rows: Any, sequence: Any, line: Any, arrival_ns: int, unix_minus_monotonic_ns: int,
+    next_seq: Any, memory: Any, out: Any, jumped: Any,
 ) -> int:  # fmt: skip
-    """Fill *out*, and *jumped* with the bits of joints whose counts did; whether any joint of any
-    row is in trouble. *next_seq* (1,) is the number that would follow the last one, if any."""
+    if not goes_on(rows, arrival_ns, sequence):
+        return NONE
+    return _assemble(
+        rows, sequence[0].epoch, line, arrival_ns, unix_minus_monotonic_ns, next_seq, memory, out,
+        jumped,
+    )  # fmt: skip
+
+
+@jit
+def _assemble(
+    rows: Any, epoch: int, line: Any, arrival_ns: int, unix_minus_monotonic_ns: int,
+    next_seq: Any, memory: Any, out: Any, jumped: Any,
+) -> int:  # fmt: skip
+    """Fill *out*, and *jumped* with the bits of joints whose counts did; which joints were in
+    trouble in any row, in bits."""
     last_ns = np.int64(rows[len(rows) - 1].t_us) * 1000
     trouble = 0
     for i in range(len(rows)):
         row, sample = rows[i], out[i]
-        seq, t_us = epoch | np.uint64(row.seq), np.int64(row.t_us)
+        seq, t_us = epoch << 32 | np.int64(row.seq), np.int64(row.t_us)
         device_ns = t_us * 1000
-        if mapped:
-            monotonic_ns = host_ns(device_ns, anchor_device_ns, anchor_host_ns, drift)
+        if line[0].mapped:
+            monotonic_ns = host_ns(device_ns, line)
         else:
             monotonic_ns = arrival_ns - (last_ns - device_ns)
         status = np.uint16(row.joint_status)
-        jumps = unwrap(row.count, t_us, status, range_counts, counts_per_us, memory, sample.count)
+        jumps = unwrap(row.count, t_us, status, memory, sample.count)
         sample.seq = seq
         sample.device_ns = device_ns
         sample.stamp_ns = monotonic_ns + unix_minus_monotonic_ns
@@ -100,10 +143,9 @@ def _assemble(
         sample.joint_invalid = status | jumps
         sample.joint_warning = 0
         sample.buttons = row.buttons
-        sample.clock_mapped = mapped
-        sample.lost_before = follows and seq != next_seq[0]
-        next_seq[0] = seq + np.uint64(1)
-        follows = True
+        sample.clock_mapped = line[0].mapped
+        sample.lost_before = next_seq[0] != NONE and seq != next_seq[0]
+        next_seq[0] = seq + 1
         jumped[i] = jumps
         trouble |= status | jumps
     return trouble

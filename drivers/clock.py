@@ -24,22 +24,31 @@ DRIFT_PRIOR = 100e-6  # crystals differ by this much; what holds until the windo
 FLOOR_NS = 10_000.0  # noise that a round trip does not show
 
 
+#: The line from the device's clock to the host's: an instant on both, and the slope.
+_LINE = np.dtype([("mapped", "?"), ("device_ns", "i8"), ("host_ns", "i8"), ("drift", "f8")])
+
+
 class DeviceClock:
     """Device microseconds since boot → nanoseconds of the host's CLOCK_MONOTONIC."""
 
     def __init__(self) -> None:
+        #: What `host_ns` takes. `drift`: host seconds gained per device second.
+        self.line = np.zeros(1, _LINE)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything: another boot, another connection."""
         self._exchanges: deque[tuple[int, int, int]] = deque(maxlen=WINDOW)
-        self._device_ns = 0  # the line's anchor, on both clocks
-        self._host_ns = 0
-        self.drift = 0.0  # host seconds gained per device second
+        self.line[:] = np.zeros(1, _LINE)
 
     @property
     def mapped(self) -> bool:
-        return len(self._exchanges) >= ENOUGH
+        return bool(self.line["mapped"][0])
+
+    @property
+    def drift(self) -> float:
+        """Host seconds gained per device second."""
+        return float(self.line["drift"][0])
 
     @property
     def ping_interval_ns(self) -> int:
@@ -58,14 +67,9 @@ class DeviceClock:
         self._exchanges.append((device_ns, middle, received_ns - sent_ns))
         self._fit()
 
-    @property
-    def line(self) -> tuple[int, int, float]:
-        """What `host_ns` takes: an instant on both clocks, and the drift."""
-        return self._device_ns, self._host_ns, self.drift
-
     def to_host(self, device_ns: int) -> int:
         """An instant on the host's clock; only meaningful while `mapped`."""
-        return int(host_ns(device_ns, *self.line))
+        return int(host_ns(device_ns, self.line))
 
     def _fit(self) -> None:
         anchor, host, _ = self._exchanges[-1]
@@ -76,13 +80,13 @@ class DeviceClock:
         # Normal equations of y = a + b·u with the prior b = 0 ± DRIFT_PRIOR.
         s, su, sy = w.sum(), w @ u, w @ y
         suu, suy = w @ (u * u) + DRIFT_PRIOR**-2, w @ (u * y)
-        self.drift = float((s * suy - su * sy) / (s * suu - su * su))
-        self._device_ns = anchor
-        self._host_ns = host + round(float((sy - self.drift * su) / s))
+        drift = float((s * suy - su * sy) / (s * suu - su * su))
+        mapped = len(self._exchanges) >= ENOUGH
+        self.line[0] = (mapped, anchor, host + round(float((sy - drift * su) / s)), drift)
 
 
 @jit
-def host_ns(device_ns: Any, anchor_device_ns: int, anchor_host_ns: int, drift: float) -> Any:
-    """The host's instant of the device's, on the line through an instant of both."""
-    since = device_ns - anchor_device_ns
-    return anchor_host_ns + since + np.int64(np.rint(since * drift))
+def host_ns(device_ns: Any, line: Any) -> Any:
+    """The host's instant of the device's, by a `DeviceClock`'s line."""
+    since = device_ns - line[0].device_ns
+    return line[0].host_ns + since + np.int64(np.rint(since * line[0].drift))

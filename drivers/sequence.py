@@ -20,8 +20,19 @@ Rows = npt.NDArray[np.void]  # (m,) of serial_wire.row_layout
 
 WRAP = 1 << 32
 LATENESS_NS = 100_000_000  # by how much bytes may arrive late
-NOTHING = (-1, -1, 0)  # in the place of a last packet
 CERTAIN = 32  # so many packets running on in the past are a reboot, whatever the clock says
+
+
+#: What is remembered of the packets accepted so far.
+_MEMORY = np.dtype(
+    [
+        ("seq", "i8"),  # of the last packet; −1: none since the start, or since the boot
+        ("t_us", "i8"),
+        ("arrival_ns", "i8"),
+        ("epoch", "i8"),
+        ("lost", "i8"),
+    ]
+)
 
 
 class Run(NamedTuple):
@@ -37,59 +48,62 @@ class SequenceExtender:
     """Accepts each new sample once, in order. `lost` and `repeated` count the others."""
 
     def __init__(self) -> None:
-        self.lost = 0
         self.repeated = 0
-        self.epoch = 0
-        self._last: tuple[int, int, int] | None = None  # seq, t_us, arrival_ns
+        self.memory = np.zeros(1, _MEMORY)  # what `goes_on` takes and keeps
+        self._kept = self.memory[0]
+        self._kept["seq"] = self._kept["t_us"] = -1
         self._suspects: list[tuple[Rows, int]] = []
+
+    @property
+    def epoch(self) -> int:
+        return int(self._kept["epoch"])
+
+    @property
+    def lost(self) -> int:
+        return int(self._kept["lost"])
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether packets are held back until more come: then only `push` can tell."""
+        return bool(self._suspects)
 
     def start_in(self, epoch: int) -> None:
         """Begin in the middle of a stream, as a recording does."""
-        self.epoch = epoch
+        self._kept["epoch"] = epoch
 
     def new_boot(self) -> None:
         """The arm says that it has booted: its counter and clock start afresh."""
-        if self._last is not None:
-            self.epoch += 1
-            self._last = None
+        if self._kept["seq"] >= 0:
+            self._kept["epoch"] += 1
+            self._kept["seq"] = self._kept["t_us"] = -1
         self._suspects.clear()
 
     def push(self, rows: Rows, arrival_ns: int) -> list[Run]:
         """*rows* in the order of the wire, arrived at *arrival_ns* (host, monotonic)."""
         runs: list[Run] = []
         while len(rows):
-            if not self._suspects and (run := self._go_on(rows, arrival_ns)) is not None:
-                return [*runs, run]
+            if not self._suspects and goes_on(rows, arrival_ns, self.memory):
+                return [*runs, Run(rows, self.epoch, arrival_ns, False)]
             runs += self._judge(rows[:1], arrival_ns)
             rows = rows[1:]
         return runs
 
-    def _go_on(self, rows: Rows, arrival_ns: int) -> Run | None:
-        """All of *rows* at once where they plainly follow what went before: the usual case."""
-        seq, t_us, _ = self._last or NOTHING
-        first, last, last_us = _ends(rows, seq, t_us)
-        if first < 0:
-            return None
-        self.lost += last - len(rows) - (seq if self._last else first - 1)
-        self._last = (last, last_us, arrival_ns)
-        return Run(rows, self.epoch, arrival_ns, False)
-
     def _judge(self, row: Rows, arrival_ns: int) -> list[Run]:
-        if self._last is None:
-            return [self._accept(row, arrival_ns)]
         seq, t_us = int(row["seq"][0]), int(row["t_us"][0])
-        last_seq, last_us, _ = self._last
+        last_seq, last_us = int(self._kept["seq"]), int(self._kept["t_us"])
+        if last_seq < 0:
+            return [self._accept(row, arrival_ns)]
         if t_us >= last_us and seq == last_seq:
             self.repeated += 1
             return []
         if t_us > last_us or (t_us == last_us and seq > last_seq):
             self._drop_suspects()
             if seq < last_seq:
-                self.epoch += 1
+                self._kept["epoch"] += 1
             return [self._accept(row, arrival_ns)]
         if 0 < (seq - last_seq) % WRAP < WRAP // 2:  # the counter went on, the clock did not
             self._drop_suspects()
-            self.epoch += 1
+            self._kept["epoch"] += 1
             return [self._accept(row, arrival_ns, rebooted=True)]
         return self._suspect(row, arrival_ns)
 
@@ -99,14 +113,13 @@ class SequenceExtender:
             self.repeated += 1
             return []
         self._suspects.append((row.copy(), arrival_ns))
-        assert self._last is not None
         first, first_arrival_ns = self._suspects[0]
-        waited_ns = first_arrival_ns - self._last[2] + LATENESS_NS
+        waited_ns = first_arrival_ns - int(self._kept["arrival_ns"]) + LATENESS_NS
         possible = int(first["t_us"][0]) * 1000 <= waited_ns
         if len(self._suspects) < (2 if possible else CERTAIN):
             return []
         found, self._suspects = self._suspects, []
-        self.epoch += 1
+        self._kept["epoch"] += 1
         runs = [self._accept(found[0][0], found[0][1], rebooted=True)]
         for later, arrived_ns in found[1:]:
             runs += self.push(later, arrived_ns)
@@ -117,21 +130,26 @@ class SequenceExtender:
         self._suspects.clear()
 
     def _accept(self, row: Rows, arrival_ns: int, rebooted: bool = False) -> Run:
-        seq = int(row["seq"][0])
-        if self._last is not None and not rebooted:
-            gap = (seq - self._last[0]) % WRAP - 1
-            self.lost += gap if seq > self._last[0] or gap < WRAP // 2 else 0
-        self._last = (seq, int(row["t_us"][0]), arrival_ns)
+        seq, last_seq = int(row["seq"][0]), int(self._kept["seq"])
+        if last_seq >= 0 and not rebooted:
+            gap = (seq - last_seq) % WRAP - 1
+            self._kept["lost"] += gap if seq > last_seq or gap < WRAP // 2 else 0
+        self._kept["seq"], self._kept["t_us"] = seq, int(row["t_us"][0])
+        self._kept["arrival_ns"] = arrival_ns
         return Run(row, self.epoch, arrival_ns, rebooted)
 
 
 @jit
-def _ends(rows: Any, seq: Any, t_us: Any) -> Any:
-    """First and last number of *rows* and their last time, if both rise from row to row and from
-    *seq* and *t_us* on; else −1 thrice."""
-    first = np.int64(rows[0].seq)
+def goes_on(rows: Any, arrival_ns: int, memory: Any) -> bool:
+    """Whether *rows* (m,) plainly follow what went before, the usual case: then all are accepted,
+    else none. *memory* is a `SequenceExtender`'s."""
+    kept = memory[0]
+    seq, t_us = kept.seq, kept.t_us
     for row in rows:
         if np.int64(row.seq) <= seq or np.int64(row.t_us) <= t_us:
-            return -1, -1, -1
+            return False
         seq, t_us = np.int64(row.seq), np.int64(row.t_us)
-    return first, seq, t_us
+    before = kept.seq if kept.seq >= 0 else np.int64(rows[0].seq) - 1
+    kept.lost += seq - before - len(rows)
+    kept.seq, kept.t_us, kept.arrival_ns = seq, t_us, arrival_ns
+    return True

@@ -83,7 +83,6 @@ class SerialDecoder:
 
     def warm_up(self) -> None:
         """Compile, or load from the cache: before the first sample, not while it waits."""
-        SequenceExtender().push(np.zeros(1, wire.row_layout(self._expected.n_joints)), 0)
         self._assembler.warm_up()
 
     def preamble(self) -> list[RawFrame]:
@@ -107,7 +106,7 @@ class SerialDecoder:
             if data is None:
                 continue
             if data[0] == wire.Type.SAMPLE:
-                if wire.is_sample(data) and data[3] == self._expected.n_joints:
+                if wire.is_sample(data, self._expected.n_joints):
                     run.append(data)
                 else:
                     self._counted["malformed"] += 1
@@ -269,6 +268,13 @@ class SerialDecoder:
     ) -> list[Item]:
         if isinstance(what, wire.TemperatureReading):
             return [self._temperatures(what, arrival_ns, unix_ns - arrival_ns)]
+        unix_minus_monotonic_ns = unix_ns - arrival_ns
+        if not self._sequence.in_doubt:
+            delivered = self._assembler.go_on(
+                what, self._sequence, arrival_ns, unix_minus_monotonic_ns
+            )
+            if delivered is not None:
+                return delivered
         items: list[Item] = []
         for run in self._sequence.push(what, arrival_ns):
             if run.rebooted:
@@ -277,7 +283,7 @@ class SerialDecoder:
                 self.hello = None  # ask again, but go on: the line was never broken
                 text = "the arm has rebooted: its clock runs from zero again"
                 items.append(Event("reboot", text, arrival_ns, "warning"))
-            items += self._assembler.assemble(run, unix_ns - arrival_ns)
+            items += self._assembler.assemble(run, unix_minus_monotonic_ns)
         return items
 
     def _temperatures(

@@ -90,7 +90,6 @@ PING_LAYOUT = np.dtype([("type", "u1"), ("nonce", "<u4")])
 
 # Where SAMPLE and TEMPERATURE say how many values follow, and how long they are without any.
 _SAMPLE_N, _SAMPLE_HEAD = 3, sample_layout(0).itemsize
-_SAMPLE_TIME = slice(8, 16)
 _TEMPERATURE_N, _TEMPERATURE_HEAD = 1, temperature_layout(0).itemsize
 _HELLO_N, _HELLO_HEAD = 2, hello_layout(0).itemsize
 
@@ -180,12 +179,13 @@ def encode_identify() -> bytes:
     return pack(bytes([Type.IDENTIFY]))
 
 
-def is_sample(data: bytes) -> bool:
-    """Whether an unpacked SAMPLE (with CRC) is as long as its `n` says, its time no nonsense."""
+def is_sample(data: bytes, n_joints: int) -> bool:
+    """Whether an unpacked SAMPLE (with CRC) is one of *n_joints*, its time no nonsense."""
     return (
-        len(data) > _SAMPLE_N
-        and len(data) == _SAMPLE_HEAD + 4 * data[_SAMPLE_N] + 4
-        and int.from_bytes(data[_SAMPLE_TIME], "little") < T_US_LIMIT
+        len(data) == _SAMPLE_HEAD + 4 * n_joints + 4
+        and data[_SAMPLE_N] == n_joints
+        and data[15] == 0  # the two highest bytes of t_us: T_US_LIMIT
+        and data[14] < 32
     )
 
 

@@ -20,6 +20,8 @@ SETTLE_SAMPLES = 5  # after a jump, at most this many more are withheld
 #: What is remembered of each joint between two samples; counts are unwrapped.
 _MEMORY = np.dtype(
     [
+        ("range_counts", "i8"),
+        ("counts_per_us", "f8"),  # at the highest rate that is believed
         ("started", "?"),
         ("believed", "i8"),  # the last believed reading
         ("believed_us", "i8"),
@@ -32,15 +34,16 @@ _MEMORY = np.dtype(
 
 
 @jit
-def unwrap(
-    raw: Any, now: Any, withheld: Any, range_counts: Any, counts_per_us: Any, memory: Any, out: Any
-) -> Any:
-    """One cycle: counts (N,) at *now* µs into *out*; returns the bits of joints that jumped."""
+def unwrap(raw: Any, now: Any, withheld: Any, memory: Any, out: Any) -> Any:
+    """One cycle: counts (N,) at *now* µs into *out*; returns the bits of joints that jumped.
+
+    *memory* is an `Unwrapper`'s.
+    """
     jumped = np.uint16(0)
     for k in range(len(raw)):
         joint = memory[k]
         reading = np.int64(raw[k])
-        span = range_counts[k]
+        span = joint.range_counts
         half = span // 2
         if not joint.started:
             joint.believed = (reading + half) % span - half
@@ -53,7 +56,7 @@ def unwrap(
             continue
         joint.started = True
 
-        bound = MARGIN_COUNTS + counts_per_us[k] * (now - joint.believed_us)
+        bound = MARGIN_COUNTS + joint.counts_per_us * (now - joint.believed_us)
         plausible = abs(from_believed) <= bound or half <= bound
         if joint.doubt == 0:
             if not plausible:
@@ -63,7 +66,7 @@ def unwrap(
             joint.doubt = 0
         else:
             step = (reading - joint.reading + half) % span - half
-            steady = MARGIN_COUNTS + counts_per_us[k] * (now - joint.reading_us)
+            steady = MARGIN_COUNTS + joint.counts_per_us * (now - joint.reading_us)
             if abs(step) > steady:  # another jump: this encoder is wild
                 joint.doubt = SETTLE_SAMPLES + 1
                 joint.may_return = False
@@ -81,14 +84,9 @@ def unwrap(
 
 
 @jit
-def _unwrap_all(
-    raw: Any, t_us: Any, withheld: Any, range_counts: Any, counts_per_us: Any, memory: Any,
-    out: Any, jumped: Any,
-) -> None:  # fmt: skip
+def _unwrap_all(raw: Any, t_us: Any, withheld: Any, memory: Any, out: Any, jumped: Any) -> None:
     for row in range(len(raw)):
-        jumped[row] = unwrap(
-            raw[row], t_us[row], withheld[row], range_counts, counts_per_us, memory, out[row]
-        )
+        jumped[row] = unwrap(raw[row], t_us[row], withheld[row], memory, out[row])
 
 
 class Unwrapper:
@@ -107,18 +105,14 @@ class Unwrapper:
         counts_per_turn: Sequence[int],
         max_rate_deg_s: float = MAX_JOINT_RATE_DEG_S,
     ) -> None:
-        self._range = np.array(range_counts, dtype=np.int64)
-        self._counts_per_us = np.array(counts_per_turn) * (max_rate_deg_s / 360.0 / 1e6)
+        self._fresh = np.zeros(len(range_counts), _MEMORY)
+        self._fresh["range_counts"] = range_counts
+        self._fresh["counts_per_us"] = np.array(counts_per_turn) * (max_rate_deg_s / 360.0 / 1e6)
         self.restart()
 
     def restart(self) -> None:
         """Forget all readings: the turns are unknown again."""
-        self._memory = np.zeros(len(self._range), _MEMORY)
-
-    @property
-    def memory(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64], npt.NDArray[np.void]]:
-        """What `unwrap` takes and keeps."""
-        return self._range, self._counts_per_us, self._memory
+        self.memory = self._fresh.copy()  # what `unwrap` takes and keeps
 
     def __call__(
         self,
@@ -132,7 +126,7 @@ class Unwrapper:
         """
         out = np.empty_like(raw)
         jumped = np.zeros(len(raw), dtype=np.uint16)
-        _unwrap_all(raw, t_us, invalid, *self.memory, out, jumped)
+        _unwrap_all(raw, t_us, invalid, self.memory, out, jumped)
         return out, jumped
 
 

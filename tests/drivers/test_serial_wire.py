@@ -49,7 +49,8 @@ def test_the_crc_is_zlibs():
 def test_samples_come_back(sample):
     seq, t_us, counts, status, buttons = sample
     data = data_of(wire.encode_sample(seq, t_us, counts, status, buttons))
-    assert wire.is_sample(data)
+    assert wire.is_sample(data, len(counts))
+    assert not wire.is_sample(data, len(counts) + 1)
     row = wire.decode_samples([data, data], len(counts))[1]
     assert (row["seq"], row["t_us"], row["joint_status"], row["buttons"]) == (
         seq,
@@ -112,7 +113,7 @@ def test_a_flipped_byte_is_never_accepted(sample, data):
 def test_a_length_that_contradicts_n_is_refused(extra):
     body = data_of(wire.encode_sample(1, 2, [3, 4, 5]))[:-4]
     wrong = body[:extra] if extra < 0 else body + bytes(extra)
-    assert not wire.is_sample(data_of(wire.pack(wrong)))
+    assert not wire.is_sample(data_of(wire.pack(wrong)), 3)
     body = data_of(wire.encode_temperature(1, [20.0, 21.0]))[:-4]
     wrong = body[:extra] if extra < 0 else body + bytes(extra)
     assert wire.decode_temperature(data_of(wire.pack(wrong))) is None
@@ -121,7 +122,7 @@ def test_a_length_that_contradicts_n_is_refused(extra):
 @given(st.integers(1, 4), st.binary(max_size=40))
 def test_no_body_of_any_content_breaks_a_decoder(kind, rest):
     data = data_of(wire.pack(bytes([kind]) + rest))
-    wire.is_sample(data)
+    wire.is_sample(data, 6)
     for decode in (wire.decode_temperature, wire.decode_hello, wire.decode_pong, wire.decode_ping):
         decode(data)
 
