@@ -33,12 +33,17 @@ class Second:
 
 
 class Tally:
-    """Counts batches as they pass and sums them up when the second is over."""
+    """Keeps batches as they pass, counts them now and then, and sums up when the second is over.
+
+    At once would cost a batch of one more than to be corrected.
+    """
 
     def __init__(self, now_ns: int) -> None:
         self.published = 0
         self.flagged: Counter[str] = Counter()  # since the start
+        self.latched_ns = 0  # of the last sample counted
         self._since_ns = now_ns
+        self._passed: list[tuple[PointArray, SampleArray, int]] = []
         self._clear()
 
     def _clear(self) -> None:
@@ -49,12 +54,25 @@ class Tally:
 
     def add(self, points: PointArray, samples: SampleArray, published_ns: int) -> None:
         """A batch and its samples, put at *published_ns* (CLOCK_MONOTONIC)."""
-        self._points += len(points)
+        self._passed.append((points, samples, published_ns))
+
+    def count(self) -> None:
+        """What has passed since the last call."""
+        if not self._passed:
+            return
+        batches, self._passed = self._passed, []
+        points = np.concatenate([batch for batch, _, _ in batches])
+        samples = np.concatenate([batch for _, batch, _ in batches])
         _count(points, samples, self._by_bit, self._joints)
-        self._latency_ns.append(published_ns - int(points["monotonic_ns"][-1]))
+        last = np.cumsum([len(batch) for batch, _, _ in batches]) - 1
+        latched_ns = samples["monotonic_ns"][last]
+        self._points += len(points)
+        self._latency_ns += [at - ns for (_, _, at), ns in zip(batches, latched_ns, strict=True)]
+        self.latched_ns = int(latched_ns[-1])
 
     def close_second(self, now_ns: int) -> Second:
         """Sum up what came since the last call."""
+        self.count()
         seconds = (now_ns - self._since_ns) * 1e-9
         self._since_ns = now_ns
         if not self._points:

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import POINT, Flag
+from armd.jit import jit
 
 Trigger: TypeAlias = Literal["button", "rest"]
 F64 = npt.NDArray[np.float64]
@@ -66,7 +67,6 @@ class Averager:
     def __init__(self, average_s: float, n_joints: int) -> None:
         self._average_ns = round(average_s * 1e9)
         self._past = np.zeros(REMEMBERED, POINT)
-        self._past_bytes = self._past.view(np.uint8).data  # numpy takes 7 µs to assign one point
         self._angles = np.zeros((REMEMBERED, n_joints))
         self._written = 0
         self._buttons = 0
@@ -74,29 +74,20 @@ class Averager:
 
     def remember(self, points: npt.NDArray[np.void], angles: F64) -> list[Press]:
         """Keep a batch of points (n,) with angles (m ≥ n, N) rad; returns the presses in it."""
-        angles = angles[: len(points)][-REMEMBERED:]
-        points = points[-REMEMBERED:]
-        start = self._written % REMEMBERED
-        first = min(len(points), REMEMBERED - start)
-        self._put(start, points[:first], angles[:first])
-        if first < len(points):
-            self._put(0, points[first:], angles[first:])
+        before = self._buttons
+        pressed, self._buttons = _keep(
+            points, angles, self._past, self._angles, self._written, before
+        )
         self._written += len(points)
-        buttons = points["buttons"].tolist()
-        if self._buttons == 0 and not any(buttons):
+        if not pressed:
             return []
         presses = []
-        for row, now in enumerate(buttons):
-            risen = now & ~self._buttons
+        for row, now in enumerate(points["buttons"].tolist()):
+            risen = now & ~before
             if risen:
                 presses.append(Press([bit for bit in range(32) if risen >> bit & 1], row))
-            self._buttons = now
+            before = now
         return presses
-
-    def _put(self, start: int, points: npt.NDArray[np.void], angles: F64) -> None:
-        end = start + len(points)
-        self._past_bytes[start * POINT.itemsize : end * POINT.itemsize] = points.tobytes()
-        self._angles[start:end] = angles
 
     def rests(self, points: npt.NDArray[np.void]) -> list[int]:
         """Rows of a batch at which a rest begins to count as one (flag 9 rises)."""
@@ -149,6 +140,23 @@ class Averager:
             else:
                 high = middle
         return np.arange(low, self._written) % REMEMBERED
+
+
+@jit
+def _keep(
+    points: Any, angles: Any, past: Any, past_angles: Any, written: int, buttons: Any
+) -> tuple[bool, int]:
+    """Points (n,) and angles (≥ n, N) into the ring after the *written* ones; whether a button went
+    down meanwhile, and those that are down in the end."""
+    pressed = False
+    for i in range(len(points)):
+        place = (written + i) % len(past)
+        past[place] = points[i]
+        past_angles[place] = angles[i]
+        now = np.int64(points[i].buttons)
+        pressed = pressed or (now & ~buttons) != 0
+        buttons = now
+    return pressed, buttons
 
 
 def known(values: npt.NDArray[np.floating[Any]]) -> list[float] | None:

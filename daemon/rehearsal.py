@@ -8,6 +8,7 @@ import numpy as np
 from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config
 from armd.daemon.health import Tally
+from armd.daemon.measurement import Averager
 from armd.daemon.pipeline import Pipeline
 from armd.drivers.sample import Temperatures, sample_dtype
 
@@ -18,5 +19,8 @@ def rehearse(config: Config, arm: ArmInUse) -> None:
     celsius = np.full(len(config.arm.sensors), config.arm.reference_temperature_c)
     pipeline.take_temperatures(Temperatures(celsius, 0, 0, 0))
     samples = np.zeros(1, sample_dtype(config.arm.n_joints))
-    points, _ = pipeline.correct(samples)
-    Tally(0).add(points, samples, 0)
+    points, joints = pipeline.correct(samples)
+    Averager(1.0, config.arm.n_joints).remember(points, joints.q)
+    tally = Tally(0)
+    tally.add(points, samples, 0)
+    tally.count()

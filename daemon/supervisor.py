@@ -28,7 +28,6 @@ class Supervisor:
         self._arm = arm
         self._started_ns = now_ns
         self._came_ns: int | None = None  # when the last sample came, not when it was latched
-        self._latched_ns = 0
         self._trouble = ""
         self._tally = Tally(now_ns)
         self._second = Second()
@@ -40,7 +39,6 @@ class Supervisor:
     def note_points(self, points: PointArray, samples: SampleArray, published_ns: int) -> None:
         self._tally.add(points, samples, published_ns)
         self._came_ns = published_ns
-        self._latched_ns = int(samples["monotonic_ns"][-1])
         self._trouble = ""
 
     def note_event(self, event: Event) -> None:
@@ -57,7 +55,8 @@ class Supervisor:
         """Renew state and reason; what has changed, told as events."""
         before, missed = self.state, self._missing
         temperature = self._arm.pipeline.temperature
-        self._missing = temperature.missing(self._latched_ns)
+        self._tally.count()
+        self._missing = temperature.missing(self._tally.latched_ns)
         self.state, self.reason = assess(self._seen(now_ns))
         events = []
         changed = self._missing != missed and temperature.heard

@@ -17,6 +17,7 @@ from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.commands.run import expectation
 from armd.daemon.config import load_config
 from armd.daemon.health import Tally
+from armd.daemon.measurement import Averager
 from armd.daemon.rehearsal import rehearse
 from armd.drivers import serial_wire as wire
 from armd.drivers.sample import RawFrame, Temperatures
@@ -42,7 +43,7 @@ def compiled() -> dict[str, int]:
 def stream(decoder: SerialDecoder, arm: ArmInUse) -> set[str]:
     """A bit of everything that may come over the wire; the flags and events it gave."""
     seen: set[str] = set()
-    tally = Tally(0)
+    tally, averager = Tally(0), Averager(0.5, 6)
 
     def feed(k: int, direction: str, data: bytes) -> None:
         for item in decoder.feed(RawFrame(k * MS, k * MS, direction, data)):
@@ -50,7 +51,8 @@ def stream(decoder: SerialDecoder, arm: ArmInUse) -> set[str]:
                 arm.pipeline.take_temperatures(item)
                 seen.add("temperatures")
             elif isinstance(item, np.ndarray):
-                points, _ = arm.pipeline.correct(item)
+                points, joints = arm.pipeline.correct(item)
+                averager.remember(points, joints.q)
                 tally.add(points, item, k * MS)
                 seen.update(tally.close_second(k * MS).flagged)
                 seen.add("mapped" if item["clock_mapped"].all() else "unmapped")
