@@ -33,7 +33,7 @@ READ_S = 0.05
 #: Above this rate samples are gathered for a moment: waking up costs more than a sample does, and
 #: ten at a time cost a fifth of ten single ones.
 FAST_HZ = 2000.0
-GATHER_S = 0.001
+GATHER_S = 0.002
 TICK_NS = 50_000_000
 
 
