@@ -29,7 +29,7 @@ S = 1_000_000_000
 #: name: (seconds after FIRST_S, duration, joint)
 FAULTS = {
     "joint_invalid": (0.0, 0.4, 2),
-    "sensor_open": (0.3, 1.5, 1),
+    "sensor_open": (0.3, 2.0, 1),
     "count_jump": (1.0, 0.0, 1),
     "silence": (2.5, 0.8, 1),
     "reboot": (4.8, 0.3, 1),
