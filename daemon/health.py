@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from armd import Flag
 from armd.daemon.pipeline import PointArray
@@ -61,14 +62,14 @@ class Tally:
         if not self._passed:
             return
         batches, self._passed = self._passed, []
-        points = np.concatenate([batch for batch, _, _ in batches])
-        samples = np.concatenate([batch for _, batch, _ in batches])
+        points = _joined([batch for batch, _, _ in batches])
+        samples = _joined([batch for _, batch, _ in batches])
         _count(points, samples, self._by_bit, self._joints)
         last = np.cumsum([len(batch) for batch, _, _ in batches]) - 1
-        latched_ns = samples["monotonic_ns"][last]
+        latched_ns = points["monotonic_ns"][last].tolist()
         self._points += len(points)
         self._latency_ns += [at - ns for (_, _, at), ns in zip(batches, latched_ns, strict=True)]
-        self.latched_ns = int(latched_ns[-1])
+        self.latched_ns = latched_ns[-1]
 
     def close_second(self, now_ns: int) -> Second:
         """Sum up what came since the last call."""
@@ -100,6 +101,11 @@ class Tally:
         self.flagged.update(flagged)
         self._clear()
         return second
+
+
+def _joined(batches: list[npt.NDArray[np.void]]) -> npt.NDArray[np.void]:
+    """One array of many; numpy's own way takes 8 µs for each array of records."""
+    return np.frombuffer(b"".join([batch.tobytes() for batch in batches]), batches[0].dtype)
 
 
 @jit
