@@ -152,7 +152,8 @@ def _keep(
     for i in range(len(points)):
         place = (written + i) % len(past)
         past[place] = points[i]
-        past_angles[place] = angles[i]
+        for k in range(angles.shape[1]):
+            past_angles[place, k] = angles[i, k]
         now = np.int64(points[i].buttons)
         pressed = pressed or (now & ~buttons) != 0
         buttons = now

@@ -104,28 +104,28 @@ class Pipeline:
             joints = self._make_room(2 * n, joints.q.shape[1])
         points = np.zeros(n, POINT)
         _correct(
-            samples, self._encoders, self._room, joints.still_since_ns, self._motion.memory,
-            *self._model.state, *self._model.covariance, self._flagger.memory, points,
+            samples, self._encoders, *joints, self._tip, self._motion.memory, *self._model.state,
+            *self._model.covariance, self._flagger.memory, points,
         )  # fmt: skip
         return points, joints
 
     def _make_room(self, m: int, n_joints: int) -> Joints:
         """For batches of up to *m* samples."""
-        self._room = np.empty(m * (2 * n_joints + 6))
-        q, rate, approach, _ = _views(self._room, m, n_joints)
-        self._joints = Joints(q, rate, approach, np.empty(m, np.int64))
+        q, rate = np.empty((2, m, n_joints))
+        self._joints = Joints(q, rate, np.empty((m, 3)), np.empty(m, np.int64))
+        self._tip = np.empty((m, 3))
         return self._joints
 
 
 @jit
 def _correct(
-    samples: Any, encoders: Any, room: Any, still_since_ns: Any, motion: Any,
-    sizes: Any, numbers: Any, work: Any, factor: Any, floor_mm2: float, flags: Any, points: Any,
+    samples: Any, encoders: Any, q: Any, rate: Any, approach: Any, still_since_ns: Any, tip: Any,
+    motion: Any, sizes: Any, numbers: Any, work: Any, factor: Any, floor_mm2: float, flags: Any,
+    points: Any,
 ) -> None:  # fmt: skip
     """From samples (n,) to finished points (n,): the live path's one compiled call, because each
     call from Python costs as much as what it does for one sample, and each argument a tenth."""
     n = len(samples)
-    q, rate, approach, tip = _views(room, len(still_since_ns), len(encoders))
     q, rate, approach, still_since_ns = q[:n], rate[:n], approach[:n], still_since_ns[:n]
     state = State(sizes, numbers, work)
     _angles(samples, encoders, q)
@@ -133,14 +133,6 @@ def _correct(
     follow(samples, q, tip, motion, rate, approach, still_since_ns)
     fill(q, rate, approach, state, factor, floor_mm2, points)
     finish(samples, q, still_since_ns, flags, points)
-
-
-@jit
-def _views(room: Any, m: int, n_joints: int) -> Any:
-    """Angles (m, N), rates (m, N), directions of approach (m, 3) and uncorrected tips (m, 3)."""
-    q, room = room[: m * n_joints].reshape(m, n_joints), room[m * n_joints :]
-    rate, room = room[: m * n_joints].reshape(m, n_joints), room[m * n_joints :]
-    return q, rate, room[: 3 * m].reshape(m, 3), room[3 * m :].reshape(m, 3)
 
 
 @jit
