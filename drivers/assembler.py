@@ -17,7 +17,7 @@ from armd.jit import jit
 
 #: Samples that an array is made for at once: to make one costs numpy as much as to fill it.
 ROOM = 256
-NONE = -1
+NONE = -1  # no number yet; rows that do not follow
 
 
 class SampleAssembler:

@@ -23,7 +23,6 @@ INTERVAL_NS = 500_000_000
 DRIFT_PRIOR = 100e-6  # crystals differ by this much; what holds until the window is long enough
 FLOOR_NS = 10_000.0  # noise that a round trip does not show
 
-
 #: The line from the device's clock to the host's: an instant on both, and the slope.
 _LINE = np.dtype([("mapped", "?"), ("device_ns", "i8"), ("host_ns", "i8"), ("drift", "f8")])
 
@@ -44,11 +43,6 @@ class DeviceClock:
     @property
     def mapped(self) -> bool:
         return bool(self.line["mapped"][0])
-
-    @property
-    def drift(self) -> float:
-        """Host seconds gained per device second."""
-        return float(self.line["drift"][0])
 
     @property
     def ping_interval_ns(self) -> int:

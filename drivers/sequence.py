@@ -22,7 +22,6 @@ WRAP = 1 << 32
 LATENESS_NS = 100_000_000  # by how much bytes may arrive late
 CERTAIN = 32  # so many packets running on in the past are a reboot, whatever the clock says
 
-
 #: What is remembered of the packets accepted so far.
 _MEMORY = np.dtype(
     [

@@ -53,9 +53,9 @@ class SimulatedArm:
         lines = [json.loads(line) for line in text.splitlines(keepends=True) if line[-1] == "\n"]
         return [line for line in lines if event in (None, line["event"])]
 
-    def withheld(self) -> set[int]:
-        """Every seq that never left whole."""
-        runs = self.events("withheld")
+    def withheld(self, reason: str | None = None) -> set[int]:
+        """Every seq that never left whole, for this reason or for any."""
+        runs = [run for run in self.events("withheld") if reason in (None, run["reason"])]
         return {seq for run in runs for seq in range(run["first_seq"], run["last_seq"] + 1)}
 
     def latch_ns(self, seq: np.ndarray) -> np.ndarray:

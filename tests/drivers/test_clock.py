@@ -86,4 +86,4 @@ def test_a_reset_forgets_the_mapping():
     clock = DeviceClock()
     run(clock, 2, lambda: (30_000, 30_000))
     clock.reset()
-    assert not clock.mapped and clock.drift == 0.0
+    assert not clock.mapped and clock.line["drift"][0] == 0.0

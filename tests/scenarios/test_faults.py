@@ -196,7 +196,9 @@ def test_a_rebooted_arm_comes_back(run: Run) -> None:
 
 def test_what_was_dropped_is_counted_in_health(run: Run) -> None:
     drops = run.heard.json("health")[-1]["drops"]
-    assert drops["bad_crc"] + drops["bad_cobs"] + drops["malformed"] >= 2
+    damaged = {run.seqs(fault)[0] for fault in ("corrupted_byte", "truncated_packet")}
+    damaged -= run.arm.withheld("nobody reads")  # a machine stood still: the port was full
+    assert drops["bad_crc"] + drops["bad_cobs"] + drops["malformed"] >= len(damaged)
     assert drops["repeated"] == 1
     assert drops["lost"] >= 5 + 1 + 2 + 800
 
