@@ -36,7 +36,7 @@ class Second:
 class Tally:
     """Keeps batches as they pass, counts them now and then, and sums up when the second is over.
 
-    At once would cost a batch of one more than to be corrected.
+    At once, a batch of one would cost half as much as its correction.
     """
 
     def __init__(self, now_ns: int) -> None:

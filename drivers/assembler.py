@@ -53,6 +53,8 @@ class SampleAssembler:
         """The usual case in one compiled call: rows that plainly follow the last ones. None, and
         nothing done, where they do not."""
         assert self._unwrapper is not None
+        if sequence.in_doubt:
+            return None
         out = self._room(len(rows))
         trouble = _go_on(
             rows, sequence.memory, self._clock.line, arrival_ns, unix_minus_monotonic_ns,

@@ -38,7 +38,7 @@ class DeviceClock:
     def reset(self) -> None:
         """Forget everything: another boot, another connection."""
         self._exchanges: deque[tuple[int, int, int]] = deque(maxlen=WINDOW)
-        self.line[:] = np.zeros(1, _LINE)
+        self.line[0] = (False, 0, 0, 0.0)
 
     @property
     def mapped(self) -> bool:

@@ -269,12 +269,9 @@ class SerialDecoder:
         if isinstance(what, wire.TemperatureReading):
             return [self._temperatures(what, arrival_ns, unix_ns - arrival_ns)]
         unix_minus_monotonic_ns = unix_ns - arrival_ns
-        if not self._sequence.in_doubt:
-            delivered = self._assembler.go_on(
-                what, self._sequence, arrival_ns, unix_minus_monotonic_ns
-            )
-            if delivered is not None:
-                return delivered
+        plain = self._assembler.go_on(what, self._sequence, arrival_ns, unix_minus_monotonic_ns)
+        if plain is not None:
+            return plain
         items: list[Item] = []
         for run in self._sequence.push(what, arrival_ns):
             if run.rebooted:
