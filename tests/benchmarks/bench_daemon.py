@@ -9,7 +9,10 @@ processors awake where it may (`armd.daemon.awake`), the floors are of the machi
 to that.
 
 A shared host takes the processors away now and then (`stolen_percent`), which makes the one or the
-other late: `usual_p99_us` is the median of the single seconds' p99, with ratios of its own.
+other late, or fills a port. So every figure is given twice: over all, and, under `undisturbed`,
+over the seconds in which the host took at most a hundredth of one processor, for the daemon and for
+its floors alike. Rounds are added until there is a minute of these, or three times as many rounds
+as wanted. Which seconds they are is decided by what the host took and by nothing else.
 """
 
 from __future__ import annotations
@@ -21,12 +24,13 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from floors import F64, Arrivals, line_alone, zenoh_alone
+from floors import F64, I64, Arrivals, Latencies, line_alone, zenoh_alone
 from running_daemon import running_daemon
 from simulated_arm import SimulatedArm, simulated_arm
+from stolen import Stolen
 
 from armd import POINT, Flag
 from armd.compensation.arm import load_arm
@@ -38,6 +42,9 @@ from armd.daemon.awake import DEVICE, Awake
 RATES = ((1000, 4), (5000, 1))
 #: Of the daemon, and of each floor, in all rounds together.
 SECONDS, FLOOR_SECONDS = 60.0, 20.0
+ENOUGH_S = 59.0  # of undisturbed seconds: SECONDS, whose last ones may be cut
+UNDISTURBED_S = 0.01  # the most that the host took in a second of all processors
+MOST_ROUNDS = 3  # times as many as wanted
 SETTLE_S = 5.0  # clock mapped, rates steady
 #: Real-time priority of the simulated arm, above the daemon's.
 LATCH_PRIORITY = 10
@@ -62,42 +69,62 @@ def start_up() -> dict[str, float]:
     return seconds
 
 
+class Second(NamedTuple):
+    """A second of one series, or what was left of it."""
+
+    latency_us: F64
+    lost: int
+    stolen_s: float
+
+
 def at(rate_hz: int, rounds: int) -> dict[str, Any]:
     """The daemon and its floors at one rate, in turn."""
-    latencies: defaultdict[str, list[F64]] = defaultdict(list)
+    series: defaultdict[str, list[Second]] = defaultdict(list)
     through: dict[str, float] = defaultdict(float)
-    stolen_s, start = _stolen_s(), time.monotonic()
-    for _ in range(rounds):
-        latencies["zenoh_alone"].append(zenoh_alone(rate_hz, FLOOR_SECONDS / rounds))
-        latencies["line_alone"].append(line_alone(rate_hz, FLOOR_SECONDS / rounds))
-        latency_us, figures = daemon(rate_hz, SECONDS / rounds)
-        latencies["latency"].append(latency_us)
-        for name, value in figures.items():
-            through[name] += value
-        with processors_awake():
-            latencies["zenoh_alone_awake"].append(zenoh_alone(rate_hz, FLOOR_SECONDS / rounds))
-    percentiles = {name: _percentiles(parts, rate_hz) for name, parts in latencies.items()}
-    result: dict[str, Any] = percentiles | {
+    seconds, floor_seconds = SECONDS / rounds, FLOOR_SECONDS / rounds
+    taken = 0
+    with Stolen() as stolen:
+        start_ns = time.monotonic_ns()
+
+        def keep(name: str, latencies: Latencies, missing: I64 | None = None) -> None:
+            series[name] += _seconds(latencies, missing, rate_hz, stolen)
+
+        while taken < rounds or (
+            taken < rounds * MOST_ROUNDS
+            and sum(len(s.latency_us) for s in undisturbed(series["latency"])) < ENOUGH_S * rate_hz
+        ):
+            keep("zenoh_alone", zenoh_alone(rate_hz, floor_seconds))
+            keep("line_alone", line_alone(rate_hz, floor_seconds))
+            latencies, missing, figures = daemon(rate_hz, seconds)
+            keep("latency", latencies, missing)
+            for name, value in figures.items():
+                through[name] += value
+            with processors_awake():
+                keep("zenoh_alone_awake", zenoh_alone(rate_hz, floor_seconds))
+            taken += 1
+        now_ns = time.monotonic_ns()
+        stolen_percent = 1e11 * stolen.between(start_ns, now_ns) / (now_ns - start_ns)
+    return _compared(series, rate_hz) | {
         "points": int(through["points"]),
-        "lost": int(through["lost"]),
         "lost_before_armd": int(through["lost_before_armd"]),  # so its points say
-        "cpu_percent_of_a_core": 100 * through["cpu_s"] / SECONDS,
+        "cpu_percent_of_a_core": 100 * through["cpu_s"] / (taken * seconds),
         "cpu_ms_per_1000_samples": 1e6 * through["cpu_s"] / through["points"],
-        "goes_first": through["goes_first"] == rounds,  # whether the system grants it to the
+        "goes_first": through["goes_first"] == taken,  # whether the system grants it to the
         "keeps_awake": os.access(DEVICE, os.W_OK),  # daemon, and this,
-        "arm_on_time": through["arm_on_time"] == rounds,  # and `on_hardware_of_its_own` to us
-        "stolen_percent": 100 * (_stolen_s() - stolen_s) / (time.monotonic() - start),
+        "arm_on_time": through["arm_on_time"] == taken,  # and `on_hardware_of_its_own` to us
+        "rounds": taken,
+        "stolen_percent": stolen_percent,
+        "undisturbed": _compared({name: undisturbed(s) for name, s in series.items()}, rate_hz),
     }
-    for key, latency_us in percentiles["latency"].items():
-        name, alone_us = key.removesuffix("_us"), percentiles["zenoh_alone"][key]
-        result[f"{name}_ratio"] = latency_us / alone_us
-        result[f"{name}_ratio_to_floors"] = latency_us / (alone_us + percentiles["line_alone"][key])
-        result[f"{name}_ratio_awake"] = latency_us / percentiles["zenoh_alone_awake"][key]
-    return result
 
 
-def daemon(rate_hz: int, seconds: float) -> tuple[F64, dict[str, float]]:
-    """Latencies from the true latch, µs; losses and CPU seconds of `armd run` meanwhile."""
+def undisturbed(series: list[Second]) -> list[Second]:
+    return [second for second in series if second.stolen_s <= UNDISTURBED_S]
+
+
+def daemon(rate_hz: int, seconds: float) -> tuple[Latencies, I64, dict[str, float]]:
+    """Latencies from the true latch; samples missing before each point; CPU seconds of `armd run`
+    meanwhile."""
     with (
         tempfile.TemporaryDirectory() as folder,
         simulated_arm(Path(folder), rate_hz=rate_hz, seconds=seconds + 60) as arm,
@@ -119,16 +146,16 @@ def daemon(rate_hz: int, seconds: float) -> tuple[F64, dict[str, float]]:
             arrived_ns = np.array(arrivals.arrived_ns[first:last])
             latency_us = (arrived_ns - arm.latch_ns(points["seq"])) / 1000
             armd.stop()
-    missing = np.diff(points["seq"].astype(np.int64)) - 1
-    flagged = (points["flags"][1:] & Flag.SAMPLES_LOST) != 0
-    return latency_us, {
+    missing = np.diff(points["seq"].astype(np.int64), prepend=int(points["seq"][0]) - 1) - 1
+    flagged = (points["flags"] & Flag.SAMPLES_LOST) != 0
+    figures = {
         "points": len(points),
-        "lost": int(missing.sum()),
         "lost_before_armd": int(missing[flagged].sum()),
         "cpu_s": cpu_s,
         "goes_first": goes_first,
         "arm_on_time": on_time,
     }
+    return Latencies(latency_us, arrived_ns), missing, figures
 
 
 def on_hardware_of_its_own(arm: SimulatedArm) -> bool:
@@ -166,25 +193,44 @@ def calibrate(folder: Path) -> None:
     save_calibration(folder / "calibration.json", known_expansion(arm, [2e-6] * arm.n_joints))
 
 
-def _percentiles(parts: list[F64], rate_hz: int) -> dict[str, float]:
-    p50, p99, p99_9 = np.percentile(np.concatenate(parts), [50, 99, 99.9])
-    seconds = [part[k : k + rate_hz] for part in parts for k in range(0, len(part), rate_hz)]
-    usual = np.median([np.percentile(s, 99) for s in seconds if len(s) == rate_hz])
-    return {
-        "p50_us": float(p50),
-        "p99_us": float(p99),
-        "p99_9_us": float(p99_9),
-        "usual_p99_us": float(usual),
+def _seconds(
+    latencies: Latencies, missing: I64 | None, rate_hz: int, stolen: Stolen
+) -> Iterator[Second]:
+    """A series in seconds, each with what was lost and what the host took from the arrival before
+    it to its last."""
+    arrived_ns = latencies.arrived_ns
+    for k in range(0, len(arrived_ns), rate_hz):
+        own = slice(k, k + rate_hz)
+        stolen_s = stolen.between(arrived_ns[max(k - 1, 0)], arrived_ns[own][-1])
+        lost = 0 if missing is None else int(missing[own].sum())
+        yield Second(latencies.latency_us[own], lost, stolen_s)
+
+
+def _compared(series: dict[str, list[Second]], rate_hz: int) -> dict[str, Any]:
+    """Percentiles of each series, and the daemon's in those of the floors; nothing where there is
+    nothing to compare."""
+    if not all(series.values()):
+        return {"seconds": 0.0}
+    percentiles = {name: _percentiles(parts) for name, parts in series.items()}
+    result: dict[str, Any] = percentiles | {
+        "seconds": sum(len(second.latency_us) for second in series["latency"]) / rate_hz,
+        "lost": sum(second.lost for second in series["latency"]),
     }
+    for key, latency_us in percentiles["latency"].items():
+        name, alone_us = key.removesuffix("_us"), percentiles["zenoh_alone"][key]
+        result[f"{name}_ratio"] = latency_us / alone_us
+        result[f"{name}_ratio_to_floors"] = latency_us / (alone_us + percentiles["line_alone"][key])
+        result[f"{name}_ratio_awake"] = latency_us / percentiles["zenoh_alone_awake"][key]
+    return result
+
+
+def _percentiles(parts: list[Second]) -> dict[str, float]:
+    latency_us = np.concatenate([second.latency_us for second in parts])
+    p50, p99, p99_9 = np.percentile(latency_us, [50, 99, 99.9])
+    return {"p50_us": float(p50), "p99_us": float(p99), "p99_9_us": float(p99_9)}
 
 
 def _cpu_s(pid: int) -> float:
     """CPU seconds of a process, all its threads."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _stolen_s() -> float:
-    """Seconds for which a host took processors away from this machine, since its start."""
-    fields = Path("/proc/stat").read_text().splitlines()[0].split()
-    return int(fields[8]) / os.sysconf("SC_CLK_TCK")

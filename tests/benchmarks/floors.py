@@ -1,4 +1,4 @@
-"""What the live path stands on, each alone: Zenoh, and the line. Latencies in µs."""
+"""What the live path stands on, each alone: Zenoh, and the line."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,14 @@ import zenoh
 from running_daemon import free_endpoint, session_with
 
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+
+class Latencies(NamedTuple):
+    """How long each took (N,), and when it arrived on CLOCK_MONOTONIC."""
+
+    latency_us: F64
+    arrived_ns: I64
 
 
 class Arrivals:
@@ -31,7 +40,7 @@ class Arrivals:
         self.payloads.append(sample.payload.to_bytes())
 
 
-def zenoh_alone(rate_hz: int, seconds: float) -> F64:
+def zenoh_alone(rate_hz: int, seconds: float) -> Latencies:
     """From put to callback of 136 bytes; one latency for each, the first second left out."""
     endpoint, key = free_endpoint(), "bare/point"
     script = Path(__file__).with_name("bare_put.py")
@@ -44,10 +53,11 @@ def zenoh_alone(rate_hz: int, seconds: float) -> F64:
             session.declare_subscriber(key, arrivals.take)
             sender.wait(seconds + 60)
     put_ns = np.frombuffer(b"".join(arrivals.payloads), np.int64).reshape(-1, 17)[:, 0]
-    return (np.array(arrivals.arrived_ns) - put_ns)[rate_hz:] / 1000
+    arrived_ns = np.array(arrivals.arrived_ns)
+    return Latencies((arrived_ns - put_ns)[rate_hz:] / 1000, arrived_ns[rate_hz:])
 
 
-def line_alone(rate_hz: int, seconds: float) -> F64:
+def line_alone(rate_hz: int, seconds: float) -> Latencies:
     """From a write to the end of a read in another process, over a pseudo-terminal."""
     script = Path(__file__).with_name("bare_line.py")
     command = [sys.executable, str(script), str(rate_hz), str(seconds + 1)]
@@ -68,4 +78,5 @@ def line_alone(rate_hz: int, seconds: float) -> F64:
                     now_ns = time.monotonic_ns()
                     arrived_ns += [now_ns] * (len(data) // 40 - len(arrived_ns))
     sent_ns = np.frombuffer(data, np.int64).reshape(-1, 5)[:, 0]
-    return (np.array(arrived_ns) - sent_ns)[rate_hz:] / 1000
+    came_ns = np.array(arrived_ns)
+    return Latencies((came_ns - sent_ns)[rate_hz:] / 1000, came_ns[rate_hz:])

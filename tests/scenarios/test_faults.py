@@ -6,12 +6,14 @@ Contract section 9: exactly once, seq, flag 6, invalid, temperatures, clock, rec
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from running_daemon import Heard, running_daemon
 from simulated_arm import SimulatedArm, simulated_arm
+from standstill import taken_while_it_ran
 
 from armd import Flag
 
@@ -73,7 +75,10 @@ class Run:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    folder = tmp_path_factory.mktemp("faults")
+    return taken_while_it_ran(lambda: take(tmp_path_factory.mktemp("faults")))
+
+
+def take(folder: Path) -> Run:
     options = []
     for name, at_s in FAULTS.items():
         duration = f":{DURATION_S[name]}" if name in DURATION_S else ""
