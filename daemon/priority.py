@@ -6,9 +6,10 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-#: Real-time priorities, the lowest there are. Zenoh's sending thread before the one that feeds it:
-#: else a point waits for what is done after it was put.
-STREAM, SENDER = 1, 2
+#: The lowest real-time priority, the same for both: woken, Zenoh's sending thread runs at once on
+#: another processor. Of two priorities the higher one would drive the other thread to a processor
+#: where its caches are cold, sample by sample (docs/performance.md).
+PRIORITY = 1
 #: Zenoh has one; it starts with the first subscriber.
 SENDER_NAME = "tx-0"
 TASKS = Path("/proc/self/task")
@@ -25,7 +26,7 @@ def go_first() -> None:
     if len(os.sched_getaffinity(0)) < 2:
         return
     with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(STREAM))
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
 
 
 def sender_goes_first() -> bool:
@@ -38,6 +39,6 @@ def sender_goes_first() -> bool:
         for task in TASKS.iterdir():
             if (task / "comm").read_text().strip() == SENDER_NAME:
                 with suppress(OSError):  # the right to it may not reach that far
-                    os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(SENDER))
+                    os.sched_setscheduler(int(task.name), os.SCHED_FIFO, os.sched_param(PRIORITY))
                 return True
     return False

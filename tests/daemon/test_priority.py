@@ -13,7 +13,7 @@ import pytest
 from running_daemon import running_daemon
 from simulated_arm import simulated_arm
 
-from armd.daemon.priority import SENDER, SENDER_NAME, STREAM, go_first, sender_goes_first
+from armd.daemon.priority import PRIORITY, SENDER_NAME, go_first, sender_goes_first
 
 FIRST_AND_LATER = """
 import os, threading
@@ -78,8 +78,8 @@ def test_zenohs_sending_thread_goes_first_where_the_stream_does(tmp_path: Path) 
     ):
         heard.wait_for(lambda: priorities(daemon.process.pid).get(SENDER_NAME))
         first = {name: p for name, p in priorities(daemon.process.pid).items() if p}
-    assert first.pop(SENDER_NAME) == SENDER
-    assert list(first.values()) == [STREAM], first  # the main thread
+    assert first.pop(SENDER_NAME) == PRIORITY
+    assert list(first.values()) == [PRIORITY], first  # the main thread
 
 
 def priorities(pid: int) -> dict[str, int]:
