@@ -91,7 +91,7 @@ def at(rate_hz: int, rounds: int) -> dict[str, Any]:
 
         while taken < rounds or (
             taken < rounds * MOST_ROUNDS
-            and sum(len(s.latency_us) for s in undisturbed(series["latency"])) < ENOUGH_S * rate_hz
+            and _samples(undisturbed(series["latency"])) < ENOUGH_S * rate_hz
         ):
             keep("zenoh_alone", zenoh_alone(rate_hz, floor_seconds))
             keep("line_alone", line_alone(rate_hz, floor_seconds))
@@ -206,14 +206,19 @@ def _seconds(
         yield Second(latencies.latency_us[own], lost, stolen_s)
 
 
+def _samples(parts: list[Second]) -> int:
+    return sum(len(second.latency_us) for second in parts)
+
+
 def _compared(series: dict[str, list[Second]], rate_hz: int) -> dict[str, Any]:
     """Percentiles of each series, and the daemon's in those of the floors; nothing where there is
     nothing to compare."""
-    if not all(series.values()):
-        return {"seconds": 0.0}
+    seconds = {name: _samples(parts) / rate_hz for name, parts in series.items()}
+    if not all(seconds.values()):
+        return {"seconds": seconds}
     percentiles = {name: _percentiles(parts) for name, parts in series.items()}
     result: dict[str, Any] = percentiles | {
-        "seconds": sum(len(second.latency_us) for second in series["latency"]) / rate_hz,
+        "seconds": seconds,
         "lost": sum(second.lost for second in series["latency"]),
     }
     for key, latency_us in percentiles["latency"].items():
