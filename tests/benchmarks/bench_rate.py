@@ -27,8 +27,8 @@ SECONDS = 5.0
 
 
 def run() -> dict[str, Any]:
-    """By rate: points lost of those sent, try by try; `highest_hz`: the last rate held in ascending
-    order."""
+    """By rate and try: points sent, found no room, lost of all; `highest_hz`: the last rate held in
+    ascending order."""
     tries = [rate_hz for rate_hz in RATES_HZ for _ in range(TRIES)]
     pump = [sys.executable, str(Path(__file__).with_name("pump.py"))]
     command = [*pump, *map(str, tries), str(SECONDS)]
@@ -48,12 +48,13 @@ def run() -> dict[str, Any]:
                 sent = [tuple(map(int, line.split())) for line in sender.stdout]
                 seqs = heard.points()["seq"]
                 armd.stop()
-    lost: defaultdict[int, list[int]] = defaultdict(list)
-    for rate_hz, first, last in sent:
+    figures: defaultdict[int, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
+    for rate_hz, first, last, unsent in sent:
         arrived = int(np.count_nonzero((seqs >= first) & (seqs <= last)))
-        lost[rate_hz].append(last - first + 1 - arrived)
-    held = list(takewhile(lambda rate_hz: min(lost[rate_hz]) == 0, RATES_HZ))
+        figures[rate_hz]["sent"].append(last - first + 1)
+        figures[rate_hz]["no_room"].append(unsent)
+        figures[rate_hz]["lost"].append(last - first + 1 - arrived)
+    held = takewhile(lambda rate_hz: min(figures[rate_hz]["lost"]) == 0, RATES_HZ)
     return {"highest_hz": max(held, default=0)} | {
-        f"{rate_hz}_hz": {"sent": int(rate_hz * SECONDS), "lost": lost[rate_hz]}
-        for rate_hz in RATES_HZ
+        f"{rate_hz}_hz": dict(tried) for rate_hz, tried in figures.items()
     }

@@ -1,8 +1,8 @@
 """An arm that only sends, as fast as it is told: SAMPLEs packed beforehand, once a millisecond.
 
 python pump.py RATE_HZ … SECONDS: prints the port's path; reads a line from standard input; then
-sends at each rate and prints `RATE_HZ FIRST_SEQ LAST_SEQ`. What finds no room, because nobody read
-in time, is lost.
+sends at each rate and prints `RATE_HZ FIRST_SEQ LAST_SEQ UNSENT`, UNSENT being what found no room
+because nobody read in time.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ def main(rates_hz: list[int], seconds: float) -> None:
     hello = wire.encode_hello(HELLO) + wire.encode_temperature(0, [20.0] * SENSORS)
     for rate_hz, first, last, ticks in plan:
         port.write(b"\0" + hello)
-        due = time.monotonic()
+        unsent, due = 0, time.monotonic()
         for packets in ticks:
             due += TICK_S
             time.sleep(max(0.0, due - time.monotonic()))
-            port.write(packets)
+            unsent += 0 if port.write(packets) else _per_tick(rate_hz)
         time.sleep(PAUSE_S)
         port.read(0.0)  # PINGs, which nobody answers: the clock is not what is measured
         if ticks is not plan[0][3]:
-            print(rate_hz, first, last, flush=True)
+            print(rate_hz, first, last, unsent, flush=True)
 
 
 def _per_tick(rate_hz: int) -> int:

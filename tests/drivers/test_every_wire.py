@@ -28,7 +28,7 @@ FIRST_S = 5.0  # by then the driver listens, also on a busy machine
 S = 1_000_000_000
 
 #: Nearly half a turn: after a gap of 0.04 s the usual jump of 45° could as well be motion.
-JUMP_COUNTS = int(0.45 * COUNTS_PER_TURN)
+AMOUNT = {"count_jump": f", amount = {int(0.45 * COUNTS_PER_TURN)}"}
 #: name: (seconds after FIRST_S, duration, joint)
 FAULTS = {
     "joint_invalid": (0.0, 0.4, 2),
@@ -100,14 +100,12 @@ class EveryWire:
     def take(cls, folder):
         """The driver's and the simulator's account of one run."""
         scenario = folder / "scenario.toml"
-        scenario.write_text(
-            "".join(
-                f'[[fault]]\nname = "{name}"\nat_s = {FIRST_S + at}\n'
-                f"duration_s = {lasts}\njoint = {joint}\n"
-                + (f"amount = {JUMP_COUNTS}\n" if name == "count_jump" else "")
-                for name, (at, lasts, joint) in cls.faults.items()
-            )
+        faults = ", ".join(
+            f'{{ name = "{name}", at_s = {FIRST_S + at}, duration_s = {lasts}, joint = {joint}'
+            f"{AMOUNT.get(name, '')} }}"
+            for name, (at, lasts, joint) in cls.faults.items()
         )
+        scenario.write_text(f"fault = [{faults}]\n")
         options = ["--scenario", str(scenario), *cls.options(folder)]
         seconds = FIRST_S + cls.last_s
         items = []

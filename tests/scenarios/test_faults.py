@@ -79,6 +79,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def take(folder: Path) -> Run:
+    """Every fault of the list, in one run."""
     options = []
     for name, at_s in FAULTS.items():
         duration = f":{DURATION_S[name]}" if name in DURATION_S else ""
