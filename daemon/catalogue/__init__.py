@@ -1,0 +1,1 @@
+"""Arms that people own: nominal geometry, one arm.toml each, and how armd reads them."""

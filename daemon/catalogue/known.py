@@ -1,0 +1,97 @@
+"""The known arms: `NAME.toml` beside this file is the arm.toml, `KNOWN` says how it is wired."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+
+from armd.compensation.arm import Arm
+from armd.errors import BadInput
+from armd.schema import load_toml
+
+
+@dataclass(frozen=True)
+class Bus:
+    """`[driver]` of armd.toml, as the arm comes out of the box."""
+
+    kind: str  # "feetech" or "dynamixel"
+    baud: int
+    ids: tuple[int, ...]  # joint k is servo ids[k-1]
+    temperature_ids: tuple[int, ...]  # sensor k of arm.toml is in this servo
+
+
+#: name → its bus; None where armd has no driver
+KNOWN: dict[str, Bus | None] = {
+    "so101": Bus("feetech", 1_000_000, (1, 2, 3, 4, 5), (2, 3, 4, 5, 6)),
+    "koch": Bus("dynamixel", 1_000_000, (1, 2, 3, 4, 5), (2, 3, 4, 5, 6)),
+    "vx300s": Bus("dynamixel", 1_000_000, (1, 2, 4, 6, 7, 8), (2, 4, 6, 7, 8, 9)),
+    "wx250s": Bus("dynamixel", 1_000_000, (1, 2, 4, 6, 7, 8), (2, 4, 6, 7, 8, 9)),
+    "omx": Bus("dynamixel", 1_000_000, (11, 12, 13, 14, 15), (12, 13, 14, 15, 16)),
+    "omx-leader": Bus("dynamixel", 1_000_000, (1, 2, 3, 4, 5), (2, 3, 4, 5, 6)),
+    "gello-yam": Bus("dynamixel", 57_600, (1, 2, 3, 4, 5, 6), (2, 3, 4, 5, 6, 7)),
+    "openarm": None,
+}
+
+
+def canonical(name: str) -> str:
+    """The table's spelling of *name*; raises `BadInput` for an arm that is not in it."""
+    found = name.lower().replace("_", "-")
+    if found not in KNOWN:
+        raise BadInput("armd arm", "NAME", repr(name), f"one of {', '.join(KNOWN)}, microscribe")
+    return found
+
+
+def arm_text(name: str) -> str:
+    """The arm.toml of a known arm, comments and all."""
+    return (files(__package__) / f"{canonical(name)}.toml").read_text(encoding="utf-8")
+
+
+def known_arm(name: str) -> Arm:
+    """The same, parsed and checked."""
+    return load_toml(str(files(__package__) / f"{canonical(name)}.toml"), Arm)
+
+
+def title(text: str) -> str:
+    """The first line of an arm.toml's comment: what the arm is."""
+    return text.splitlines()[0].removeprefix("# ").removesuffix(".")
+
+
+def with_serial_number(text: str, serial_number: str) -> str:
+    line = f"serial_number = {_quoted(serial_number)}"
+    return re.sub(r"(?m)^serial_number = .*$", lambda _: line, text, count=1)
+
+
+def with_joint(text: str, k: int, values: Mapping[str, float | int]) -> str:
+    """*text* with keys of joint *k* (from 1) replaced; a key that is not there is added."""
+    head, *joints = re.split(r"(?m)^(?=\[\[joint\]\]$)", text)
+    block, end, rest = joints[k - 1].partition("\n\n")
+    for key, value in values.items():
+        line = f"{key} = {value!r}"
+        block, found = re.subn(rf"(?m)^{key} = .*$", lambda _, line=line: line, block)
+        block += "" if found else f"\n{line}"
+    joints[k - 1] = block + end + rest
+    return head + "".join(joints)
+
+
+def daemon_text(arm_file: str, bus: Bus, port: str) -> str:
+    """An armd.toml that runs the arm on *port*."""
+    return f"""\
+schema = "armd.daemon/1"
+arm = {_quoted(arm_file)}
+# calibration = "calibration.json"     # of armd calibrate; without it points carry flag 7
+
+[driver]
+kind = {_quoted(bus.kind)}
+port = {_quoted(port)}
+baud = {bus.baud}
+ids = {list(bus.ids)}
+temperature_ids = {list(bus.temperature_ids)}
+"""
+
+
+def _quoted(text: str) -> str:
+    """A TOML string: JSON's, in UTF-8."""
+    return json.dumps(text, ensure_ascii=False)

@@ -1,0 +1,119 @@
+"""A LeRobot calibration taken over: ids, homing offsets, ranges of travel.
+
+LeRobot keeps one JSON per arm: name of a motor → id, drive mode, homing offset, and the smallest
+and the greatest raw position to which a hand has swept the joint, offset included. Its zero is
+the middle of that sweep, and its degrees are 360/4095 of a count where a count is 360/4096.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, RootModel
+
+from armd.daemon.catalogue.known import (
+    KNOWN,
+    Bus,
+    arm_text,
+    canonical,
+    known_arm,
+    with_joint,
+)
+from armd.errors import BadInput
+from armd.schema import Strict, load_json
+
+Raw = Annotated[int, Field(ge=0, le=4095)]
+DEG_PER_COUNT = 360 / 4096
+MIDDLE = 2048  # the raw position that armd counts as 0
+TOOLS = ("gripper", "trigger")  # motors that are no joint of the chain
+
+
+class Motor(Strict):
+    id: Annotated[int, Field(ge=0, le=252)]
+    drive_mode: Literal[0, 1]
+    homing_offset: int
+    range_min: Raw
+    range_max: Raw
+
+
+class CalibrationFile(RootModel[dict[str, Motor]]):
+    model_config = ConfigDict(frozen=True)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What became of the calibration."""
+
+    text: str  # arm.toml
+    bus: Bus
+    motors: dict[str, Motor]  # in the order of the joints
+
+
+def take_over(path: Path, name: str) -> Taken:
+    """The known arm *name* with the zeros, limits and ids of the calibration at *path*.
+
+    Raises `BadInput` for a file that is not LeRobot's or that is another arm's.
+    """
+    arm, bus = known_arm(name), _bus(name)
+    motors = dict(sorted(load_json(path, CalibrationFile).root.items(), key=lambda m: m[1].id))
+    chain = {key: motor for key, motor in motors.items() if key not in TOOLS}
+    _check(path, motors, chain, arm.n_joints, name)
+    text = arm_text(name)
+    for k, (motor, joint) in enumerate(zip(chain.values(), arm.joint, strict=True), 1):
+        direction = -joint.direction if motor.drive_mode else joint.direction
+        ends = [
+            direction * (raw - MIDDLE) * DEG_PER_COUNT for raw in (motor.range_min, motor.range_max)
+        ]
+        values: dict[str, float | int] = {
+            "theta_deg": joint.theta_deg - sum(ends) / 2,
+            "direction": direction,
+            "min_deg": round(min(ends), 3),
+            "max_deg": round(max(ends), 3),
+        }
+        text = with_joint(text, k, values)
+    offsets = ", ".join(f"{motor.id}: {motor.homing_offset}" for motor in motors.values())
+    note = (
+        f"# Zeros, limits and directions are of the LeRobot calibration {path.name}, whose zero\n"
+        f"# (the middle of the sweep) is taken for the drawing's. It holds while the servos have\n"
+        f"# these homing offsets: {offsets}.\n"
+    )
+    ids = [motor.id for motor in chain.values()]
+    return Taken(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors)
+
+
+def _bus(name: str) -> Bus:
+    bus = KNOWN[canonical(name)]
+    if bus is None:
+        raise BadInput("armd arm", "--arm", repr(name), "an arm with servos on a serial line")
+    return bus
+
+
+def _check(
+    path: Path, motors: dict[str, Motor], chain: dict[str, Motor], n_joints: int, name: str
+) -> None:
+    if len(chain) != n_joints:
+        expected = f"{n_joints}, as {name} has (and a gripper)"
+        raise BadInput(path, "motors of joints", f"{len(chain)} ({', '.join(chain)})", expected)
+    if len({motor.id for motor in motors.values()}) < len(motors):
+        ids = ", ".join(str(motor.id) for motor in motors.values())
+        raise BadInput(path, "id", ids, "ids that differ from each other")
+    for key, motor in motors.items():
+        if motor.range_min >= motor.range_max:
+            expected = f"less than range_max, {motor.range_max}"
+            raise BadInput(path, f"{key}.range_min", str(motor.range_min), expected)
+
+
+def _parted(text: str) -> tuple[str, str]:
+    """Before and after the first line that is no comment."""
+    head, blank, rest = text.partition("\n\n")
+    return head + "\n", blank[1:] + rest
+
+
+def _with_ids(bus: Bus, ids: list[int], motors: dict[str, Motor], chain: dict[str, Motor]) -> Bus:
+    """The bus with the calibration's ids: link k is as warm as the next motor, tools included."""
+    if tuple(ids) == bus.ids:
+        return bus
+    tools = [motor.id for key, motor in motors.items() if key not in chain]
+    return replace(bus, ids=tuple(ids), temperature_ids=(*ids[1:], (tools or ids[-1:])[0]))

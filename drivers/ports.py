@@ -1,0 +1,12 @@
+"""Serial ports of this machine, by names that stay the same from one plugging in to the next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def serial_ports(dev: Path = Path("/dev")) -> list[Path]:
+    """Every USB serial adapter once: its name under /dev/serial/by-id where it has one."""
+    named = {path.resolve(): path for path in sorted((dev / "serial/by-id").glob("*"))}
+    devices = sorted([*dev.glob("ttyUSB*"), *dev.glob("ttyACM*")])
+    return [named.get(device.resolve(), device) for device in devices]
