@@ -1,0 +1,175 @@
+"""Dynamixel's protocol 2.0, in pure functions.
+
+`FF FF FD 00 | id | length (2) | instruction | parameters | CRC (2)`, little-endian; length counts
+what follows it. Within instruction and parameters FF FF FD is stuffed to FF FF FD FD; length and
+CRC count the stuffed form. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+
+from armd.drivers.poll.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
+
+HEADER = b"\xff\xff\xfd\x00"
+#: header, id, length, instruction and CRC: what every packet has besides its parameters
+OVERHEAD = 10
+_LONGEST = 1024
+
+PING, READ, WRITE, REG_WRITE, ACTION, REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
+STATUS = 0x55
+SYNC_READ, SYNC_WRITE, FAST_SYNC_READ, BULK_READ = 0x82, 0x83, 0x8A, 0x92
+
+ALERT = 0x80  # of a status's error byte: register 70 tells why; the data hold all the same
+#: the other seven bits: why an instruction was not done
+REFUSALS = {
+    1: "result fail",
+    2: "instruction error",
+    3: "CRC error",
+    4: "data range error",
+    5: "data length error",
+    6: "data limit error",
+    7: "access error",
+}
+#: bit of register 70 → what the servo complains of
+HARDWARE_ERRORS = {
+    0: "input voltage",
+    2: "overheating",
+    3: "motor encoder",
+    4: "electrical shock",
+    5: "overload",
+}
+
+
+def _crc_table() -> tuple[int, ...]:
+    table = []
+    for byte in range(256):
+        crc = byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x8005) & 0xFFFF if crc & 0x8000 else crc << 1
+        table.append(crc)
+    return tuple(table)
+
+
+_CRC = _crc_table()
+
+
+def crc16(data: bytes | bytearray, crc: int = 0) -> int:
+    """CRC-16 with polynomial 0x8005, from 0, neither reflected nor inverted."""
+    for byte in data:
+        crc = (crc << 8 & 0xFF00) ^ _CRC[crc >> 8 ^ byte]
+    return crc
+
+
+def build(servo_id: int, instruction: int, params: bytes = b"") -> bytes:
+    """A whole packet, stuffed."""
+    body = (bytes([instruction]) + params).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
+    packet = HEADER + bytes([servo_id]) + (len(body) + 2).to_bytes(2, "little") + body
+    return packet + crc16(packet).to_bytes(2, "little")
+
+
+def ping(servo_id: int) -> bytes:
+    return build(servo_id, PING)
+
+
+def read(servo_id: int, address: int, length: int) -> bytes:
+    return build(servo_id, READ, _span(address, length))
+
+
+def write(servo_id: int, address: int, data: bytes) -> bytes:
+    return build(servo_id, WRITE, address.to_bytes(2, "little") + data)
+
+
+def sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
+    """Each of *ids* answers with a status of its own, in this order."""
+    return build(BROADCAST, SYNC_READ, _span(address, length) + bytes(ids))
+
+
+def fast_sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
+    """All of *ids* answer in one status; one that is missing ends it for those after it."""
+    return build(BROADCAST, FAST_SYNC_READ, _span(address, length) + bytes(ids))
+
+
+def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
+    """As a servo sends it."""
+    return build(servo_id, STATUS, bytes([error]) + data)
+
+
+def status_size(length: int) -> int:
+    """Bytes on the wire of a status with *length* bytes of data that need no stuffing."""
+    return OVERHEAD + 1 + length
+
+
+def fast_status_blocks(answers: Sequence[Status]) -> list[bytes]:
+    """The pieces of one fast status, as the servos send them one after the other; not stuffed."""
+    length = 1 + sum(4 + len(answer.data) for answer in answers)
+    head = HEADER + bytes([BROADCAST]) + length.to_bytes(2, "little") + bytes([STATUS])
+    blocks, crc = [], 0
+    for i, answer in enumerate(answers):
+        block = (b"" if i else head) + bytes([answer.error, answer.id]) + answer.data
+        crc = crc16(block, crc)
+        check = crc.to_bytes(2, "little")
+        crc = crc16(check, crc)
+        blocks.append(block + check)
+    return blocks
+
+
+def fast_status_size(n: int, length: int) -> int:
+    """Bytes on the wire of a fast status of *n* servos with *length* bytes of data each."""
+    return OVERHEAD - 2 + n * (4 + length)
+
+
+def splitter() -> Splitter:
+    """Finds the packets of either side."""
+    return Splitter(HEADER, _cut, range(OVERHEAD, _LONGEST))
+
+
+def _cut(buffer: bytearray, at: int, sizes: Container[int]) -> Packet | Cut:
+    if len(buffer) < at + OVERHEAD:
+        return Cut.INCOMPLETE
+    servo_id, length = buffer[at + 4], buffer[at + 5] | buffer[at + 6] << 8
+    if servo_id == 0xFF or length + 7 not in sizes:
+        return Cut.NO_HEADER
+    end = at + 7 + length
+    if len(buffer) < end:
+        return Cut.INCOMPLETE
+    raw = bytes(buffer[at:end])
+    if crc16(raw[:-2]) != raw[-2] | raw[-1] << 8:
+        return Cut.BAD_SUM
+    body = raw[7:-2]
+    if not (servo_id == BROADCAST and body[0] == STATUS):  # a fast status is never stuffed
+        body = body.replace(b"\xff\xff\xfd\xfd", b"\xff\xff\xfd")
+    return Packet(servo_id, body[0], body[1:], raw)
+
+
+def statuses(packet: Packet, length: int | None = None) -> list[Status]:
+    """A packet read as servos' answers. A fast status can only be taken apart by one who knows
+    the *length* of the data that were asked for."""
+    if packet.code != STATUS or not packet.params:
+        return []
+    if packet.id != BROADCAST:
+        return [Status(packet.id, packet.params[0], packet.params[1:])]
+    if length is None or (len(packet.params) + 2) % (4 + length):
+        return []
+    blocks = range(0, len(packet.params), 4 + length)
+    params = packet.params
+    return [Status(params[i + 1], params[i], params[i + 2 : i + 2 + length]) for i in blocks]
+
+
+def read_request(packet: Packet) -> ReadRequest | None:
+    """A packet read as the host's; None if it asks for no registers."""
+    params = packet.params
+    if len(params) < 4:
+        return None
+    address, length = params[0] | params[1] << 8, params[2] | params[3] << 8
+    match packet.code:
+        case 0x02:  # READ
+            return ReadRequest((packet.id,), address, length)
+        case 0x82 | 0x8A:  # SYNC_READ, FAST_SYNC_READ
+            fast = packet.code == FAST_SYNC_READ
+            return ReadRequest(tuple(params[4:]), address, length, fast)
+    return None
+
+
+def _span(address: int, length: int) -> bytes:
+    return address.to_bytes(2, "little") + length.to_bytes(2, "little")

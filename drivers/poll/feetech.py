@@ -1,0 +1,98 @@
+"""Feetech's protocol as STS and SMS servos speak it (little-endian), in pure functions.
+
+`FF FF | id | length | instruction or error | parameters | checksum`; length counts what follows
+it. There is no stuffing: FF FF occurs within packets. Sources: the maker's protocol manual and
+memory table of the STS3215; bit 15 of a position is its sign, the rest its magnitude.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+
+from armd.drivers.poll.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
+
+HEADER = b"\xff\xff"
+#: header, id, length, code and checksum: what every packet has besides its parameters
+OVERHEAD = 6
+
+PING, READ, WRITE, REG_WRITE, ACTION = 0x01, 0x02, 0x03, 0x04, 0x05
+SYNC_READ, SYNC_WRITE = 0x82, 0x83
+
+#: bit of a status's error byte → what the servo complains of; its data hold all the same
+ERRORS = {0: "voltage", 1: "encoder", 2: "temperature", 3: "current", 5: "overload"}
+
+
+def build(servo_id: int, code: int, params: bytes = b"") -> bytes:
+    """A whole packet: an instruction to a servo, or its status with *code* the error byte."""
+    body = bytes([servo_id, len(params) + 2, code]) + params
+    return HEADER + body + bytes([~sum(body) & 0xFF])
+
+
+def ping(servo_id: int) -> bytes:
+    """Beware of adapters that echo: the echo looks like a status with the error bit "voltage"."""
+    return build(servo_id, PING)
+
+
+def read(servo_id: int, address: int, length: int) -> bytes:
+    """Beware of adapters that echo: of a read of 2 bytes the echo looks like the answer."""
+    return build(servo_id, READ, bytes([address, length]))
+
+
+def write(servo_id: int, address: int, data: bytes) -> bytes:
+    return build(servo_id, WRITE, bytes([address]) + data)
+
+
+def sync_read(ids: Sequence[int], address: int, length: int) -> bytes:
+    """Each of *ids* answers with a status of its own, in this order."""
+    return build(BROADCAST, SYNC_READ, bytes([address, length, *ids]))
+
+
+def status(servo_id: int, error: int, data: bytes = b"") -> bytes:
+    """As a servo sends it."""
+    return build(servo_id, error, data)
+
+
+def status_size(length: int) -> int:
+    """Bytes on the wire of a status with *length* bytes of data."""
+    return OVERHEAD + length
+
+
+def splitter() -> Splitter:
+    """Finds the packets of either side."""
+    return Splitter(HEADER, _cut, range(OVERHEAD, OVERHEAD + 254))
+
+
+def _cut(buffer: bytearray, at: int, sizes: Container[int]) -> Packet | Cut:
+    if len(buffer) < at + OVERHEAD:
+        return Cut.INCOMPLETE
+    servo_id, length = buffer[at + 2], buffer[at + 3]
+    if servo_id == 0xFF or length + 4 not in sizes:
+        return Cut.NO_HEADER
+    end = at + 4 + length
+    if len(buffer) < end:
+        return Cut.INCOMPLETE
+    if sum(buffer[at + 2 : end]) & 0xFF != 0xFF:
+        return Cut.BAD_SUM
+    raw = bytes(buffer[at:end])
+    return Packet(servo_id, raw[4], raw[5:-1], raw)
+
+
+def statuses(packet: Packet) -> list[Status]:
+    """A packet read as a servo's; an instruction's echo reads as a status too."""
+    return [] if packet.id == BROADCAST else [Status(packet.id, packet.code, packet.params)]
+
+
+def read_request(packet: Packet) -> ReadRequest | None:
+    """A packet read as the host's; None if it asks for no registers."""
+    params = packet.params
+    if packet.code == READ and len(params) == 2:
+        return ReadRequest((packet.id,), params[0], params[1])
+    if packet.code == SYNC_READ and len(params) > 2:
+        return ReadRequest(tuple(params[2:]), params[0], params[1])
+    return None
+
+
+def signed(value: int, sign_bit: int) -> int:
+    """Sign and magnitude as Feetech keeps them, with the sign in *sign_bit*."""
+    magnitude = value & ((1 << sign_bit) - 1)
+    return -magnitude if value >> sign_bit & 1 else magnitude
