@@ -7,8 +7,10 @@ between rows (held temperatures, lags) is carried from piece to piece.
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +22,14 @@ from armd import Flag
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import LoadedCalibration, used_sensors
 from armd.compensation.model import Model
-from armd.compensation.readings import Readings, cast_columns, parse_csv, read_header
+from armd.compensation.readings import (
+    LONGEST_LINE_BYTES,
+    Readings,
+    cast_columns,
+    not_parquet,
+    parse_csv,
+    read_header,
+)
 from armd.compensation.row_uncertainty import row_uncertainties
 from armd.compensation.session import (
     angles,
@@ -34,6 +43,7 @@ from armd.compensation.state import States
 from armd.compensation.terms import After, Temperature, TemperatureRate, Time
 from armd.errors import BadInput
 from armd.files import whole_file
+from armd.inputs import open_input
 
 F64 = npt.NDArray[np.float64]
 
@@ -178,15 +188,16 @@ def _csv_pieces(
     corrector: Corrector,
 ) -> Iterator[tuple[int, float]]:
     """Yields the number of rows and the share of the file done so far."""
-    size, done = source.stat().st_size, 0
-    with source.open("rb") as lines, part.open("wb") as out:
+    done = 0
+    with open_input(source) as lines, part.open("wb") as out:
+        size = os.fstat(lines.fileno()).st_size
         names = lines.readline().rstrip(b"\r\n")
         out.write(names + b"," + ",".join(COLUMNS).encode() + b"\n")
-        while piece := lines.readlines(PIECE_BYTES):
+        for piece in _line_pieces(source, lines):
             rows = [line for line in piece if line.strip()]  # a blank line is no row
             if not rows:
                 continue
-            table = parse_csv(source, io.BytesIO(b"".join(rows)), header, wanted)
+            table = parse_csv(source, io.BytesIO(b"\n".join(rows) + b"\n"), header, wanted)
             if len(table) != len(rows):
                 found = "a line break inside a value"
                 raise BadInput(source, f"after row {done}", found, "one line per row")
@@ -195,10 +206,22 @@ def _csv_pieces(
             pa.csv.write_csv(new, text, pa.csv.WriteOptions(include_header=False))
             added = text.getvalue().to_pybytes().splitlines(keepends=True)
             out.writelines(
-                old.rstrip(b"\r\n") + b"," + end for old, end in zip(rows, added, strict=True)
+                old.rstrip(b"\r") + b"," + end for old, end in zip(rows, added, strict=True)
             )
             done += len(rows)
             yield done, lines.tell() / size
+
+
+def _line_pieces(source: Path, file: BinaryIO) -> Iterator[list[bytes]]:
+    """Whole lines without their ends, as many as come in one read; none of them endless."""
+    begun = b""
+    while block := file.read(PIECE_BYTES):
+        *lines, begun = (begun + block).split(b"\n")
+        if len(begun) > LONGEST_LINE_BYTES:
+            expected = f"rows of {LONGEST_LINE_BYTES} bytes at most"
+            raise BadInput(source, "the file", "a longer line", expected)
+        yield lines
+    yield [begun]
 
 
 def _parquet_pieces(
@@ -212,14 +235,25 @@ def _parquet_pieces(
         schema = pa.schema([*old, *pa.schema(added)])
         writer = pa.parquet.ParquetWriter if suffix == ".parquet" else pa.csv.CSVWriter
         with writer(part, schema) as out:
-            for batch in file.iter_batches(PIECE_ROWS):
-                table = pa.Table.from_batches([batch])
+            for table in _parquet_tables(source, file):
                 asked = cast_columns(source, table, wanted)
                 new = _table(*corrector.correct(Readings(source, old.names, asked, done)))
                 columns = [*table.columns, *new.columns]
                 out.write_table(pa.Table.from_arrays(columns, schema=schema))
                 done += len(table)
                 yield done, done / file.metadata.num_rows
+
+
+def _parquet_tables(source: Path, file: pa.parquet.ParquetFile) -> Iterator[pa.Table]:
+    batches = file.iter_batches(PIECE_ROWS)
+    while True:
+        try:
+            batch = next(batches, None)
+        except (OSError, pa.ArrowException) as error:  # a damaged page
+            raise not_parquet(source, error) from error
+        if batch is None:
+            return
+        yield pa.Table.from_batches([batch])
 
 
 def _table(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:

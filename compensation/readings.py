@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,11 +21,14 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from armd.errors import BadInput
+from armd.inputs import check_input, open_input
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 MISSING = ("", "nan", "NaN", "NAN")
+#: A longer line is no row of a table, but something else under its name.
+LONGEST_LINE_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -96,8 +101,9 @@ def load_readings(path: Path, numbers: list[str], texts: list[str]) -> Readings:
     wanted |= {name: pa.string() for name in texts if name in header}
     if path.suffix == ".csv":
         table = parse_csv(path, path, header, wanted)
+        _check_quotes(path, table.num_rows)
     else:
-        table = pa.parquet.read_table(path, columns=[name for name in header if name in wanted])
+        table = _parquet_table(path, [name for name in header if name in wanted])
         table = cast_columns(path, table, wanted)
     readings = Readings(path, header, table)
     if readings.n == 0:
@@ -108,18 +114,20 @@ def load_readings(path: Path, numbers: list[str], texts: list[str]) -> Readings:
 def read_header(path: Path) -> list[str]:
     """Names of the columns of a CSV or Parquet file, each only once."""
     header = _csv_header(path) if path.suffix == ".csv" else _parquet_header(path)
-    for name in header:
-        if header.count(name) > 1:
-            raise BadInput(path, f"column {name}", f"{header.count(name)} of it", "one")
+    for name, count in Counter(header).items():
+        if count > 1:
+            raise BadInput(path, f"column {name}", f"{count} of it", "one")
     return header
 
 
 def _csv_header(path: Path) -> list[str]:
+    with open_input(path) as file:
+        line = file.readline(LONGEST_LINE_BYTES + 1)
+    if len(line) > LONGEST_LINE_BYTES:
+        expected = f"a header of {LONGEST_LINE_BYTES} bytes at most"
+        raise BadInput(path, "line 1", "a longer line", expected)
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            header = [name.strip() for name in next(csv.reader(file), [])]
-    except OSError as error:
-        raise BadInput(path, "the file", error.strerror or "an error", "a readable file") from error
+        header = [name.strip() for name in next(csv.reader([line.decode("utf-8-sig")]), [])]
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadInput(path, "the header", str(error), "a CSV header in UTF-8") from error
     if not header:
@@ -152,8 +160,8 @@ def _explain(
     path: Path, header: list[str], wanted: dict[str, pa.DataType], error: pa.ArrowInvalid
 ) -> BadInput:
     """Find the cell (or ragged row) at fault by reading the file as text."""
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        rows = csv.reader(file)
+    rows = csv.reader(_lines(path))
+    try:
         next(rows)
         for i, row in enumerate((row for row in rows if row), 1):
             where = f"row {i} (line {rows.line_num})"
@@ -161,8 +169,43 @@ def _explain(
                 return BadInput(path, where, f"{len(row)} columns", f"{len(header)}")
             for name, cell in zip(header, row, strict=True):
                 if wanted.get(name) == pa.float64() and not _is_number(cell):
-                    return BadInput(path, f"{where}, column {name}", repr(cell), "a number")
+                    return BadInput(path, f"{where}, column {name}", _shown(cell), "a number")
+    except csv.Error as fault:
+        return BadInput(path, f"line {rows.line_num}", str(fault), "a row of a CSV table")
     return BadInput(path, "the file", str(error), "a CSV table")
+
+
+def _check_quotes(path: Path, rows: int) -> None:
+    """Refuse a quotation mark that is never closed: Arrow takes the rest of the file for its text,
+    and no row of that would be missed."""
+    with open_input(path) as file:
+        lines = sum(1 for line in file if line.strip())
+    if lines == rows + 1:
+        return
+    table = csv.reader(_lines(path), strict=True)
+    try:
+        for _ in table:
+            pass
+    except csv.Error as fault:
+        where = f"line {table.line_num}"
+        raise BadInput(path, where, str(fault), "every quotation mark closed") from fault
+
+
+def _lines(path: Path) -> Iterator[str]:
+    """The lines of a text file, none of them endless."""
+    with open_input(path) as file:
+        text = io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline="")
+        number = 0
+        while line := text.readline(LONGEST_LINE_BYTES + 1):
+            number += 1
+            if len(line) > LONGEST_LINE_BYTES:
+                expected = f"a row of {LONGEST_LINE_BYTES} characters at most"
+                raise BadInput(path, f"line {number}", "a longer line", expected)
+            yield line
+
+
+def _shown(cell: str) -> str:
+    return repr(cell if len(cell) <= 80 else cell[:77] + "...")
 
 
 def _is_number(cell: str) -> bool:
@@ -174,10 +217,23 @@ def _is_number(cell: str) -> bool:
 
 
 def _parquet_header(path: Path) -> list[str]:
+    check_input(path)
     try:
         return [str(name) for name in pa.parquet.read_schema(path).names]
-    except (OSError, pa.ArrowInvalid) as error:
-        raise BadInput(path, "the file", str(error), "a Parquet table") from error
+    except (OSError, pa.ArrowException) as error:
+        raise not_parquet(path, error) from error
+
+
+def _parquet_table(path: Path, names: list[str]) -> pa.Table:
+    try:
+        return pa.parquet.read_table(path, columns=names)
+    except (OSError, pa.ArrowException) as error:
+        raise not_parquet(path, error) from error
+
+
+def not_parquet(path: Path, error: Exception) -> BadInput:
+    """What Arrow says of a Parquet file that it cannot read, in one line."""
+    return BadInput(path, "the file", " ".join(str(error).split()), "a Parquet table")
 
 
 def cast_columns(path: Path, table: pa.Table, wanted: dict[str, pa.DataType]) -> pa.Table:

@@ -21,6 +21,7 @@ from armd.compensation.readings import Readings, load_readings
 from armd.compensation.session_format import AngleUnit, Artefact, SessionFile
 from armd.compensation.state import States
 from armd.errors import BadInput
+from armd.inputs import open_input
 from armd.schema import load_toml
 
 F64 = npt.NDArray[np.float64]
@@ -68,7 +69,7 @@ class Session:
             file = self.path / name
             if file.exists():
                 digest.update(f"{name}\0{file.stat().st_size}\0".encode())
-                with file.open("rb") as content:
+                with open_input(file) as content:
                     while block := content.read(1 << 20):
                         digest.update(block)
         return digest.hexdigest()

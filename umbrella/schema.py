@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd.errors import BadInput
+from armd.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
 
 
 class Strict(BaseModel):
@@ -20,54 +21,92 @@ class Strict(BaseModel):
 
 Model = TypeVar("Model", bound=BaseModel)
 
+#: Each may be wrong in a way of its own, which takes 2 kB; 300 parameters have a covariance of
+#: 90,000.
+MOST_VALUES = 100_000
+MOST_FAULTS = 100
+MOST_DOTS = 1000
+
 
 def load_toml(path: str | Path, model: type[Model]) -> Model:
     """Read and validate a TOML file; raises `BadInput`."""
-    text = _read(path)
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise BadInput(path, "TOML", str(error), "a valid TOML file") from error
-    return validate(path, data, model)
+    return parse_toml(path, read_input(path, MOST_TOML_BYTES), model)
 
 
 def load_json(path: str | Path, model: type[Model]) -> Model:
     """Read and validate a JSON file; raises `BadInput`."""
-    text = _read(path)
+    return parse_json(path, read_input(path, MOST_JSON_BYTES), model)
+
+
+def parse_toml(path: str | Path, content: bytes, model: type[Model]) -> Model:
+    """Validate *content*, the bytes of the TOML file *path*; raises `BadInput`."""
+    return validate(path, toml_data(path, content), model)
+
+
+def parse_json(path: str | Path, content: bytes, model: type[Model]) -> Model:
+    """Validate *content*, the bytes of the JSON file *path*; raises `BadInput`."""
+    return validate(path, json_data(path, content), model)
+
+
+def toml_data(path: str | Path, content: bytes) -> dict[str, Any]:
+    """The tables of a TOML file, of no model yet; raises `BadInput`."""
+    text = _text(path, content)
+    dots = max(line.count(".") for line in text.split("\n"))
+    if dots > MOST_DOTS:  # a key of n parts takes tomllib n² steps
+        raise BadInput(path, "TOML", f"a line with {dots} dots", f"{MOST_DOTS} at most")
     try:
-        data = json.loads(text)
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise BadInput(path, "TOML", str(error), "a valid TOML file") from error
+    except (RecursionError, ValueError) as error:
+        raise _hostile(path, error) from error
+
+
+def json_data(path: str | Path, content: bytes) -> Any:
+    """The value of a JSON file, of no model yet; raises `BadInput`."""
+    text = _text(path, content)
+    try:
+        return json.loads(text)
     except json.JSONDecodeError as error:
         where = f"line {error.lineno} column {error.colno}"
         raise BadInput(path, where, error.msg, "valid JSON") from error
-    return validate(path, data, model)
+    except (RecursionError, ValueError) as error:
+        raise _hostile(path, error) from error
 
 
 def validate(path: str | Path, data: object, model: type[Model]) -> Model:
-    """Check parsed *data*; faults become a `BadInput` naming its key, with `more`."""
-    # As JSON, because there strict means: "5" is not a number, but a list may be a tuple.
-    text = json.dumps(data, default=str)
+    """Check parsed *data*; faults become a `BadInput` naming its key, with (a hundred) `more`."""
     try:
+        # As JSON, because there strict means: "5" is not a number, but a list may be a tuple.
+        text = json.dumps(data, default=str)
         return model.model_validate_json(text, strict=True)
+    except RecursionError as error:
+        raise _hostile(path, error) from error
     except ValidationError as error:
         first, *more = (
             BadInput(path, _key(fault["loc"], data) or "the file", *_found_expected(fault, model))
-            for fault in error.errors(include_url=False)
+            for fault in error.errors(include_url=False)[:MOST_FAULTS]
         )
         first.more = tuple(more)
         raise first from error
 
 
-def _read(path: str | Path) -> str:
+def _text(path: str | Path, content: bytes) -> str:
+    """Text that is worth parsing."""
+    values = content.count(b",") + content.count(b"=")
+    if values > MOST_VALUES:
+        raise BadInput(path, "the file", f"{values} values", f"{MOST_VALUES} at most")
     try:
-        return Path(path).read_text(encoding="utf-8")
-    except FileNotFoundError as error:
-        raise BadInput(path, "the file", "nothing", "an existing file") from error
-    except IsADirectoryError as error:
-        raise BadInput(path, "the file", "a folder", "a file") from error
-    except PermissionError as error:
-        raise BadInput(path, "the file", "no permission to read it", "a readable file") from error
+        return content.decode("utf-8")
     except UnicodeDecodeError as error:
         raise BadInput(path, f"byte {error.start}", "not UTF-8", "UTF-8 text") from error
+
+
+def _hostile(path: str | Path, error: RecursionError | ValueError) -> BadInput:
+    """What parsers give up on: depth, and numbers of thousands of digits."""
+    if isinstance(error, RecursionError):
+        return BadInput(path, "the file", "brackets in brackets without end", "a few levels")
+    return BadInput(path, "the file", "a number of thousands of digits", "numbers of a few")
 
 
 def _key(location: tuple[int | str, ...], data: object) -> str:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
-import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from armd.compensation.arm import Arm, load_arm
 from armd.compensation.calibration import load_calibration
 from armd.errors import BadInput
-from armd.schema import load_toml
+from armd.inputs import read_input
+from armd.schema import json_data, load_toml, toml_data
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,16 +68,8 @@ def _checker(path: Path) -> Checker:
 
 def _schema(path: Path) -> str:
     """What a TOML or JSON file says it is; empty if it does not say."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        data = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except OSError as error:
-        raise BadInput(path, "the file", error.strerror or "an error", "a readable file") from error
-    except UnicodeDecodeError as error:
-        raise BadInput(path, f"byte {error.start}", "not UTF-8", "UTF-8 text") from error
-    except ValueError as error:
-        kind = "JSON" if path.suffix == ".json" else "TOML"
-        raise BadInput(path, kind, str(error), f"a valid {kind} file") from error
+    content = read_input(path)
+    data = json_data(path, content) if path.suffix == ".json" else toml_data(path, content)
     return str(data.get("schema", "")) if isinstance(data, dict) else ""
 
 

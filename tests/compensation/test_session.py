@@ -185,6 +185,20 @@ def test_a_bad_table_is_named(folder: Path) -> None:
     assert "found nothing, expected a folder" in refusal(folder / "absent")
 
 
+def test_an_open_quotation_mark_swallows_no_row(folder: Path) -> None:
+    write_session(folder, session_file(), columns() | {"remark": ["x"] * 12})
+    readings = folder / "readings.csv"
+    lines = readings.read_text().splitlines()
+    lines[5] = lines[5].replace('"x"', '"a line\nbreak"')
+    readings.write_text("\n".join(lines) + "\n")
+    assert load_session(folder, ARM).n == 12
+    lines[-2:] = [line.replace('"x"', mark) for line, mark in zip(lines[-2:], ['"x', "x"])]
+    lines[-1] = lines[-1].replace('"', "")
+    readings.write_text("\n".join(lines) + "\n")
+    with pytest.raises(BadInput, match="unexpected end of data, expected every quotation mark"):
+        load_session(folder, ARM)
+
+
 def test_degrees_that_look_like_radians_are_refused(folder: Path) -> None:
     write_session(folder, session_file(angle_unit="deg"), columns())
     assert "like radians" in refusal(folder)

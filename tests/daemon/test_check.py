@@ -95,7 +95,7 @@ BROKEN = [
     ("arm.toml", "armd.arm/1", "armd.arm/7", "schema: found 'armd.arm/7', expected one of armd"),
     ("calibration.json", "0.0", "0.5", "content_sha256: found a content that does not match"),
     ("calibration.json", '"TEST"', "5", "arm: found 5, expected a valid string"),
-    ("calibration.json", "{", "", "JSON: found"),
+    ("calibration.json", "{", "", "line 2 column 10: found Extra data, expected valid JSON"),
     ("armd.toml", "baud", "bawd", "found an unknown key"),
     ("armd.toml", "arm.toml", "leg.toml", "the file: found nothing, expected an existing file"),
     ("armd.toml", "calibration.json", "none.json", "the file: found nothing, expected an existing"),

@@ -1,0 +1,81 @@
+"""Files of others, read safely: regular ones only, once, and no more of them than was agreed.
+
+A FIFO would be waited for, a device never ends, and what is parsed costs many times its length in
+memory; whatever the system refuses becomes a `BadInput` in words.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from armd.errors import BadInput
+
+#: What a person or armd writes as JSON: a covariance of 300 parameters takes 2.5 MB.
+MOST_JSON_BYTES = 8 << 20
+#: What a person writes by hand: a thousand targets of an artefact take 100 kB.
+MOST_TOML_BYTES = 1 << 18
+
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe (FIFO)",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+_REFUSALS = {
+    errno.ENOENT: "nothing",
+    errno.ENOTDIR: "a file where its path has a folder",
+    errno.EACCES: "no permission to read it",
+    errno.EPERM: "no permission to read it",
+    errno.ELOOP: "a symbolic link that leads back to itself",
+    errno.ENAMETOOLONG: "a name too long for this system",
+    errno.ENXIO: "a device or socket",
+}
+
+
+def open_input(path: str | Path) -> BinaryIO:
+    """Open a regular file for reading, without ever waiting for it; raises `BadInput`."""
+    try:
+        # Not blocking: to open a FIFO would else last until somebody writes to it.
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        raise _refused(path, error) from error
+    except ValueError as error:
+        raise BadInput(repr(str(path)), "the file", "a zero byte in its name", "a name") from error
+    kind = stat.S_IFMT(os.fstat(handle).st_mode)
+    if kind != stat.S_IFREG:
+        os.close(handle)
+        raise BadInput(path, "the file", _KINDS.get(kind, "no file"), "a regular file")
+    return os.fdopen(handle, "rb")
+
+
+def read_input(path: str | Path, at_most: int = MOST_JSON_BYTES) -> bytes:
+    """The bytes of a regular file, read once.
+
+    Raises `BadInput` for one that cannot be read, is no regular file or has more than *at_most*.
+    """
+    with open_input(path) as file:
+        try:
+            content = file.read(at_most + 1)
+        except OSError as error:
+            raise _refused(path, error) from error
+        if len(content) <= at_most:
+            return content
+        size = os.fstat(file.fileno()).st_size
+    raise BadInput(path, "the file", f"{size} bytes", f"{at_most} at most")
+
+
+def check_input(path: str | Path) -> None:
+    """Raise `BadInput` unless *path* is a regular file that can be opened: for libraries that
+    open it by name."""
+    open_input(path).close()
+
+
+def _refused(path: str | Path, error: OSError) -> BadInput:
+    found = _REFUSALS.get(error.errno or 0) or error.strerror or "an error"
+    expected = "an existing file" if found == "nothing" else "a file that can be read"
+    return BadInput(path, "the file", found, expected)
