@@ -192,7 +192,9 @@ def test_an_open_quotation_mark_swallows_no_row(folder: Path) -> None:
     lines[5] = lines[5].replace('"x"', '"a line\nbreak"')
     readings.write_text("\n".join(lines) + "\n")
     assert load_session(folder, ARM).n == 12
-    lines[-2:] = [line.replace('"x"', mark) for line, mark in zip(lines[-2:], ['"x', "x"])]
+    lines[-2:] = [
+        line.replace('"x"', mark) for line, mark in zip(lines[-2:], ('"x', "x"), strict=True)
+    ]
     lines[-1] = lines[-1].replace('"', "")
     readings.write_text("\n".join(lines) + "\n")
     with pytest.raises(BadInput, match="unexpected end of data, expected every quotation mark"):
