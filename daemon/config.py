@@ -73,6 +73,8 @@ class Tip(Strict):
     """A tip that can be selected while running."""
 
     offset_mm: Vector3
+    #: Of its ball; without it arm.toml's.
+    radius_mm: Annotated[float, Field(ge=0)] | None = None
 
 
 class DaemonFile(Strict):

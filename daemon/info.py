@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 from typing import Any
 
-from armd import POINT, POINT_ENCODING, Flag, __version__, keys
+import numpy as np
+
+from armd import JOINTS_ENCODING, POINT, POINT_ENCODING, Flag, __version__, joints_dtype, keys
 from armd.compensation.calibration import LoadedCalibration
 from armd.daemon.config import Config
 
@@ -22,6 +24,7 @@ def describe(
     config: Config, calibration: LoadedCalibration | None, tip: str | None
 ) -> dict[str, Any]:
     """Plain JSON data."""
+    joints = joints_dtype(config.arm.n_joints)
     return {
         "armd": __version__,
         "arm": config.arm.model_dump(mode="json", by_alias=True),
@@ -33,8 +36,14 @@ def describe(
             "key": keys.key(config.arm.serial_number, keys.POINT),
             "encoding": POINT_ENCODING,
             "size": POINT.itemsize,
-            "layout": [_field(name) for name in POINT.names or ()],
+            "layout": _layout(POINT),
             "flags": {str(flag.bit_length() - 1): flag.name for flag in Flag},
+        },
+        "joints": {
+            "key": keys.key(config.arm.serial_number, keys.JOINTS),
+            "encoding": JOINTS_ENCODING,
+            "size": joints.itemsize,
+            "layout": _layout(joints),
         },
         "driver": config.file.driver.kind,
         "configuration": config.file.model_dump(mode="json", by_alias=True),
@@ -65,13 +74,17 @@ def _text_of(calibration: LoadedCalibration) -> str | None:
     return text.decode() if hashlib.sha256(text).hexdigest() == calibration.sha256 else None
 
 
-def _field(name: str) -> dict[str, Any]:
-    assert POINT.fields is not None
-    dtype, offset = POINT.fields[name][:2]
-    base, shape = dtype.subdtype or (dtype, ())
-    return {
-        "name": name,
-        "offset": offset,
-        "type": f"{base.kind}{base.itemsize * 8}",  # u64, i64, f32, …
-        "count": shape[0] if shape else 1,
-    }
+def _layout(message: np.dtype[np.void]) -> list[dict[str, Any]]:
+    """Its fields, in order."""
+    fields = []
+    for name, (dtype, offset, *_) in (message.fields or {}).items():
+        base, shape = dtype.subdtype or (dtype, ())
+        fields.append(
+            {
+                "name": name,
+                "offset": offset,
+                "type": f"{base.kind}{base.itemsize * 8}",  # u64, i64, f32, …
+                "count": shape[0] if shape else 1,
+            }
+        )
+    return fields

@@ -13,9 +13,10 @@ import numpy.typing as npt
 import zenoh
 from zenoh import ext
 
-from armd import POINT, POINT_ENCODING, keys
+from armd import JOINTS_ENCODING, POINT, POINT_ENCODING, joints_dtype, keys
+from armd.daemon.pipeline import Joints, PointArray
 from armd.drivers import raw
-from armd.drivers.sample import RawFrame
+from armd.drivers.sample import RawFrame, SampleArray
 
 JSON = "application/json"
 #: Measurements and events kept for subscribers who come late.
@@ -34,6 +35,10 @@ class Publisher:
         self._health = session.declare_publisher(
             keys.key(serial, keys.HEALTH), encoding=JSON, congestion_control=drop
         )
+        self._joints = session.declare_publisher(
+            keys.key(serial, keys.JOINTS), encoding=JOINTS_ENCODING, congestion_control=drop
+        )
+        self._joints_wanted = False
         self._raw = session.declare_publisher(keys.key(serial, keys.RAW), congestion_control=drop)
         self.next_raw_frame = 0  # its number
         self._recorded = False
@@ -50,10 +55,17 @@ class Publisher:
             put(data[start : start + POINT.itemsize])
         os.sched_yield()  # Zenoh's thread, which sends, may be waiting for this processor
 
-    def look_for_recorders(self) -> None:
+    def put_joints(self, points: PointArray, samples: SampleArray, joints: Joints) -> None:
+        """Publish what the joints did at points (n,), while somebody listens."""
+        if not self._joints_wanted:
+            return
+        for message in joint_messages(points, samples, joints):
+            self._joints.put(message)
+
+    def look_for_listeners(self) -> None:
         """Asked now and then: it costs Zenoh too much to be asked for every sample."""
-        status: Any = self._raw.matching_status  # Zenoh's stub calls it bool; it is always true
-        self._recorded = status.matching
+        self._recorded = _is_heard(self._raw)
+        self._joints_wanted = _is_heard(self._joints)
 
     def put_raw(self, frames: Iterable[RawFrame]) -> None:
         """Publish raw frames while somebody records them."""
@@ -69,6 +81,25 @@ class Publisher:
     def close(self) -> None:
         """Take the token away first: who watches it learns at once that the arm is gone."""
         self._alive.undeclare()  # type: ignore[no-untyped-call]
+
+
+def _is_heard(publisher: zenoh.Publisher) -> bool:
+    status: Any = publisher.matching_status  # Zenoh's stub calls it bool; it is always true
+    return bool(status.matching)
+
+
+def joint_messages(points: PointArray, samples: SampleArray, joints: Joints) -> list[bytes]:
+    """One `armd.joints.v1` for each point."""
+    n, n_joints = len(points), joints.q.shape[1]
+    messages = np.zeros(n, joints_dtype(n_joints))
+    messages["seq"] = points["seq"]
+    messages["stamp_ns"] = points["stamp_ns"]
+    messages["n"] = n_joints
+    # The count of a joint that is invalid means nothing.
+    broken = (samples["joint_invalid"][:, None] >> np.arange(n_joints, dtype=np.uint16) & 1) != 0
+    messages["angle_rad"] = np.where(broken, np.nan, joints.q[:n])
+    messages["rate_rad_s"] = np.where(broken, np.nan, joints.rate[:n])
+    return [message.tobytes() for message in messages]
 
 
 class Kept:

@@ -118,6 +118,7 @@ class Service:
     def _publish(self, samples: SampleArray) -> None:
         points, joints = self._arm.pipeline.correct(samples)
         self._publisher.put_points(points)
+        self._publisher.put_joints(points, samples, joints)
         self._supervisor.note_points(points, samples, time.monotonic_ns())
         for press in self._averager.remember(points, joints.q):
             self._press(press, points, joints)
@@ -162,14 +163,16 @@ class Service:
         stamp_ns = time.time_ns() - time.monotonic_ns() + event.monotonic_ns
         self._publisher.events.put(asdict(event) | {"stamp_ns": stamp_ns})
 
-    def _tell_now(self, kind: str, text: str, severity: str) -> None:
-        self._tell(Event(kind, text, time.monotonic_ns(), severity))
+    def _tell_now(
+        self, kind: str, text: str, severity: str, detail: dict[str, Any] | None = None
+    ) -> None:
+        self._tell(Event(kind, text, time.monotonic_ns(), severity, detail or {}))
 
     # --- between two reads ---------------------------------------------------------------
 
     def _tick(self, now_ns: int) -> None:
         self._queries.answer()
-        self._publisher.look_for_recorders()
+        self._publisher.look_for_listeners()
         self._awake.keep(self._driver.connected)
         if self._reload_asked:
             self._reload_asked = False
@@ -205,7 +208,7 @@ class Service:
         name = parameters.get("name") or ""
         warning = self._arm.select_tip(name)
         text = f"tip {name}" if name else "the calibration's tip"
-        self._tell_now("tip", f"now measuring with {text}", "info")
+        self._tell_now("tip", f"now measuring with {text}", "info", {"tip": self._arm.tip})
         self._warn_of_tip(warning)
         return text
 

@@ -7,6 +7,7 @@ MEASUREMENT = "measurement"
 EVENT = "event"
 HEALTH = "health"
 INFO = "info"
+JOINTS = "joints"
 COMMAND = "command"
 ALIVE = "alive"
 #: Bytes as they crossed the wire, for recorders. A chunk that starts with @ is not matched by

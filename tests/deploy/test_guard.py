@@ -79,7 +79,7 @@ class Floor:
             while not over.wait(0.01):
                 queries.answer()
                 publisher.put_health({"state": "READY"})
-                publisher.look_for_recorders()
+                publisher.look_for_listeners()
                 publisher.put_raw([frame])
 
         thread = threading.Thread(target=answer)

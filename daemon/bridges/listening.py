@@ -1,0 +1,88 @@
+"""A TCP port on which a bridge serves, and connections that cannot hold it up."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import socket
+from collections.abc import Callable
+from typing import cast
+
+from armd.errors import BadInput
+
+#: What may wait for one client's system; a client that reads more slowly for longer is closed.
+WAITING_BYTES = 1 << 20
+#: A host that was switched off, or whose cable was pulled, is noticed within half a minute.
+KEEPALIVE = {
+    socket.TCP_KEEPIDLE: 10,
+    socket.TCP_KEEPINTVL: 5,
+    socket.TCP_KEEPCNT: 3,
+    socket.TCP_USER_TIMEOUT: 25_000,  # ms
+}
+
+Address = tuple[str, int]
+
+
+def address(text: str) -> Address:
+    """`HOST:PORT`, `[IPV6]:PORT`; for argparse."""
+    host, colon, port = text.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not (colon and host and port.isascii() and port.isdigit() and int(port) < 1 << 16):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected HOST:PORT")
+    return host, int(port)
+
+
+class Client(asyncio.Protocol):
+    """One connection; `send` never waits."""
+
+    def __init__(self) -> None:
+        self._transport: asyncio.Transport | None = None
+
+    @property
+    def connected(self) -> bool:
+        return self._transport is not None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.Transport, transport)
+        connection = transport.get_extra_info("socket")
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in KEEPALIVE.items():
+            connection.setsockopt(socket.IPPROTO_TCP, option, value)
+        self.begin()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._transport = None
+        self.end()
+
+    def begin(self) -> None:
+        """Somebody has connected."""
+
+    def end(self) -> None:
+        """The connection is gone, whoever ended it."""
+
+    def send(self, data: bytes) -> None:
+        """Queue *data*, or close the connection if its other side has stopped reading."""
+        if self._transport is None:
+            return
+        if self._transport.get_write_buffer_size() + len(data) > WAITING_BYTES:
+            self._transport.abort()  # what waits will not be read: a close would wait for it
+            self._transport = None
+        else:
+            self._transport.write(data)
+
+    def close(self) -> None:
+        """After what waits has been sent."""
+        if self._transport is not None:
+            self._transport.close()
+
+
+async def listen(address: Address, client: Callable[[], Client]) -> tuple[asyncio.Server, str]:
+    """A server, and where it listens; raises `BadInput` if it cannot."""
+    host, port = address
+    try:
+        server = await asyncio.get_running_loop().create_server(client, host, port)
+    except OSError as error:
+        found = f"{host}:{port}: {error.strerror}"
+        raise BadInput("the command line", "--listen", found, "an address to listen on") from error
+    bound = server.sockets[0].getsockname()
+    return server, f"[{bound[0]}]:{bound[1]}" if ":" in bound[0] else f"{bound[0]}:{bound[1]}"

@@ -1,0 +1,98 @@
+"""What all bridges have in common: options, the arm they are fed by, their beginning and end."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import signal
+import threading
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import TypeVar, cast
+
+import armd
+from armd import Arm
+
+#: For a daemon that starts at the same time.
+WAIT_S = 60.0
+#: Zenoh's own close waits ten seconds for a peer that stands still.
+CLOSE_S = 1.0
+
+Result = TypeVar("Result")
+Bridge = Callable[[Arm], Awaitable[None]]
+"""Serves one arm until it is cancelled."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
+    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+
+
+def ready(what: str, where: str) -> None:
+    """Whoever started this process may now use it."""
+    print(f"armd: ready {what} on {where}", flush=True)
+
+
+def serve(args: argparse.Namespace, bridge: Bridge) -> int:
+    """Run *bridge* on the arm that *args* names until SIGTERM or SIGINT; 0.
+
+    Raises `ArmdError` if no such arm shows up within `WAIT_S`.
+    """
+    return asyncio.run(_until_told(lambda: _bridge(args, bridge)))
+
+
+def serve_alone(work: Callable[[], Awaitable[None]]) -> int:
+    """The same for work that finds its arms itself."""
+    return asyncio.run(_until_told(work))
+
+
+async def _until_told(work: Callable[[], Awaitable[None]]) -> int:
+    told = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, told.set)
+    working = asyncio.ensure_future(work())
+    waiting = asyncio.ensure_future(told.wait())
+    await asyncio.wait({working, waiting}, return_when=asyncio.FIRST_COMPLETED)
+    waiting.cancel()
+    if working.done():
+        working.result()
+    working.cancel()
+    with suppress(asyncio.CancelledError):
+        await working
+    return 0
+
+
+async def _bridge(args: argparse.Namespace, bridge: Bridge) -> None:
+    arm = await in_thread(lambda: armd.connect(args.serial, args.endpoint, WAIT_S))
+    try:
+        await bridge(arm)
+    finally:
+        closing = threading.Thread(target=arm.close, daemon=True)
+        closing.start()
+        closing.join(CLOSE_S)
+
+
+def in_thread(work: Callable[[], Result]) -> asyncio.Future[Result]:
+    """Do what blocks in a thread that the end of the process does not wait for."""
+    loop = asyncio.get_running_loop()
+    future: asyncio.Future[Result] = loop.create_future()
+
+    def settle(result: Result | None, error: BaseException | None) -> None:
+        if future.done():  # cancelled meanwhile
+            return
+        if error is not None:
+            future.set_exception(error)
+        else:
+            future.set_result(cast(Result, result))
+
+    def do() -> None:
+        result, raised = None, None
+        try:
+            result = work()
+        except Exception as error:
+            raised = error
+        with suppress(RuntimeError):  # the loop is closed: nobody waits any more
+            loop.call_soon_threadsafe(settle, result, raised)
+
+    threading.Thread(target=do, daemon=True).start()
+    return future

@@ -1,0 +1,77 @@
+"""The tips of an arm, and the direction out of the material, as hosts of CMMs want to know them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Tip:
+    """A ball on a shaft."""
+
+    offset_mm: Vector
+    """Centre of the ball in the last frame."""
+    radius_mm: float
+
+
+class Tips:
+    """By name as armd.toml has them; None is the calibration's own."""
+
+    def __init__(self, info: Mapping[str, Any]) -> None:
+        """Of the arm's `info`."""
+        own = info["arm"]["tip"]
+        radius_mm = own["radius_mm"]
+        self.by_name: dict[str | None, Tip] = {None: Tip(_vector(own["offset_mm"]), radius_mm)}
+        for name, tip in info["configuration"]["tips"].items():
+            given = tip.get("radius_mm")
+            self.by_name[name] = Tip(
+                _vector(tip["offset_mm"]), radius_mm if given is None else given
+            )
+
+    @property
+    def names(self) -> list[str]:
+        """Of armd.toml, in its order."""
+        return [name for name in self.by_name if name is not None]
+
+    def get(self, name: str | None) -> Tip:
+        """A name that is not known, as that of a tip configured since, gives the arm's own."""
+        return self.by_name.get(name) or self.by_name[None]
+
+    def out_of_material(self, measurement: Mapping[str, Any]) -> Vector:
+        """Unit vector: back along the travel before the rest, else the shaft's direction."""
+        if measurement["approach"] is not None:
+            x, y, z = measurement["approach"]
+            return 0.0 - x, 0.0 - y, 0.0 - z  # not -0.0
+        return shaft(measurement["orientation"], self.get(measurement["tip"]))
+
+
+def shaft(orientation: Any, tip: Tip) -> Vector:
+    """Unit vector from the tip to the wrist, base frame; *orientation* x y z w of the last frame.
+
+    A tip at the last frame's origin has its shaft along that frame's z.
+    """
+    length = math.hypot(*tip.offset_mm)
+    along = tuple(x / length for x in tip.offset_mm) if length > 0 else (0.0, 0.0, 1.0)
+    return rotated(orientation, (-along[0], -along[1], -along[2]))
+
+
+def rotated(quaternion: Any, v: Vector) -> Vector:
+    """*v* turned by a unit quaternion x y z w."""
+    x, y, z, w = quaternion
+    # v + 2 w (u × v) + 2 u × (u × v), u the vector part
+    tx, ty, tz = 2 * (y * v[2] - z * v[1]), 2 * (z * v[0] - x * v[2]), 2 * (x * v[1] - y * v[0])
+    return (
+        v[0] + w * tx + y * tz - z * ty,
+        v[1] + w * ty + z * tx - x * tz,
+        v[2] + w * tz + x * ty - y * tx,
+    )
+
+
+def _vector(values: Any) -> Vector:
+    x, y, z = values
+    return x, y, z

@@ -1,0 +1,41 @@
+"""`armd stream [SERIAL]`: text lines over TCP, one per measurement or per point."""
+
+from __future__ import annotations
+
+import argparse
+
+from armd.daemon.bridges import lines, process
+from armd.daemon.bridges.listening import address
+from armd.daemon.bridges.stream import LineStream
+from armd.errors import BadInput
+
+LISTEN = "127.0.0.1:1390"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    process.add_arguments(parser)
+    parser.add_argument(
+        "--listen", type=address, default=address(LISTEN), metavar="HOST:PORT", help=f"({LISTEN})"
+    )
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--format", choices=lines.PRESETS, default="xyz", help="of a line (xyz)")
+    form.add_argument(
+        "--template",
+        metavar="TEXT",
+        help=f"a line of your own, as '{{x:.3f}};{{y:.3f}}'; fields: {', '.join(lines.FIELDS)}",
+    )
+    parser.add_argument(
+        "--points", type=float, metavar="HZ", help="points instead, at most HZ a second"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.points is not None and not 0 < args.points < float("inf"):
+        found = f"{args.points:g}"
+        raise BadInput("the command line", "--points", found, "a number of points per second")
+    own = None if args.template is None else lines.template(args.template)
+    line = own or lines.PRESETS[args.format]
+    header = lines.CSV_HEADER if line is lines.csv else None
+    return process.serve(
+        args, lambda arm: LineStream(arm, line, header, args.points).serve(args.listen)
+    )
