@@ -187,13 +187,18 @@ def inverse_factor(matrix: F64) -> F64:
 def pseudo_inverse_factor(matrix: F64, least: float = 1e-13) -> F64:
     """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
 
-    Relative to the largest eigenvalue, *least* is still knowledge.
+    Relative to the largest eigenvalue, *least* is still knowledge, each unknown in units of its
+    own diagonal: a prior far tighter than the rows of one unknown must not make the others look
+    as if nothing were known of them.
     """
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    size[size == 0.0] = 1.0
+    matrix = matrix / np.outer(size, size)
     if (known := _factor_of_known(matrix, least)) is not None:
-        return known
+        return known / size[:, None]
     values, vectors = np.linalg.eigh(matrix)
     kept = values > least * max(float(values.max(initial=0.0)), 1e-300)
-    factor: F64 = vectors[:, kept] / np.sqrt(values[kept])
+    factor: F64 = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
     return factor
 
 

@@ -65,6 +65,7 @@ def extended(
                 amplitude = term.coefficient * float(values[j])
                 if not term.basis:
                     constants[names.index(term.parameter)] += amplitude
+                    _also_moves(rows, term.parameter, at.start + j, term.coefficient, last)
                     continue
                 row = np.zeros(len(last.solution))
                 row[at.start + j] = term.coefficient
@@ -121,6 +122,19 @@ def _own_rows(baseline: Baseline, last: Fit, names: list[str]) -> list[tuple[str
         row[at] = baseline.root[i] if baseline.held else np.eye(at.stop - at.start)[i]
         rows.append((name, row))
     return rows
+
+
+def _also_moves(
+    rows: list[tuple[str, F64]], parameter: str, at: int, coefficient: float, last: Fit
+) -> None:
+    """A constant that a finding shifts is known only as well as the shift is too."""
+    for name, row in rows:
+        if name == parameter:
+            row[at] += coefficient
+            return
+    row = np.zeros(len(last.solution))
+    row[at] = coefficient
+    rows.append((parameter, row))
 
 
 def _curve(candidate: Candidate, values: F64, q: F64) -> Term:
@@ -195,12 +209,13 @@ def _artefact(
 def _provenance(
     baseline: Baseline, last: Fit, sessions: Sequence[Session], command: str
 ) -> dict[str, Any]:
-    return {
-        **baseline.calibration.provenance,
-        "diagnosis": {
-            "command": command,
-            "version": __version__,
-            "sessions": [{"name": s.name, "sha256": s.fingerprint()} for s in sessions],
-            "findings": [f"{c.cause} {c.location}" for c in last.findings],
-        },
+    before = baseline.calibration.provenance
+    diagnosis: dict[str, Any] = {
+        "command": command,
+        "version": __version__,
+        "sessions": [{"name": s.name, "sha256": s.fingerprint()} for s in sessions],
+        "findings": [f"{c.cause} {c.location}" for c in last.findings],
     }
+    if "diagnosis" in before:  # the model under test was itself an extended one
+        diagnosis["earlier"] = before["diagnosis"]
+    return {**before, "diagnosis": diagnosis}

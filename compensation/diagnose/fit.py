@@ -263,10 +263,9 @@ class _Normal:
     def solved(self, variance: F64) -> tuple[F64, F64]:
         """Solution (b,) and its covariance (b, b), amplitudes a priori of *variance* (b,).
 
-        What the rows say nothing of stays 0: its prior must not be the measure of what is known.
+        What the rows say nothing of stays 0, and as uncertain as its prior has it.
         """
-        ridge = np.where(np.diag(self.gram) > 0.0, 1.0 / (variance * self.scale**2), 0.0)
-        factor = pseudo_inverse_factor(self.gram + np.diag(ridge))
+        factor = pseudo_inverse_factor(self.gram + np.diag(1.0 / (variance * self.scale**2)))
         inverse = factor @ factor.T / np.outer(self.scale, self.scale)
         return inverse @ (self.scale * self.side), inverse
 

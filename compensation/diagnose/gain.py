@@ -123,7 +123,7 @@ def _without(
     whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
     noise = replace(last.noise, whitener=whitener)
     current = solve_again(last, [], noise, arm)
-    squares = [_left_out(current, out)]
+    squares = [_left_out(current, out, as_given=last.baseline.held)]
     first = survey = Survey(
         whole.without(part, current),
         total([sums for i, sums in enumerate(by_part) if i != part]),
@@ -151,14 +151,17 @@ def groups_of(observations: Observations) -> I64:
     return groups
 
 
-def _left_out(current: Fit, out: Mask) -> F64:
-    """Squared residuals mm² of the rests left *out*, under the model of the others.
+def _left_out(current: Fit, out: Mask, as_given: bool = False) -> F64:
+    """Squared residuals mm² of the rests left *out*, under the model of the others; or with the
+    constants and terms *as_given* by the calibration under test, not moved within its covariance.
 
     Poses, seats, targets and drift are fitted to the readings left out themselves.
     """
     n = 3 * len(out)
     rows = np.flatnonzero(np.repeat(out, 3))
     arm = _of_the_arm(current)
+    if as_given:
+        arm = arm[arm >= current.layout.identified.stop]
     left = current.raw_residual[:n][rows]
     left = left - current.absorbing.columns[np.ix_(rows, arm)] @ current.solution[arm]
     own = current.linear.nuisance[rows]

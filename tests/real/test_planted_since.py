@@ -1,0 +1,61 @@
+"""A real arm, diagnosed once; then something planted into what its encoders said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from convert import ur10
+from hidden.planting import Effect, planted, rms_um, rows, slip, wave
+
+from armd.compensation.arm import Arm, load_arm
+from armd.compensation.calibration import Calibration
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.session import Session, load_session
+
+VENDORED = Path(__file__).parent / "data" / "ur10_laser_tracker"
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibration, Session]:
+    """Series B: diagnosed on one half of its poses; the other half is what is measured since."""
+    folder = tmp_path_factory.mktemp("ur10")
+    ur10(VENDORED, folder)
+    arm = load_arm(folder / "arm.toml")
+    first = diagnose([load_session(folder / "B-train", arm)], arm)
+    return arm, first.extended, load_session(folder / "B-heldout", arm)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cause", "location"),
+    [
+        ("encoder_slip", "joint 3"),
+        ("encoder_ellipticity", "joint 2"),
+        ("geometry_shift", "joint 3"),
+    ],
+)
+def test_a_real_arm_has_something_new(
+    diagnosed: tuple[Arm, Calibration, Session], cause: str, location: str
+) -> None:
+    arm, extended, since = diagnosed
+    moment = float(np.median(since.states.time_s))
+    effects: dict[str, Effect] = {
+        "encoder_slip": slip(3, 30.0, moment),
+        "encoder_ellipticity": wave(2, 30.0, 2),
+    }
+    effect = [effects[cause]] if cause in effects else []
+    under = extended
+    if cause == "geometry_shift":  # all the same to the residuals: the calibration is off instead
+        under = extended.model_copy(
+            update={"constants": {**extended.constants, "a_3": extended.constants["a_3"] + 0.15}}
+        )
+    shown = np.random.default_rng(5).permutation(since.n) < since.n * 2 // 3
+    measured, fresh = (planted([rows(since, part)], *effect) for part in (shown, ~shown))
+    healthy = rms_um([rows(since, ~shown)], arm, extended)
+    found = diagnose(measured, arm, under)
+    assert (cause, location) in [f.candidate.place for f in found.found]
+    sick, mended = rms_um(fresh, arm, under), rms_um(fresh, arm, found.extended)
+    assert sick**2 - mended**2 > 0.9 * (sick**2 - healthy**2)
+    assert max(gain.before_um - gain.after_um for gain in found.gains) > 1.0
