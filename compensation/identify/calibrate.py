@@ -19,6 +19,7 @@ from armd.compensation.identify.fit import Fit, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
 from armd.compensation.identify.gauge import free_constants
 from armd.compensation.identify.heldout import HeldOut, placement_folds
+from armd.compensation.identify.lengths import Length
 from armd.compensation.identify.observations import Observations, gather
 from armd.compensation.identify.requirements import (
     choose_readings,
@@ -60,6 +61,7 @@ class Result:
     trials: list[Trial]
     unidentifiable: list[str]
     certificate: Certificate
+    lengths: list[Length]  # certified, beside what the calibrated arm makes of them
     notes: list[str] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
@@ -71,6 +73,7 @@ class Result:
             "heldout_rms_um": self.heldout_rms_um,
             "heldout_by": self.heldout_by,
             "certificate": asdict(self.certificate),
+            "lengths": [length.as_json() for length in self.lengths],
             "rank": self.fit.solution.rank,
             "unknowns": len(self.fit.unknowns.names),
             "unidentifiable": self.unidentifiable,
@@ -162,7 +165,9 @@ def _calibrate(
     evaluation = evaluate_model(observations, final.constants, terms, reference_c)
     rms_um = residual_rms_um(evaluation.residual_mm)
     drawn = evaluate_model(observations, arm.nominal(), [], reference_c)
-    certificate = judge(first, residual_rms_um(drawn.residual_mm), heldout_rms_um, by)
+    lengths = evaluation.lengths
+    drawn_rms_um = residual_rms_um(drawn.residual_mm)
+    certificate = judge(first, drawn_rms_um, heldout_rms_um, by, lengths)
     provenance = {
         "command": options.command,
         "version": __version__,
@@ -176,6 +181,7 @@ def _calibrate(
         "heldout_by": by,
         "thermal_order": order,
         "certificate": asdict(certificate),
+        "lengths": [length.as_json() for length in lengths],
         "thermal_method": options.thermal_method if order else "none",
         "thermal_offset": ("identified" if options.offset else "0")
         if per_temperature
@@ -192,6 +198,7 @@ def _calibrate(
         trials=trials,
         unidentifiable=not_known(final),
         certificate=certificate,
+        lengths=lengths,
         notes=notes,
     )
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from armd.compensation.identify.fit import Fit
 from armd.compensation.identify.gauge import PLAUSIBLE
+from armd.compensation.identify.lengths import MOST_OFF, Length
 from armd.compensation.identify.solution import LEAST_KNOWN
 
 #: Readings left out must lose at least half of the error they have under the drawing.
@@ -24,7 +26,13 @@ class Certificate:
     reason: str
 
 
-def judge(found: Fit, drawn_rms_um: float, heldout_rms_um: float, heldout_by: str) -> Certificate:
+def judge(
+    found: Fit,
+    drawn_rms_um: float,
+    heldout_rms_um: float,
+    heldout_by: str,
+    lengths: Sequence[Length],
+) -> Certificate:
     """Judge by 3-D RMS errors: under the drawing, and of a fit that left the readings out.
 
     *found* tells what is known: all constants, and the lengths' linear growth where thermal.
@@ -47,4 +55,9 @@ def judge(found: Fit, drawn_rms_um: float, heldout_rms_um: float, heldout_by: st
     rank = found.solution.rank
     if rank < LEAST_RANK * ideal:
         faults.append(f"only {rank} of {ideal} combinations of the unknowns are known beside it")
+    faults += [
+        f"a certified length contradicts the arm: {length.in_words()}"
+        for length in lengths
+        if abs(length.off) > MOST_OFF
+    ]
     return Certificate(not faults, "; ".join([left, *faults]))

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
 from armd.compensation.basis import parameter_rows
 from armd.compensation.identify.elimination import Elimination
 from armd.compensation.identify.linearise import Linearisation, linearise
+from armd.compensation.identify.noise import Weighting
 from armd.compensation.identify.observations import Observations
 from armd.compensation.identify.poses import Poses, fit_poses
-from armd.compensation.identify.solution import ROUNDING, Solution, solve
+from armd.compensation.identify.solution import Solution, solve
 from armd.compensation.identify.unknowns import Unknowns
 from armd.compensation.kinematics import forward
 from armd.compensation.terms import Term
@@ -37,7 +37,7 @@ class End:
 
 @dataclass(frozen=True)
 class Descent:
-    """One round: basis values and weights are held while the unknowns move."""
+    """One round: basis values and the noise of the angles are held while the unknowns move."""
 
     observations: Observations
     constants: F64
@@ -46,16 +46,16 @@ class Descent:
     reference_c: float
     basis: F64
     start: F64  # (C,) what unidentifiable directions stay near
-    weight: F64  # (n,) robust weights
+    weighting: Weighting
 
-    def run(self, x: F64, poses: Poses, whiten: F64, floor_mm: float, held: bool) -> End:
+    def run(self, x: F64, poses: Poses, floor_mm: float, held: bool) -> End:
         """Step until what a step would gain is nothing beside the noise."""
         scale = self.unknowns.plausible(self.terms, self.basis)
 
         def cost(elimination: Elimination, x: F64) -> float:
             return elimination.cost + held * float(np.sum(((x - self.start) / scale) ** 2))
 
-        at, elimination = self._linearise(x, poses, whiten, floor_mm, held)
+        at, elimination = self._linearise(x, poses, floor_mm, held)
         damping = 0.0
         steps = 0
         while steps < MOST_STEPS:
@@ -63,8 +63,6 @@ class Descent:
             columns = self.unknowns.columns(at, self.terms)
             clear = np.column_stack([elimination.columns(columns * scale), elimination.residual()])
             triangle = np.asarray(np.linalg.qr(clear, mode="r"))
-            if not self.observations.has_certified_length:
-                triangle[:, :-1] = self._without_size(triangle[:, :-1], x, scale)
             solution = solve(triangle, scale, self.start - x, held=held)
             converged = solution.gain < 1e-6 + 1e-8 * elimination.cost
             if converged:
@@ -73,7 +71,7 @@ class Descent:
                 damped = solve(triangle, scale, self.start - x, damping, held)
                 twist, shift = elimination.back_substitute(columns @ damped.step)
                 moved = at.poses.moved(at.centre_mm, twist, shift)
-                trial = self._linearise(x + damped.step, moved, whiten, floor_mm, held)
+                trial = self._linearise(x + damped.step, moved, floor_mm, held)
                 better = cost(trial[1], x + damped.step) <= cost(elimination, x)
                 if better or damping > 1e3:
                     break
@@ -86,32 +84,14 @@ class Descent:
             damping = damping / 10.0 if damping > 1e-8 else 0.0
         return End(x, at, elimination, solution, steps, converged)
 
-    def _without_size(self, columns: F64, x: F64, scale: F64) -> F64:
-        """Columns (·, C) that say nothing about the arm's size.
-
-        Without any certified length, an arm shrunk by a factor fits as well, its residuals even
-        shrunk with it: least squares would take that for knowledge and shrink it to nothing.
-        """
-        lengths = [parameters.unit(name) == "mm" for name in self.unknowns.constants]
-        size = np.zeros(len(x))
-        size[: len(lengths)] = np.where(lengths, x[: len(lengths)], 0.0) / scale[: len(lengths)]
-        _, s, vt = np.linalg.svd(columns)
-        touching = vt[: len(s)][s > ROUNDING * s[0]]  # leaves what is unknown anyway unknown
-        told = touching.T @ (touching @ size)
-        if np.linalg.norm(told) < 1e-3 * np.linalg.norm(size):
-            return columns
-        told /= np.linalg.norm(told)
-        without: F64 = columns - np.outer(columns @ told, told)
-        return without
-
     def _linearise(
-        self, x: F64, poses: Poses, whiten: F64, floor_mm: float, held: bool
+        self, x: F64, poses: Poses, floor_mm: float, held: bool
     ) -> tuple[Linearisation, Elimination]:
         constants, terms = self.unknowns.put(x, self.constants, self.terms)
         if held and not len(self.observations.distances.length_mm):
             # Far off, poses are not linear: about a beam's own axis they turn by any angle.
             rows = parameter_rows(constants, terms, self.basis)
             position = forward(self.observations.states.q, rows)[0]
-            poses = fit_poses(self.observations, position, self.weight, poses)
+            poses = fit_poses(self.observations, position, self.weighting.weight, poses)
         at = linearise(self.observations, constants, terms, poses, self.reference_c, self.basis)
-        return at, Elimination(at, whiten, floor_mm)
+        return at, Elimination(at, self.weighting.whitening(at.joints), floor_mm)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from armd.compensation.arm import Arm
 from armd.compensation.basis import basis_values, parameter_rows
 from armd.compensation.calibration import Calibration, sensors_of
+from armd.compensation.identify.lengths import Length, certified_lengths
 from armd.compensation.identify.observations import Observations, gather
 from armd.compensation.identify.poses import Poses, fit_poses
 from armd.compensation.kinematics import forward
@@ -53,22 +54,13 @@ class Evaluation:
                 name: _statistics(distance[observations.session == i])
                 for i, name in enumerate(names)
             },
-            "distances": self._distances(),
+            "distances": [length.as_json() for length in self.lengths],
         }
 
-    def _distances(self) -> list[dict[str, Any]]:
-        """Certified lengths against the fitted seats."""
-        observations, targets = self.observations, self.poses.target_mm
-        certified = observations.distances
-        known = np.isin(np.arange(len(targets)), observations.target) | ~observations.unknown
-        return [
-            {
-                "between": [observations.target_names[k] for k in (a, b)],
-                "error_um": 1e3 * float(np.linalg.norm(targets[a] - targets[b]) - length),
-            }
-            for (a, b), length in zip(certified.between, certified.length_mm, strict=True)
-            if known[a] and known[b]
-        ]
+    @property
+    def lengths(self) -> list[Length]:
+        """Certified lengths beside those between the fitted seats."""
+        return certified_lengths(self.observations, self.poses, self.residual_mm)
 
 
 def evaluate(

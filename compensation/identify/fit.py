@@ -19,22 +19,22 @@ import numpy.typing as npt
 from armd.compensation.basis import basis_values, parameter_rows
 from armd.compensation.identify.descent import Descent
 from armd.compensation.identify.elimination import Elimination
-from armd.compensation.identify.linearise import Linearisation
+from armd.compensation.identify.linearise import Linearisation, linearise
 from armd.compensation.identify.noise import (
     LEAST_MM,
     MEDIAN_D2,
     OUTLIER_D2,
     ReadingNoise,
+    Weighting,
     estimate,
     mahalanobis2,
     robust_weights,
-    whitening,
 )
 from armd.compensation.identify.observations import Observations
 from armd.compensation.identify.poses import fit_poses
 from armd.compensation.identify.solution import Solution
 from armd.compensation.identify.unknowns import Unknowns
-from armd.compensation.kinematics import forward, joint_jacobian
+from armd.compensation.kinematics import forward
 from armd.compensation.terms import Term
 
 F64 = npt.NDArray[np.float64]
@@ -108,21 +108,22 @@ def fit(
     distance2 = np.zeros(observations.n)
     steps, held = 0, noise is None
     for round_ in range(1, rounds + 1):
-        joints = joint_jacobian(states.q, parameter_rows(constants, terms, basis))
+        joints = linearise(observations, constants, terms, poses, reference_c, basis).joints
         weight = robust_weights(distance2)
         if held:
             weighing = ReadingNoise(0.0, weighing.typical_mm(joints))
-        whiten = whitening(weighing.covariance(joints), weight)
+        weighting = Weighting(weighing, joints, weight)
         descent = Descent(
-            observations, constants, terms, unknowns, reference_c, basis, start, weight
+            observations, constants, terms, unknowns, reference_c, basis, start, weighting
         )
         # A certified length bends the problem: far off it must not weigh more than the readings.
         floor_mm = weighing.reading_mm * (1.0 if held else 0.01)
-        end = descent.run(x, poses, whiten, floor_mm, held)
+        end = descent.run(x, poses, floor_mm, held)
         stands = np.array_equal(end.x, x)
         x, poses, steps = end.x, end.at.poses, steps + end.steps
         constants, terms = unknowns.put(x, constants, terms)
         fitted = end.elimination.rank + end.solution.rank
+        joints = end.at.joints
         before, weighing = weighing, estimate(end.at.residual_mm, joints, fitted)
         distance2 = mahalanobis2(end.at.residual_mm, weighing.covariance(joints))
         basis = basis_values(terms, states, observations.arm, reference_c, constants)

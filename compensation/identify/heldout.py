@@ -37,7 +37,7 @@ class HeldOut:
     def __init__(
         self, fit: Fit, columns: F64, scale: F64, residual: F64, folds: Sequence[Mask]
     ) -> None:
-        joints = fit.at.jacobian[:, :, 0 : 5 * fit.observations.arm.n_joints : 5]
+        joints = fit.at.joints
         whiten = whitening(fit.noise.covariance(joints), robust_weights(fit.distance2))
         good = np.ones(fit.observations.n, dtype=bool)
         good[fit.outliers] = False

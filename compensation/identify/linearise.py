@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from armd.compensation import parameters
 from armd.compensation.basis import basis_values, parameter_rows
+from armd.compensation.identify.adjustment import adjusted
 from armd.compensation.identify.observations import Observations
 from armd.compensation.identify.poses import Poses, centres, pose_columns, target_columns
-from armd.compensation.kinematics import jacobian
+from armd.compensation.kinematics import forward, jacobian
 from armd.compensation.terms import Term
 
 F64 = npt.NDArray[np.float64]
@@ -36,7 +37,7 @@ class Linearisation:
     poses: Poses
     position_mm: F64  # (n, 3) tip, base frame
     residual_mm: F64  # (n, 3)
-    jacobian: F64  # (n, 3, P) d residual / d parameter, ordered as `parameters`
+    jacobian: F64  # (n, 3, P) d residual / d parameter, at adjusted angles
     basis: F64  # (n, T) values of the terms' basis functions
     centre_mm: F64  # (p, 3) what the placements' twists turn about
     pose_columns: F64  # (n, 3, 6)
@@ -56,6 +57,12 @@ class Linearisation:
             target_columns=self.target_columns[mask],
             free_targets=_free_targets(chosen),
         )
+
+    @property
+    def joints(self) -> F64:
+        """d tip / d angle (n, 3, N) mm/rad."""
+        joints: F64 = self.jacobian[:, :, 0 : 5 * self.observations.arm.n_joints : 5]
+        return joints
 
     def constant_columns(self, names: Sequence[str]) -> F64:
         """d residual / d constant (n, 3, len(names))."""
@@ -83,8 +90,10 @@ def linearise(
     states, arm = observations.states, observations.arm
     if basis is None:
         basis = basis_values(terms, states, arm, reference_c, constants)
-    position, columns = jacobian(states.q, parameter_rows(constants, terms, basis))
+    rows = parameter_rows(constants, terms, basis)
+    position = forward(states.q, rows)[0]
     placed = poses.placed(observations)
+    columns = jacobian(adjusted(states.q, rows, placed), rows)[1]
     centre = centres(observations, placed)
     return Linearisation(
         observations=observations,

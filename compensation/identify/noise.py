@@ -17,6 +17,8 @@ import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 from scipy.special import gammaincinv
 
+from armd.compensation.identify.adjustment import backwards
+
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
@@ -44,6 +46,26 @@ class ReadingNoise:
         """Per-axis standard deviation over all readings (rms)."""
         variance = np.trace(self.covariance(joint_columns), axis1=1, axis2=2) / 3.0
         return float(np.sqrt(np.mean(variance)))
+
+
+@dataclass(frozen=True)
+class Weighting:
+    """How a round weighs its readings: noise of the angles, held while the constants move.
+
+    What a reading's noise is in mm follows the levers, the repeatability of a point as well: the
+    angles answered to where the ball lay. So an arm of another size weighs its scatter alike.
+    """
+
+    noise: ReadingNoise
+    joints: F64  # (n, 3, N) mm/rad where the noise was found
+    weight: F64  # (n,) robust weights
+
+    def whitening(self, joints: F64) -> F64:
+        """W (n, 3, 3) at levers d tip / d angle (n, 3, N)."""
+        stretch = np.eye(3) + (joints - self.joints) @ backwards(self.joints)
+        covariance = self.noise.encoder_rad**2 * (joints @ joints.transpose(0, 2, 1))
+        covariance += self.noise.reading_mm**2 * (stretch @ stretch.transpose(0, 2, 1))
+        return whitening(covariance, self.weight)
 
 
 def whitening(covariance: F64, weight: F64) -> F64:

@@ -82,7 +82,7 @@ def _standing(around: Fit, constants: F64, terms: list[Term]) -> Fit:
     observations, reference_c = around.observations, around.reference_c
     poses = evaluate_model(observations, constants, terms, reference_c).poses
     at = linearise(observations, constants, terms, poses, reference_c)
-    joints = at.jacobian[:, :, 0 : 5 * observations.arm.n_joints : 5]
+    joints = at.joints
     noise = estimate(at.residual_mm, joints, around.elimination.rank + around.solution.rank)
     covariance = noise.covariance(joints)
     distance2 = mahalanobis2(at.residual_mm, covariance)

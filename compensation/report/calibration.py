@@ -61,6 +61,22 @@ def _summary(page: Page, result: Result) -> None:
     page.text(f"Certificate {verdict}: {result.certificate.reason}.")
     if result.notes:
         page.items(result.notes)
+    if result.lengths:
+        page.heading("Certified lengths")
+        page.text("Between the seats as the calibrated arm finds them, the lengths taking no part.")
+        page.table(
+            ["length", "certified mm", "u mm", "measured mm", "u of the seats mm", "error µm",
+             "in standard uncertainties"],
+            [
+                [
+                    " to ".join(length.between), f"{length.certified_mm:.4f}",
+                    f"{length.standard_uncertainty_mm:.4f}", f"{length.measured_mm:.4f}",
+                    f"{length.measured_uncertainty_mm:.4f}", f"{1e3 * length.error_mm:+.1f}",
+                    f"{length.off:+.2f}",
+                ]
+                for length in result.lengths
+            ],
+        )  # fmt: skip
     page.heading("Not identifiable from these sessions")
     page.text("These combinations stay as near the drawing as they can; no point depends on them.")
     page.items(result.unidentifiable)

@@ -84,6 +84,8 @@ def _print(result: Result, output: str) -> None:
         f" {result.heldout_rms_um:.2f} µm by leaving out each {result.heldout_by};"
         f" rank {found.solution.rank} of {len(found.unknowns.names)}"
     )
+    for length in result.lengths:
+        console.print(f"certified length {length.in_words()}")
     if result.trials:
         table = Table("thermal model", "µm at temperatures left out")
         for trial in result.trials:

@@ -29,7 +29,8 @@ def run(args: argparse.Namespace) -> int:
     calibration = load_calibration(args.calibration, arm).content if args.calibration else None
     with Console(stderr=True).status("reading …") as status:
         sessions = load_sessions(args.session, arm)
-        result = evaluate(sessions, arm, calibration, status.update).as_json()
+        evaluation = evaluate(sessions, arm, calibration, status.update)
+    result = evaluation.as_json()
     if args.json:
         write_whole(args.json, json.dumps(result, indent=1) + "\n")
     table = Table("session", "readings", "3-D RMS µm", "median µm", "maximum µm")
@@ -39,6 +40,8 @@ def run(args: argparse.Namespace) -> int:
             table.add_row(name, str(figures["n"]), *values)
     console = Console()
     console.print(table)
+    for length in evaluation.lengths:
+        console.print(f"certified length {length.in_words()}")
     if result["n_unused"]:
         console.print(f"{result['n_unused']} readings lack a temperature the calibration needs")
     return 0

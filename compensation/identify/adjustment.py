@@ -1,0 +1,47 @@
+"""Angles adjusted so that the tip stands where it was held: where columns are taken.
+
+The angles carry the noise, not the point touched. A column taken at the angles as read shares
+their noise with the residual, and least squares takes what the two share for knowledge: shorter
+levers scatter less, so the arm shrinks (docs/decisions/0013). Taken at adjusted angles, as Pope
+(1972) asks of every adjustment of observations, columns and residuals share nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.kinematics import jacobian
+
+F64 = npt.NDArray[np.float64]
+
+#: A direction whose lever is shorter than this share of the reading's longest is hardly turned
+#: towards: an arm stretched out cannot reach farther. Between 0.01 and 0.1 nothing changes.
+LEAST_LEVER = 0.03
+#: A reading farther off than this is not noise; its angles go no farther.
+MOST_TURN_RAD = 0.1
+#: Newton steps: after the second what is left is noise to the third power.
+TURNS = 2
+
+
+def adjusted(q: F64, parameters: F64, placed_mm: F64) -> F64:
+    """Angles (n, N) nearest *q* that put the tip at *placed_mm* (n, 3); parameters (n, P)."""
+    there = q.copy()
+    for _ in range(TURNS):
+        position, columns = jacobian(there, parameters)
+        joints = columns[:, :, 0 : 5 * q.shape[1] : 5]
+        off = placed_mm - position
+        there = there + (backwards(joints) @ off[:, :, None])[:, :, 0]
+        turn = there - q
+        size = np.linalg.norm(turn, axis=1, keepdims=True)
+        there = q + turn * np.minimum(1.0, MOST_TURN_RAD / np.maximum(size, 1e-300))
+    return there
+
+
+def backwards(joints: F64) -> F64:
+    """(n, N, 3) rad/mm: the smallest turn that moves the tip so, from d tip / d angle (n, 3, N)."""
+    shape = joints @ joints.transpose(0, 2, 1)
+    least = LEAST_LEVER**2 * np.trace(shape, axis1=1, axis2=2)
+    damped = shape + least[:, None, None] * np.eye(3)
+    turn: F64 = joints.transpose(0, 2, 1) @ np.linalg.inv(damped)
+    return turn

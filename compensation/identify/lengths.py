@@ -1,0 +1,96 @@
+"""Certified lengths beside what the arm makes of them: the yardstick of its size."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.identify.observations import Observations
+from armd.compensation.identify.poses import Poses
+
+F64 = npt.NDArray[np.float64]
+
+#: Farther off than this, in standard uncertainties, a length contradicts the arm.
+MOST_OFF = 3.0
+
+
+@dataclass(frozen=True)
+class Length:
+    """A certified length, and the same between the seats as the arm finds them."""
+
+    between: tuple[str, str]
+    certified_mm: float
+    standard_uncertainty_mm: float  # as certified
+    measured_mm: float
+    measured_uncertainty_mm: float  # standard uncertainty of the seats found, from their scatter
+
+    @property
+    def error_mm(self) -> float:
+        return self.measured_mm - self.certified_mm
+
+    @property
+    def off(self) -> float:
+        """The error in units of its standard uncertainty, the certificate's and the scatter's."""
+        uncertainty = math.hypot(self.standard_uncertainty_mm, self.measured_uncertainty_mm)
+        return self.error_mm / max(uncertainty, 1e-9)
+
+    def as_json(self) -> dict[str, Any]:
+        """As `--json` of calibrate and evaluate have it."""
+        return {"error_um": 1e3 * self.error_mm, **asdict(self), "off": self.off}
+
+    def in_words(self) -> str:
+        return (
+            f"{self.between[0]} to {self.between[1]}: {self.measured_mm:.4f} mm,"
+            f" certified {self.certified_mm:.4f} ± {self.standard_uncertainty_mm:.4f} mm;"
+            f" off by {1e3 * self.error_mm:+.1f} µm, {self.off:+.1f} standard uncertainties"
+        )
+
+
+def certified_lengths(observations: Observations, poses: Poses, residual_mm: F64) -> list[Length]:
+    """Certified lengths between points that were touched.
+
+    *poses* and *residual_mm* (n, 3): of a fit that the lengths themselves had no part in.
+    """
+    certified = observations.distances
+    known = np.isin(np.arange(len(poses.target_mm)), observations.target) | ~observations.unknown
+    return [
+        Length(
+            between=(observations.target_names[a], observations.target_names[b]),
+            certified_mm=float(length),
+            standard_uncertainty_mm=float(u),
+            measured_mm=float(np.linalg.norm(poses.target_mm[a] - poses.target_mm[b])),
+            measured_uncertainty_mm=_scatter_mm(observations, residual_mm, (a, b)),
+        )
+        for (a, b), length, u in zip(
+            certified.between, certified.length_mm, certified.standard_uncertainty_mm, strict=True
+        )
+        if known[a] and known[b]
+    ]
+
+
+def _scatter_mm(observations: Observations, residual_mm: F64, ends: Sequence[int]) -> float:
+    """Standard uncertainty of the distance between two seats, from how their readings scatter.
+
+    Placements tell it each for itself, as well as their readings at both ends let them; where none
+    holds both, the ends are taken as if known alone.
+    """
+    variance = np.zeros(2)
+    count = np.zeros((2, len(observations.placement_names)))
+    for i, end in enumerate(ends):
+        rows = (observations.target == end) & ~observations.has_truth
+        count[i] = np.bincount(observations.placement[rows], minlength=count.shape[1])
+        freedom = max(int(rows.sum()) - int((count[i] > 0).sum()), 1)
+        if observations.unknown[end]:
+            variance[i] = np.sum(residual_mm[rows] ** 2) / (3 * freedom)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        each = np.where(variance[:, None] > 0, variance[:, None] / count, 0.0).sum(axis=0)
+    if not variance.any():
+        return 0.0
+    if np.isfinite(each).any():
+        return math.sqrt(1.0 / float(np.sum(1.0 / each[np.isfinite(each)])))
+    return math.sqrt(float(variance @ (1.0 / np.maximum(count.sum(axis=1), 1))))

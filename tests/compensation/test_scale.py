@@ -1,0 +1,71 @@
+"""The size of an arm is what is certified says it is, however large the scatter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import synthetic
+from threadpoolctl import threadpool_limits
+
+from armd.compensation.identify.fit import Fit, fit
+from armd.compensation.identify.gauge import free_constants
+from armd.compensation.identify.observations import Observations, gather
+from armd.compensation.identify.unknowns import Unknowns
+
+ARM = synthetic.arm()
+UNKNOWNS = Unknowns(free_constants(ARM))
+#: Seats 50 mm apart as a calliper tells it, whose standard uncertainty is 0.2 %.
+CALLIPER_MM = 0.1
+#: All lengths in proportion; d_1 and the last joint's are told by no reading, or only with others.
+SIZED = [
+    name.startswith(("d_", "a_")) and name not in ("d_1", "d_6", "a_6")
+    for name in UNKNOWNS.constants
+]
+
+
+def seats(truth: np.ndarray, rng: np.random.Generator) -> Observations:
+    measured = synthetic.session(
+        ARM, truth, rng, readings=180, targets=2, placements=4, known=False,
+        distances=[(0, 1)], spread_mm=25.0,
+    )  # fmt: skip
+    return gather([measured], ARM)
+
+
+def disturbed(clean: Observations, encoder_rad: float, rng: np.random.Generator) -> Observations:
+    """Angles with noise, and a length that is wrong by its own uncertainty."""
+    q = clean.states.q + encoder_rad * rng.normal(size=clean.states.q.shape)
+    lengths = replace(
+        clean.distances,
+        length_mm=clean.distances.length_mm + CALLIPER_MM * rng.normal(size=1),
+        standard_uncertainty_mm=np.array([CALLIPER_MM]),
+    )
+    return replace(clean, states=replace(clean.states, q=q), distances=lengths)
+
+
+def size_of(found: Fit, truth: np.ndarray) -> float:
+    """By how much all lengths together are off, as a share."""
+    true = np.where(SIZED, UNKNOWNS.values(truth, []), 0.0)
+    along = true / (true @ true)
+    return float(along @ (UNKNOWNS.values(found.constants, []) - true))
+
+
+@pytest.mark.parametrize("encoder_rad", [5e-5, 5e-4, 1e-3])
+def test_a_larger_scatter_does_not_shrink_the_arm(encoder_rad: float) -> None:
+    rng = np.random.default_rng(5)
+    truth = synthetic.disturbed(ARM, rng, 0.3)
+    clean = seats(truth, rng)
+    length_mm = float(clean.distances.length_mm[0])
+    sizes, told = [], []
+    for seed in range(16):
+        observations = disturbed(clean, encoder_rad, np.random.default_rng(1000 + seed))
+        with threadpool_limits(limits=1, user_api="blas"):
+            found = fit(observations, ARM.nominal(), [], UNKNOWNS, 20.0)
+        assert found.converged
+        sizes.append(size_of(found, truth))
+        told.append(float(observations.distances.length_mm[0]) / length_mm - 1.0)
+    # The arm is as wrong as the length it was told, and by nothing else in the mean.
+    apart = np.array(sizes) - np.array(told)
+    assert abs(apart.mean()) < 3 * apart.std() / np.sqrt(len(apart)) + 1e-5
+    assert abs(apart.mean()) < 0.1 * CALLIPER_MM / length_mm
