@@ -14,6 +14,11 @@ from armd.compensation import parameters
 from armd.schema import Strict, load_toml
 
 Vector3 = Annotated[tuple[float, float, float], Field(description="three numbers")]
+#: No arm is longer than 100 m, and no angle of it more than ten turns.
+Millimetres = Annotated[float, Field(ge=-1e5, le=1e5)]
+Degrees = Annotated[float, Field(ge=-3600, le=3600)]
+Celsius = Annotated[float, Field(ge=-273.15, le=1000)]
+Offset = Annotated[tuple[Millimetres, Millimetres, Millimetres], Field(description="x, y, z")]
 
 
 class TemperatureSensor(Strict):
@@ -23,18 +28,18 @@ class TemperatureSensor(Strict):
 class Joint(Strict):
     """One row A = Rz(θ+θ0)·Tz(d)·Tx(a)·Rx(α)·Ry(β)."""
 
-    theta_deg: float = 0.0
-    d_mm: float = 0.0
-    a_mm: float = 0.0
-    alpha_deg: float = 0.0
-    beta_deg: float = 0.0
+    theta_deg: Degrees = 0.0
+    d_mm: Millimetres = 0.0
+    a_mm: Millimetres = 0.0
+    alpha_deg: Degrees = 0.0
+    beta_deg: Degrees = 0.0
     counts_per_turn: Annotated[int, Field(gt=0, le=1 << 32)] | None = None
     direction: Literal[1, -1] = 1
-    min_deg: float | None = None
-    max_deg: float | None = None
+    min_deg: Degrees | None = None
+    max_deg: Degrees | None = None
     temperature: str | dict[str, float] | None = None
-    mass_kg: Annotated[float, Field(ge=0)] | None = None
-    centre_of_mass_mm: Vector3 | None = None
+    mass_kg: Annotated[float, Field(ge=0, le=1e4)] | None = None
+    centre_of_mass_mm: Offset | None = None
 
     @property
     def weights(self) -> dict[str, float]:
@@ -45,14 +50,14 @@ class Joint(Strict):
 
 
 class Tip(Strict):
-    offset_mm: Vector3 = (0.0, 0.0, 0.0)
-    radius_mm: Annotated[float, Field(ge=0)] = 0.0
+    offset_mm: Offset = (0.0, 0.0, 0.0)
+    radius_mm: Annotated[float, Field(ge=0, le=1e4)] = 0.0
 
 
 class Arm(Strict):
     schema_: Literal["armd.arm/1"] = Field(alias="schema")
     serial_number: Annotated[str, Field(min_length=1, max_length=16, pattern=r"^[!-~]+$")]
-    reference_temperature_c: float = 20.0
+    reference_temperature_c: Celsius = 20.0
     gravity: Vector3 = (0.0, 0.0, -1.0)
     temperature_sensor: list[TemperatureSensor] = Field(default_factory=list, max_length=16)
     joint: Annotated[list[Joint], Field(min_length=3, max_length=9)]

@@ -128,7 +128,9 @@ class _Basis:
                     factor.smoothing_s
                 )
             case Time():
-                return ((states.time_s - factor.since_unix_s) / 3600) ** factor.power
+                until = math.inf if factor.until_unix_s is None else factor.until_unix_s
+                held_s = np.clip(states.time_s, factor.since_unix_s, until)
+                return ((held_s - factor.since_unix_s) / 3600) ** factor.power
             case After():
                 known = np.isfinite(states.time_s)
                 return np.where(known, states.time_s >= factor.instant_unix_s, np.nan)

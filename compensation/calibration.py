@@ -1,14 +1,17 @@
 """`calibration.json`: identified constants and terms, where they hold, where they come from.
 
 Two hashes: `content_sha256` inside the file guards its content against edits and damage; the
-file's own SHA-256 is its identity, whose first eight bytes every point carries.
+file's own SHA-256 is its identity, whose first eight bytes every point carries. Both are taken of
+the bytes as they were read, once: what a field that the file does not have would default to is no
+part of either.
 """
 
 from __future__ import annotations
 
+import datetime
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,11 +21,19 @@ import numpy.typing as npt
 from pydantic import Field, model_validator
 
 from armd.compensation import parameters
-from armd.compensation.arm import Arm, Vector3
-from armd.compensation.terms import Temperature, TemperatureRate, Term
+from armd.compensation.arm import Arm, Celsius, Vector3
+from armd.compensation.terms import Temperature, TemperatureRate, Term, Time
 from armd.errors import BadInput
 from armd.files import write_whole
-from armd.schema import Strict, load_json
+from armd.inputs import read_input
+from armd.schema import Strict, json_data, validate
+
+#: A diagnosis writes dozens; a sample pays 5 ns for each that depends on the pose.
+MOST_TERMS = 10_000
+#: Checked at once: one call of the validator must not hold up the thread with the points.
+TERMS_AT_ONCE = 100
+#: Beyond this a constant is no arm's: 100 m, and 100 rad are sixteen turns.
+MOST_MM, MOST_RAD = 1e5, 100.0
 
 
 class Noise(Strict):
@@ -49,13 +60,13 @@ class Calibration(Strict):
     )
     arm: str
     created: str  # ISO 8601, UTC
-    reference_temperature_c: float
+    reference_temperature_c: Celsius
     #: sensor name → [lowest, highest] °C seen by the identification; empty: not thermal
     temperature_range_c: dict[str, tuple[float, float]] = {}
     #: K/h; a faster change sets flag 3
     max_temperature_rate_k_per_h: Annotated[float, Field(gt=0)] | None = None
     constants: dict[str, float]  # every parameter by name, mm and rad
-    terms: list[Term] = []
+    terms: Annotated[list[Term], Field(max_length=MOST_TERMS)] = []
     #: covariance of the identified quantities, in the order of `covariance_of`; an entry is a
     #: parameter's name or "term I" (index into `terms`)
     covariance_of: list[str] = []
@@ -89,6 +100,7 @@ class LoadedCalibration:
     content: Calibration
     sha256: str
     path: Path
+    data: bytes = b""  # the file, as it was read
 
     @property
     def identity(self) -> int:
@@ -102,24 +114,20 @@ def constants_of(vector: npt.NDArray[np.float64], n_joints: int) -> dict[str, fl
 
 
 def load_calibration(path: str | Path, arm: Arm | None = None) -> LoadedCalibration:
-    """Read a calibration and, given *arm*, check that it belongs to it.
+    """Read a calibration once and, given *arm*, check that it belongs to it.
 
     Raises `BadInput` for a malformed file, content that does not match its hash, another arm's
     calibration, or names the arm does not have.
     """
-    calibration = load_json(path, Calibration)
-    if calibration.content_sha256 != content_hash(calibration.content()):
-        raise BadInput(
-            path,
-            "content_sha256",
-            "a content that does not match it (edited or damaged)",
-            "the file as it was written",
-        )
+    data = read_input(path)
+    try:
+        calibration = _parse(path, data)
+    except (MemoryError, RecursionError, ValueError) as error:
+        found = f"content that cannot be read ({type(error).__name__})"
+        raise BadInput(path, "the file", found, "a calibration") from error
     if arm is not None:
         _belongs(path, calibration, arm)
-    return LoadedCalibration(
-        calibration, hashlib.sha256(Path(path).read_bytes()).hexdigest(), Path(path)
-    )
+    return LoadedCalibration(calibration, hashlib.sha256(data).hexdigest(), Path(path), data)
 
 
 def save_calibration(path: str | Path, calibration: Calibration) -> LoadedCalibration:
@@ -131,9 +139,88 @@ def save_calibration(path: str | Path, calibration: Calibration) -> LoadedCalibr
 
 
 def content_hash(content: Mapping[str, Any]) -> str:
-    """SHA-256 over the canonical JSON of *content*."""
-    canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(canonical.encode()).hexdigest()
+    """SHA-256 over the canonical JSON of *content*, its own key `content_sha256` left out.
+
+    Canonical: keys sorted, no spaces. Lists are taken element by element, so that no call lasts.
+    """
+    digest = hashlib.sha256(b"{")
+    for i, key in enumerate(sorted(content.keys() - {"content_sha256"})):
+        digest.update(f"{',' if i else ''}{json.dumps(key)}:".encode())
+        for piece in _canonical(content[key]):
+            digest.update(piece.encode())
+    digest.update(b"}")
+    return digest.hexdigest()
+
+
+def _canonical(value: Any) -> Iterator[str]:
+    if not isinstance(value, list):
+        yield json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return
+    yield "["
+    for i, element in enumerate(value):
+        if i:
+            yield ","
+        yield json.dumps(element, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    yield "]"
+
+
+def _parse(path: str | Path, data: bytes) -> Calibration:
+    """The content of a file, checked; a value that cannot be is told rather than a wrong hash."""
+    content = json_data(path, data)
+    if not isinstance(content, dict):
+        raise BadInput(path, "the file", type(content).__name__, "an object, { … }")
+    listed = content.get("terms", [])
+    if isinstance(listed, list) and len(listed) > MOST_TERMS:
+        raise BadInput(path, "terms", f"{len(listed)} terms", f"{MOST_TERMS} at most")
+    written = content_hash(content)
+    if not isinstance(listed, list):
+        listed = []  # told by the validator
+    else:
+        content = content | {"terms": []}
+    calibration = validate(path, content, Calibration)
+    terms: list[Term] = []
+    for start in range(0, len(listed), TERMS_AT_ONCE):
+        piece = {"terms": listed[start : start + TERMS_AT_ONCE]}
+        terms += validate(path, piece, _Terms, {"terms": start}).terms
+    if calibration.content_sha256 != written:
+        raise BadInput(
+            path,
+            "content_sha256",
+            "a content that does not match it (edited or damaged)",
+            "the file as it was written",
+        )
+    ends_s = _created_unix_s(path, calibration)
+    return calibration.model_copy(update={"terms": [_ended(term, ends_s) for term in terms]})
+
+
+class _Terms(Strict):
+    """Some of a calibration's terms."""
+
+    terms: list[Term]
+
+
+def _created_unix_s(path: str | Path, calibration: Calibration) -> float:
+    try:
+        created = datetime.datetime.fromisoformat(calibration.created)
+        return created.replace(tzinfo=created.tzinfo or datetime.UTC).timestamp()
+    except (ValueError, OverflowError) as error:
+        raise BadInput(
+            path, "created", repr(calibration.created), "an instant (ISO 8601)"
+        ) from error
+
+
+def _ended(term: Term, created_unix_s: float) -> Term:
+    """A term that follows time, of a file that does not say until when it was seen to: nobody
+    measured after the file was made."""
+    if not any(isinstance(factor, Time) and factor.until_unix_s is None for factor in term.basis):
+        return term
+    basis = [
+        factor.model_copy(update={"until_unix_s": max(created_unix_s, factor.since_unix_s)})
+        if isinstance(factor, Time) and factor.until_unix_s is None
+        else factor
+        for factor in term.basis
+    ]
+    return term.model_copy(update={"basis": basis})
 
 
 def used_sensors(arm: Arm, calibration: Calibration | None) -> set[str]:
@@ -157,9 +244,12 @@ def _belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
     if calibration.arm != arm.serial_number:
         raise BadInput(path, "arm", repr(calibration.arm), f"{arm.serial_number!r}, as in arm.toml")
     known = set(parameters.names(arm.n_joints))
-    for name in calibration.constants:
+    for name, value in calibration.constants.items():
         if name not in known:
             raise BadInput(path, f"constants.{name}", "this name", "a parameter of the arm")
+        most = MOST_MM if (unit := parameters.unit(name)) == "mm" else MOST_RAD
+        if abs(value) > most:
+            raise BadInput(path, f"constants.{name}", f"{value:g} {unit}", f"{most:g} at most")
     missing = sorted(known - set(calibration.constants))
     if missing:
         raise BadInput(path, f"constants.{missing[0]}", "nothing", "a value for every parameter")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -14,10 +16,11 @@ from armd.compensation.points import fill
 from armd.compensation.program import by_parameter, compile_terms, state_of
 from armd.compensation.slow import SlowFactors
 from armd.compensation.state import States
-from armd.compensation.terms import SLOW_FACTORS, Term
+from armd.compensation.terms import SLOW_FACTORS, After, Term, Time
 from armd.compensation.uncertainty import Uncertainty
 
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
 
 
 class Model:
@@ -36,21 +39,35 @@ class Model:
             arm.reference_temperature_c if content is None else content.reference_temperature_c
         )
         terms = [] if content is None else content.terms
+        place = {name: i for i, name in enumerate(parameters.names(n))}
         slow = [term for term in terms if term.slow]
         pose = by_parameter([term for term in terms if not term.slow], n)
         self._slow_parts = [_slow_part(term) for term in (*slow, *pose)]
         self._slow = SlowFactors([*slow, *pose], arm, self._reference_c)
         self._amounts = Amounts(
-            slow_parameter=np.array(
-                [parameters.index(term.parameter, n) for term in slow], dtype=np.int64
-            ),
+            slow_parameter=np.array([place[term.parameter] for term in slow], dtype=np.int64),
             slow=np.array([term.coefficient for term in slow]),
             pose=np.array([term.coefficient for term in pose]),
         )
+        #: (since, until) Unix seconds: the periods in which terms that follow time were identified
+        self.periods_unix_s = sorted(
+            {
+                (
+                    factor.since_unix_s,
+                    math.inf if factor.until_unix_s is None else factor.until_unix_s,
+                )
+                for term in terms
+                for factor in term.basis
+                if isinstance(factor, Time)
+            }
+        )
+        #: Whether a term depends on the date, so that the model must be folded as time goes on.
+        self.dated = any(isinstance(factor, Time | After) for t in terms for factor in t.basis)
         self.state = state_of(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
-        self.fold(np.full(len(arm.sensors), self._reference_c), 0.0)
-        self._slow.forget()  # the first measured temperature starts them
+        now_s = math.nan if self.dated else 0.0  # positions are NaN until the date is known
+        self.fold(np.full(len(arm.sensors), self._reference_c), now_s)
+        self.forget()
 
     def fold(self, celsius: F64, unix_s: float) -> None:
         """From here on samples are corrected for these temperatures (S,) °C at this time.
@@ -61,12 +78,28 @@ class Model:
         deviation_c = self._uncertainty.temperature_c
         values, changes = self._slow.values(celsius, unix_s, deviation_c)
         fold(values, self._amounts, self.state)
-        self._uncertainty.fold(values, changes)
+        if np.isfinite(values).all():  # else positions are NaN, and nothing is to be said of them
+            self._uncertainty.fold(values, changes)
+
+    def follow(self, celsius: F64, unix_s: float) -> None:
+        """As `fold`, for a past in which nothing was corrected: only the lags take part."""
+        self._slow.values(celsius, unix_s)
+
+    def forget(self) -> None:
+        """The next temperatures start the lags, settled."""
+        self._slow.forget()
+
+    def outside_period(self, unix_s: float) -> tuple[float, float] | None:
+        """The first period that does not hold *unix_s*: its terms are held then."""
+        for since, until in self.periods_unix_s:
+            if not since <= unix_s <= until:
+                return since, until
+        return None
 
     @property
-    def covariance(self) -> tuple[F64, float]:
-        """Its factor and floor, as `armd.compensation.points.fill` takes them."""
-        return self._uncertainty.factor, self._uncertainty.floor
+    def covariance(self) -> tuple[F64, I64, float]:
+        """Its factor, what its rows are, and its floor, as `points.fill` takes them."""
+        return self._uncertainty.factor, self._uncertainty.rows, self._uncertainty.floor
 
     def correct(self, q: F64, rate: F64, approach: F64, points: npt.NDArray[np.void]) -> None:
         """Fill position, orientation, covariance and correction of *points* (n,), dtype `POINT`.

@@ -115,10 +115,13 @@ class Corrector:
 
         used = self._used
         low, high = self._range_c
+        outside = ((held_c < low) | (held_c > high))[:, used].any(axis=1)
+        for since, until in self._model.periods_unix_s:  # beyond them terms are held
+            outside |= (states.time_s < since) | (states.time_s > until)
         flags = np.full(n, int(self._always), np.uint32)
         for flag, rows in (
             (Flag.INVALID, invalid),
-            (Flag.TEMPERATURE_RANGE, ((held_c < low) | (held_c > high))[:, used].any(axis=1)),
+            (Flag.TEMPERATURE_RANGE, outside),
             (Flag.TEMPERATURE_STALE, np.isnan(measured_c[:, used]).any(axis=1)),
             (
                 Flag.END_STOP,

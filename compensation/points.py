@@ -14,16 +14,18 @@ from armd.compensation.kinematics import compiled_jacobian
 from armd.jit import jit
 
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
 
 
 @jit
 def fill(
-    q: F64, rate: F64, approach: F64, state: State, factor: F64, floor: float,
+    q: F64, rate: F64, approach: F64, state: State, factor: F64, rows: I64, floor: float,
     points: npt.NDArray[np.void],
 ) -> None:  # fmt: skip
     """Position, orientation, correction and covariance of *points* (n,), dtype `armd.POINT`.
 
-    The covariance is (J·L)(J·L)' + *floor*, L being *factor* (P+T, r); NaN if *floor* is.
+    The covariance is (J·L)(J·L)' + *floor*, L being *factor* (R, r), whose rows (R,) are parameters
+    and, from P on, pose terms; NaN if *floor* is.
     """
     folded, program, work = opened(state)
     angle, trig, vectors, count = work.angle, work.trig, work.vectors, len(folded.parameters)
@@ -51,13 +53,13 @@ def fill(
                     points[start + i].covariance_mm2[part] = math.nan
         else:
             parameters = folded.parameters.reshape(1, count)
-            _covariances(q, start, parameters, program, work, factor, floor, points, m)
+            _covariances(q, start, parameters, program, work, factor, rows, floor, points, m)
 
 
 @jit
 def _covariances(
-    q: F64, start: int, parameters: F64, program: Program, work: Work, factor: F64, floor: float,
-    points: npt.NDArray[np.void], m: int,
+    q: F64, start: int, parameters: F64, program: Program, work: Work, factor: F64, rows: I64,
+    floor: float, points: npt.NDArray[np.void], m: int,
 ) -> None:  # fmt: skip
     rank, count = factor.shape[1], parameters.shape[1]
     position = np.empty((m, 3))
@@ -67,12 +69,10 @@ def _covariances(
     for i in range(m):
         moved[:] = 0.0
         for row in range(len(factor)):
-            column, weight = row, 1.0
-            if row >= count:
-                column, weight = (
-                    program.parameter[row - count],
-                    _basis(program, work, row - count, i),
-                )
+            column, weight = rows[row], 1.0
+            if column >= count:
+                weight = _basis(program, work, column - count, i)
+                column = program.parameter[column - count]
             jx = weight * derivatives[i, 0, column]
             jy = weight * derivatives[i, 1, column]
             jz = weight * derivatives[i, 2, column]

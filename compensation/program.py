@@ -33,13 +33,15 @@ F64 = npt.NDArray[np.float64]
 
 def by_parameter(terms: Sequence[Term], n_joints: int) -> list[Term]:
     """Terms in the order of the parameters they change, as a `Program` wants its pose terms."""
-    return sorted(terms, key=lambda term: parameters.index(term.parameter, n_joints))
+    place = {name: i for i, name in enumerate(parameters.names(n_joints))}
+    return sorted(terms, key=lambda term: place[term.parameter])
 
 
 def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
     """The program of pose terms, which stand in the order of `by_parameter`."""
     n = arm.n_joints
-    parameter = np.array([parameters.index(term.parameter, n) for term in terms], dtype=np.int64)
+    place = {name: i for i, name in enumerate(parameters.names(n))}
+    parameter = np.array([place[term.parameter] for term in terms], dtype=np.int64)
     groups = [*range(0, 5 * n + 1, 5), 5 * n + 3, 5 * n + 9]
     distinct: dict[str, int] = {}
     rows: list[tuple[int, int, int]] = []

@@ -66,8 +66,7 @@ def _piece(arm: Arm, calibration: Calibration, states: States) -> F64:
         variance += (each @ np.array(calibration.covariance) * each).sum(axis=2)
     for k, deviation in enumerate(noise.encoder_rad):
         variance += (moved[:, :, 5 * k + parameters.THETA] * deviation) ** 2
-    if not noise.encoder_rad:  # otherwise a reading's noise is counted with the encoders
-        variance += noise.reading_mm**2
+    variance += noise.reading_mm**2  # what the encoders do not explain
     if noise.temperature_c:
         thermal = [i for i, term in enumerate(terms) if _thermal(term)]
         for one_sensor in noise.temperature_c * np.eye(len(arm.sensors)):

@@ -126,7 +126,8 @@ def _code(
         case TemperatureRate():
             return RATE, means[0], means[1], factor.smoothing_s, 0.0
         case Time():
-            return TIME, factor.power, 0, factor.since_unix_s, 0.0
+            until = math.inf if factor.until_unix_s is None else factor.until_unix_s
+            return TIME, factor.power, 0, factor.since_unix_s, until
         case After():
             return AFTER, 0, 0, factor.instant_unix_s, 0.0
     raise AssertionError(f"{factor.kind} is no slow factor")
@@ -173,7 +174,12 @@ def _set_factors(unix_s: float, means: F64, factors: I64, numbers: F64, values: 
         elif kind == RATE:
             value = (means[a] - means[b]) / number
         elif kind == TIME:
-            value = ((unix_s - number) / 3600) ** a
+            value = unix_s  # NaN stays
+            if value < number:
+                value = number
+            if value > other:
+                value = other
+            value = ((value - number) / 3600) ** a
         elif math.isfinite(unix_s):
             value = 1.0 if unix_s >= number else 0.0
         else:

@@ -10,11 +10,13 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from armd.schema import Strict
 
 JointNumber = Annotated[int, Field(ge=1, le=9)]
+#: Seconds since 1970, UTC; up to the year 9999, after which nobody writes dates.
+UnixSeconds = Annotated[float, Field(ge=0, le=253402300799)]
 Weights = Annotated[dict[str, float], Field(min_length=1)]
 
 
@@ -43,18 +45,30 @@ class TemperatureRate(Strict):
 
 
 class Time(Strict):
-    """((t − since) / 3600 s)^power: hours since an instant (Unix seconds)."""
+    """((t − since) / 3600 s)^power: hours since an instant (Unix seconds).
+
+    From `since_unix_s` to `until_unix_s` is the period in which the term was identified; nobody
+    knows how it goes on, so outside the factor holds the value it had at the nearer end. None:
+    no end yet (while it is being identified; a calibration that was loaded always has one).
+    """
 
     kind: Literal["time"] = "time"
-    since_unix_s: float
+    since_unix_s: UnixSeconds
     power: Annotated[int, Field(ge=1, le=3)] = 1
+    until_unix_s: UnixSeconds | None = None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Time:
+        if self.until_unix_s is not None and self.until_unix_s < self.since_unix_s:
+            raise ValueError(f"until_unix_s from {self.since_unix_s} on, not {self.until_unix_s}")
+        return self
 
 
 class After(Strict):
     """1 from an instant (Unix seconds) on, 0 before."""
 
     kind: Literal["after"] = "after"
-    instant_unix_s: float
+    instant_unix_s: UnixSeconds
 
 
 class Harmonic(Strict):

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration
+from armd.compensation.calibration import Calibration, sensors_of
 from armd.compensation.terms import Term
 from armd.jit import jit
 
@@ -30,15 +30,16 @@ NEGLECTED = 1e-6
 class Parts(NamedTuple):
     """What the covariance is put together from, in mm at the tip.
 
-    Its n rows are the parameters and then the coefficients of the pose terms.
+    Its n rows are those parameters and coefficients of pose terms that are uncertain.
     """
 
     identified: F64  # (K, K) covariance of the identified quantities, mm²
     row: I64  # (K,) the row in which a quantity acts
     scaled_by: I64  # (K,) the term whose slow factors scale it, or NO_TERM
     encoder: F64  # (n,) variances that the encoders add, mm²
-    term_row: I64  # (L+T,) the row in which a term acts
-    term_amount: F64  # (L+T,) what a unit of its slow factors gives
+    warm: I64  # (W,) of slow and pose terms, those that depend on a temperature
+    warm_row: I64  # (W,) the row in which such a term acts
+    warm_amount: F64  # (W,) what a unit of its slow factors gives
     scale: F64  # (n,) mm at the tip per unit of each row, roughly
 
 
@@ -67,11 +68,13 @@ class Uncertainty:
             self.temperature_c = noise.temperature_c
             known = noise.reading_mm or noise.temperature_c or any(noise.encoder_rad)
             if known or calibration.covariance_of:
-                # The encoders' part of a reading's noise is counted with their Jacobian.
-                self.floor = 0.0 if noise.encoder_rad else noise.reading_mm**2
-        self._parts = _parts(arm, calibration, slow, pose)
-        n = len(self._parts.scale)
-        #: (P+T, r) L L' is the covariance of parameters and pose terms' coefficients
+                # Repeatability is what the encoders do not explain (`identify.noise` parts the
+                # two); their share comes through their Jacobian.
+                self.floor = noise.reading_mm**2
+        #: (n,) what the factor's rows are: numbers of parameters, then of pose terms
+        self.rows, self._parts = _parts(arm, calibration, slow, pose)
+        n = len(self.rows)
+        #: (n, r) L L' is the covariance of parameters and pose terms' coefficients
         self.factor = np.zeros((n, 0))
         self._work = Work(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n))
         self._numbers = np.zeros(n * n)  # of the factor, whose rank differs from fold to fold
@@ -88,14 +91,14 @@ class Uncertainty:
 
 def _parts(
     arm: Arm, calibration: Calibration | None, slow: Sequence[Term], pose: Sequence[Term]
-) -> Parts:
+) -> tuple[I64, Parts]:
     n = arm.n_joints
     names = parameters.names(n)
+    index = {name: i for i, name in enumerate(names)}
     terms = [*slow, *pose]
-    of_term = [names.index(term.parameter) for term in terms]
-    term_row = np.array(
-        [*of_term[: len(slow)], *range(len(names), len(names) + len(pose))], np.int64
-    )
+    of_term = np.array([index[term.parameter] for term in terms], np.int64)
+    pose_rows = np.arange(len(names), len(names) + len(pose))
+    acts_in = np.concatenate([of_term[: len(slow)], pose_rows])  # as numbered in `rows`
 
     # What the low-rank factor is judged by: an angle moves the tip by the arm's reach.
     lengths = np.hypot(arm.nominal()[1 : 5 * n : 5], arm.nominal()[2 : 5 * n : 5])
@@ -107,14 +110,15 @@ def _parts(
     count = len(covariance_of)
     row, scaled_by = np.zeros(count, np.int64), np.full(count, NO_TERM, np.int64)
     identified, encoder = np.zeros((count, count)), np.zeros(len(scale))
+    warm = np.zeros(0, np.int64)
     if calibration is not None:
+        place = {id(term): t for t, term in enumerate(terms)}
         for i, name in enumerate(covariance_of):
-            if name in names:
-                row[i] = names.index(name)
+            if name in index:
+                row[i] = index[name]
                 continue
-            term = calibration.terms[int(name.removeprefix("term "))]
-            scaled_by[i] = next(t for t, other in enumerate(terms) if other is term)
-            row[i] = term_row[scaled_by[i]]
+            scaled_by[i] = place[id(calibration.terms[int(name.removeprefix("term "))])]
+            row[i] = acts_in[scaled_by[i]]
         variances, directions = np.linalg.eigh(
             np.array(calibration.covariance, dtype=float).reshape(count, count)
         )
@@ -122,21 +126,25 @@ def _parts(
         identified = root @ root.T
         for k, deviation in enumerate(calibration.noise.encoder_rad):
             encoder[5 * k] = (scale[5 * k] * deviation) ** 2
-    return Parts(
+        if calibration.noise.temperature_c:
+            warm = np.flatnonzero([bool(sensors_of([term])) for term in terms])
+    rows = np.unique(np.concatenate([row, np.flatnonzero(encoder), acts_in[warm]]))
+    return rows, Parts(
         identified=identified,
-        row=row,
+        row=np.searchsorted(rows, row),
         scaled_by=scaled_by,
-        encoder=encoder,
-        term_row=term_row,
-        term_amount=np.array([term.coefficient for term in terms]) * scale[term_row],
-        scale=scale,
+        encoder=encoder[rows],
+        warm=warm,
+        warm_row=np.searchsorted(rows, acts_in[warm]),
+        warm_amount=np.array([terms[t].coefficient for t in warm]) * scale[acts_in[warm]],
+        scale=scale[rows],
     )
 
 
 @jit
 def _factor(values: F64, changes: F64, parts: Parts, work: Work, numbers: F64) -> int:
     """The factor (n, r) into the first n · r of *numbers*; returns r."""
-    identified, row, scaled_by, encoder, term_row, term_amount, scale = parts
+    identified, row, scaled_by, encoder, warm, warm_row, warm_amount, scale = parts
     matrix, columns, left = work
     n = len(matrix)
     for i in range(n):
@@ -151,8 +159,8 @@ def _factor(values: F64, changes: F64, parts: Parts, work: Work, numbers: F64) -
     for s in range(len(changes)):
         for i in range(n):
             left[i] = 0.0
-        for t in range(len(term_row)):
-            left[term_row[t]] += term_amount[t] * changes[s, t]
+        for w in range(len(warm)):
+            left[warm_row[w]] += warm_amount[w] * changes[s, warm[w]]
         for i in range(n):
             if left[i] != 0.0:
                 for j in range(n):

@@ -4,59 +4,86 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 from armd.compensation.arm import Arm, Vector3
 from armd.compensation.calibration import LoadedCalibration, load_calibration
 from armd.compensation.parameters import TIP_PARAMETERS
 from armd.daemon.config import Config
-from armd.daemon.pipeline import Pipeline
-from armd.errors import ArmdError
+from armd.daemon.pipeline import Pipeline, Prepared
+from armd.errors import ArmdError, BadInput
+
+
+class InUse(NamedTuple):
+    """What a point was made with."""
+
+    calibration: LoadedCalibration | None  # None: nominal geometry
+    tip: str | None  # a name of [tips]; None: the calibration's own tip
+
+
+class Change(NamedTuple):
+    """Another calibration or tip, ready to be taken over."""
+
+    to: InUse
+    prepared: Prepared
+    warning: str | None  # where the tip moves far
 
 
 class ArmInUse:
-    """Owns the pipeline; a change takes effect whole, between two samples, or not at all."""
+    """Owns the pipeline. A change is prepared in any thread, one at a time, while points are made;
+    it takes effect whole, between two samples, or not at all."""
 
     def __init__(self, config: Config) -> None:
         """Raises `BadInput` for a calibration that cannot be used."""
         self._config = config
-        self.calibration = self._load()
-        self.tip: str | None = None  # a name of [tips]; None: the calibration's own tip
-        self.pipeline = Pipeline(config.arm, self.calibration, config.file.limits)
+        calibration = self._load()
+        self.in_use = InUse(calibration, None)
+        self.pipeline = Pipeline(config.arm, calibration, config.file.limits)
 
-    def reload(self) -> str | None:
-        """Read the calibration file again; returns a warning if the tip moved far.
+    @property
+    def calibration(self) -> LoadedCalibration | None:
+        return self.in_use.calibration
 
-        Raises `BadInput` and changes nothing if the file is bad.
-        """
-        return self._change(self._load(), self.tip)
+    @property
+    def tip(self) -> str | None:
+        return self.in_use.tip
 
-    def select_tip(self, name: str) -> str | None:
-        """Use a tip of [tips], or with "" the calibration's own; returns a warning as `reload`.
+    def reloaded(self) -> Change:
+        """The calibration file, read again; raises `BadInput` if it is bad."""
+        return self._change(InUse(self._load(), self.tip))
 
-        Raises `ArmdError` for a name that is not configured.
-        """
+    def with_tip(self, name: str) -> Change:
+        """A tip of [tips], or with "" the calibration's own; raises `ArmdError` for a name that is
+        not configured."""
         tips = self._config.file.tips
         if name and name not in tips:
             raise ArmdError(f"no tip {name!r}; there are: {', '.join(tips) or 'none'}")
-        return self._change(self.calibration, name or None)
+        return self._change(InUse(self.calibration, name or None))
+
+    def take(self, change: Change) -> None:
+        """From the next sample on."""
+        self.pipeline.use(change.prepared)
+        self.in_use = change.to
 
     def _load(self) -> LoadedCalibration | None:
         path = self._config.calibration
         return None if path is None else load_calibration(path, self._config.arm)
 
-    def _change(self, calibration: LoadedCalibration | None, tip: str | None) -> str | None:
-        moved_mm = math.dist(
-            self._offset_mm(self.calibration, self.tip), self._offset_mm(calibration, tip)
-        )
-        offset_mm = None if tip is None else self._offset_mm(calibration, tip)
-        self.pipeline.use(*self._with_tip(calibration, offset_mm))
-        self.calibration, self.tip = calibration, tip
+    def _change(self, to: InUse) -> Change:
+        moved_mm = math.dist(self._offset_mm(self.in_use), self._offset_mm(to))
+        offset_mm = None if to.tip is None else self._offset_mm(to)
+        try:
+            prepared = self.pipeline.prepare(*self._with_tip(to.calibration, offset_mm))
+        except (ArithmeticError, MemoryError, ValueError) as error:  # numbers beyond all reason
+            path = self._config.calibration or self._config.path
+            found = f"numbers no model can be made of ({error})"
+            raise BadInput(path, "the file", found, "an arm's calibration") from error
         limit_mm = self._config.file.limits.tip_offset_mm
-        if moved_mm <= limit_mm:
-            return None
-        return f"the tip's offset moved by {moved_mm:.3f} mm, more than {limit_mm:g} mm"
+        warning = f"the tip's offset moved by {moved_mm:.3f} mm, more than {limit_mm:g} mm"
+        return Change(to, prepared, warning if moved_mm > limit_mm else None)
 
-    def _offset_mm(self, calibration: LoadedCalibration | None, tip: str | None) -> Vector3:
+    def _offset_mm(self, in_use: InUse) -> Vector3:
+        calibration, tip = in_use
         if tip is not None:
             return self._config.file.tips[tip].offset_mm
         if calibration is None:

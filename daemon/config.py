@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from armd import keys
-from armd.compensation.arm import Arm, Vector3, load_arm
+from armd.compensation.arm import Arm, Offset, load_arm
 from armd.drivers.config import DriverConfig, ReplayConfig
 from armd.errors import BadInput
 from armd.schema import Strict, load_toml
@@ -72,7 +72,7 @@ class Metrics(Strict):
 class Tip(Strict):
     """A tip that can be selected while running."""
 
-    offset_mm: Vector3
+    offset_mm: Offset
     #: Of its ball; without it arm.toml's.
     radius_mm: Annotated[float, Field(ge=0)] | None = None
 

@@ -75,7 +75,7 @@ def finish(samples: Any, q: Any, still_since_ns: Any, memory: Any, points: Any) 
         sample, point = samples[i], points[i]
         now, seq = sample.monotonic_ns, np.int64(sample.seq)
         flag = kept.slow
-        if sample.joint_invalid != 0 or now > kept.invalid_after_ns:
+        if sample.joint_invalid != 0 or now > kept.invalid_after_ns or not _is_finite(point):
             flag |= _INVALID
             for part in range(3):
                 point.position_mm[part] = math.nan
@@ -104,3 +104,20 @@ def finish(samples: Any, q: Any, still_since_ns: Any, memory: Any, points: Any) 
         point.monotonic_ns = now
         point.buttons = sample.buttons
         point.calibration = kept.calibration
+
+
+@jit
+def _is_finite(point: Any) -> bool:
+    """Whether every number of a point is one; a covariance that is not known is NaN throughout.
+
+    What is not adds up to something that is not: one test instead of sixteen.
+    """
+    total = 0.0
+    for part in range(3):
+        total += abs(point.position_mm[part]) + abs(point.correction_mm[part])
+    for part in range(4):
+        total += abs(point.orientation[part])
+    for part in range(6):
+        if not math.isnan(point.covariance_mm2[part]):
+            total += abs(point.covariance_mm2[part])
+    return math.isfinite(total)

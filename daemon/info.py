@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ def describe(
         "armd": __version__,
         "arm": config.arm.model_dump(mode="json", by_alias=True),
         "calibration": None if calibration is None else describe_calibration(calibration),
-        "calibration_file": None if calibration is None else _text_of(calibration),
+        "calibration_file": None if calibration is None else calibration.data.decode(),
         "tip": tip,
         "units": UNITS,
         "point": {
@@ -63,15 +62,6 @@ def describe_calibration(calibration: LoadedCalibration) -> dict[str, Any]:
         "terms": len(content.terms),
         "provenance": content.provenance,
     }
-
-
-def _text_of(calibration: LoadedCalibration) -> str | None:
-    """The file as it was loaded; None if it has changed since and waits for a reload."""
-    try:
-        text = calibration.path.read_bytes()
-    except OSError:
-        return None
-    return text.decode() if hashlib.sha256(text).hexdigest() == calibration.sha256 else None
 
 
 def _layout(message: np.dtype[np.void]) -> list[dict[str, Any]]:

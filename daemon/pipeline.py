@@ -35,6 +35,8 @@ MEMORY_S = 7200.0
 MEMORY_STEP_S = 10.0
 #: Samples of a batch for which there is room at first.
 ROOM = 64
+#: A model that depends on the date is brought up to it this often, if no temperature does it.
+DATE_STEP_NS = 1_000_000_000
 
 
 class Joints(NamedTuple):
@@ -49,6 +51,15 @@ class Joints(NamedTuple):
     still_since_ns: npt.NDArray[np.int64]  # (m,) monotonic instant since which the tip was still
 
 
+class Prepared(NamedTuple):
+    """What another calibration needs, made ready beside the stream."""
+
+    arm: Arm
+    calibration: LoadedCalibration | None
+    model: Model
+    past_ns: int  # stamp of the last temperatures of the past that its lags know
+
+
 class Pipeline:
     """The arithmetic of one arm between its driver and its publisher."""
 
@@ -59,37 +70,57 @@ class Pipeline:
         self._flagger = Flagger(arm)
         self._make_room(ROOM, len(turns))
         self.temperature = TemperatureWatch(arm, limits)
-        self._stamp_ns = 0  # of the last temperatures
+        self._stamp_ns = 0  # of the last temperatures, or of a later sample where the date counts
         self._past: deque[tuple[F64, int]] = deque(maxlen=round(MEMORY_S / MEMORY_STEP_S))
         self._begun = False
-        self.use(arm, calibration)
+        self.use(self.prepare(arm, calibration))
 
-    def use(self, arm: Arm, calibration: LoadedCalibration | None) -> None:
+    def prepare(self, arm: Arm, calibration: LoadedCalibration | None) -> Prepared:
+        """Everything that takes long of `use`; in any thread, while samples are corrected."""
+        model = Model(arm, calibration)
+        past_ns = 0
+        for celsius, past_ns in tuple(self._past):  # a term that lags remembers what it never saw
+            model.follow(celsius, past_ns * 1e-9)
+        return Prepared(arm, calibration, model, past_ns)
+
+    def use(self, prepared: Prepared) -> None:
         """Correct with this calibration (None: nominal geometry) from the next sample on."""
-        self._model = Model(arm, calibration)
+        arm, calibration, self._model, past_ns = prepared
         self._identity = 0 if calibration is None else calibration.identity
         self._own_flags = Flag.NOT_CALIBRATED if calibration is None else Flag(0)
         self.temperature.use(arm, None if calibration is None else calibration.content)
-        for celsius, stamp_ns in self._past:  # a term that lags remembers what it never saw
-            self._model.fold(celsius, stamp_ns * 1e-9)
+        for celsius, stamp_ns in self._past:
+            if stamp_ns > past_ns:  # what came while it was prepared
+                self._model.follow(celsius, stamp_ns * 1e-9)
         self._fold()
 
     def take_temperatures(self, reading: Temperatures) -> None:
         """Everything after this reading is corrected with it."""
         self.temperature.update(reading.celsius, reading.monotonic_ns)
         self._stamp_ns = reading.stamp_ns
-        if not self._past or self._stamp_ns - self._past[-1][1] >= MEMORY_STEP_S * 1e9:
+        long_ago = not self._past or self._stamp_ns - self._past[-1][1] >= MEMORY_STEP_S * 1e9
+        if self.temperature.known and long_ago:
             self._past.append((self.temperature.held_c, self._stamp_ns))
         self._fold()
 
+    @property
+    def outside_period(self) -> tuple[float, float] | None:
+        """The period (Unix seconds) in which a term was identified that is held now, outside it."""
+        return self._model.outside_period(self._stamp_ns * 1e-9) if self._stamp_ns else None
+
     def _fold(self) -> None:
-        """Whatever changes with the temperatures and not with each sample."""
+        """Whatever changes with the temperatures, or the date, and not with each sample."""
         self._judge()
-        self._model.fold(self.temperature.held_c, self._stamp_ns * 1e-9)
+        if self._stamp_ns or not self._model.dated:  # the first sample tells the date
+            self._model.fold(self.temperature.held_c, self._stamp_ns * 1e-9)
+        if not self.temperature.known:
+            self._model.forget()  # lags start with the first measured temperatures
 
     def _judge(self) -> None:
         watch = self.temperature
         flags = self._own_flags | watch.slow_flags
+        if self.outside_period is not None:
+            flags |= Flag.TEMPERATURE_RANGE
         self._flagger.judge_by(flags, watch.stale_after_ns, watch.invalid_after_ns, self._identity)
 
     def correct(self, samples: SampleArray) -> tuple[PointArray, Joints]:
@@ -103,11 +134,27 @@ class Pipeline:
         if n > len(joints.q):
             joints = self._make_room(2 * n, joints.q.shape[1])
         points = np.zeros(n, POINT)
+        start = 0
+        if self._model.dated:
+            for row, stamp_ns in enumerate(samples["stamp_ns"].tolist()):
+                if abs(stamp_ns - self._stamp_ns) >= DATE_STEP_NS:
+                    if row > start:
+                        self._correct(samples, start, row, points)
+                    start, self._stamp_ns = row, stamp_ns
+                    self._fold()
+        self._correct(samples, start, n, points)
+        return points, joints
+
+    def _correct(self, samples: SampleArray, start: int, end: int, points: PointArray) -> None:
+        joints, tip = self._joints, self._tip
+        if end - start < len(samples):  # rarely: slices cost more than the call
+            samples, points, tip = samples[start:end], points[start:end], tip[start:]
+            q, rate, approach, still_since_ns = joints
+            joints = Joints(q[start:], rate[start:], approach[start:], still_since_ns[start:])
         _correct(
-            samples, self._encoders, *joints, self._tip, self._motion.memory, *self._model.state,
+            samples, self._encoders, *joints, tip, self._motion.memory, *self._model.state,
             *self._model.covariance, self._flagger.memory, points,
         )  # fmt: skip
-        return points, joints
 
     def _make_room(self, m: int, n_joints: int) -> Joints:
         """For batches of up to *m* samples."""
@@ -120,8 +167,8 @@ class Pipeline:
 @jit
 def _correct(
     samples: Any, encoders: Any, q: Any, rate: Any, approach: Any, still_since_ns: Any, tip: Any,
-    motion: Any, sizes: Any, numbers: Any, work: Any, factor: Any, floor_mm2: float, flags: Any,
-    points: Any,
+    motion: Any, sizes: Any, numbers: Any, work: Any, factor: Any, rows: Any, floor_mm2: float,
+    flags: Any, points: Any,
 ) -> None:  # fmt: skip
     """From samples (n,) to finished points (n,): the live path's one compiled call, because each
     call from Python costs as much as what it does for one sample, and each argument a tenth."""
@@ -131,7 +178,7 @@ def _correct(
     _angles(samples, encoders, q)
     uncorrected(q, state, tip)
     follow(samples, q, tip, motion, rate, approach, still_since_ns)
-    fill(q, rate, approach, state, factor, floor_mm2, points)
+    fill(q, rate, approach, state, factor, rows, floor_mm2, points)
     finish(samples, q, still_since_ns, flags, points)
 
 

@@ -78,6 +78,10 @@ class Publisher:
         self.health = health
         self._health.put(json.dumps(health, allow_nan=False))
 
+    def health_text(self) -> str:
+        """The health message last published, as JSON."""
+        return json.dumps(self.health)
+
     def close(self) -> None:
         """Take the token away first: who watches it learns at once that the arm is gone."""
         self._alive.undeclare()  # type: ignore[no-untyped-call]

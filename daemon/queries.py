@@ -1,106 +1,169 @@
-"""The questions the daemon answers over Zenoh: info, the past of its streams, commands.
+"""The questions the daemon answers over Zenoh: info, health, the past of its streams, commands.
 
-Queries wait in Zenoh's channels until the daemon's one thread calls `answer`, so no Zenoh call is
-ever made inside a Zenoh callback.
+Whoever may look may ask, as often as he likes: what only tells is told by threads beside the
+stream, at their own pace, and what the measuring thread must answer itself waits for its tick, a
+few at a time. Questions wait in rings of Zenoh's; of more than a ring holds the oldest are dropped
+there, which ends them without an answer. No reply waits for a reader (DROP): Zenoh would hold up
+the points to the same reader meanwhile.
 """
 
 from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Mapping
-from typing import Any
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
 
 import zenoh
+from zenoh import handlers
 
 from armd import keys
+from armd.daemon.changes import Answer
 from armd.daemon.publisher import JSON, Kept, Publisher
 from armd.drivers import raw
 from armd.drivers.sample import RawFrame
-from armd.errors import ArmdError
 
-Command = Callable[[zenoh.Parameters], str]
-"""Does one command with its parameters; returns what was done, raises `ArmdError` if it was not."""
+Command = Callable[[zenoh.Parameters, Answer], None]
+"""Begins one command with its parameters, and answers when it is done or refused."""
 
-_Answer = Callable[[zenoh.Query], None]
-_Queryable = zenoh.Queryable[zenoh.Handler[zenoh.Query]]
+#: Questions of one kind that wait for their answer.
+RING = 32
+#: Of one kind, answered at once: in a look of a thread, or on a tick of the daemon.
+AT_ONCE = 4
+LOOK_S = 0.02
+#: A thread that answers rests so many times as long as it worked: the stream has the processor.
+REST = 4.0
+#: Replies of one answer that leave without a pause, so that a reader keeps up with them.
+BURST, PAUSE_S = 50, 0.005
+
+_Tell = Callable[[zenoh.Query], None]
+_Queryable = zenoh.Queryable[handlers.Handler[zenoh.Query]]
+_DROP = zenoh.CongestionControl.DROP
 
 
 class Queries:
-    """Declares the queryables of one arm and answers them."""
+    """Declares the queryables of one arm; `answer` is called by the measuring thread."""
 
     def __init__(
         self,
         session: zenoh.Session,
         serial: str,
         publisher: Publisher,
-        info: Callable[[], dict[str, Any]],
+        info: Callable[[], str],
         preamble: Callable[[], list[RawFrame]],
         commands: Mapping[str, Command] | None,
     ) -> None:
-        """*commands* None: every command is refused."""
+        """*info* is asked in another thread; *commands* None: every command is refused."""
         self._publisher = publisher
-        self._info = info
         self._preamble = preamble
         self._commands = commands
         self._command_prefix = keys.key(serial, keys.COMMAND) + "/"
-        self._info_key = keys.key(serial, keys.INFO)
         self._raw_key = keys.key(serial, keys.RAW)
-        self._health_key = keys.key(serial, keys.HEALTH)
-        answers: dict[str, _Answer] = {
-            self._info_key: self._tell_info,
-            self._health_key: self._tell_health,
-            self._raw_key: self._tell_preamble,
-            publisher.measurements.key: _tell_past(publisher.measurements),
-            publisher.events.key: _tell_past(publisher.events),
-            self._command_prefix + "**": self._obey,
-        }
-        self._queryables: list[tuple[_Queryable, _Answer]] = [
-            (session.declare_queryable(key), answer) for key, answer in answers.items()
+        info_key, health_key = keys.key(serial, keys.INFO), keys.key(serial, keys.HEALTH)
+        streams = (publisher.measurements, publisher.events)
+        self._own = [
+            _declare(session, self._raw_key, self._tell_preamble),
+            _declare(session, self._command_prefix + "**", self._obey),
+        ]
+        self._tellers = [
+            _Teller(
+                [
+                    _declare(session, info_key, _tell(info_key, info)),
+                    _declare(session, health_key, _tell(health_key, publisher.health_text)),
+                ]
+            ),
+            _Teller([_declare(session, stream.key, _tell_past(stream)) for stream in streams]),
         ]
 
     def answer(self) -> None:
-        """Answer every query that waits."""
-        for queryable, tell in self._queryables:
-            while (query := queryable.try_recv()) is not None:
-                with query:
-                    tell(query)
+        """Answer a few of the questions that only the measuring thread can answer."""
+        _answer_some(self._own)
 
-    def _tell_info(self, query: zenoh.Query) -> None:
-        query.reply(self._info_key, json.dumps(self._info()), encoding=JSON)
-
-    def _tell_health(self, query: zenoh.Query) -> None:
-        query.reply(self._health_key, json.dumps(self._publisher.health), encoding=JSON)
+    def close(self) -> None:
+        for teller in self._tellers:
+            teller.stop()
 
     def _tell_preamble(self, query: zenoh.Query) -> None:
         """For a recorder: what stands before the next raw frame."""
         following = self._publisher.next_raw_frame
         payloads = [raw.pack(following, frame) for frame in self._preamble()]
         encoded = [base64.b64encode(payload).decode() for payload in payloads]
-        query.reply(
-            self._raw_key, json.dumps({"next": following, "frames": encoded}), encoding=JSON
-        )
+        with query:
+            _reply(query, self._raw_key, json.dumps({"next": following, "frames": encoded}))
 
     def _obey(self, query: zenoh.Query) -> None:
-        if self._commands is None:
-            query.reply_err("refused: commands are not enabled ([commands] enabled)")
-            return
         key = str(query.key_expr)
+
+        def answer(text: str, done: bool) -> None:
+            with query:
+                if done:
+                    _reply(query, key, json.dumps({"done": text}))
+                else:
+                    query.reply_err(text)
+
+        if self._commands is None:
+            answer("refused: commands are not enabled ([commands] enabled)", False)
+            return
         command = self._commands.get(key.removeprefix(self._command_prefix))
         if command is None:
-            query.reply_err(f"no such command; there are: {', '.join(self._commands)}")
+            answer(f"no such command; there are: {', '.join(self._commands)}", False)
             return
-        try:
-            done = command(query.parameters)
-        except ArmdError as error:
-            query.reply_err(str(error))
-        else:
-            query.reply(key, json.dumps({"done": done}), encoding=JSON)
+        command(query.parameters, answer)
 
 
-def _tell_past(stream: Kept) -> _Answer:
+class _Teller:
+    """A thread that answers questions which everybody may ask."""
+
+    def __init__(self, queryables: Iterable[tuple[_Queryable, _Tell]]) -> None:
+        self._queryables = list(queryables)
+        self._stopped = threading.Event()
+        threading.Thread(target=self._run, name="teller", daemon=True).start()
+
+    def stop(self) -> None:
+        self._stopped.set()
+
+    def _run(self) -> None:
+        pause_s = LOOK_S
+        while not self._stopped.wait(pause_s):
+            began_s = time.thread_time()
+            _answer_some(self._queryables)
+            pause_s = max(LOOK_S, REST * (time.thread_time() - began_s))
+
+
+def _declare(session: zenoh.Session, key: str, tell: _Tell) -> tuple[_Queryable, _Tell]:
+    return session.declare_queryable(key, handlers.RingChannel(RING)), tell
+
+
+def _answer_some(queryables: Iterable[tuple[_Queryable, _Tell]]) -> None:
+    for queryable, tell in queryables:
+        for _ in range(AT_ONCE):
+            query = queryable.try_recv()
+            if query is None:
+                break
+            tell(query)
+
+
+def _reply(
+    query: zenoh.Query, key: str, text: str, timestamp: zenoh.Timestamp | None = None
+) -> None:
+    query.reply(key, text, encoding=JSON, congestion_control=_DROP, timestamp=timestamp)
+
+
+def _tell(key: str, text: Callable[[], str]) -> _Tell:
     def tell(query: zenoh.Query) -> None:
-        for text, timestamp in stream.past:
-            query.reply(stream.key, text, encoding=JSON, timestamp=timestamp)
+        with query:
+            _reply(query, key, text())
+
+    return tell
+
+
+def _tell_past(stream: Kept) -> _Tell:
+    def tell(query: zenoh.Query) -> None:
+        with query:
+            for i, (text, timestamp) in enumerate(list(stream.past), 1):
+                _reply(query, stream.key, text, timestamp)
+                if i % BURST == 0:
+                    time.sleep(PAUSE_S)
 
     return tell

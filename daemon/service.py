@@ -6,8 +6,8 @@ between two reads.
 
 from __future__ import annotations
 
+import json
 import time
-from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
@@ -16,6 +16,7 @@ import zenoh
 from armd.daemon import root
 from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.awake import Awake
+from armd.daemon.changes import Changes
 from armd.daemon.config import Config
 from armd.daemon.info import describe
 from armd.daemon.log import Log
@@ -52,13 +53,17 @@ class Service:
         self._arm = arm
         serial = config.arm.serial_number
         self._publisher = Publisher(session, serial)
+        self._changes = changes = Changes(arm, self._tell_now)
         self._queries = Queries(
             session,
             serial,
             self._publisher,
-            lambda: describe(config, arm.calibration, arm.tip),
+            lambda: json.dumps(describe(config, *arm.in_use)),
             driver.preamble,
-            {"reload": lambda _: self._reload(), "tip": self._select_tip}
+            {
+                "reload": lambda _, answer: changes.reload(answer),
+                "tip": lambda asked, answer: changes.select_tip(asked.get("name") or "", answer),
+            }
             if config.file.commands.enabled
             else None,
         )
@@ -108,6 +113,7 @@ class Service:
 
     def close(self) -> None:
         self._systemd.stopping()
+        self._queries.close()
         self._awake.keep(False)
         self._systemd.close()
         self._publisher.close()
@@ -177,9 +183,8 @@ class Service:
         if self._reload_asked:
             self._reload_asked = False
             self._systemd.reloading()
-            with suppress(ArmdError):  # it has been told as an event
-                self._reload()
-            self._systemd.ready()
+            self._changes.reload(lambda *_: self._systemd.ready())  # it is told as an event
+        self._changes.take()
         second_over = self._supervisor.close_second(now_ns)
         for event in self._supervisor.assess(now_ns):
             self._tell(event)
@@ -189,29 +194,3 @@ class Service:
             self._systemd.status(f"{self._supervisor.state}: {self._supervisor.reason}")
         # This thread runs, and the supervisor has a reason for every silence.
         self._systemd.feed_watchdog(now_ns * 1e-9)
-
-    def _reload(self) -> str:
-        """Raises `BadInput` for a bad calibration; the old one stays in force."""
-        try:
-            warning = self._arm.reload()
-        except ArmdError as error:
-            self._tell_now("calibration_refused", f"{error}; the old one stays", "error")
-            raise
-        calibration = self._arm.calibration
-        text = "nominal geometry" if calibration is None else f"calibration {calibration.sha256}"
-        self._tell_now("calibration", f"now correcting with {text}", "info")
-        self._warn_of_tip(warning)
-        return text
-
-    def _select_tip(self, parameters: zenoh.Parameters) -> str:
-        """`command/tip?name=NAME`; without a name the calibration's own tip."""
-        name = parameters.get("name") or ""
-        warning = self._arm.select_tip(name)
-        text = f"tip {name}" if name else "the calibration's tip"
-        self._tell_now("tip", f"now measuring with {text}", "info", {"tip": self._arm.tip})
-        self._warn_of_tip(warning)
-        return text
-
-    def _warn_of_tip(self, warning: str | None) -> None:
-        if warning is not None:
-            self._tell_now("tip_moved", warning, "warning")

@@ -41,6 +41,7 @@ class Seen(NamedTuple):
     warning_joints: tuple[int, ...] = ()
     missing_sensors: tuple[str, ...] = ()
     outside_sensors: tuple[str, ...] = ()
+    held: str = ""  # the period in which a term was identified that is held now, outside it
     drift: str = ""  # why the temperatures are not called steady; "" if they are
 
 
@@ -67,6 +68,9 @@ def assess(seen: Seen) -> tuple[State, str]:
     if seen.outside_sensors:
         outside = ", ".join(seen.outside_sensors)
         return State.INACCURATE, f"outside the identified temperature range: {outside}"
+    if seen.held:
+        text = f"a term that follows time was identified {seen.held}; it is held at its end value"
+        return State.INACCURATE, text
     if seen.flags & TEMPERATURE_RATE:
         return State.INACCURATE, f"temperature changes too fast for the model: {seen.drift}"
     if seen.drift:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import time
 from dataclasses import asdict
 from typing import Any
@@ -124,5 +125,14 @@ class Supervisor:
             warning_joints=second.warning_joints,
             missing_sensors=self._missing,
             outside_sensors=temperature.outside,
+            held=_period(self._arm.pipeline.outside_period),
             drift=temperature.unsteady(self._config.file.health.steady_k_per_h),
         )
+
+
+def _period(unix_s: tuple[float, float] | None) -> str:
+    """`from 2026-03-01 09:00 to 2026-03-01 17:30 UTC`; "" for none."""
+    if unix_s is None:
+        return ""
+    since, until = (datetime.datetime.fromtimestamp(at, datetime.UTC) for at in unix_s)
+    return f"from {since:%Y-%m-%d %H:%M} to {until:%Y-%m-%d %H:%M} UTC"

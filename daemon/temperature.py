@@ -70,6 +70,11 @@ class TemperatureWatch:
         """Any reading has come, be it of invalid channels."""
         return len(self._history) > 0
 
+    @property
+    def known(self) -> bool:
+        """Every sensor in use has had a value."""
+        return not any(math.isnan(self._heard_c[i]) for i in self._used)
+
     def missing(self, monotonic_ns: int) -> tuple[str, ...]:
         """Names of the sensors in use without a value at this instant."""
         if monotonic_ns <= self.stale_after_ns:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -74,8 +75,13 @@ def json_data(path: str | Path, content: bytes) -> Any:
         raise _hostile(path, error) from error
 
 
-def validate(path: str | Path, data: object, model: type[Model]) -> Model:
-    """Check parsed *data*; faults become a `BadInput` naming its key, with (a hundred) `more`."""
+def validate(
+    path: str | Path, data: object, model: type[Model], first: Mapping[str, int] | None = None
+) -> Model:
+    """Check parsed *data*; faults become a `BadInput` naming its key, with (a hundred) `more`.
+
+    *first*: the number from 0, in the file, of the first element of a list that is a part of it.
+    """
     try:
         # As JSON, because there strict means: "5" is not a number, but a list may be a tuple.
         text = json.dumps(data, default=str)
@@ -83,12 +89,14 @@ def validate(path: str | Path, data: object, model: type[Model]) -> Model:
     except RecursionError as error:
         raise _hostile(path, error) from error
     except ValidationError as error:
-        first, *more = (
-            BadInput(path, _key(fault["loc"], data) or "the file", *_found_expected(fault, model))
+        worst, *more = (
+            BadInput(
+                path, _key(fault["loc"], data, first) or "the file", *_found_expected(fault, model)
+            )
             for fault in error.errors(include_url=False)[:MOST_FAULTS]
         )
-        first.more = tuple(more)
-        raise first from error
+        worst.more = tuple(more)
+        raise worst from error
 
 
 def _text(path: str | Path, content: bytes) -> str:
@@ -109,7 +117,9 @@ def _hostile(path: str | Path, error: RecursionError | ValueError) -> BadInput:
     return BadInput(path, "the file", "a number of thousands of digits", "numbers of a few")
 
 
-def _key(location: tuple[int | str, ...], data: object) -> str:
+def _key(
+    location: tuple[int | str, ...], data: object, first: Mapping[str, int] | None = None
+) -> str:
     """`("joint", 2, "a_mm")` reads `joint[3].a_mm`: people count joints from one.
 
     A part that the data do not hold is the tag of a union, unless it is the last: then it is a
@@ -123,7 +133,11 @@ def _key(location: tuple[int | str, ...], data: object) -> str:
             data = data.get(part)
         elif isinstance(data, list) and isinstance(part, int) and part < len(data):
             data = data[part]
-        key += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if key else str(part)
+        if isinstance(part, int):
+            part += 1 + (first or {}).get(key, 0)
+            key += f"[{part}]"
+        else:
+            key += f".{part}" if key else part
     return key
 
 

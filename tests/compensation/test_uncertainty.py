@@ -55,15 +55,17 @@ def test_everything_uncertain_is_in_it(seed: int, noise_c: float) -> None:
     of = [*rng.choice(NAMES, 6, replace=False), "term 3", "term 0", "term 2"]
     root = rng.normal(size=(9, 9)) * 1e-4
     encoder_rad = [1e-6, 2e-6, 3e-6]
-    noise = {"encoder_rad": encoder_rad, "temperature_c": noise_c}
+    noise = {"encoder_rad": encoder_rad, "temperature_c": noise_c, "reading_mm": 0.02}
     model = Model(
         arm,
         calibrated(arm, terms, noise=noise, covariance_of=of, covariance=(root @ root.T).tolist()),
     )
     celsius = rng.uniform(15, 30, 2)
     model.fold(celsius, 0.0)
-    factor, floor = model.covariance
-    assert floor == 0.0
+    found, rows, floor = model.covariance
+    assert floor == 0.02**2  # repeatability stands beside what the encoders' noise does
+    factor = np.zeros((len(NAMES) + 2, found.shape[1]))
+    factor[rows] = found
 
     warm = 0.4 * celsius[0] + 0.6 * celsius[1] - 20.0
     size = len(NAMES) + 2  # the pose terms follow the parameters, in their parameters' order

@@ -202,7 +202,7 @@ name = "S"
 
 def test_a_session_beside_the_readings_tells_unit_and_start(bench: Bench) -> None:
     started = datetime.datetime(2026, 3, 1, 9, tzinfo=datetime.UTC).timestamp()
-    since = {"kind": "time", "since_unix_s": started}
+    since = {"kind": "time", "since_unix_s": started, "until_unix_s": started + 7200}
     bench.calibrate([{"parameter": "d_1", "basis": [since], "coefficient": 1.0}])
     bench.readings("time_s,q1,q2,q3,t1\n7200,90,0,0,20\n")
     assert bench.calibrated() == 2, "the date is not known"
@@ -286,3 +286,13 @@ def test_bad_usage(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
     assert "--started: found 'yesterday'" in capsys.readouterr().err
     assert bench.run(target="points.parquet") == 2
     assert bench.run(source="missing.csv") == 2
+
+
+def test_a_term_that_follows_time_is_held_outside_its_period_and_flagged(bench: Bench) -> None:
+    started = datetime.datetime(2026, 3, 1, 9, tzinfo=datetime.UTC).timestamp()
+    period = {"kind": "time", "since_unix_s": started, "until_unix_s": started + 7200}
+    bench.calibrate([{"parameter": "d_1", "basis": [period], "coefficient": 1.0}])
+    bench.readings("time_s,q1,q2,q3,t1\n-9,0,0,0,20\n3600,0,0,0,20\n1e8,0,0,0,20\n")
+    assert bench.calibrated("--started", "2026-03-01T09:00:00Z") == 0
+    assert bench.lifted_mm() == [0.0, 1.0, 2.0]
+    assert [int(row["flags"]) & Flag.TEMPERATURE_RANGE for row in bench.points()] == [2, 0, 2]

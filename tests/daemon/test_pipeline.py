@@ -181,7 +181,7 @@ def test_another_calibration_holds_from_the_next_sample_on():
     pipeline = Pipeline(arm, None, Limits())
     pipeline.take_temperatures(reading([20.0, 25.0, 20.0], 0))
     pipeline.correct(still(600))
-    pipeline.use(arm, thermal_calibration(arm))
+    pipeline.use(pipeline.prepare(arm, thermal_calibration(arm)))
     points, _ = pipeline.correct(still(1, 600))
     assert points["flags"] == Flag.AT_REST  # known temperatures, the rest goes on
     assert np.linalg.norm(points["correction_mm"]) > 0.03
@@ -206,7 +206,7 @@ def test_a_reload_knows_the_temperatures_of_the_past():
     warm_up(first)
     reloaded = Pipeline(arm, None, Limits())
     warm_up(reloaded)
-    reloaded.use(arm, calibration)
+    reloaded.use(reloaded.prepare(arm, calibration))
     late = still(1, 595_000)
     expected = first.correct(late)[0]["correction_mm"]
     np.testing.assert_allclose(reloaded.correct(late)[0]["correction_mm"], expected, atol=2e-4)

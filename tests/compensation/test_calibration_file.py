@@ -1,0 +1,197 @@
+"""Calibration files: read once, hashed as they stand, and refused in words whatever is wrong."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_model import an_arm
+
+from armd.compensation import calibration as module
+from armd.compensation.arm import load_arm
+from armd.compensation.basis import basis_values
+from armd.compensation.calibration import (
+    MOST_TERMS,
+    Calibration,
+    content_hash,
+    load_calibration,
+    save_calibration,
+)
+from armd.compensation.state import States
+from armd.compensation.terms import Term, Time
+from armd.errors import BadInput
+
+DATA = Path(__file__).parent / "data"
+RELEASED = sorted(DATA.glob("calibration-*.json"))  # one per released version, as it wrote them
+
+
+def plain(**changes) -> Calibration:
+    arm = an_arm(3)
+    names = module.parameters.names(3)
+    return Calibration.model_validate(
+        {
+            "schema": "armd.calibration/1",
+            "arm": arm.serial_number,
+            "created": "2026-01-01T00:00:00+00:00",
+            "reference_temperature_c": 20.0,
+            "constants": dict.fromkeys(names, 0.0),
+        }
+        | changes
+    )
+
+
+def rewritten(path: Path, change, rehash: bool = True) -> None:
+    """The file with its content changed by *change*, and the hash of what it says then."""
+    content = json.loads(path.read_text())
+    change(content)
+    if rehash:
+        content["content_sha256"] = content_hash(content)
+    path.write_text(json.dumps(content))
+
+
+@pytest.mark.parametrize("path", RELEASED, ids=lambda path: path.stem)
+def test_files_of_every_released_version_are_read(path: Path) -> None:
+    loaded = load_calibration(path)
+    assert loaded.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert len(loaded.content.terms) == 15
+    assert loaded.data == path.read_bytes()
+
+
+def test_a_field_added_to_the_schema_refuses_no_file_that_lacks_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Later(Calibration):
+        operator: str = "nobody"
+
+    monkeypatch.setattr(module, "Calibration", Later)
+    for path in RELEASED:
+        assert load_calibration(path).content.operator == "nobody"
+    # And a file that leaves out what has a default is hashed as it stands.
+    path = tmp_path / "calibration.json"
+    save_calibration(path, plain())
+    rewritten(path, lambda content: content.pop("artefact"))
+    assert load_calibration(path).content.artefact is None
+
+
+def test_what_is_loaded_is_what_was_hashed_though_the_file_is_replaced_meanwhile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, other = tmp_path / "calibration.json", tmp_path / "other.json"
+    first = save_calibration(path, plain())
+    save_calibration(other, plain(provenance={"n": 2}))
+    parse = module._parse
+
+    def replace_then_parse(*arguments):
+        other.replace(path)
+        return parse(*arguments)
+
+    monkeypatch.setattr(module, "_parse", replace_then_parse)
+    loaded = load_calibration(path)
+    assert (loaded.sha256, loaded.content.provenance) == (first.sha256, {})
+    monkeypatch.setattr(module, "_parse", lambda *a: (path.unlink(), parse(*a))[1])
+    assert load_calibration(path).content.provenance == {"n": 2}
+
+
+def nest(path: Path) -> None:
+    path.write_text('{"a": ' + "[" * 100_000 + "]" * 100_000 + "}")
+
+
+def loop(path: Path) -> None:
+    path.unlink()
+    path.symlink_to(path.name)
+
+
+def fifo(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def many_terms(path: Path) -> None:
+    term = {"parameter": "a_2", "basis": [], "coefficient": 0.0}
+    rewritten(path, lambda content: content.update(terms=[term] * (MOST_TERMS + 1)))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "found"),
+    [
+        (nest, "the file: found brackets in brackets without end"),
+        (loop, "the file: found a symbolic link that leads back to itself"),
+        (fifo, r"the file: found a pipe \(FIFO\)"),
+        (many_terms, f"terms: found {MOST_TERMS + 1} terms, expected {MOST_TERMS} at most"),
+        (lambda path: path.write_text("[" + "1" * 5000 + "]"), "a number of thousands of digits"),
+        (lambda path: path.write_text("[]"), "the file: found list, expected an object"),
+        (lambda path: path.unlink(), "the file: found nothing"),
+        (lambda path: path.write_bytes(b"x" * (9 << 20)), "9437184 bytes, expected 8388608"),
+        (
+            lambda path: rewritten(path, lambda c: c["constants"].update(a_1=1e308)),
+            r"constants.a_1: found 1e\+308 mm, expected 100000 at most",
+        ),
+        (
+            lambda path: rewritten(path, lambda c: c.update(created="yesterday")),
+            "created: found 'yesterday', expected an instant",
+        ),
+        (
+            lambda path: rewritten(path, lambda c: c.update(reference_temperature_c=20.5), False),
+            "content_sha256: found a content that does not match",
+        ),
+        (
+            lambda path: rewritten(
+                path, lambda c: c["terms"].extend([{"parameter": "a_2", "basis": [], "x": 1}] * 3)
+            ),
+            r"terms\[151\]\.x: found an unknown key",
+        ),
+    ],
+)
+def test_whatever_is_wrong_is_told_at_once(tmp_path: Path, spoil, found: str) -> None:
+    path = tmp_path / "calibration.json"
+    save_calibration(path, plain(terms=[Term(parameter="a_2")] * 150))
+    spoil(path)
+    began_s = time.process_time()
+    with pytest.raises(BadInput, match=found):
+        load_calibration(path, an_arm(3))
+    assert time.process_time() - began_s < 5.0  # a hang, not a speed: it takes milliseconds
+
+
+def test_lengths_and_angles_no_arm_can_have_are_refused(tmp_path: Path) -> None:
+    joint = "[[joint]]\na_mm = 100.0\n"
+    text = f'schema = "armd.arm/1"\nserial_number = "T"\n{joint * 3}'
+    path = tmp_path / "arm.toml"
+    path.write_text(text)
+    load_arm(path)
+    for old, new, key in (
+        ("a_mm = 100.0", "a_mm = 1e308", r"joint\[1\].a_mm"),
+        ("a_mm = 100.0", "alpha_deg = -1e9", r"joint\[1\].alpha_deg"),
+        ("a_mm = 100.0", "max_deg = 1e300", r"joint\[1\].max_deg"),
+        (joint * 3, f"{joint * 3}[tip]\noffset_mm = [0.0, 0.0, 1e200]\n", "tip.offset_mm"),
+    ):
+        path.write_text(text.replace(old, new, 1))
+        with pytest.raises(BadInput, match=key):
+            load_arm(path)
+
+
+def test_a_term_that_follows_time_ends_when_its_file_was_made_unless_it_says_when(
+    tmp_path: Path,
+) -> None:
+    made_s = 1_767_225_600.0  # plain().created
+    terms = [
+        Term(parameter="a_1", basis=[Time(since_unix_s=made_s - 7200)], coefficient=0.005),
+        Term(parameter="a_1", basis=[Time(since_unix_s=1e9, until_unix_s=2e9)], coefficient=1.0),
+        Term(parameter="a_1", basis=[Time(since_unix_s=made_s + 9.0)], coefficient=1.0),
+    ]
+    save_calibration(tmp_path / "calibration.json", plain(terms=terms))
+    loaded = load_calibration(tmp_path / "calibration.json").content.terms
+    ends = [term.basis[0].until_unix_s for term in loaded]
+    assert ends == [made_s, 2e9, made_s + 9.0]
+
+    at_s = np.array([0.0, made_s - 7200, made_s - 3600, made_s, made_s + 1e8, math.nan])
+    n = len(at_s)
+    nothing = np.zeros((n, 3))
+    states = States(nothing, nothing, np.full((n, 2), 20.0), at_s, nothing, np.zeros(n, np.int64))
+    hours = basis_values(loaded[:1], states, an_arm(3), 20.0, np.zeros(24))[:, 0]
+    np.testing.assert_allclose(hours, [0.0, 0.0, 1.0, 2.0, 2.0, math.nan])
