@@ -1,14 +1,16 @@
 """`[driver]` of armd.toml: one model per kind. An unknown key is an error, but for CAN, whose
-further keys are python-can's own."""
+further keys are those of python-can's interface."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from difflib import get_close_matches
+from typing import Annotated, Literal, Self
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
-from armd.schema import Strict
+from armd.schema import KEY_FAULT, Strict
 
 
 class SerialConfig(Strict):
@@ -28,6 +30,35 @@ class CanConfig(Strict):
     sync: Literal["producer", "follower"] = "producer"
     encoder_serial_numbers: list[int] | None = None  # 1018:4 of nodes 1…N, in this order
     max_joint_rate_deg_s: Annotated[float, Field(gt=0)] = MAX_JOINT_RATE_DEG_S
+
+    @model_validator(mode="after")
+    def _python_can_knows_the_rest(self) -> Self:
+        from armd.drivers.can.options import INTERFACES, options_of
+
+        if self.interface not in INTERFACES:
+            found, expected = repr(self.interface), f"one of {', '.join(INTERFACES)}"
+            raise _wrong("interface", found, expected)
+        options = options_of(self.interface)
+        if options is None:
+            return self
+        given = self.model_extra or {}
+        for key in given:
+            if key not in options.known:
+                ours = set(type(self).model_fields)
+                near = get_close_matches(key, sorted(ours | options.known), 1, 0.5)
+                hint = f"; {near[0]}?" if near else ""
+                expected = f"a key of armd or of python-can's {self.interface}{hint}"
+                raise _wrong(key, "an unknown key", expected)
+        for key in options.required - set(given) - ({"channel"} if self.channel else set()):
+            raise _wrong(key, "nothing", f"this key, which python-can's {self.interface} needs")
+        return self
+
+
+def _wrong(key: str, found: str, expected: str) -> PydanticCustomError:
+    """See `armd.schema.KEY_FAULT`."""
+    return PydanticCustomError(
+        KEY_FAULT, "{found}", {"key": key, "found": found, "expected": expected}
+    )
 
 
 class ReplayConfig(Strict):

@@ -28,6 +28,10 @@ MOST_VALUES = 100_000
 MOST_FAULTS = 100
 MOST_DOTS = 1000
 
+#: The type of a `PydanticCustomError` by which a model's own check names a key of the model: its
+#: context has `key`, `found` and `expected`.
+KEY_FAULT = "armd_key"
+
 
 def load_toml(path: str | Path, model: type[Model]) -> Model:
     """Read and validate a TOML file; raises `BadInput`."""
@@ -91,7 +95,9 @@ def validate(
     except ValidationError as error:
         worst, *more = (
             BadInput(
-                path, _key(fault["loc"], data, first) or "the file", *_found_expected(fault, model)
+                path,
+                _key(_location(fault), data, first) or "the file",
+                *_found_expected(fault, model),
             )
             for fault in error.errors(include_url=False)[:MOST_FAULTS]
         )
@@ -115,6 +121,11 @@ def _hostile(path: str | Path, error: RecursionError | ValueError) -> BadInput:
     if isinstance(error, RecursionError):
         return BadInput(path, "the file", "brackets in brackets without end", "a few levels")
     return BadInput(path, "the file", "a number of thousands of digits", "numbers of a few")
+
+
+def _location(fault: Any) -> tuple[int | str, ...]:
+    location: tuple[int | str, ...] = fault["loc"]
+    return (*location, fault["ctx"]["key"]) if fault["type"] == KEY_FAULT else location
 
 
 def _key(
@@ -143,6 +154,8 @@ def _key(
 
 def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
     match fault["type"]:
+        case "armd_key":
+            return fault["ctx"]["found"], fault["ctx"]["expected"]
         case "missing":
             return "nothing", "this key"
         case "extra_forbidden":

@@ -13,6 +13,7 @@ from typing import Any
 import can
 import canopen
 from can.interfaces.slcan import slcanBus
+from can.interfaces.socketcand import SocketCanDaemonBus
 
 from armd.drivers.can.objects import ERROR, EXTENDED, REMOTE, SYNC_ID, CanFrame
 from armd.drivers.config import CanConfig
@@ -25,7 +26,12 @@ BETTER_DEFAULTS: dict[str, dict[str, Any]] = {
     "socketcand": {"tcp_tune": True},  # no 40 ms of Nagle
     "udp_multicast": {"hop_limit": 0},  # does not leave this machine; own messages come anyway
 }
-CONNECT_S = 0.5
+#: The longest that a socketcand may take for an answer, or an adapter to take what we send.
+ANSWER_S = 0.5
+TAKES_S = 0.2
+#: So many frames in a row that make no sense: not the frames are broken but the bus.
+GARBLED_MOST = 32
+STANDARD_MOST, EXTENDED_MOST = 0x7FF, 0x1FFF_FFFF  # identifiers
 
 logging.getLogger("can").addHandler(logging.NullHandler())  # faults become events
 
@@ -45,17 +51,35 @@ def open_bus(config: CanConfig) -> can.BusABC:
         options.setdefault(name, value)
     try:
         if config.interface == "socketcand":
-            _knock(options)
+            return PromptSocketcand(**options)
         return can.Bus(interface=config.interface, **options)
     except Exception as error:  # each of python-can's interfaces has exceptions of its own
-        raise BusFault(f"{type(error).__name__}: {error}") from error
+        raise BusFault(_say(error)) from error
 
 
-def _knock(options: dict[str, Any]) -> None:
-    """python-can tries a socketcand that is not there for 10 s at a full core."""
-    address = (options["host"], options["port"])
-    with socket.create_connection(address, timeout=CONNECT_S):
-        pass
+def _say(error: Exception) -> str:
+    """One line: python-can puts whole tracebacks into its messages."""
+    return f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"
+
+
+class PromptSocketcand(SocketCanDaemonBus):
+    """python-can's own, but nothing is waited for longer than `ANSWER_S`: neither a server that
+    is not there (python-can tries for 10 s at a full core), nor one that accepts and is silent,
+    nor, later, one that takes nothing more."""
+
+    def __init__(self, channel: str, host: str, port: int, **options: Any) -> None:
+        with socket.create_connection((host, port), timeout=ANSWER_S):
+            pass
+        super().__init__(channel, host, port, **options)  # type: ignore[no-untyped-call]
+
+    def _expect_msg(self, msg: str) -> None:
+        connection: socket.socket = self._SocketCanDaemonBus__socket  # type: ignore[attr-defined]
+        connection.settimeout(ANSWER_S)
+        try:
+            super()._expect_msg(msg)  # type: ignore[no-untyped-call]
+        except BaseException:
+            connection.close()
+            raise
 
 
 class OwnNetwork(canopen.Network):  # type: ignore[misc]
@@ -68,6 +92,11 @@ class OwnNetwork(canopen.Network):  # type: ignore[misc]
         self._sending = threading.Lock()
         self.sent: deque[RawFrame] = deque()
         self.send_faults = 0
+        self.garbled = 0
+        # Others return at once without one; slcan would wait for ever.
+        self._send_s = TAKES_S if isinstance(bus, slcanBus) else None
+        self._garbled_in_a_row = 0
+        self._stuck: str | None = None  # why nothing more can be sent
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
         """From the loop and from a configuring job alike. A frame that the interface does not
@@ -78,9 +107,11 @@ class OwnNetwork(canopen.Network):  # type: ignore[misc]
         with self._sending:
             monotonic_ns, unix_ns = self._time.now()
             try:
-                self._bus.send(message)
-            except (can.CanError, OSError):
+                self._bus.send(message, self._send_s)
+            except Exception as error:  # see `receive`
                 self.send_faults += 1
+                if time.monotonic_ns() - monotonic_ns > TAKES_S / 2 * 1e9:
+                    self._stuck = f"nothing more can be sent: {_say(error)}"
                 return
             raw = CanFrame(can_id, bytes(data)).to_bytes()
             self.sent.append(RawFrame(monotonic_ns, unix_ns, "tx", raw, "can"))
@@ -89,16 +120,27 @@ class OwnNetwork(canopen.Network):  # type: ignore[misc]
         self.send_message(SYNC_ID, b"")
 
     def receive(self, timeout_s: float) -> RawFrame | None:
-        """The next frame; None after *timeout_s* without one. Raises `BusFault`."""
+        """The next frame; None after *timeout_s* without one. Raises `BusFault`.
+
+        python-can parses what an adapter or a server says without checking it first, so a cut
+        line raises whatever it trips over: `IndexError`, `ValueError`, `KeyError`, … Such a frame
+        is counted and passed over. What goes on raising is no frame but a broken bus.
+        """
+        if self._stuck is not None:
+            raise BusFault(self._stuck)
         begun = time.monotonic()
         try:
             message = self._bus.recv(timeout_s)
-        except UnicodeDecodeError:  # slcan: one such byte would poison every later call
-            if isinstance(self._bus, slcanBus):
-                self._bus.flush()
+        except Exception as error:
+            poisoned = isinstance(self._bus, slcanBus) and isinstance(
+                error.__cause__, UnicodeDecodeError
+            )
+            if isinstance(error, can.CanError | OSError) and not poisoned:
+                raise BusFault(_say(error)) from error
+            if isinstance(self._bus, slcanBus):  # `flush` would drop the lines that wait as well
+                self._bus._buffer.clear()
+            self._note_garbled(_say(error))
             return None
-        except (can.CanError, OSError, ValueError) as error:
-            raise BusFault(f"{type(error).__name__}: {error}") from error
         monotonic_ns, unix_ns = self._time.now()
         if message is None:
             # A closed socketcand returns at once, for ever: do not spin.
@@ -107,13 +149,25 @@ class OwnNetwork(canopen.Network):  # type: ignore[misc]
                 time.sleep(rest)
             return None
         identifier = message.arbitration_id
+        most = EXTENDED_MOST if message.is_extended_id else STANDARD_MOST
+        whole = message.is_remote_frame or len(message.data) == message.dlc
+        if not 0 <= identifier <= most or not whole:
+            self._note_garbled(f"identifier {identifier:#x}, {len(message.data)} bytes")
+            return None
+        self._garbled_in_a_row = 0
         identifier |= EXTENDED if message.is_extended_id else 0
         identifier |= REMOTE if message.is_remote_frame else 0
         identifier |= ERROR if message.is_error_frame else 0
         raw = CanFrame(identifier, bytes(message.data)).to_bytes()
         return RawFrame(monotonic_ns, unix_ns, "rx", raw, "can")
 
+    def _note_garbled(self, what: str) -> None:
+        self.garbled += 1
+        self._garbled_in_a_row += 1
+        if self._garbled_in_a_row >= GARBLED_MOST:
+            raise BusFault(f"{GARBLED_MOST} frames in a row that make no sense, the last: {what}")
+
     def close(self) -> None:
         """What is broken need not be closed well. A job that still sends counts a fault."""
-        with suppress(can.CanError, OSError, ValueError, TypeError):
+        with suppress(Exception):
             self._bus.shutdown()

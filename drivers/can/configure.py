@@ -6,6 +6,7 @@ Blocking, so it runs beside the receive loop (see `driver`), which feeds it the 
 from __future__ import annotations
 
 import logging
+import time
 from dataclasses import dataclass
 from importlib.resources import files
 from typing import Any, TypeVar
@@ -18,6 +19,8 @@ from armd.drivers.can.node import HEARTBEAT_MS
 
 T = TypeVar("T")
 PROBE_S = 0.1
+ANSWER_S = 0.3
+VISIT_S = 5.0  # a node that takes longer, as by an upload that never ends, is passed over
 SYNCHRONOUS_MOST = 240  # the slowest synchronous transmission type: every 240th SYNC
 
 # What fails reaches a person as an event; canopen's own log would say it again on stderr.
@@ -48,24 +51,49 @@ class Warnings:
     bits: int | None
 
 
-def remote_node(number: int) -> canopen.RemoteNode:
+class PromptSdo(canopen.sdo.SdoClient):  # type: ignore[misc]
+    """canopen's, which would read for ever what a node goes on sending."""
+
+    deadline_s = float("inf")  # on the monotonic clock
+
+    def request_response(self, request: bytes) -> bytes:
+        if time.monotonic() > self.deadline_s:
+            raise SdoCommunicationError(f"it is not done within {VISIT_S:g} s")
+        return bytes(super().request_response(request))
+
+
+class PromptNode(canopen.RemoteNode):  # type: ignore[misc]
+    """A node that is asked through `PromptSdo`."""
+
+    def add_sdo(self, request_id: int, reply_id: int) -> PromptSdo:
+        client = PromptSdo(request_id, reply_id, self.object_dictionary)
+        self.sdo_channels.append(client)
+        return client
+
+    def visited(self, answer_s: float) -> None:
+        """A visit begins: each answer has *answer_s*, the whole `VISIT_S`."""
+        self.sdo.RESPONSE_TIMEOUT = answer_s
+        self.sdo.deadline_s = time.monotonic() + VISIT_S
+
+
+def remote_node(number: int) -> PromptNode:
     """A node with the dictionary of its kind; only standard objects are used, so that of any
     maker will answer."""
     kind = "temperature" if number in can.TEMPERATURE_NODES else "encoder"
     with (files(__package__) / "eds" / f"{kind}.eds").open(encoding="ascii") as eds:
-        return canopen.RemoteNode(number, canopen.import_od(eds, number))
+        return PromptNode(number, canopen.import_od(eds, number))
 
 
-def is_encoder(node: canopen.RemoteNode) -> bool:
+def is_encoder(node: PromptNode) -> bool:
     """Whether anybody answers at this number, and is a CiA 406 encoder."""
-    node.sdo.RESPONSE_TIMEOUT = PROBE_S
+    node.visited(PROBE_S)
     try:
         return bool(node.sdo[can.DEVICE_TYPE].raw & 0xFFFF == can.ENCODER_PROFILE)
     except SdoError:
         return False
 
 
-def configure_encoder(node: canopen.RemoteNode, expected_counts: int | None) -> Encoder:
+def configure_encoder(node: PromptNode, expected_counts: int | None) -> Encoder:
     """Make *node* a joint: position and alarms at every SYNC, a heartbeat.
 
     Raises `NodeRefused` or `NodeAbsent`. The node is left operational.
@@ -86,7 +114,7 @@ def configure_encoder(node: canopen.RemoteNode, expected_counts: int | None) -> 
     return encoder
 
 
-def configure_module(node: canopen.RemoteNode, n_channels: int, every_sync: int) -> None:
+def configure_module(node: PromptNode, n_channels: int, every_sync: int) -> None:
     """Make *node* a temperature module: values and status at every *every_sync*-th SYNC."""
     try:
         _stop(node)
@@ -101,33 +129,34 @@ def configure_module(node: canopen.RemoteNode, n_channels: int, every_sync: int)
         raise NodeAbsent(_say(error)) from error
 
 
-def read_warnings(node: canopen.RemoteNode) -> Warnings:
+def read_warnings(node: PromptNode) -> Warnings:
     """Warnings do not touch the position; they are only reported."""
+    node.visited(ANSWER_S)
     try:
         return Warnings(_optional(node.sdo, can.WARNINGS, None))
     except SdoError as error:
         raise NodeAbsent(_say(error)) from error
 
 
-def _stop(node: canopen.RemoteNode) -> None:
+def _stop(node: PromptNode) -> None:
+    node.visited(ANSWER_S)
     node.nmt.state = "PRE-OPERATIONAL"  # mappings may be changed only there
-    node.sdo.RESPONSE_TIMEOUT = 0.3
 
 
-def _start(node: canopen.RemoteNode) -> None:
+def _start(node: PromptNode) -> None:
     register = node.sdo[can.ERROR_REGISTER].raw
     if register:
         raise NodeAbsent(f"its error register is {register:#04x}")
     node.nmt.state = "OPERATIONAL"
 
 
-def _check_profile(node: canopen.RemoteNode, expected: int) -> None:
+def _check_profile(node: PromptNode, expected: int) -> None:
     found = node.sdo[can.DEVICE_TYPE].raw & 0xFFFF
     if found != expected:
         raise NodeRefused(f"device profile: found {found}, expected {expected}")
 
 
-def _read_encoder(node: canopen.RemoteNode) -> Encoder:
+def _read_encoder(node: PromptNode) -> Encoder:
     """6501 tells the steps of a turn; with scaling switched on, 6001 tells the units instead."""
     sdo = node.sdo
     index, sub = can.SERIAL_NUMBER
@@ -149,12 +178,12 @@ def _optional(sdo: Any, index: int, default: T) -> int | T:
         return default
 
 
-def _set_heartbeat(node: canopen.RemoteNode) -> None:
+def _set_heartbeat(node: PromptNode) -> None:
     node.sdo[can.HEARTBEAT_TIME_MS].raw = HEARTBEAT_MS
 
 
 def _map(
-    node: canopen.RemoteNode, pdo: int, mapping: tuple[tuple[int, int, int], ...], every_sync: int
+    node: PromptNode, pdo: int, mapping: tuple[tuple[int, int, int], ...], every_sync: int
 ) -> None:
     """Switch the PDO off, write its map, switch it on (canopen's `save` does so in this order),
     then read back what the node made of it."""
@@ -183,5 +212,5 @@ def _hex(entries: list[int]) -> str:
 
 def _say(error: SdoError) -> str:
     if isinstance(error, SdoCommunicationError):
-        return "it does not answer"
+        return str(error) if str(error).startswith("it is not done") else "it does not answer"
     return f"it refuses: {error}"

@@ -114,6 +114,9 @@ class CanDecoder:
         if identifier & can.ERROR:
             self._counted["error_frames"] += 1
             return []
+        if identifier > 0x7FF:  # extended or remote: no word of ours
+            self._counted["unknown"] += 1
+            return []
         number, function = identifier & 0x7F, identifier & ~0x7F
         node = self.nodes.get(number)
         if node is None:

@@ -28,6 +28,7 @@ from armd.errors import BadInput
 RENEW_NS = 2_000_000_000  # a bus that stays silent is built anew this often
 BURST = 64  # frames received before SYNC and the nodes get their turn
 HELD_SYNC_NS = 1_000_000  # how often a SYNC that must wait is looked at again
+OPENING_MOST_NS = 3_000_000_000  # after this a person is told
 SLICE_S = 0.01  # the longest wait for a frame: a job may have ended meanwhile
 
 
@@ -47,7 +48,8 @@ class CanDriver:
         self._network: OwnNetwork | None = None
         self._opening: Job[can.BusABC] | None = None
         self._raw: deque[RawFrame] = deque(maxlen=RAW_FRAMES_KEPT)
-        self._send_faults = 0  # of networks that are closed
+        self._send_faults = self._garbled = 0  # of networks that are closed
+        self._opening_since_ns = 0
         self._period_ns = round(1e9 / config.rate_hz)
         self._sync_due_ns = 0
 
@@ -65,10 +67,11 @@ class CanDriver:
 
     @property
     def counters(self) -> dict[str, int]:
-        faults = self._send_faults + (self._network.send_faults if self._network else 0)
+        network = self._network
         return {
             **self._decoder.counters,
-            "send_faults": faults,
+            "send_faults": self._send_faults + (network.send_faults if network else 0),
+            "garbled": self._garbled + (network.garbled if network else 0),
             "reconnects": self._line.reconnects,
         }
 
@@ -79,6 +82,7 @@ class CanDriver:
     def close(self) -> None:
         if self._network is not None:
             self._send_faults += self._network.send_faults
+            self._garbled += self._network.garbled
             self._network.close()
             self._network = None
 
@@ -168,8 +172,13 @@ class CanDriver:
                 time.sleep(min(wait_ns / 1e9, SLICE_S))
                 return []
             self._opening = Job(lambda: open_bus(self._config))
+            self._opening_since_ns = time.monotonic_ns()
         if not self._opening.wait(SLICE_S):
-            return []
+            now_ns = time.monotonic_ns()
+            if now_ns < self._opening_since_ns + OPENING_MOST_NS:
+                return []
+            text = f"not open within {OPENING_MOST_NS / 1e9:g} s, and still being waited for"
+            return self._line.lost("bus_missing", text, now_ns)
         job, self._opening = self._opening, None
         now_ns = time.monotonic_ns()
         try:

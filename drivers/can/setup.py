@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-import canopen
-
 from armd.drivers.can import objects as can
 from armd.drivers.can.bus import OwnNetwork
 from armd.drivers.can.configure import (
     Encoder,
     NodeRefused,
+    PromptNode,
     Warnings,
     configure_encoder,
     configure_module,
@@ -44,7 +43,7 @@ class NodeSetup:
         self._expected = expectation
         self._every_sync = round(rate_hz / TEMPERATURES_HZ)
         self._serial_numbers = dict(enumerate(serial_numbers or [], start=1))
-        self._nodes: dict[int, canopen.RemoteNode] = {}
+        self._nodes: dict[int, PromptNode] = {}
         self._running: tuple[int, Job[Outcome]] | None = None
         self._due_ns: dict[int, int] = {}
         self._asking = False  # the job running only asks for warnings
@@ -66,14 +65,17 @@ class NodeSetup:
             if not job.done:
                 return []
             self._running = None
+            if not self._asking:
+                self._due_ns[number] = now_ns + NODE_BACK_OFF_NS
             notes = self._conclude(number, job)
         extra = self._expected.n_joints + 1
-        for number in [*([] if extra in self._nodes else [extra]), *wanting]:
-            if self._due_ns.get(number, 0) <= now_ns:
-                self._due_ns[number] = now_ns + NODE_BACK_OFF_NS
-                self._asking = False
-                self._running = (number, Job(partial(self._visit, network, number)))
-                return notes
+        candidates = [*([] if extra in self._nodes else [extra]), *wanting]
+        # Whoever has waited longest: a node that does not answer shall not keep the others away.
+        number = min(candidates, key=lambda number: self._due_ns.get(number, 0), default=extra)
+        if candidates and self._due_ns.get(number, 0) <= now_ns:
+            self._asking = False
+            self._running = (number, Job(partial(self._visit, network, self._nodes, number)))
+            return notes
         if not wanting and now_ns >= self._warnings_due_ns:
             self._warnings_due_ns = now_ns + WARNINGS_INTERVAL_NS
             self._asked = self._asked % self._expected.n_joints + 1
@@ -91,10 +93,11 @@ class NodeSetup:
 
     # --- beside the loop ---------------------------------------------------------------------
 
-    def _visit(self, network: OwnNetwork, number: int) -> Outcome:
-        node = self._nodes.get(number)
+    def _visit(self, network: OwnNetwork, nodes: dict[int, PromptNode], number: int) -> Outcome:
+        """*nodes* are those of *network*: a visit that outlives it must not add to the next's."""
+        node = nodes.get(number)
         if node is None:
-            node = self._nodes[number] = network.add_node(remote_node(number))
+            node = nodes[number] = network.add_node(remote_node(number))
         if number > self._expected.n_joints and number not in can.TEMPERATURE_NODES:
             return is_encoder(node)
         if number in can.TEMPERATURE_NODES:

@@ -18,7 +18,7 @@ class BreakingNetwork:
     """Delivers its frames, then breaks within the same burst."""
 
     def __init__(self, frames):
-        self.sent, self.send_faults, self.closed = deque(), 0, False
+        self.sent, self.send_faults, self.garbled, self.closed = deque(), 0, 0, False
         self._frames = deque(frames)
 
     def receive(self, timeout_s):
