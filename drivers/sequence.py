@@ -4,11 +4,13 @@
 the arm reboots. A reboot announces itself by a new boot id in HELLO; should that be lost, by the
 device clock running backwards. A packet that comes twice, or late, runs backwards too: what
 tells them apart is that a reboot goes on from there, and that its clock cannot have run for
-longer than we have been waiting.
+longer than we have been waiting. Where that leaves a doubt, because at these very times samples
+of this boot were accepted before, the arm is asked: the same boot id, and it was a repetition.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,12 +23,17 @@ Rows = npt.NDArray[np.void]  # (m,) of serial_wire.row_layout
 WRAP = 1 << 32
 LATENESS_NS = 100_000_000  # by how much bytes may arrive late
 CERTAIN = 32  # so many packets running on in the past are a reboot, whatever the clock says
+UNANSWERED_NS = 1_000_000_000  # an arm that does not say which boot this is: it is a new one
+SUSPECTS_MOST = 1 << 14
+GAP_US = 1_000_000  # of the device's clock: times beyond it were not seen
+STRETCHES_MOST = 64  # of times seen; older ones are forgotten
 
 #: What is remembered of the packets accepted so far.
 _MEMORY = np.dtype(
     [
         ("seq", "i8"),  # of the last packet; −1: none since the start, or since the boot
         ("t_us", "i8"),
+        ("since_us", "i8"),  # first of the times up to `t_us` that were seen without a gap
         ("arrival_ns", "i8"),
         ("epoch", "i8"),
         ("lost", "i8"),
@@ -48,10 +55,13 @@ class SequenceExtender:
 
     def __init__(self) -> None:
         self.repeated = 0
+        self._cleared: list[tuple[Rows, int]] = []
         self.memory = np.zeros(1, _MEMORY)  # what `goes_on` takes and keeps
         self._kept = self.memory[0]
         self._kept["seq"] = self._kept["t_us"] = -1
-        self._suspects: list[tuple[Rows, int]] = []
+        self._suspects: deque[tuple[Rows, int]] = deque()
+        self._seen: deque[tuple[int, int]] = deque(maxlen=STRETCHES_MOST)  # times of this boot, µs
+        self.wants_boot_id = False  # only the arm can tell whether it has rebooted
 
     @property
     def epoch(self) -> int:
@@ -71,11 +81,28 @@ class SequenceExtender:
         self._kept["epoch"] = epoch
 
     def new_boot(self) -> None:
-        """The arm says that it has booted: its counter and clock start afresh."""
+        """The arm says that it has booted: its counter and clock start afresh.
+
+        What was in doubt and can be of the new boot waits in `take_cleared`.
+        """
         if self._kept["seq"] >= 0:
             self._kept["epoch"] += 1
             self._kept["seq"] = self._kept["t_us"] = -1
+        self._seen.clear()
+        self._cleared = [suspect for suspect in self._suspects if self._possible(*suspect)]
+        self.repeated += len(self._suspects) - len(self._cleared)
         self._suspects.clear()
+        self.wants_boot_id = False
+
+    def same_boot(self) -> None:
+        """The arm says that it has not booted: what was in doubt had been there before."""
+        if self.wants_boot_id:
+            self._drop_suspects()
+
+    def take_cleared(self) -> list[tuple[Rows, int]]:
+        """Rows that `new_boot` found to be the new boot's, with their arrivals, to be pushed."""
+        cleared, self._cleared = self._cleared, []
+        return cleared
 
     def push(self, rows: Rows, arrival_ns: int) -> list[Run]:
         """*rows* in the order of the wire, arrived at *arrival_ns* (host, monotonic)."""
@@ -108,32 +135,59 @@ class SequenceExtender:
 
     def _suspect(self, row: Rows, arrival_ns: int) -> list[Run]:
         """A packet out of the past: late or repeated, or the first ones of another boot?"""
-        if self._suspects and row["t_us"][0] <= self._suspects[-1][0]["t_us"][0]:
-            self.repeated += 1
-            return []
+        t_us = int(row["t_us"][0])
+        if self._suspects and t_us <= self._suspects[-1][0]["t_us"][0]:
+            if self.wants_boot_id and t_us < self._suspects[0][0]["t_us"][0]:
+                self._drop_suspects()  # a repetition, and then a boot: only the later counts
+            else:
+                self.repeated += 1
+                return []
         self._suspects.append((row.copy(), arrival_ns))
+        if len(self._suspects) > SUSPECTS_MOST:
+            self._suspects.popleft()
+            self.repeated += 1
+        self.wants_boot_id = self.wants_boot_id or self._was_seen(t_us)
         first, first_arrival_ns = self._suspects[0]
-        waited_ns = first_arrival_ns - int(self._kept["arrival_ns"]) + LATENESS_NS
-        possible = int(first["t_us"][0]) * 1000 <= waited_ns
-        if len(self._suspects) < (2 if possible else CERTAIN):
+        needed = 2 if self._possible(first, first_arrival_ns) else CERTAIN
+        in_doubt = self.wants_boot_id and arrival_ns - first_arrival_ns < UNANSWERED_NS
+        if len(self._suspects) < needed or in_doubt:
             return []
-        found, self._suspects = self._suspects, []
+        found, self._suspects = self._suspects, deque()
         self._kept["epoch"] += 1
+        self._seen.clear()
+        self.wants_boot_id = False
         runs = [self._accept(found[0][0], found[0][1], rebooted=True)]
-        for later, arrived_ns in found[1:]:
+        for later, arrived_ns in list(found)[1:]:
             runs += self.push(later, arrived_ns)
         return runs
+
+    def _possible(self, row: Rows, arrival_ns: int) -> bool:
+        """Whether a boot since the last accepted packet can have sent *row* by then."""
+        waited_ns = arrival_ns - int(self._kept["arrival_ns"]) + LATENESS_NS
+        return int(row["t_us"][0]) * 1000 <= waited_ns
+
+    def _was_seen(self, t_us: int) -> bool:
+        """Whether samples of this boot were accepted around this time of the device's."""
+        now = (int(self._kept["since_us"]), int(self._kept["t_us"]))
+        return any(first <= t_us <= last for first, last in (*self._seen, now))
 
     def _drop_suspects(self) -> None:
         self.repeated += len(self._suspects)
         self._suspects.clear()
+        self.wants_boot_id = False
 
     def _accept(self, row: Rows, arrival_ns: int, rebooted: bool = False) -> Run:
         seq, last_seq = int(row["seq"][0]), int(self._kept["seq"])
         if last_seq >= 0 and not rebooted:
             gap = (seq - last_seq) % WRAP - 1
             self._kept["lost"] += gap if seq > last_seq or gap < WRAP // 2 else 0
-        self._kept["seq"], self._kept["t_us"] = seq, int(row["t_us"][0])
+        t_us, last_us = int(row["t_us"][0]), int(self._kept["t_us"])
+        if last_us < 0 or rebooted:
+            self._kept["since_us"] = t_us
+        elif t_us - last_us > GAP_US:
+            self._seen.append((int(self._kept["since_us"]), last_us))
+            self._kept["since_us"] = t_us
+        self._kept["seq"], self._kept["t_us"] = seq, t_us
         self._kept["arrival_ns"] = arrival_ns
         return Run(row, self.epoch, arrival_ns, rebooted)
 
@@ -143,12 +197,16 @@ def goes_on(rows: Any, arrival_ns: int, memory: Any) -> bool:
     """Whether *rows* (m,) plainly follow what went before, the usual case: then all are accepted,
     else none. *memory* is a `SequenceExtender`'s."""
     kept = memory[0]
-    seq, t_us = kept.seq, kept.t_us
+    seq, t_us, since_us = kept.seq, kept.t_us, kept.since_us
     for row in rows:
         if np.int64(row.seq) <= seq or np.int64(row.t_us) <= t_us:
+            return False
+        if t_us < 0:
+            since_us = np.int64(row.t_us)
+        elif np.int64(row.t_us) - t_us > GAP_US:
             return False
         seq, t_us = np.int64(row.seq), np.int64(row.t_us)
     before = kept.seq if kept.seq >= 0 else np.int64(rows[0].seq) - 1
     kept.lost += seq - before - len(rows)
-    kept.seq, kept.t_us, kept.arrival_ns = seq, t_us, arrival_ns
+    kept.seq, kept.t_us, kept.since_us, kept.arrival_ns = seq, t_us, since_us, arrival_ns
     return True

@@ -65,8 +65,9 @@ class SerialDecoder:
 
     @property
     def wants_identity(self) -> bool:
-        """HELLO is missing: since the connection, or since a reboot that only the clock told."""
-        return self.hello is None
+        """HELLO is missing: since the connection, or since a reboot that only the clock told; or
+        it alone can tell whether packets out of the past are a reboot's."""
+        return self.hello is None or self._sequence.wants_boot_id
 
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes, in the order of the wire."""
@@ -185,6 +186,7 @@ class SerialDecoder:
 
     def _greet(self, hello: wire.Hello, frame: RawFrame) -> list[Item]:
         if hello == self.hello:
+            self._sequence.same_boot()
             return []
         self.hello = hello
         faults = (
@@ -201,7 +203,11 @@ class SerialDecoder:
             self._forget_held("foreign")
             text = f"a foreign arm is connected: {'; '.join(faults)}"
             return [Event("foreign_arm", text, frame.monotonic_ns, "error", {"faults": faults})]
-        return [*self._welcome(hello, frame), *self._release()]
+        items = self._welcome(hello, frame)
+        unix_minus_monotonic_ns = frame.unix_ns - frame.monotonic_ns
+        for rows, arrival_ns in self._sequence.take_cleared():
+            items += self._follow(rows, arrival_ns, unix_minus_monotonic_ns)
+        return [*items, *self._release()]
 
     def _welcome(self, hello: wire.Hello, frame: RawFrame) -> list[Item]:
         """Our arm. Has it booted since we knew it?"""
@@ -272,8 +278,12 @@ class SerialDecoder:
         plain = self._assembler.go_on(what, self._sequence, arrival_ns, unix_minus_monotonic_ns)
         if plain is not None:
             return plain
+        return self._follow(what, arrival_ns, unix_minus_monotonic_ns)
+
+    def _follow(self, rows: Rows, arrival_ns: int, unix_minus_monotonic_ns: int) -> list[Item]:
+        """Rows that may not follow the last ones."""
         items: list[Item] = []
-        for run in self._sequence.push(what, arrival_ns):
+        for run in self._sequence.push(rows, arrival_ns):
             if run.rebooted:
                 self._new_boot()
                 self._boot_id = None

@@ -114,7 +114,7 @@ class SerialDriver:
             return []
         self._identify_due_ns = now_ns + IDENTIFY_INTERVAL_NS
         self._send(self._serial, wire.encode_identify())
-        self._asked += 1
+        self._asked = self._asked + 1 if self._decoder.hello is None else 0
         if self._asked != IDENTIFY_PATIENCE or self._decoder.last_sample_ns is None:
             return []
         text = "samples arrive, but the arm does not answer IDENTIFY: whose are they?"

@@ -113,6 +113,54 @@ def test_a_past_that_simply_goes_on_is_a_reboot_and_nothing_of_it_is_lost():
     assert feed.accepted[10:] == [WRAP + 100 + i for i in range(100)]
 
 
+def test_a_block_of_old_packets_is_a_repetition_however_long():
+    feed = Feed()
+    stream(feed, 5000, 100, 5_000_000)
+    feed.push(*[(5010 + i, 5_010_000 + 1000 * i) for i in range(40)])
+    assert feed.extender.wants_boot_id
+    feed.extender.same_boot()  # what the arm says when it is asked
+    assert feed.extender.repeated == 40 and not feed.extender.wants_boot_id
+    stream(feed, 5100, 10, 5_100_000)
+    assert feed.accepted == list(range(5000, 5110)) and feed.reboots == 0
+
+
+def test_old_packets_between_new_ones_are_repetitions_without_asking_anybody():
+    feed = Feed()
+    stream(feed, 0, 100, 0)
+    for i in range(60):
+        feed.push((i, 1000 * i), (i + 1, 1000 * i + 1000), (100 + i, 100_000 + 1000 * i))
+    assert feed.accepted == list(range(160)) and feed.extender.repeated == 120
+
+
+def test_a_reboot_at_times_already_seen_loses_nothing_once_the_arm_says_so():
+    feed = Feed()
+    stream(feed, 0, 300, 0)
+    feed.push((0, 0), after_ns=200 * MS)
+    stream(feed, 1, 50, 1000)
+    assert feed.extender.wants_boot_id and len(feed.accepted) == 300
+    feed.extender.new_boot()
+    for row, arrival_ns in feed.extender.take_cleared():
+        for run in feed.extender.push(row, arrival_ns):
+            feed.accepted += [run.epoch << 32 | int(seq) for seq in run.rows["seq"]]
+    stream(feed, 51, 10, 51_000)
+    assert feed.accepted[300:] == [WRAP + i for i in range(61)] and feed.extender.repeated == 0
+
+
+def test_a_reboot_of_an_arm_that_never_says_so_is_believed_after_a_second():
+    feed = Feed()
+    stream(feed, 0, 3000, 0)
+    stream(feed, 0, 1500, 0)
+    assert feed.accepted[3000:] == [WRAP + i for i in range(1500)] and feed.reboots == 1
+
+
+def test_a_packet_out_of_the_future_does_not_make_the_present_a_repetition():
+    feed = Feed()
+    stream(feed, 0, 100, 0)
+    feed.push((9000, 3_600_000_000))  # of another boot, say
+    stream(feed, 100, 100, 100_000)
+    assert [seq % WRAP for seq in feed.accepted[101:]] == list(range(100, 200))
+
+
 @given(st.lists(st.sampled_from(["next", "next", "lose", "wrap", "reboot", "repeat"]), max_size=60))
 def test_whatever_happens_numbers_rise_and_their_low_half_is_the_devices(story):
     feed, device_seq, t_us = Feed(), WRAP - 20, 10_000_000

@@ -239,3 +239,29 @@ def test_points_do_not_depend_on_how_the_bytes_were_cut(cuts, seed):
     names = ["seq", "device_ns", "count", "joint_invalid", "lost_before"]
     assert len(whole.samples) and np.array_equal(whole.samples[names], pieces.samples[names])
     assert whole.decoder.counters == pieces.decoder.counters
+
+
+def test_a_block_of_32_old_packets_played_again_is_no_reboot(line):
+    line.rx(hello())
+    for seq in range(200):
+        line.rx(sample(seq))
+    line.rx(*[sample(seq) for seq in range(20, 60)])
+    assert line.decoder.wants_identity
+    line.rx(hello())  # the answer: the same boot
+    for seq in range(200, 210):
+        line.rx(sample(seq))
+    assert line.seqs == list(range(210)) and "reboot" not in line.events
+    assert line.decoder.counters["repeated"] == 40
+
+
+def test_a_reboot_whose_samples_come_before_its_hello_loses_none(line):
+    line.rx(hello())
+    for seq in range(300):
+        line.rx(sample(seq))
+    line.rx(sample(0), after_ns=200 * MS)
+    for seq in range(1, 80):
+        line.rx(sample(seq))
+    assert line.decoder.wants_identity and len(line.seqs) == 300
+    line.rx(hello(boot_id=78)).rx(sample(80))
+    assert line.seqs[300:] == [1 << 32 | seq for seq in range(81)]
+    assert line.events.count("reboot") == 1
