@@ -19,6 +19,7 @@ COMMANDS = {
     "status": "state of a running daemon, for people and scripts",
     "record": "record frames, samples and points to an MCAP file",
     "replay": "play a recording back through decoder and kernel",
+    "ippdme": "an I++ DME server for inspection software",
     "stream": "text lines over TCP: one per measurement, or per point",
     "correct": "correct readings offline, same kernel",
     "calibrate": "identify geometry and thermal model from sessions",

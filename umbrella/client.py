@@ -142,7 +142,7 @@ class Arm(_Closing):
         reply = self._ask(keys.RAW)
         return reply["next"], [base64.b64decode(frame) for frame in reply["frames"]]
 
-    def command(self, name: str, **parameters: str) -> str:
+    def command(self, name: str, /, **parameters: str) -> str:
         """`command("reload")`, `command("tip", name="ruby 3")`; returns what was done.
 
         Raises `ArmdError` if the daemon refuses it, or does not answer.

@@ -1,0 +1,287 @@
+"""The methods of every version: sessions, errors, daemons, the user, positions and hits.
+
+A method takes the session and the command, and gives the data lines of its answer, or `Pending`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from armd.daemon.bridges.ippdme.errors import TABLE, DmeError
+from armd.daemon.bridges.ippdme.grammar import (
+    EVENT_TAG,
+    Arg,
+    Command,
+    Property,
+    Text,
+    Word,
+    listed,
+    quoted,
+)
+from armd.daemon.bridges.ippdme.report import (
+    HIT,
+    HIT_2_5,
+    MOTION,
+    SCAN,
+    Fields,
+    asked_for,
+    move_report,
+    written_fields,
+)
+from armd.daemon.bridges.ippdme.session import Answer, Pending, Session
+
+MACHINE_CLASS = '"CartCMM"'
+#: 2.5, annex J.1: manual machine with tactile probe.
+MACHINE_CLASS_2_5 = '"CartCMM_TouchTrigger_Fixed_None_ToolChanger_None_None"'
+
+
+def is_2_5(session: Session) -> bool:
+    return session.version == "2.5"
+
+
+def nothing(args: tuple[Arg, ...]) -> None:
+    """Raises `DmeError` if there are arguments."""
+    if args:
+        raise DmeError(502)
+
+
+def text_of(args: tuple[Arg, ...]) -> str:
+    """The one string; raises `DmeError`."""
+    if len(args) != 1:
+        raise DmeError(502)
+    if not isinstance(args[0], Text):
+        raise DmeError(509)
+    return args[0].value
+
+
+def word_of(args: tuple[Arg, ...]) -> str:
+    """The one bare word; raises `DmeError`."""
+    if len(args) != 1:
+        raise DmeError(502)
+    if not isinstance(args[0], Word):
+        raise DmeError(509)
+    return args[0].value
+
+
+def start_session(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    session.start_session()
+    return ()
+
+
+def end_session(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    session.end_session()
+    return ()
+
+
+def get_dme_version(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    return [f"DMEVersion({quoted(session.version)})"]
+
+
+def get_machine_class(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    if is_2_5(session):
+        return [MACHINE_CLASS_2_5]
+    return [f"GetMachineClass({MACHINE_CLASS})"]
+
+
+# --- errors ----------------------------------------------------------------------------------
+
+
+def get_error_info(session: Session, command: Command) -> Answer:
+    if len(command.args) != 1:
+        raise DmeError(502)
+    given = command.args[0]
+    if not isinstance(given, float):
+        raise DmeError(509)
+    if given not in TABLE:
+        raise DmeError(504)
+    return [quoted(TABLE[int(given)][1])]
+
+
+def clear_all_errors(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    session.errors.clear()
+    return ()
+
+
+def get_err_status(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    status = "1" if session.errors else "0"
+    return [status if is_2_5(session) else f"ErrStatus({status})"]
+
+
+def get_xtd_err_status(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    lines = ["IsHomed(1)", f"IsUserEnabled({int(session.user_enabled)})"]
+    if is_2_5(session):
+        return lines + [
+            f"ActiveError({error.number:04d}), Severity({error.severity})"
+            for error, _ in session.errors
+        ]
+    session.answer_errors(command.tag, lines)
+    return ()
+
+
+def abort(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    session.abort()
+    return ()
+
+
+# --- daemons ---------------------------------------------------------------------------------
+
+
+def on_move_report(session: Session, command: Command) -> Answer:
+    if not EVENT_TAG.fullmatch(command.tag):
+        raise DmeError(502)  # its reports need a tag that goes on
+    report = move_report(command.tag, command.args, both_needed=is_2_5(session))
+    if session.move_report is not None:
+        raise DmeError(515)
+    session.move_report = report
+    return ()
+
+
+def stop_daemon(session: Session, command: Command) -> Answer:
+    tag = word_of(command.args)
+    if not EVENT_TAG.fullmatch(tag):
+        raise DmeError(509)
+    if session.move_report is None or session.move_report.tag != tag:
+        raise DmeError(513)
+    session.move_report = None
+    return ()
+
+
+def stop_all_daemons(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    if session.move_report is None:
+        raise DmeError(512)
+    session.move_report = None
+    return ()
+
+
+# --- the user --------------------------------------------------------------------------------
+
+
+def home(session: Session, command: Command) -> Answer:
+    """Absolute encoders: done at once, if there is an arm."""
+    nothing(command.args)
+    session.user_enabled = False
+    if not session.machine.in_reach:
+        raise DmeError(1005)
+    return ()
+
+
+def is_homed(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    return ["IsHomed(1)"]
+
+
+def enable_user(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    session.user_enabled = True
+    return ()
+
+
+def disable_user(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    session.user_enabled = False
+    return ()
+
+
+def is_user_enabled(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    return [f"IsUserEnabled({int(session.user_enabled)})"]
+
+
+# --- positions and hits ----------------------------------------------------------------------
+
+
+def on_pt_meas_report(session: Session, command: Command) -> Answer:
+    session.report = asked_for(command.args, HIT_2_5 if is_2_5(session) else HIT)
+    return ()
+
+
+def on_scan_report(session: Session, command: Command) -> Answer:
+    """Accepted, as hosts set it at their start; an arm does not scan."""
+    asked_for(command.args, SCAN)
+    return ()
+
+
+def get(session: Session, command: Command) -> Answer:
+    names = asked_for(command.args, MOTION)
+    x, y, z = session.machine.position().tolist()
+    return [listed(written_fields(names, {"X": (x,), "Y": (y,), "Z": (z,)}))]
+
+
+def pt_meas(session: Session, command: Command) -> Answer:
+    """A nominal point of the host's: the operator's next hit is the answer."""
+    nominal = _nominal(command.args)
+    tool = session.machine.toolbox.current
+    if not tool.measures:
+        raise DmeError(507)
+    session.user_enabled = False
+    pending = Pending()
+    reach_mm = tool.number("PtMeasPar.Search") + tool.radius_mm
+
+    def take(fields: Fields) -> None:
+        session.hit = None
+        away = math.hypot(*(fields[axis][0] - wanted for axis, wanted in nominal.items()))
+        if away > reach_mm:
+            pending.settle(DmeError(1006))
+        else:
+            pending.settle([listed(written_fields(session.report, fields))])
+
+    session.hit = take
+    return pending
+
+
+def _nominal(args: tuple[Arg, ...]) -> dict[str, float]:
+    """Coordinates by axis; raises `DmeError`."""
+    if not args:
+        raise DmeError(502)
+    found: dict[str, float] = {}
+    seen = set()
+    for arg in args:
+        if not isinstance(arg, Property):
+            raise DmeError(509)
+        numbers = [value for value in arg.values if isinstance(value, float)]
+        expected = 3 if arg.name == "IJK" else 1
+        if arg.name not in (*MOTION, "IJK") or arg.name in seen or len(numbers) != expected:
+            raise DmeError(510)
+        seen.add(arg.name)
+        if arg.name == "IJK":
+            if not np.any(numbers):
+                raise DmeError(1010)
+        else:
+            found[arg.name] = numbers[0]
+    return found
+
+
+METHODS = {
+    "StartSession": start_session,
+    "EndSession": end_session,
+    "GetDMEVersion": get_dme_version,
+    "GetMachineClass": get_machine_class,
+    "GetErrorInfo": get_error_info,
+    "ClearAllErrors": clear_all_errors,
+    "GetErrStatusE": get_err_status,
+    "GetXtdErrStatus": get_xtd_err_status,
+    "AbortE": abort,
+    "OnMoveReportE": on_move_report,
+    "StopDaemon": stop_daemon,
+    "StopAllDaemons": stop_all_daemons,
+    "Home": home,
+    "IsHomed": is_homed,
+    "EnableUser": enable_user,
+    "DisableUser": disable_user,
+    "IsUserEnabled": is_user_enabled,
+    "OnPtMeasReport": on_pt_meas_report,
+    "OnScanReport": on_scan_report,
+    "Get": get,
+    "PtMeas": pt_meas,
+}

@@ -1,0 +1,105 @@
+"""The methods about coordinate systems."""
+
+from __future__ import annotations
+
+from armd.daemon.bridges.ippdme.commands import is_2_5, nothing, text_of, word_of
+from armd.daemon.bridges.ippdme.csy import Transformation
+from armd.daemon.bridges.ippdme.errors import DmeError
+from armd.daemon.bridges.ippdme.grammar import Arg, Command, Text, Word, decimal, listed, quoted
+from armd.daemon.bridges.ippdme.session import Answer, Session
+
+NAMES = ("X0", "Y0", "Z0", "Theta", "Psi", "Phi")
+PLACES = 6
+
+
+def set_coord_system(session: Session, command: Command) -> Answer:
+    session.machine.systems.select(word_of(command.args))
+    session.report_now()
+    return ()
+
+
+def get_coord_system(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    selected = session.machine.systems.selected
+    return [selected if is_2_5(session) else f"CoordSystem({selected})"]
+
+
+def set_csy_transformation(session: Session, command: Command) -> Answer:
+    name, transformation = _named(command.args, Word)
+    session.machine.systems.set(name, transformation)
+    session.report_now()
+    return ()
+
+
+def get_csy_transformation(session: Session, command: Command) -> Answer:
+    found = session.machine.systems.get(word_of(command.args))
+    return [_written(found, session)]
+
+
+def save_active(session: Session, command: Command) -> Answer:
+    """The part's coordinate system under a name."""
+    systems = session.machine.systems
+    systems.save_named(text_of(command.args), systems.get("PartCsy"))
+    return ()
+
+
+def load(session: Session, command: Command) -> Answer:
+    """A named one becomes the part's, and is selected."""
+    systems = session.machine.systems
+    systems.set("PartCsy", systems.find_named(text_of(command.args)))
+    systems.select("PartCsy")
+    session.report_now()
+    return ()
+
+
+def delete(session: Session, command: Command) -> Answer:
+    session.machine.systems.delete_named(text_of(command.args))
+    return ()
+
+
+def enumerate_named(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    return [quoted(name) for name in session.machine.systems.named]
+
+
+def save_named(session: Session, command: Command) -> Answer:
+    name, transformation = _named(command.args, Text)
+    session.machine.systems.save_named(name, transformation)
+    return ()
+
+
+def get_named(session: Session, command: Command) -> Answer:
+    return [_written(session.machine.systems.find_named(text_of(command.args)), session)]
+
+
+def _named(args: tuple[Arg, ...], kind: type[Word] | type[Text]) -> tuple[str, Transformation]:
+    if len(args) != 1 + len(NAMES):
+        raise DmeError(502)
+    name, *numbers = args
+    values = [number for number in numbers if isinstance(number, float)]
+    if not isinstance(name, kind) or len(values) != len(NAMES):
+        raise DmeError(509)
+    return name.value, Transformation(*values)
+
+
+def _written(transformation: Transformation, session: Session) -> str:
+    values = [decimal(value, PLACES) for value in transformation]
+    if is_2_5(session):
+        return listed(dict(zip(NAMES, values, strict=True)))
+    return f"GetCsyTransformation({', '.join(values)})"
+
+
+METHODS = {
+    "SetCoordSystem": set_coord_system,
+    "GetCoordSystem": get_coord_system,
+    "SetCsyTransformation": set_csy_transformation,
+    "GetCsyTransformation": get_csy_transformation,
+}
+METHODS_2_5 = {
+    "SaveActiveCoordSystem": save_active,
+    "LoadCoordSystem": load,
+    "DeleteCoordSystem": delete,
+    "EnumCoordSystems": enumerate_named,
+    "SaveNamedCsyTransformation": save_named,
+    "GetNamedCsyTransformation": get_named,
+}

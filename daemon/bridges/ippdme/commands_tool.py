@@ -1,0 +1,181 @@
+"""The methods about tools and their properties."""
+
+from __future__ import annotations
+
+from armd.daemon.bridges.ippdme.commands import is_2_5, nothing, text_of
+from armd.daemon.bridges.ippdme.errors import DmeError
+from armd.daemon.bridges.ippdme.grammar import (
+    Arg,
+    Command,
+    Property,
+    decimal,
+    listed,
+    quoted,
+)
+from armd.daemon.bridges.ippdme.report import written_fields
+from armd.daemon.bridges.ippdme.session import Answer, Pending, Session
+from armd.daemon.bridges.ippdme.tools import Tool, properties
+
+
+def enum_tools(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    names = session.machine.toolbox.names
+    return [name if is_2_5(session) and _is_name(name) else quoted(name) for name in names]
+
+
+def find_tool(session: Session, command: Command) -> Answer:
+    toolbox = session.machine.toolbox
+    toolbox.found = toolbox.undefined
+    toolbox.found = toolbox.get(text_of(command.args))
+    return ()
+
+
+def change_tool(session: Session, command: Command) -> Answer:
+    """The daemon is asked for the tip, if it is another."""
+    machine = session.machine
+    tool = machine.toolbox.get(text_of(command.args))
+    session.user_enabled = False
+    if not tool.measures or (
+        machine.toolbox.current.measures and tool.tip_name == machine.toolbox.current.tip_name
+    ):
+        machine.toolbox.use(tool)
+        session.report_now()
+        return ()
+    before = machine.toolbox.current
+    machine.toolbox.use(tool)  # at once, so that the arm's own event says nothing new
+    pending = Pending()
+
+    def settle(done: bool) -> None:
+        if done:
+            session.report_now()
+            pending.settle([])
+        else:
+            if machine.toolbox.current is tool:
+                machine.toolbox.use(before)
+            pending.settle(DmeError(511))
+
+    machine.select_tip(tool.tip_name or "", settle)
+    return pending
+
+
+def get_change_tool_action(session: Session, command: Command) -> Answer:
+    """A person changes it wherever the arm is."""
+    toolbox = session.machine.toolbox
+    tool = toolbox.get(text_of(command.args))
+    if tool is toolbox.current:
+        return ["ChangeToolAction(Switch)"]
+    x, y, z = session.machine.position().tolist()
+    place = listed(written_fields(("X", "Y", "Z"), {"X": (x,), "Y": (y,), "Z": (z,)}))
+    return [f"ChangeToolAction(MoveMan, {place})"]
+
+
+# --- properties ------------------------------------------------------------------------------
+
+
+def get_prop(session: Session, command: Command) -> Answer:
+    if not command.args:
+        raise DmeError(502)
+    parts: dict[str, str] = {}
+    for arg in command.args:
+        if not isinstance(arg, Property) or arg.values or arg.name in parts:
+            raise DmeError(510 if isinstance(arg, Property) else 509)
+        parts[arg.name] = _property(session, arg.name)
+    return [listed(parts)]
+
+
+def set_prop(session: Session, command: Command) -> Answer:
+    """Clamps what is out of range, and warns of it."""
+    if not command.args:
+        raise DmeError(502)
+    settings = [_setting(arg) for arg in command.args]
+    for name, _ in settings:  # all of them can be set, or none is
+        _property(session, name)
+    clamped = False
+    for name, value in settings:
+        if name.startswith("Part."):
+            session.machine.part[name.removeprefix("Part.")] = value
+        else:
+            tool, below = _tool_and_name(session, name)
+            clamped = not tool.set_number(below, value) or clamped
+    if clamped:
+        session.warn(command, DmeError(504))
+    return ()
+
+
+def enum_prop(session: Session, command: Command) -> Answer:
+    return [
+        f"{quoted(name)}, {quoted(kind)}"
+        for name, kind in _below(session, command)
+        if "." not in name
+    ]
+
+
+def enum_all_prop(session: Session, command: Command) -> Answer:
+    return [f"{quoted(name)}, {quoted(kind)}" for name, kind in _below(session, command)]
+
+
+def _below(session: Session, command: Command) -> list[tuple[str, str]]:
+    if len(command.args) != 1:
+        raise DmeError(502)
+    arg = command.args[0]
+    if not isinstance(arg, Property) or arg.values:
+        raise DmeError(509)
+    tool, block = _tool_and_name(session, arg.name)
+    if block and not tool.measures:
+        raise DmeError(507)
+    return list(properties(block))
+
+
+def _setting(arg: Arg) -> tuple[str, float]:
+    if not isinstance(arg, Property):
+        raise DmeError(509)
+    if len(arg.values) != 1 or not isinstance(arg.values[0], float):
+        raise DmeError(510)
+    return arg.name, arg.values[0]
+
+
+def _property(session: Session, name: str) -> str:
+    """Its value as written; raises `DmeError` for one that is none."""
+    if is_2_5(session) and name.startswith("Part."):
+        value = session.machine.part.get(name.removeprefix("Part."))
+        if value is None:
+            raise DmeError(510)
+        return decimal(value, 9)
+    tool, below = _tool_and_name(session, name)
+    if below in ("Name", "Id"):
+        return quoted(tool.name)
+    if below == "AvrRadius":
+        return decimal(tool.radius_mm)
+    if below == "Alignment":
+        return ", ".join(decimal(value, 6) for value in session.machine.alignment())
+    return decimal(tool.number(below))
+
+
+def _tool_and_name(session: Session, name: str) -> tuple[Tool, str]:
+    """`Tool.PtMeasPar.Speed`: the tool in use, and what follows."""
+    head, _, below = name.partition(".")
+    toolbox = session.machine.toolbox
+    if head == "Tool":
+        return toolbox.current, below
+    if head == "FoundTool":
+        return toolbox.found, below
+    raise DmeError(510)
+
+
+def _is_name(text: str) -> bool:
+    """Letters and digits, a letter first: 2.5 writes such a name bare."""
+    return text.isascii() and text.isalnum() and text[0].isalpha()
+
+
+METHODS = {
+    "EnumTools": enum_tools,
+    "FindTool": find_tool,
+    "ChangeTool": change_tool,
+    "SetTool": change_tool,
+    "GetChangeToolAction": get_change_tool_action,
+    "GetProp": get_prop,
+    "GetPropE": get_prop,
+    "SetProp": set_prop,
+    "EnumProp": enum_prop,
+    "EnumAllProp": enum_all_prop,
+}

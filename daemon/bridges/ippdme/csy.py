@@ -1,0 +1,171 @@
+"""Coordinate systems: a chain of rigid transformations, kept over restarts.
+
+machine → MultipleArmCsy → MoveableMachineCsy → PartCsy. Each is p' = R (p − p0) with
+R = Rφ·Rθ·Rψ about z, x', z'' (1.4.3, 6.3.3 and A.4.2).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import platformdirs
+from pydantic import Field
+
+from armd.daemon.bridges.ippdme.errors import DmeError
+from armd.files import write_whole
+from armd.schema import Strict, load_json
+
+F64 = npt.NDArray[np.float64]
+MACHINE = "MachineCsy"
+#: From the machine outwards; a selected one includes all before it.
+CHAIN = ("MultipleArmCsy", "MoveableMachineCsy", "PartCsy")
+#: They exist as transformations only.
+OTHERS = ("JogDisplayCsy", "JogMoveCsy", "SensorCsy")
+
+
+class Transformation(NamedTuple):
+    """As the standard writes it: origin of the child in its parent in mm, angles in degrees."""
+
+    x0: float = 0.0
+    y0: float = 0.0
+    z0: float = 0.0
+    theta: float = 0.0
+    psi: float = 0.0
+    phi: float = 0.0
+
+    def rotation(self) -> F64:
+        """R (3, 3) of p' = R (p − p0)."""
+        angles = np.radians([self.theta, self.psi, self.phi])
+        (c1, c2, c3), (s1, s2, s3) = np.cos(angles), np.sin(angles)
+        return np.array(
+            [
+                [c2 * c3 - c1 * s2 * s3, s2 * c3 + c1 * c2 * s3, s1 * s3],
+                [-c2 * s3 - c1 * s2 * c3, -s2 * s3 + c1 * c2 * c3, s1 * c3],
+                [s1 * s2, -s1 * c2, c1],
+            ]
+        )
+
+    @property
+    def origin(self) -> F64:
+        return np.array([self.x0, self.y0, self.z0])
+
+    def checked(self) -> Transformation:
+        """Psi and Phi within a turn; raises `DmeError` for a Theta that is none."""
+        if not 0.0 <= self.theta <= 180.0:
+            raise DmeError(1007)
+        return self._replace(psi=self.psi % 360.0, phi=self.phi % 360.0)
+
+
+Selectable = Literal["MachineCsy", "MultipleArmCsy", "MoveableMachineCsy", "PartCsy"]
+Six = Annotated[tuple[float, ...], Field(min_length=6, max_length=6)]
+
+
+class Saved(Strict):
+    """The file that outlives the process."""
+
+    schema_: Literal["armd.ippdme/1"] = Field(alias="schema")
+    selected: Selectable = "MachineCsy"
+    transformations: dict[str, Six] = {}
+    named: dict[str, Six] = {}
+
+
+def state_file(serial: str) -> Path:
+    """In `$STATE_DIRECTORY`, else `$XDG_STATE_HOME/armd`."""
+    folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    base = Path(folder) if folder else Path(platformdirs.user_state_dir("armd"))
+    return base / f"ippdme-{serial}.json"
+
+
+class CoordinateSystems:
+    """What the client has set, on disk before it is told that it is done."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises `BadInput` for a file that is damaged: measuring on in another coordinate
+        system than the host believes in would be worse than not starting."""
+        self._path = path
+        saved = load_json(path, Saved) if path.exists() else Saved(schema="armd.ippdme/1")
+        self.selected: str = saved.selected
+        self._transformations = {k: Transformation(*v) for k, v in saved.transformations.items()}
+        self.named = {k: Transformation(*v) for k, v in saved.named.items()}
+        self._compose()
+
+    def select(self, name: str) -> None:
+        """Raises `DmeError` for a name that is none, or cannot be selected."""
+        if name in OTHERS:
+            raise DmeError(506)
+        if name != MACHINE and name not in CHAIN:
+            raise DmeError(505)
+        self._change(selected=name)
+
+    def get(self, name: str) -> Transformation:
+        if name not in CHAIN + OTHERS:
+            raise DmeError(505)
+        return self._transformations.get(name, Transformation())
+
+    def set(self, name: str, transformation: Transformation) -> None:
+        """Raises `DmeError` for a name or an angle that is none."""
+        self.get(name)
+        changed = {**self._transformations, name: transformation.checked()}
+        self._change(transformations=changed)
+
+    def save_named(self, name: str, transformation: Transformation) -> None:
+        self._change(named={**self.named, name: transformation.checked()})
+
+    def delete_named(self, name: str) -> None:
+        """Raises `DmeError` for a name that is not there."""
+        self.find_named(name)
+        self._change(named={k: v for k, v in self.named.items() if k != name})
+
+    def find_named(self, name: str) -> Transformation:
+        if name not in self.named:
+            raise DmeError(1013)
+        return self.named[name]
+
+    def position(self, base_mm: F64) -> F64:
+        """A point (3,) of the base frame in the selected coordinate system, mm."""
+        found: F64 = self._rotation @ base_mm + self._shift
+        return found
+
+    def direction(self, base: F64) -> F64:
+        """A vector (3,) likewise."""
+        found: F64 = self._rotation @ base
+        return found
+
+    def _change(
+        self,
+        selected: str | None = None,
+        transformations: dict[str, Transformation] | None = None,
+        named: dict[str, Transformation] | None = None,
+    ) -> None:
+        """On disk first; raises `DmeError` and changes nothing if that fails."""
+        selected = selected or self.selected
+        transformations = self._transformations if transformations is None else transformations
+        named = self.named if named is None else named
+        content = {
+            "schema": "armd.ippdme/1",
+            "selected": selected,
+            "transformations": transformations,
+            "named": named,
+        }
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(self._path, json.dumps(content, indent=1))
+        except OSError as error:
+            raise DmeError(511) from error
+        self.selected, self._transformations, self.named = selected, transformations, named
+        self._compose()
+
+    def _compose(self) -> None:
+        """Of the base frame to the selected system: p' = rotation · p + shift."""
+        self._rotation, self._shift = np.eye(3), np.zeros(3)
+        links = () if self.selected == MACHINE else CHAIN[: CHAIN.index(self.selected) + 1]
+        for name in links:
+            transformation = self.get(name)
+            rotation = transformation.rotation()
+            self._rotation = rotation @ self._rotation
+            self._shift = rotation @ (self._shift - transformation.origin)

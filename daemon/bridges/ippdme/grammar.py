@@ -1,0 +1,189 @@
+"""The standard's grammar (1.4.3, 6.1.4), read and written.
+
+    Number := [+-] (digits [.] [digits] | .digits) [(E|e) [+-] d[d[d]]]   with ≤ 16 digits in all
+    Arg    := String | Number | Property | ETag | Basic;   Method := Basic([Arg{, Arg}])
+    Name   := Basic{.Basic};   Property := Name([Arg{, Arg}])
+
+Any number of spaces before and after `,` and `(` and before `)`; none after `)`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+#: Characters of a line; CR and LF end it.
+LONGEST = 65536
+TAG = re.compile(r"(?!00000)\d{5}|E(?!0000)\d{4}")
+EVENT_TAG = re.compile(r"E\d{4}")
+_ILLEGAL = re.compile(r"[^ -~]")
+_METHOD = re.compile(r"([A-Za-z][A-Za-z0-9]*) *(.*)", re.DOTALL)
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[Ee][+-]?\d{1,3})?")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:\.[A-Za-z][A-Za-z0-9]*)*")
+_STRING = re.compile(r'"([^"]+)"')
+_COMMA = re.compile(r" *, *")
+_OPEN = re.compile(r" *\( *")
+_CLOSE = re.compile(r" *\)")
+DIGITS = 16
+
+
+@dataclass(frozen=True)
+class Text:
+    """A string between quotation marks."""
+
+    value: str
+
+
+@dataclass(frozen=True)
+class Word:
+    """A bare word: an enumeration's value, or an event tag."""
+
+    value: str
+
+
+@dataclass(frozen=True)
+class Property:
+    """`X()`, `X(1.5)`, `Tool.PtMeasPar.Speed(20)`."""
+
+    name: str
+    values: tuple[Arg, ...] = ()
+
+
+Arg = float | Text | Word | Property
+
+
+@dataclass(frozen=True)
+class Command:
+    """A line of the client's."""
+
+    tag: str
+    method: str
+    args: tuple[Arg, ...]
+
+
+class SyntaxFault(Exception):
+    """A line that is none of the grammar's.
+
+    `tag` is None where the line has none that is legal; `method` is its name as far as it can be
+    told, else the line itself, as it may stand in a string.
+    """
+
+    def __init__(self, number: int, tag: str | None, method: str) -> None:
+        super().__init__(number)
+        self.number = number
+        self.tag = tag
+        self.method = method
+
+
+def parse(line: str) -> Command:
+    """A line without its CR LF; raises `SyntaxFault`."""
+    tag = line[:5] if TAG.fullmatch(line[:5]) else None
+    if _ILLEGAL.search(line):
+        raise SyntaxFault(7, tag, _as_string(line))
+    if tag is None:
+        raise SyntaxFault(1, None, _as_string(line))
+    if line[5:6] != " ":
+        raise SyntaxFault(2, tag, _as_string(line))
+    found = _METHOD.match(line, 6)
+    if found is None:
+        raise SyntaxFault(8, tag, _as_string(line))
+    method = found[1]
+    reader = _Reader(line, 6 + len(method))
+    try:
+        args = reader.arguments()
+        reader.end()
+    except ValueError as error:
+        raise SyntaxFault(502, tag, method) from error
+    return Command(tag, method, args)
+
+
+def number(text: str) -> float | None:
+    """Its value; None if it is no number of the grammar's."""
+    found = _NUMBER.fullmatch(text)
+    if found is None or sum(letter.isdigit() for letter in text) > DIGITS:
+        return None
+    return float(text)
+
+
+class _Reader:
+    """Reads arguments from a place in a line on."""
+
+    def __init__(self, text: str, at: int) -> None:
+        self._text = text
+        self._at = at
+
+    def arguments(self) -> tuple[Arg, ...]:
+        """`( … )`; raises ValueError."""
+        self._take(_OPEN)
+        if self._try(_CLOSE):
+            return ()
+        args = [self._argument()]
+        while not self._try(_CLOSE):
+            self._take(_COMMA)
+            args.append(self._argument())
+        return tuple(args)
+
+    def end(self) -> None:
+        if self._at != len(self._text):
+            raise ValueError("more after the closing parenthesis")
+
+    def _argument(self) -> Arg:
+        if (string := self._try(_STRING)) is not None:
+            return Text(string[1])
+        if (written := self._try(_NUMBER)) is not None:
+            value = number(written[0])
+            if value is None:
+                raise ValueError("too many digits")
+            return value
+        name = self._take(_NAME)[0]
+        if _OPEN.match(self._text, self._at):
+            # A property of properties is none of the grammar's: no deeper than this.
+            inner = _Reader(self._text, self._at)
+            values = inner.arguments()
+            if any(isinstance(value, Property) for value in values):
+                raise ValueError("a property within a property")
+            self._at = inner._at
+            return Property(name, values)
+        if "." in name:
+            raise ValueError("a property without parentheses")
+        return Word(name)
+
+    def _try(self, pattern: re.Pattern[str]) -> re.Match[str] | None:
+        found = pattern.match(self._text, self._at)
+        if found is not None:
+            self._at = found.end()
+        return found
+
+    def _take(self, pattern: re.Pattern[str]) -> re.Match[str]:
+        found = self._try(pattern)
+        if found is None:
+            raise ValueError(f"unexpected at {self._at}")
+        return found
+
+
+# --- writing: the form that strict parsers and simple-minded hosts both read -----------------
+
+
+def decimal(value: float, places: int = 5) -> str:
+    """Fixed point, at most 16 digits, never −0."""
+    text = f"{value:.{places}f}"
+    if text.startswith("-") and not float(text):
+        text = text[1:]
+    digits = sum(letter.isdigit() for letter in text)
+    return text if digits <= DIGITS else f"{value:.{max(places - (digits - DIGITS), 0)}f}"
+
+
+def quoted(text: str) -> str:
+    """Between quotation marks."""
+    return f'"{_as_string(text)}"'
+
+
+def listed(parts: dict[str, str]) -> str:
+    """`X(1.00000), Y(2.00000)`: each part's arguments are written already."""
+    return ", ".join(f"{name}({written})" for name, written in parts.items())
+
+
+def _as_string(text: str) -> str:
+    """What a string of the grammar can hold of it: at least one character."""
+    shown = _ILLEGAL.sub("?", text.replace('"', "#"))
+    return shown[:200] or " "

@@ -1,0 +1,111 @@
+"""The arm as a measuring machine: where it is, what it measured, which tool it carries."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from armd import Flag
+from armd.daemon.bridges.ippdme.csy import CoordinateSystems
+from armd.daemon.bridges.ippdme.errors import DmeError
+from armd.daemon.bridges.ippdme.tools import Toolbox
+from armd.daemon.bridges.tips import Tips, shaft
+
+F64 = npt.NDArray[np.float64]
+
+#: Without a point for this long the arm is out of reach.
+SILENT_S = 1.0
+#: Q of a measurement: 0 good … 100 bad; the worst of its flags counts.
+QUALITY = {
+    Flag.INVALID: 100,
+    Flag.NOT_CALIBRATED: 75,
+    Flag.TEMPERATURE_STALE: 75,
+    Flag.JOINT_WARNING: 75,
+    Flag.TEMPERATURE_RANGE: 50,
+    Flag.TEMPERATURE_RATE: 50,
+    Flag.END_STOP: 25,
+}
+
+SelectTip = Callable[[str, Callable[[bool], None]], None]
+"""Ask the daemon for a tip by name ("": its own); it calls back with whether it was done."""
+
+
+class Machine:
+    """One for all clients; knows no network and no dialogue."""
+
+    def __init__(
+        self,
+        tips: Tips,
+        toolbox: Toolbox,
+        systems: CoordinateSystems,
+        select_tip: SelectTip,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.tips = tips
+        self.toolbox = toolbox
+        self.systems = systems
+        self.select_tip = select_tip
+        self.in_session: object | None = None
+        """The one client that is."""
+        self.temperatures_c: dict[str, float | None] = {}
+        self.part = {"Temperature": 20.0, "XpanCoefficient": 0.0}
+        self._clock = clock
+        self._point: tuple[F64, Any] | None = None  # position and orientation; None: invalid
+        self._heard_s = -math.inf
+        self._lost = True
+
+    def note_point(self, point: np.void) -> None:
+        """The latest one of `POINT`."""
+        self._heard_s = self._clock()
+        if int(point["flags"]) & Flag.INVALID:
+            self._point = None
+        else:
+            self._point = point["position_mm"].copy(), point["orientation"].tolist()
+
+    @property
+    def in_reach(self) -> bool:
+        """Points arrive."""
+        return self._clock() - self._heard_s < SILENT_S
+
+    def just_lost(self) -> bool:
+        """Once for each time that points stop."""
+        before, self._lost = self._lost, not self.in_reach
+        return self._lost and not before
+
+    def position(self) -> F64:
+        """Of the ball's centre now, in the selected coordinate system; raises `DmeError`."""
+        return self.systems.position(self._valid_point()[0])
+
+    def alignment(self) -> F64:
+        """Unit vector of the shaft from tip to wrist likewise."""
+        orientation = self._valid_point()[1]
+        tip = self.toolbox.current.tip or self.tips.get(None)
+        return self.systems.direction(np.array(shaft(orientation, tip)))
+
+    def _valid_point(self) -> tuple[F64, Any]:
+        if not self.in_reach:
+            raise DmeError(503)
+        if self._point is None:
+            raise DmeError(1000)
+        return self._point
+
+    def hit(self, measurement: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
+        """A measurement's fields as OnPtMeasReport names them; it must have a position."""
+        position = self.systems.position(np.array(measurement["position_mm"]))
+        out = self.systems.direction(np.array(self.tips.out_of_material(measurement)))
+        x, y, z = position.tolist()
+        flags = Flag(measurement["flags"])
+        return {
+            "X": (x,),
+            "Y": (y,),
+            "Z": (z,),
+            "IJK": tuple(out.tolist()),
+            "ER": (self.tips.get(measurement["tip"]).radius_mm,),
+            "Q": (max((QUALITY.get(flag, 0) for flag in flags), default=0),),
+            "IJKAct": (0,),
+        }

@@ -1,0 +1,99 @@
+"""What is reported of a hit or of a motion, and when."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.daemon.bridges.ippdme.errors import DmeError
+from armd.daemon.bridges.ippdme.grammar import Arg, Property, decimal
+
+Fields = Mapping[str, tuple[float, ...]]
+
+MOTION = ("X", "Y", "Z")
+HIT = (*MOTION, "IJK", "ER", "Q")
+#: Says whether IJK is measured (0), nominal or the tool's direction.
+HIT_2_5 = (*HIT, "IJKAct")
+SCAN = (*HIT, "R")
+#: At most ten reports a second.
+SHORTEST_S = 0.1
+_PLACES = {"IJK": 6, "Q": 0, "IJKAct": 0}
+
+
+def written_fields(names: Sequence[str], fields: Fields) -> dict[str, str]:
+    """Those that were asked for, in that order."""
+    return {
+        name: ", ".join(decimal(value, _PLACES.get(name, 5)) for value in fields[name])
+        for name in names
+    }
+
+
+def asked_for(args: Sequence[Arg], allowed: Sequence[str]) -> tuple[str, ...]:
+    """The names of `X(), Y(), …`; raises `DmeError` for one that is none, or stands twice."""
+    if not args:
+        raise DmeError(502)
+    names = []
+    for arg in args:
+        if not isinstance(arg, Property):
+            raise DmeError(509)
+        if arg.name == "R" and "R" not in allowed:
+            raise DmeError(1002)  # no rotary table
+        if arg.name not in allowed or arg.name in names or arg.values:
+            raise DmeError(510)
+        names.append(arg.name)
+    return tuple(names)
+
+
+@dataclass
+class MoveReport:
+    """A daemon: reports when *time_s* are over or the tip is further than *distance_mm* away."""
+
+    tag: str
+    fields: tuple[str, ...]
+    time_s: float | None
+    distance_mm: float | None
+    _last_s: float = -math.inf
+    _last_mm: npt.NDArray[np.float64] | None = None
+
+    def hurry(self) -> None:
+        """The next one is due as soon as one may be."""
+        self._last_mm = None
+
+    def is_due(self, now_s: float, position_mm: npt.NDArray[np.float64]) -> bool:
+        since_s = now_s - self._last_s
+        if since_s < SHORTEST_S:
+            return False
+        if (
+            self._last_mm is None
+            or (self.time_s is not None and since_s >= self.time_s)
+            or (
+                self.distance_mm is not None
+                and math.dist(position_mm, self._last_mm) > self.distance_mm
+            )
+        ):
+            self._last_s, self._last_mm = now_s, position_mm
+            return True
+        return False
+
+
+def move_report(tag: str, args: Sequence[Arg], both_needed: bool) -> MoveReport:
+    """Of `OnMoveReportE(Time(1), Dis(20), X(), …)`; raises `DmeError`."""
+    limits: dict[str, float] = {}
+    fields = []
+    for arg in args:
+        if isinstance(arg, Property) and arg.name in ("Time", "Dis"):
+            if len(arg.values) != 1 or not isinstance(arg.values[0], float):
+                raise DmeError(510)
+            lowest = SHORTEST_S if arg.name == "Time" else 0.0
+            if arg.name in limits or arg.values[0] < lowest:
+                raise DmeError(510)
+            limits[arg.name] = arg.values[0]
+        else:
+            fields.append(arg)
+    if not limits or (both_needed and len(limits) < 2):
+        raise DmeError(502)
+    return MoveReport(tag, asked_for(fields, MOTION), limits.get("Time"), limits.get("Dis"))

@@ -1,0 +1,188 @@
+"""The network side: clients by TCP, the arm by Zenoh, both on one loop that never waits."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import Any
+
+import numpy as np
+
+from armd import POINT, Arm, ArmdError, keys
+from armd.daemon.bridges.ippdme.commands_2_5 import VERSIONS
+from armd.daemon.bridges.ippdme.csy import CoordinateSystems, state_file
+from armd.daemon.bridges.ippdme.errors import DmeError
+from armd.daemon.bridges.ippdme.grammar import LONGEST
+from armd.daemon.bridges.ippdme.machine import Machine
+from armd.daemon.bridges.ippdme.session import Session
+from armd.daemon.bridges.ippdme.tools import REF_TOOL, Toolbox
+from armd.daemon.bridges.listening import Address, Client, listen
+from armd.daemon.bridges.process import in_thread, ready
+from armd.daemon.bridges.tips import Tips
+from armd.errors import BadInput
+
+TICK_S = 0.02
+#: Buttons of the arm, from 0, that are keys of the host's instead of a hit.
+KEYS = {1: "Done", 2: "Del"}
+#: Events of the daemon that are errors of a machine: kind → number, and its place.
+FAULTS: dict[str, tuple[int, Callable[[Mapping[str, Any]], str]]] = {
+    "joint_invalid": (2503, lambda event: f"encoder{event['detail'].get('joint', '')}"),
+    "count_jump": (2502, lambda event: f"encoder{event['detail'].get('joint', '')}"),
+}
+
+
+class Connection(Client):
+    """One client's socket: bytes to lines, lines to bytes."""
+
+    def __init__(self, machine: Machine, version: str, all_of_them: set[Connection]) -> None:
+        super().__init__()
+        self._all = all_of_them
+        self._unread = b""
+        self.session = Session(machine, VERSIONS[version], version, self._send_line)
+
+    def begin(self) -> None:
+        self._all.add(self)
+
+    def end(self) -> None:
+        self._all.discard(self)
+        self.session.end()
+
+    def data_received(self, data: bytes) -> None:
+        *lines, self._unread = (self._unread + data).split(b"\n")
+        for line in lines:
+            if not self.connected:
+                return
+            # A line that ends without CR keeps its LF, which the grammar then refuses.
+            text = line[:-1] if line.endswith(b"\r") else line + b"\n"
+            if len(text) > LONGEST:
+                self._too_long()
+                return
+            self.session.receive(text.decode("latin-1"))
+        if len(self._unread) > LONGEST:
+            self._too_long()
+
+    def _too_long(self) -> None:
+        self._send_line(f"E0000 ! {DmeError(8).written('line')}")
+        self._unread = b""
+        self.close()
+
+    def _send_line(self, line: str) -> None:
+        self.send(f"{line}\r\n".encode("ascii"))
+
+
+class Server:
+    """Serves one arm to inspection software."""
+
+    def __init__(self, arm: Arm, version: str, aliases: Mapping[str, str]) -> None:
+        self._arm = arm
+        self._version = version
+        self._aliases = aliases
+        self._connections: set[Connection] = set()
+        self._uptime_s = 0.0
+        self._tasks: set[asyncio.Task[None]] = set()  # asyncio itself keeps no hold of them
+
+    async def serve(self, address: Address) -> None:
+        """Until cancelled."""
+        info = await in_thread(self._arm.info)
+        tips = Tips(info)
+        for alias, tip in self._aliases.items():
+            if tip not in (REF_TOOL, *tips.names):
+                known = ", ".join([REF_TOOL, *tips.names])
+                where = "--alias"
+                raise BadInput("the command line", where, f"{alias}={tip}", f"a tip: {known}")
+        toolbox = Toolbox(tips, self._aliases, info["tip"])
+        systems = CoordinateSystems(state_file(self._arm.serial))
+        self._machine = Machine(tips, toolbox, systems, self._select_tip)
+        loop = asyncio.get_running_loop()
+        listeners: dict[str, Callable[[dict[str, Any]], None]] = {
+            keys.MEASUREMENT: self._take_measurement,
+            keys.EVENT: self._take_event,
+            keys.HEALTH: self._take_health,
+        }
+
+        def on_loop(take: Callable[[dict[str, Any]], None]) -> Callable[[bytes], None]:
+            def hand_over(data: bytes) -> None:  # in Zenoh's thread
+                if not loop.is_closed():
+                    loop.call_soon_threadsafe(lambda: take(json.loads(data)))
+
+            return hand_over
+
+        with ExitStack() as stack:
+            for what, take in listeners.items():
+                stack.enter_context(self._arm.calling(what, on_loop(take)))
+            points = stack.enter_context(self._arm.stream(keys.POINT))
+            server, where = await listen(address, self._connection)
+            async with server:
+                ready("ippdme", where)
+                while True:
+                    await asyncio.sleep(TICK_S)
+                    self._tick(points.take())
+
+    def _connection(self) -> Connection:
+        return Connection(self._machine, self._version, self._connections)
+
+    def _tick(self, payloads: list[bytes]) -> None:
+        if payloads:
+            self._machine.note_point(np.frombuffer(payloads[-1], POINT)[0])
+        if self._machine.just_lost():
+            self._tell(lambda session: session.take_error(DmeError(503), "armd"))
+        now_s = time.monotonic()
+        self._tell(lambda session: session.tick(now_s))
+
+    def _tell(self, say: Callable[[Session], None]) -> None:
+        for connection in list(self._connections):
+            say(connection.session)
+
+    def _take_measurement(self, measurement: dict[str, Any]) -> None:
+        self._tell(lambda session: session.take_measurement(measurement))
+
+    def _take_event(self, event: dict[str, Any]) -> None:
+        kind, detail = event["kind"], event.get("detail") or {}
+        if kind == "button":
+            self._take_keys(keys_of(detail.get("buttons", [])), detail.get("seq", 0))
+        elif kind == "tip" and "tip" in detail:
+            self._note_tip(detail["tip"])
+        elif kind in FAULTS:
+            number, place = FAULTS[kind]
+            self._tell(lambda session: session.take_error(DmeError(number), place(event)))
+
+    def _take_keys(self, names: list[str], seq: int) -> None:
+        def take(session: Session) -> None:
+            for name in names:
+                session.take_key(name, seq)
+
+        self._tell(take)
+
+    def _take_health(self, health: dict[str, Any]) -> None:
+        self._machine.temperatures_c = health["temperatures"]
+        if health["uptime_s"] < self._uptime_s:  # a new daemon, which told no event of its tip
+            self._note_tip(health["tip"])
+        self._uptime_s = health["uptime_s"]
+
+    def _note_tip(self, tip_name: str | None) -> None:
+        tool = self._machine.toolbox.note_tip(tip_name)
+        if tool is not None:
+            self._tell(lambda session: session.take_tool(tool.name))
+
+    def _select_tip(self, name: str, settle: Callable[[bool], None]) -> None:
+        async def ask() -> None:
+            try:
+                await in_thread(lambda: self._arm.command("tip", name=name))
+            except ArmdError:
+                settle(False)
+            else:
+                settle(True)
+
+        task = asyncio.ensure_future(ask())
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+
+def keys_of(buttons: list[int]) -> list[str]:
+    """The host's names of buttons that went down together; none if the first is among them."""
+    if not buttons or 0 in buttons:
+        return []
+    return [KEYS.get(button, f"F{button - len(KEYS)}") for button in buttons]

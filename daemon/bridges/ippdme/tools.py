@@ -1,0 +1,165 @@
+"""Tools: RefTool (the calibration's own tip), NoTool, and the tips of armd.toml, with aliases.
+
+A manual arm drives nowhere, but hosts read and set speeds and distances all the same, so every
+tool has them: Min ≤ Act ≤ Max, Def what Act is at first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from armd.daemon.bridges.ippdme.errors import DmeError
+from armd.daemon.bridges.tips import Tip, Tips
+
+REF_TOOL, NO_TOOL, UNDEF_TOOL, BASE_TOOL = "RefTool", "NoTool", "UnDefTool", "BaseTool"
+RESERVED = (REF_TOOL, NO_TOOL, UNDEF_TOOL, BASE_TOOL)
+
+#: block → property → (Min, Max, Def); mm/s, mm/s², mm
+LIMITS: dict[str, dict[str, tuple[float, float, float]]] = {
+    "GoToPar": {"Speed": (0.1, 1000.0, 100.0), "Accel": (0.1, 10000.0, 1000.0)},
+    "PtMeasPar": {
+        "Speed": (0.1, 1000.0, 10.0),
+        "Accel": (0.1, 10000.0, 1000.0),
+        "Approach": (0.0, 1000.0, 10.0),
+        "Search": (0.0, 1000.0, 10.0),
+        "Retract": (0.0, 1000.0, 10.0),
+    },
+    "ScanPar": {
+        "Speed": (0.1, 1000.0, 10.0),
+        "Accel": (0.1, 10000.0, 1000.0),
+        "Retract": (0.0, 1000.0, 10.0),
+    },
+}
+PARTS = ("Act", "Def", "Max", "Min")
+
+
+@dataclass
+class Tool:
+    """One tool, by the name the host knows it by."""
+
+    name: str
+    tip_name: str | None
+    """Of armd.toml; None: the calibration's own."""
+    tip: Tip | None
+    """None: it cannot measure."""
+    actual: dict[str, float] = field(default_factory=dict)
+    """What the host has set, by `PtMeasPar.Speed`."""
+
+    @property
+    def measures(self) -> bool:
+        return self.tip is not None
+
+    @property
+    def radius_mm(self) -> float:
+        return 0.0 if self.tip is None else self.tip.radius_mm
+
+    def number(self, name: str) -> float:
+        """`PtMeasPar.Speed`, `PtMeasPar.Speed.Max`; raises `DmeError` for a name that is none."""
+        key, part = self._find(name)
+        low, high, default = _limits(key)
+        if part == "Act":
+            return self.actual.get(key, default)
+        return {"Min": low, "Max": high, "Def": default}[part]
+
+    def set_number(self, name: str, value: float) -> bool:
+        """Whether *value* was within the limits; if not, the nearer limit is set."""
+        key, part = self._find(name)
+        if part != "Act":
+            raise DmeError(510)
+        low, high, _ = _limits(key)
+        self.actual[key] = min(max(value, low), high)
+        return low <= value <= high
+
+    def _find(self, name: str) -> tuple[str, str]:
+        """`PtMeasPar.Speed` and `Act`."""
+        if not self.measures:
+            raise DmeError(507)
+        words = name.split(".")
+        key, part = ".".join(words[:2]), words[2] if len(words) == 3 else "Act"
+        if not 2 <= len(words) <= 3 or part not in PARTS:
+            raise DmeError(510)
+        _limits(key)
+        return key, part
+
+
+def _limits(key: str) -> tuple[float, float, float]:
+    block, _, name = key.partition(".")
+    try:
+        return LIMITS[block][name]
+    except KeyError as error:
+        raise DmeError(510) from error
+
+
+def properties(block: str) -> Iterator[tuple[str, str]]:
+    """Names below `Tool` (block "") or `Tool.PtMeasPar` (block "PtMeasPar"), dotted, with types.
+
+    Those without a dot are the block's own. Raises `DmeError` for a block that is none.
+    """
+    if block == "":
+        yield from (("Name", "String"), ("Id", "String"), ("AvrRadius", "Number"))
+        yield ("Alignment", "Number")
+        for name in LIMITS:
+            yield name, "Property"
+            yield from ((f"{name}.{below}", kind) for below, kind in properties(name))
+        return
+    head, _, name = block.partition(".")
+    if head not in LIMITS or (name and name not in LIMITS[head]):
+        raise DmeError(510)
+    for below in [name] if name else LIMITS[head]:
+        prefix = "" if name else f"{below}."
+        if not name:
+            yield below, "Number"
+        yield from ((prefix + part, "Number") for part in PARTS)
+
+
+class Toolbox:
+    """All tools, and the one in use; host and operator both change it."""
+
+    def __init__(self, tips: Tips, aliases: Mapping[str, str], tip_name: str | None) -> None:
+        """*aliases* by the host's name → the tip's, or RefTool; *tip_name* is the one in use."""
+        self._by_name: dict[str, Tool] = {}
+        self._add(REF_TOOL, None, tips.get(None))
+        self._add(NO_TOOL, None, None)
+        for name in tips.names:
+            if name not in RESERVED:
+                self._add(name, name, tips.get(name))
+        for alias, meant in aliases.items():
+            known = None if meant == REF_TOOL else meant
+            self._add(alias, known, tips.get(known))
+        self._aliases = list(aliases)
+        self.undefined = Tool(UNDEF_TOOL, None, None)
+        self.found = self.undefined
+        self.current = self._by_tip(tip_name)
+
+    def _add(self, name: str, tip_name: str | None, tip: Tip | None) -> None:
+        self._by_name[name] = Tool(name, tip_name, tip)
+
+    @property
+    def names(self) -> list[str]:
+        return list(self._by_name)
+
+    def get(self, name: str) -> Tool:
+        """Raises `DmeError` if there is none of that name, or none that can be used."""
+        if name == UNDEF_TOOL:
+            raise DmeError(1503)
+        if name not in self._by_name:
+            raise DmeError(1502)
+        return self._by_name[name]
+
+    def use(self, tool: Tool) -> None:
+        self.current = tool
+
+    def note_tip(self, tip_name: str | None) -> Tool | None:
+        """The arm measures with this tip now: the tool, if it is another than before."""
+        if self.current.measures and self.current.tip_name == tip_name:
+            return None
+        self.current = self._by_tip(tip_name)
+        return self.current
+
+    def _by_tip(self, tip_name: str | None) -> Tool:
+        """By an alias if it has one: that is the name the host knows."""
+        names = [*self._aliases, *self._by_name]
+        tools = (self._by_name[name] for name in names)
+        matching = (tool for tool in tools if tool.measures and tool.tip_name == tip_name)
+        return next(matching, self._by_name[REF_TOOL])
