@@ -37,6 +37,7 @@ MEASUREMENT: dict[str, Any] = {
     "trigger": "button", "seq": 7, "position_mm": [1.5, 2.5, 3.5], "tip": "Ball3", "flags": 512,
     "orientation": [0.0, 0.0, 0.0, 1.0], "approach": [0.0, 0.0, -1.0],
 }  # fmt: skip
+PAGE = Path(__file__).parents[2] / "docs" / "ippdme.md"
 RESPONSE = re.compile(r"(\d{5}|E\d{4}) (&|%|# .+|! Error\(\d, \d{4}, \"[^\"]+\", \"[^\"]+\"\))")
 
 
@@ -148,6 +149,20 @@ def test_the_dialogue_of_the_standard(bench: Bench) -> None:
     ]
     assert bench.type("00009 EndSession()") == ["00009 &", "00009 %"]
     assert bench.error("00010 Get(X())") == (3, 507)
+
+
+def test_the_page_shows_this_dialogue(bench: Bench) -> None:
+    shown = re.findall(r"^(C|S) (.*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(shown) > 8
+    bench.type("00099 EndSession()")
+    for who, line in shown:
+        if line.startswith("E0000"):
+            bench.press()
+            assert bench.said[-1] == line
+        elif who == "C":
+            answer = bench.type(line)
+        else:
+            assert answer.pop(0) == line
 
 
 def test_a_press_has_what_was_asked_for_in_that_order(bench: Bench) -> None:
