@@ -6,7 +6,7 @@ from __future__ import annotations
 from difflib import get_close_matches
 from typing import Annotated, Literal, Self
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
@@ -61,10 +61,46 @@ def _wrong(key: str, found: str, expected: str) -> PydanticCustomError:
     )
 
 
+ServoId = Annotated[int, Field(ge=0, le=252)]
+
+
+class Trigger(Strict):
+    """A servo that is a button: bit 0 while its raw position (0…4095) is below."""
+
+    id: ServoId
+    pressed_below: Annotated[int, Field(ge=1, le=4095)]
+
+
+class ServoConfig(Strict):
+    kind: Literal["feetech", "dynamixel"]
+    port: Annotated[str, Field(min_length=1)]  # a stable name: /dev/serial/by-id/…
+    baud: Annotated[int, Field(gt=0)] = 1_000_000
+    ids: Annotated[list[ServoId], Field(min_length=3, max_length=9)]  # joint k is ids[k-1]
+    rate_hz: Annotated[float, Field(gt=0, le=2000)] | None = None  # None: what the line allows
+    temperature_ids: list[ServoId] | None = None  # sensor k is this servo's; None: ids
+    trigger: Trigger | None = None
+    adapter_serial: Annotated[str, Field(min_length=1)] | None = None  # of the USB adapter
+    # Nothing is ever written to a servo but by these two, at each connection:
+    torque_off: bool = False
+    return_delay_us: Annotated[int, Field(ge=0, le=508, multiple_of=2)] | None = None
+    #: take changed homing offsets and other servos without `armd accept`
+    accept_changed_offsets: bool = False
+    max_joint_rate_deg_s: Annotated[float, Field(gt=0)] = MAX_JOINT_RATE_DEG_S
+
+    @field_validator("ids", "temperature_ids")
+    @classmethod
+    def _once_each(cls, ids: list[int] | None) -> list[int] | None:
+        if ids is not None and len(set(ids)) != len(ids):
+            raise ValueError("each id once")
+        return ids
+
+
 class ReplayConfig(Strict):
     kind: Literal["replay"]
     file: Annotated[str, Field(min_length=1)]  # MCAP, relative to armd.toml
     speed: Annotated[float, Field(ge=0)] = 1.0  # 0: as fast as it goes
 
 
-DriverConfig = Annotated[SerialConfig | CanConfig | ReplayConfig, Field(discriminator="kind")]
+DriverConfig = Annotated[
+    SerialConfig | CanConfig | ServoConfig | ReplayConfig, Field(discriminator="kind")
+]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,9 +15,11 @@ GOOD_FOR_NS = 500_000_000  # so long must a joint hold before it counts as recov
 class JointWatch:
     """Watches one kind of trouble. The events are *kind* and then "joint_valid"."""
 
-    def __init__(self, kind: str, trouble: str) -> None:
+    def __init__(self, kind: str, trouble: str, names: Sequence[str] = ()) -> None:
+        """*names* of the joints, if they are called more than "joint 3"."""
         self._kind = kind
         self._trouble = trouble  # what follows "joint 3: "
+        self._names = names
         self._last_bad_ns: dict[int, int] = {}  # joint (from 1) → device_ns
 
     @property
@@ -33,13 +37,16 @@ class JointWatch:
             rows = np.flatnonzero((bad >> (k - 1)) & 1)
             if len(rows):
                 if k not in self._last_bad_ns:
-                    text = f"joint {k}: {self._trouble}"
+                    text = f"{self._name(k)}: {self._trouble}"
                     found.append(Event(self._kind, text, now_ns, "error", {"joint": k}))
                 self._last_bad_ns[k] = int(samples["device_ns"][rows[-1]])
             elif k in self._last_bad_ns and not (
                 0 <= device_ns - self._last_bad_ns[k] < GOOD_FOR_NS
             ):
                 del self._last_bad_ns[k]
-                text = f"joint {k} is valid again ({self._trouble})"
+                text = f"{self._name(k)} is valid again ({self._trouble})"
                 found.append(Event("joint_valid", text, now_ns, "info", {"joint": k}))
         return found
+
+    def _name(self, k: int) -> str:
+        return self._names[k - 1] if self._names else f"joint {k}"

@@ -16,7 +16,8 @@ def sample_dtype(n_joints: int) -> np.dtype[np.void]:
 
     `count` is unwrapped, so a wrap at 2^bits never shows here. Its first value lies between
     −half and +half of the encoder's range; the turn in which the arm woke up is not known.
-    An invalid joint's count is present but means nothing.
+    An invalid joint's count is present but means nothing. It has a fraction only where joints
+    were read one after the other and moved to the row's instant.
     """
     return np.dtype(
         [
@@ -24,7 +25,7 @@ def sample_dtype(n_joints: int) -> np.dtype[np.void]:
             ("device_ns", "<i8"),  # latch instant on the device's clock, since its boot
             ("stamp_ns", "<i8"),  # the same instant, Unix time
             ("monotonic_ns", "<i8"),  # the same instant, the controller's CLOCK_MONOTONIC
-            ("count", "<i8", (n_joints,)),  # before `direction` and `theta_deg` of arm.toml
+            ("count", "<f8", (n_joints,)),  # before `direction` and `theta_deg` of arm.toml
             ("joint_invalid", "<u2"),  # bit k-1: joint k invalid (status bit, jump, alarm)
             ("joint_warning", "<u2"),  # bit k-1: joint k warns, its count still holds
             ("buttons", "<u4"),
@@ -42,6 +43,7 @@ class Temperatures:
     device_ns: int
     monotonic_ns: int  # host arrival where the device clock is not mapped yet
     stamp_ns: int  # the same instant, Unix time
+    resolution_c: float = 0.0  # of a sensor whose step is no change to be afraid of
 
 
 @dataclass(frozen=True, slots=True)

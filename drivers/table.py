@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from armd.drivers.config import CanConfig, ReplayConfig, SerialConfig
+from armd.drivers.config import DriverConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Driver
 
 DRIVERS = {
     "serial": "armd.drivers.serial_port:SerialDriver",
     "can": "armd.drivers.can.driver:CanDriver",
+    "feetech": "armd.drivers.poll.driver:ServoDriver",
+    "dynamixel": "armd.drivers.poll.driver:ServoDriver",
     "replay": "armd.drivers.replay:ReplayDriver",
 }
 
 
-def open_driver(
-    config: SerialConfig | CanConfig | ReplayConfig, expectation: Expectation
-) -> Driver:
+def open_driver(config: DriverConfig, expectation: Expectation) -> Driver:
     """The driver that *config* names, open. Missing hardware is waited for, in `Driver.read`."""
     module, name = DRIVERS[config.kind].split(":")
     driver: Driver = getattr(import_module(module), name)(config, expectation)

@@ -1,0 +1,128 @@
+"""Getting to know the servos of a connection: who they are, whether they are the arm's, and what
+the configuration wants written to them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from serial.tools import list_ports
+
+from armd.drivers.config import ServoConfig
+from armd.drivers.poll.decoder import ServoDecoder, note
+from armd.drivers.poll.memory import Memory
+from armd.drivers.poll.packet import ReadRequest
+from armd.drivers.poll.plan import Plan
+from armd.errors import BadInput
+
+TRIES = 3  # identity requests before a servo counts as missing
+LOOK_EVERY_NS = 250_000_000  # whether somebody has said `armd accept`
+
+
+class Acquaintance:
+    """Of one line; `restart` with each connection."""
+
+    def __init__(
+        self, config: ServoConfig, decoder: ServoDecoder, plan: Plan, serial_number: str
+    ) -> None:
+        self._config = config
+        self._decoder = decoder
+        self._plan = plan
+        self._memory = Memory(serial_number, decoder.family.models)
+        self.restart()
+
+    def restart(self) -> None:
+        self._tries = 0
+        #: geometries that the last verdict was about, by servo id
+        self._judged: dict[int, dict[str, Any]] | None = None
+        self._remembered_ns = 0
+        self._look_due_ns = 0
+        self._adapter_asked = False
+        self._written: set[tuple[int, int]] = set()  # servo and register
+        self._check: list[int] = []  # whose registers to read after a write
+
+    def question(self, now_ns: int) -> ReadRequest | None:
+        """Before the first cycle: all that have not said who they are; later after a write."""
+        roster = self._decoder.roster
+        if self._check:
+            servos, self._check = self._check, []
+            return self._plan.identity(servos)
+        if self._judged is not None:
+            return None
+        wanted = [servo for servo in self._decoder.everyone if servo not in roster.servos]
+        self._tries += 1
+        return self._plan.identity(wanted)
+
+    def notes(self, now_ns: int) -> Iterator[bytes]:
+        """What the decoder must be told before the next request."""
+        roster = self._decoder.roster
+        if not self._adapter_asked:
+            self._adapter_asked = True
+            yield from self._adapter()
+        missing = [servo for servo in self._decoder.everyone if servo not in roster.servos]
+        if self._judged is None:
+            if missing and (self._tries < TRIES or not roster.servos):
+                return
+            if missing:
+                yield note(note="missing", servos=missing)
+        now_known = {servo: who.geometry for servo, who in roster.servos.items()}
+        known = self._judged is not None and now_known.items() <= self._judged.items()
+        if known and not self._accepted_meanwhile(now_ns):
+            return
+        self._judged = (self._judged or {}) | now_known
+        yield from self._judge()
+
+    def _accepted_meanwhile(self, now_ns: int) -> bool:
+        if not self._decoder.roster.changed or now_ns < self._look_due_ns:
+            return False
+        self._look_due_ns = now_ns + LOOK_EVERY_NS
+        return self._memory.changed_ns() != self._remembered_ns
+
+    def _judge(self) -> Iterator[bytes]:
+        accept = self._config.accept_changed_offsets
+        try:
+            changed = self._memory.compare(self._decoder.roster.servos, accept)
+        except BadInput as error:
+            text = f"{error}; say `armd accept` once it is gone"
+            yield note(note="foreign", text=text)
+            return
+        except OSError as error:
+            text = f"the servos' offsets cannot be remembered: {error}"
+            yield note(note="told", kind="memory", text=text, severity="warning")
+            changed = {}
+        self._remembered_ns = self._memory.changed_ns()
+        yield note(note="verdict", changed=changed)
+
+    def _adapter(self) -> Iterator[bytes]:
+        """The USB adapter's serial number, where the configuration names one."""
+        wanted = self._config.adapter_serial
+        if wanted is None:
+            return
+        device = Path(self._config.port).resolve()
+        found = next(
+            (port.serial_number for port in list_ports.comports() if Path(port.device) == device),
+            None,
+        )
+        if found != wanted:
+            text = f"adapter {self._config.port}: serial number: found {found or 'none'}, "
+            yield note(note="foreign", text=text + f"expected {wanted}")
+
+    def write_due(self) -> bytes | None:
+        """What [driver] torque_off and return_delay_us want, once each; nothing else is written."""
+        family, roster = self._decoder.family, self._decoder.roster
+        if self._judged is None:
+            return None
+        for servo, who in roster.servos.items():
+            wanted = []
+            if self._config.torque_off and who.torque:
+                wanted.append((family.torque, 0))
+            delay_us = self._config.return_delay_us
+            if delay_us is not None and who.return_delay_us != delay_us:
+                wanted.append((family.return_delay, delay_us // 2))
+            for register, value in wanted:
+                if (servo, register) not in self._written:
+                    self._written.add((servo, register))
+                    self._check = [*self._check, servo]
+                    return family.write(servo, register, bytes([value]))
+        return None

@@ -1,0 +1,297 @@
+"""Raw frames of a servo line → samples, temperatures and events. No port, no clock of its own.
+
+Sent frames say what was asked and when; whatever else the driver found out comes as notes, frames
+of direction "link", so that a recording replays to the same samples, bit by bit.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from typing import Any
+
+from armd.drivers.config import ServoConfig
+from armd.drivers.identity import Expectation
+from armd.drivers.poll.exchange import Exchange
+from armd.drivers.poll.family import FAMILIES
+from armd.drivers.poll.roster import Roster
+from armd.drivers.poll.sampler import ServoSampler
+from armd.drivers.poll.servo import Servo
+from armd.drivers.poll.slots import instants
+from armd.drivers.poll.warmth import RESOLUTION_C, Warmth
+from armd.drivers.sample import Event, Item, RawFrame, Temperatures
+from armd.drivers.unwrap import warm_up
+
+CHANNEL = "poll"
+COUNTED = ("missed", "late", "foreign", "repeated", "refused", "echoes", "unasked")
+OVER = b'{"note": "over"}'  # the time for the last request's answers is over
+BITS = 10  # of a byte on the line: start, eight, stop
+
+
+def note(**fields: Any) -> bytes:
+    """Data of a "link" frame: {"note": "up", "down", "missing", "verdict", "foreign", "state"}."""
+    return json.dumps(fields).encode()
+
+
+class ServoDecoder:
+    """Feed it every `RawFrame` of a line in order, sent ones too."""
+
+    def __init__(self, config: ServoConfig, expectation: Expectation) -> None:
+        self.family = family = FAMILIES[config.kind]
+        self.last_sample_ns: int | None = None  # arrival, host monotonic
+        self.last_heard_ns: int | None = None  # of anybody who was asked
+        self.exchange: Exchange | None = None  # the one whose answers may still come
+        self._expected = expectation
+        self._port = config.port
+        self.byte_ns = BITS * 1e9 / config.baud
+        self.joints = tuple(config.ids)
+        self._trigger = config.trigger
+        sensors = config.ids if config.temperature_ids is None else config.temperature_ids
+        sensors = sensors[: expectation.n_sensors]
+        #: whom a cycle asks, and whom one that wants temperatures does
+        self.cycle_ids = self.joints
+        if self._trigger is not None and self._trigger.id not in self.joints:
+            self.cycle_ids += (self._trigger.id,)
+        self.everyone = self.cycle_ids + tuple(s for s in sensors if s not in self.cycle_ids)
+        self.roster = Roster(family, self.joints, self.cycle_ids, self.everyone)
+        self.chain_broken = False  # the last cycle's answers ended early, all in one packet
+        self._sampler = ServoSampler(config.ids, config.max_joint_rate_deg_s)
+        self._warmth = Warmth(sensors)
+        self._splitter = family.splitter()
+        self._own = family.splitter()  # of what we say
+        self._number = -1  # of the present cycle
+        self._settled = False  # it is known whose arm this is
+        self._counted: Counter[str] = Counter()
+        self._missed: Counter[int] = Counter()
+        self._any: RawFrame | None = None  # some frame, for its clocks
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """Cycles delivered, cycles and answers that were not, and every other kind of byte."""
+        missed = {f"servo_{servo}_missed": n for servo, n in sorted(self._missed.items())}
+        return {name: self._counted[name] for name in COUNTED} | {
+            "samples": self._sampler.delivered,
+            "lost": self._sampler.lost,
+            "bad_sum": self._splitter.bad_sum,
+            "junk": self._splitter.junk,
+            **missed,
+        }
+
+    @property
+    def accepted(self) -> bool:
+        """Whoever answers belongs to our arm, as it was when its geometry was found."""
+        roster = self.roster
+        return self._settled and bool(roster.servos) and not (roster.changed or roster.foreign)
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache: before the first sample, not while it waits."""
+        warm_up()
+
+    def preamble(self) -> list[RawFrame]:
+        """What a fresh decoder must be fed to go on from here."""
+        if self._any is None or not self._settled:
+            return []
+        state = note(
+            note="state",
+            number=self._number,
+            servos={servo: found.as_json() for servo, found in self.roster.servos.items()},
+            changed=self.roster.changed,
+            warmth=self._warmth.state(),
+            sampler=self._sampler.state(),
+        )
+        return [self._any._replace(direction="link", data=state)]
+
+    def feed(self, frame: RawFrame) -> list[Item]:
+        """What *frame* completes."""
+        self._any = frame
+        if frame.direction == "rx":
+            return self._receive(frame)
+        if frame.direction == "tx":
+            return self._send(frame)
+        if frame.data == OVER:
+            return self._close(frame)
+        return self._take_note(json.loads(frame.data), frame.monotonic_ns)
+
+    # --- asking and answering ----------------------------------------------------------------
+
+    def _send(self, frame: RawFrame) -> list[Item]:
+        items = self._close(frame)
+        (packet,) = self._own.push(frame.data)
+        request = self.family.request(packet)
+        if request is None:  # a write: its answers say nothing that is not read again
+            return items
+        retry, self.chain_broken = self.chain_broken and not request.fast, False
+        if request.address == self.family.position and not retry:
+            self._number += 1
+        self.exchange = Exchange(request, frame, self.family, self._counted)
+        self._splitter.sizes = {len(frame.data), *self.family.sizes(request)}
+        return items
+
+    def _receive(self, frame: RawFrame) -> list[Item]:
+        packets = self._splitter.push(frame.data)
+        if self.exchange is None:
+            self._counted["unasked"] += len(packets)
+            return []
+        self.exchange.take(packets, frame.monotonic_ns)
+        return self._close(frame) if self.exchange.complete else []
+
+    def _close(self, frame: RawFrame) -> list[Item]:
+        """No further answer belongs to the exchange: what it has told."""
+        exchange, self.exchange = self.exchange, None
+        if exchange is None:
+            self._splitter.flush()
+            return []
+        exchange.take(self._splitter.flush(), frame.monotonic_ns)
+        if exchange.answers:
+            self.last_heard_ns = max(answer.arrived_ns for answer in exchange.answers.values())
+        address = exchange.request.address
+        if address == self.family.position:
+            return self._cycle(exchange)
+        if address == self.family.alarm:
+            return [
+                event
+                for servo, answer in exchange.answers.items()
+                for event in self.roster.explain(servo, answer.status.data[0], answer.arrived_ns)
+            ]
+        return [
+            event
+            for servo, answer in exchange.answers.items()
+            for event in self.roster.identify(
+                servo, self.family.identity(answer.status.data), answer.arrived_ns
+            )
+        ]
+
+    # --- cycles --------------------------------------------------------------------------------
+
+    def _cycle(self, exchange: Exchange) -> list[Item]:
+        request = exchange.request
+        self.chain_broken = request.fast and not exchange.complete
+        if self.chain_broken:  # it took others' answers away: the same cycle is asked once more
+            return []
+        now_ns = exchange.sent.monotonic_ns
+        items: list[Item] = []
+        silent, warned = set(), 0
+        for servo in request.ids:
+            answer = exchange.answers.get(servo)
+            if answer is None or servo in exchange.doubtful:
+                self._counted["missed"] += 1
+                self._missed[servo] += 1
+                silent.add(servo)
+                self.roster.silent(servo, now_ns)
+                continue
+            self.roster.heard(servo, now_ns)
+            error = answer.status.error
+            alerts = self.family.alerts(error)
+            items += self.roster.alert(servo, error if alerts else 0, now_ns)
+            if alerts and servo in self.joints:
+                warned |= 1 << self.joints.index(servo)
+        if len(silent) == len(request.ids):
+            return items
+        self.last_sample_ns = self.last_heard_ns
+        at_ns = self._instants(exchange)
+        unix_minus_monotonic_ns = exchange.sent.unix_ns - now_ns
+        items += self._temperatures(exchange, silent, round(at_ns[0]), unix_minus_monotonic_ns)
+        positions = {
+            servo: self.family.position_of(answer.status.data)
+            for servo, answer in exchange.answers.items()
+            if servo not in silent
+        }
+        items += self._sampler.sample(
+            self._number,
+            [positions.get(servo) for servo in self.joints],
+            at_ns[: len(self.joints)],
+            unix_minus_monotonic_ns,
+            self.roster.unusable,
+            warned,
+            self._pressed(positions),
+        )
+        return items
+
+    def _pressed(self, positions: dict[int, int]) -> bool | None:
+        trigger = self._trigger
+        if trigger is None or trigger.id not in positions:
+            return None
+        return positions[trigger.id] % 4096 < trigger.pressed_below
+
+    def _instants(self, exchange: Exchange) -> list[float]:
+        request = exchange.request
+        arrived = [
+            None if (answer := exchange.answers.get(servo)) is None else answer.arrived_ns
+            for servo in request.ids
+        ]
+        size_ns = self.family.answer_bytes(request) * self.byte_ns
+        gaps_ns = [0.0 if request.fast else self.gap_ns(servo) for servo in request.ids]
+        return instants(exchange.sent.monotonic_ns, arrived, size_ns, gaps_ns)
+
+    def gap_ns(self, servo: int) -> float:
+        """The pause before a servo's answer."""
+        known = self.roster.servos.get(servo)
+        told_us = 0 if known is None else known.return_delay_us
+        return max(told_us, self.family.return_delay_least_us) * 1e3
+
+    def _temperatures(
+        self, exchange: Exchange, silent: set[int], at_ns: int, unix_minus_monotonic_ns: int
+    ) -> list[Item]:
+        warm = exchange.request.length >= self.family.warm_bytes
+        if warm:
+            for servo, answer in exchange.answers.items():
+                if servo not in silent:
+                    celsius = self.family.celsius_of(answer.status.data)
+                    self._warmth.take(servo, celsius, at_ns)
+        celsius_all = self._warmth.reading(silent, at_ns, again=warm)
+        if celsius_all is None:
+            return []
+        stamp_ns = at_ns + unix_minus_monotonic_ns
+        return [Temperatures(celsius_all, at_ns, at_ns, stamp_ns, RESOLUTION_C)]
+
+    # --- what else is known --------------------------------------------------------------------
+
+    def _take_note(self, note: dict[str, Any], now_ns: int) -> list[Item]:
+        match note["note"]:
+            case "up" | "down":
+                self.exchange = None
+                self._settled = self.chain_broken = False
+                self._splitter.flush()
+                self.roster.forget()
+            case "missing":
+                return [*self.roster.miss(note["servos"], self._port, now_ns)]
+            case "verdict":
+                return self._judged(note, now_ns)
+            case "foreign":
+                self.roster.foreign = note["text"]
+                return [Event("foreign_arm", note["text"], now_ns, "error")]
+            case "told":
+                return [Event(note["kind"], note["text"], now_ns, note["severity"])]
+            case "state":  # a recording begins in the middle
+                self._number, self._settled = note["number"], True
+                for servo, found in note["servos"].items():
+                    self.roster.identify(int(servo), Servo(**found), now_ns)
+                self.roster.changed = {int(s): phrases for s, phrases in note["changed"].items()}
+                self._warmth.restore(note["warmth"])
+                self._sampler.restore(note["sampler"])
+        return []
+
+    def _judged(self, note: dict[str, Any], now_ns: int) -> list[Item]:
+        """What was remembered of the servos, compared with what they say."""
+        before, first = self.roster.changed, not self._settled
+        changed = {int(servo): phrases for servo, phrases in note["changed"].items()}
+        absent = {s: phrases for s, phrases in before.items() if s not in self.roster.servos}
+        changed = absent | changed
+        self.roster.changed, self._settled = changed, True
+        events: list[Item] = []
+        for servo, phrases in changed.items():
+            if before.get(servo) == phrases:
+                continue
+            text = f"{self.roster.name(servo)}: {'; '.join(phrases)}; the arm's geometry no"
+            text += " longer holds, nothing valid is published: put it back, or measure the arm"
+            text += " anew and say `armd accept CONFIG`"
+            kind = "foreign_arm" if phrases[0].startswith("model") else "offsets_changed"
+            events.append(Event(kind, text, now_ns, "error", {"servo": servo, "found": phrases}))
+        if before and not changed:
+            text = "the servos' offsets are accepted as they are"
+            events.append(Event("offsets_accepted", text, now_ns, "info"))
+        if first and not changed:
+            text = f"arm {self._expected.serial_number}: {len(self.roster.servos)} of "
+            text += f"{len(self.everyone)} servos identified"
+            events.append(Event("identified", text, now_ns, "info"))
+        return events

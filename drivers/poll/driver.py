@@ -1,0 +1,264 @@
+"""The servo driver: a port that may vanish, and one request at a time on it.
+
+One loop within `read`: ask, wait for the answers or for as long as they may take, ask again. The
+next request is on the line before what the last one brought is handed out.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import termios
+import time
+from collections import deque
+from contextlib import suppress
+
+import serial
+
+from armd.drivers.config import ServoConfig
+from armd.drivers.host_time import HostTime
+from armd.drivers.identity import Expectation
+from armd.drivers.line_health import SILENCE_NS, STALE_NS, LineHealth
+from armd.drivers.poll.acquaintance import Acquaintance
+from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, note
+from armd.drivers.poll.packet import ReadRequest
+from armd.drivers.poll.plan import FIRST_BYTE_NS, Pace, Plan
+from armd.drivers.sample import RAW_FRAMES_KEPT, Direction, Item, RawFrame
+
+READ_BYTES = 1 << 12
+RENEW_NS = 1_000_000_000  # a port that stays silent is opened afresh this often
+WRITE_NS = 10_000_000  # what a servo needs to keep a register, and to say so
+ASLEEP = 0.9  # of the time that answers need on the line at least, nobody listens for them
+
+
+class ServoDriver:
+    """See `armd.drivers.sample.Driver`."""
+
+    def __init__(self, config: ServoConfig, expectation: Expectation) -> None:
+        self._config = config
+        self._decoder = ServoDecoder(config, expectation)
+        self._plan = Plan(self._decoder)
+        self._pace = Pace()
+        self._known = Acquaintance(config, self._decoder, self._plan, expectation.serial_number)
+        self._time = HostTime()
+        self._line = LineHealth(config.port, RENEW_NS)
+        self._port: serial.Serial | None = None
+        self._raw: deque[RawFrame] = deque(maxlen=RAW_FRAMES_KEPT)
+        self._period_ns = 0 if config.rate_hz is None else round(1e9 / config.rate_hz)
+        self._due_ns = 0  # the next cycle
+        self._hold_ns = 0  # nothing is sent before: a servo is busy with a write
+        self._needs_ns = 0.0  # what the exchange under way needs on the line, at least
+        self._heard_ns = 0  # its last bytes; 0: none yet
+        self._is_cycle = False
+
+    @property
+    def connected(self) -> bool:
+        return self._decoder.accepted and self._without_sample_ns < SILENCE_NS
+
+    @property
+    def stale(self) -> bool:
+        return not self._decoder.accepted or self._without_sample_ns > STALE_NS
+
+    @property
+    def _without_sample_ns(self) -> int:
+        return time.monotonic_ns() - (self._decoder.last_sample_ns or 0)
+
+    @property
+    def hindrance(self) -> str:
+        if self._port is None:
+            return ""
+        return self._decoder.roster.hindrance(time.monotonic_ns())
+
+    @property
+    def counters(self) -> dict[str, int]:
+        return {**self._decoder.counters, "reconnects": self._line.reconnects}
+
+    def open(self) -> None:
+        """Get ready; the port itself is opened by the first `read`, which goes on trying."""
+        self._decoder.warm_up()
+
+    def close(self) -> None:
+        if self._port is not None:
+            with suppress(OSError):
+                self._port.close()
+            self._port = None
+
+    def take_raw(self) -> list[RawFrame]:
+        raw = list(self._raw)
+        self._raw.clear()
+        return raw
+
+    def preamble(self) -> list[RawFrame]:
+        return self._decoder.preamble()
+
+    def read(self, timeout_s: float) -> list[Item]:
+        deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
+        items: list[Item] = []
+        while not items:
+            now_ns = time.monotonic_ns()
+            if self._port is None:
+                items += self._wait_for_port(now_ns, deadline_ns)
+            else:
+                items += self._turn(self._port, deadline_ns)
+            if time.monotonic_ns() >= deadline_ns:
+                break
+        return items
+
+    # --- one turn of the loop ----------------------------------------------------------------
+
+    def _turn(self, port: serial.Serial, deadline_ns: int) -> list[Item]:
+        """Until some bytes have come, or it is time to act."""
+        now_ns = time.monotonic_ns()
+        items = self._ask_if_due(port, now_ns)
+        if items:
+            return items
+        exchange = self._decoder.exchange
+        if exchange is not None:
+            end_ns = self._end_ns(exchange.sent.monotonic_ns)
+            look_ns = exchange.sent.monotonic_ns + round(ASLEEP * self._needs_ns)
+            if self._heard_ns == 0 and min(look_ns, deadline_ns) > now_ns:
+                time.sleep((min(look_ns, deadline_ns) - now_ns) / 1e9)
+        else:
+            end_ns = max(self._due_ns, self._hold_ns)
+        wait_ns = min(end_ns, deadline_ns) - time.monotonic_ns()
+        try:
+            ready, _, _ = select.select([port.fileno()], [], [], max(0.0, wait_ns / 1e9))
+        except (OSError, ValueError) as error:
+            return self._unplugged(str(error))
+        if ready:
+            return self._receive(port)
+        now_ns = time.monotonic_ns()
+        if exchange is not None and now_ns >= end_ns:
+            items += self._end(now_ns)
+        if now_ns >= self._line.act_ns:  # never while bytes are waiting
+            items += self._renew()
+        return items
+
+    def _end_ns(self, sent_ns: int) -> int:
+        """When no more answers are waited for."""
+        due_ns = sent_ns + self._needs_ns
+        if self._heard_ns == 0:
+            return round(due_ns) + FIRST_BYTE_NS
+        return round(max(due_ns, self._heard_ns) + self._pace.pause_ns)
+
+    def _end(self, now_ns: int) -> list[Item]:
+        items = self._feed("link", OVER)
+        self._ended(False, now_ns)
+        return self._heard(items)
+
+    def _ended(self, complete: bool, now_ns: int) -> None:
+        if self._is_cycle:
+            self._plan.ended(complete, now_ns)
+
+    def _heard(self, items: list[Item]) -> list[Item]:
+        return self._line.heard(self._decoder.last_heard_ns, items)
+
+    # --- asking --------------------------------------------------------------------------------
+
+    def _ask_if_due(self, port: serial.Serial, now_ns: int) -> list[Item]:
+        """Nothing is under way: the next request, or what is due instead; the items of that."""
+        if self._decoder.exchange is not None or now_ns < self._hold_ns:
+            return []
+        items: list[Item] = []
+        for data in self._known.notes(now_ns):
+            items += self._feed("link", data)
+        write = self._known.write_due()
+        if write is not None:
+            self._hold_ns = now_ns + WRITE_NS
+            return items + self._send(port, write)
+        request = self._known.question(now_ns) or self._plan.side_question(now_ns)
+        self._is_cycle = request is None
+        if request is None:
+            if now_ns < self._due_ns:
+                return items
+            if not self._decoder.chain_broken:
+                self._set_next_due(now_ns)
+            request = self._plan.cycle(now_ns)
+        return items + self._ask(port, request)
+
+    def _set_next_due(self, now_ns: int) -> None:
+        if self._period_ns:
+            late = max(0, now_ns - self._due_ns) // self._period_ns
+            self._due_ns = max(self._due_ns, now_ns - late) + self._period_ns
+
+    def _ask(self, port: serial.Serial, request: ReadRequest) -> list[Item]:
+        decoder = self._decoder
+        packet = decoder.family.sync_read(
+            request.ids, request.address, request.length, request.fast
+        )
+        answers = len(request.ids) * decoder.family.answer_bytes(request)
+        gaps_ns = 0.0 if request.fast else sum(decoder.gap_ns(servo) for servo in request.ids)
+        self._needs_ns = (len(packet) + answers) * decoder.byte_ns + gaps_ns
+        self._heard_ns = 0
+        return self._send(port, packet)
+
+    # --- the port --------------------------------------------------------------------------
+
+    def _wait_for_port(self, now_ns: int, deadline_ns: int) -> list[Item]:
+        due_ns = min(self._line.open_due_ns, deadline_ns)
+        if due_ns > now_ns:
+            time.sleep((due_ns - now_ns) / 1e9)
+        return self._try_open(time.monotonic_ns()) if self._line.open_due_ns <= due_ns else []
+
+    def _try_open(self, now_ns: int) -> list[Item]:
+        try:
+            port = serial.Serial(self._config.port, self._config.baud, timeout=0, exclusive=True)
+        except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
+            return self._line.lost("port_missing", str(error), now_ns)
+        with suppress(OSError, ValueError):  # a pty has no such mode
+            port.set_low_latency_mode(True)
+        self._port = port
+        self._line.opened(now_ns)
+        self._plan.restart(now_ns)
+        self._due_ns = self._hold_ns = now_ns
+        items = self._feed("link", note(note="up"))
+        self._known.restart()
+        return items
+
+    def _renew(self) -> list[Item]:
+        """Silence: perhaps the adapter hangs, perhaps the name now means another device."""
+        self._hang_up()
+        now_ns = time.monotonic_ns()
+        return [*self._line.silent(now_ns), *self._try_open(now_ns)]
+
+    def _unplugged(self, reason: str) -> list[Item]:
+        self._hang_up()
+        text = f"the line to {self._config.port} broke: {reason}"
+        return self._line.lost("unplugged", text, time.monotonic_ns())
+
+    def _hang_up(self) -> None:
+        self.close()
+        self._feed("link", note(note="down"))
+
+    # --- bytes -----------------------------------------------------------------------------
+
+    def _receive(self, port: serial.Serial) -> list[Item]:
+        try:
+            data = os.read(port.fileno(), READ_BYTES)
+        except BlockingIOError:
+            return []
+        except OSError as error:
+            return self._unplugged(str(error))
+        if not data:
+            return self._unplugged("end of file")
+        exchange = self._decoder.exchange
+        items = self._feed("rx", data)
+        self._heard_ns = now_ns = time.monotonic_ns()
+        if exchange is not None and self._decoder.exchange is None:
+            self._pace.took(now_ns - exchange.sent.monotonic_ns - self._needs_ns)
+            self._ended(exchange.complete, now_ns)
+            items = self._heard(items)
+            items += self._ask_if_due(port, now_ns)
+        return items
+
+    def _send(self, port: serial.Serial, packet: bytes) -> list[Item]:
+        items = self._feed("tx", packet)
+        with suppress(OSError):  # a full or broken line shows itself when reading
+            os.write(port.fileno(), packet)
+        return items
+
+    def _feed(self, direction: Direction, data: bytes) -> list[Item]:
+        monotonic_ns, unix_ns = self._time.now()
+        frame = RawFrame(monotonic_ns, unix_ns, direction, data, CHANNEL)
+        self._raw.append(frame)
+        return self._decoder.feed(frame)

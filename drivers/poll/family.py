@@ -1,0 +1,194 @@
+"""What one kind of servo differs in from the other, as the engine needs it: registers and codec."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from armd.drivers.poll import dynamixel, feetech
+from armd.drivers.poll.packet import Packet, ReadRequest, Splitter, Status
+from armd.drivers.poll.servo import Servo
+
+COUNTS_PER_TURN = 4096
+
+
+class Family(Protocol):
+    """Registers are addresses; positions of data within an answer count from its first byte."""
+
+    name: str
+    models: dict[int, str]
+    position: int  # where a cycle's read begins
+    position_bytes: int  # the least that holds the position
+    warm_bytes: int  # the least that holds position and temperature
+    identity_bytes: int  # from register 0 on, all that `identity` wants
+    torque: int  # 1 byte, 0 is off
+    return_delay: int  # 1 byte, in 2 µs
+    return_delay_least_us: int  # what a servo needs to turn the line round, whatever its register
+    alarm: int | None  # 1 byte: why `alerts`; None where the error byte says it
+    has_fast: bool  # whether one packet may carry all answers
+
+    def splitter(self) -> Splitter: ...
+
+    def sync_read(
+        self, ids: Sequence[int], address: int, length: int, fast: bool = False
+    ) -> bytes: ...
+
+    def write(self, servo_id: int, address: int, data: bytes) -> bytes: ...
+
+    def request(self, packet: Packet) -> ReadRequest | None: ...
+
+    def statuses(self, packet: Packet, length: int) -> list[Status]: ...
+
+    def sizes(self, request: ReadRequest) -> range:
+        """Bytes that a packet of answers may have on the wire."""
+        ...
+
+    def answer_bytes(self, request: ReadRequest) -> int:
+        """What one servo puts on the wire."""
+        ...
+
+    def position_of(self, data: bytes) -> int: ...
+
+    def celsius_of(self, data: bytes) -> float: ...
+
+    def identity(self, data: bytes) -> Servo: ...
+
+    def alerts(self, error: int) -> bool:
+        """Whether a status's error byte tells of trouble; its data hold all the same."""
+        ...
+
+    def complaints(self, bits: int) -> str:
+        """The trouble in words, of the error byte or of register `alarm`."""
+        ...
+
+
+class Feetech:
+    """STS and SMS servos; registers as in the STS3215's memory table."""
+
+    name = "feetech"
+    models = {777: "STS3215", 2825: "STS3250", 11272: "SM8512BL", 1284: "SCS0009"}
+    position, position_bytes, warm_bytes = 56, 2, 8
+    identity_bytes = 41
+    torque, return_delay, return_delay_least_us = 40, 7, 50
+    alarm: int | None = None
+    has_fast = False
+
+    def splitter(self) -> Splitter:
+        return feetech.splitter()
+
+    def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
+        return feetech.sync_read(ids, address, length)
+
+    def write(self, servo_id: int, address: int, data: bytes) -> bytes:
+        return feetech.write(servo_id, address, data)
+
+    def request(self, packet: Packet) -> ReadRequest | None:
+        return feetech.read_request(packet)
+
+    def statuses(self, packet: Packet, length: int) -> list[Status]:
+        return feetech.statuses(packet)
+
+    def sizes(self, request: ReadRequest) -> range:
+        size = feetech.status_size(request.length)
+        return range(size, size + 1)
+
+    def answer_bytes(self, request: ReadRequest) -> int:
+        return feetech.status_size(request.length)
+
+    def position_of(self, data: bytes) -> int:
+        return feetech.signed(data[0] | data[1] << 8, 15)
+
+    def celsius_of(self, data: bytes) -> float:
+        return float(data[7])
+
+    def identity(self, data: bytes) -> Servo:
+        return Servo(
+            model=data[3] | data[4] << 8,
+            firmware=f"{data[0]}.{data[1]}",
+            homing_offset=feetech.signed(data[31] | data[32] << 8, 11),
+            reversed=bool(data[18] & 0x80),
+            mode=data[33],
+            torque=data[40] != 0,
+            return_delay_us=2 * data[7],
+        )
+
+    def alerts(self, error: int) -> bool:
+        return error != 0
+
+    def complaints(self, bits: int) -> str:
+        return _words(bits, feetech.ERRORS)
+
+
+class Dynamixel:
+    """X series; registers as in its control table, the same for all models."""
+
+    name = "dynamixel"
+    models = {
+        1020: "XM430-W350", 1030: "XM430-W210", 1060: "XL430-W250", 1070: "XC430-W150",
+        1080: "XC430-W240", 1100: "XH540-W270", 1110: "XH540-W150", 1120: "XM540-W270",
+        1130: "XM540-W150", 1190: "XL330-M077", 1200: "XL330-M288", 1210: "XC330-T181",
+        1220: "XC330-T288", 1230: "XC330-M181", 1240: "XC330-M288",
+    }  # fmt: skip
+    position, position_bytes, warm_bytes = 132, 4, 15
+    identity_bytes = 71
+    torque, return_delay, return_delay_least_us = 64, 9, 40
+    alarm: int | None = 70
+    has_fast = True
+
+    def splitter(self) -> Splitter:
+        return dynamixel.splitter()
+
+    def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
+        build = dynamixel.fast_sync_read if fast else dynamixel.sync_read
+        return build(ids, address, length)
+
+    def write(self, servo_id: int, address: int, data: bytes) -> bytes:
+        return dynamixel.write(servo_id, address, data)
+
+    def request(self, packet: Packet) -> ReadRequest | None:
+        return dynamixel.read_request(packet)
+
+    def statuses(self, packet: Packet, length: int) -> list[Status]:
+        return dynamixel.statuses(packet, length)
+
+    def sizes(self, request: ReadRequest) -> range:
+        if request.fast:
+            size = dynamixel.fast_status_size(len(request.ids), request.length)
+            return range(size, size + 1)
+        size = dynamixel.status_size(request.length)
+        return range(dynamixel.status_size(0), size + request.length // 3 + 1)  # refused … stuffed
+
+    def answer_bytes(self, request: ReadRequest) -> int:
+        return 4 + request.length if request.fast else dynamixel.status_size(request.length)
+
+    def position_of(self, data: bytes) -> int:
+        return int.from_bytes(data[:4], "little", signed=True)
+
+    def celsius_of(self, data: bytes) -> float:
+        return float(data[14])
+
+    def identity(self, data: bytes) -> Servo:
+        return Servo(
+            model=data[0] | data[1] << 8,
+            firmware=str(data[6]),
+            homing_offset=int.from_bytes(data[20:24], "little", signed=True),
+            reversed=bool(data[10] & 1),
+            mode=data[11],
+            torque=data[64] != 0,
+            return_delay_us=2 * data[9],
+        )
+
+    def alerts(self, error: int) -> bool:
+        return bool(error & dynamixel.ALERT)
+
+    def complaints(self, bits: int) -> str:
+        return _words(bits, dynamixel.HARDWARE_ERRORS)
+
+
+def _words(bits: int, names: dict[int, str]) -> str:
+    """Names of the bits that stand, also of those nobody has named."""
+    standing = [bit for bit in range(8) if bits >> bit & 1]
+    return ", ".join(names.get(bit, f"bit {bit}") for bit in standing)
+
+
+FAMILIES: dict[str, Family] = {"feetech": Feetech(), "dynamixel": Dynamixel()}

@@ -1,0 +1,101 @@
+"""What is remembered of an arm's servos from one connection to the next, in the state folder.
+
+`servos-SERIAL.json` holds what was `accepted` and what was `found` last, by servo id. A servo that
+was never there before is accepted as it is; later only `armd accept` changes that.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import quote
+
+import platformdirs
+from pydantic import Field
+
+from armd.drivers.poll.servo import Servo, differences
+from armd.errors import BadInput
+from armd.files import write_whole
+from armd.schema import Strict, load_json
+
+Geometries = dict[int, dict[str, Any]]  # by servo id, as `Servo.geometry` has them
+
+
+class _File(Strict):
+    schema_: Literal["armd.servos/1"] = Field(default="armd.servos/1", alias="schema")
+    serial_number: str
+    accepted: Geometries = {}
+    found: Geometries = {}
+
+
+def state_folder() -> Path:
+    """`$STATE_DIRECTORY` (systemd's), else `$XDG_STATE_HOME/armd`, else what the system has."""
+    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    return Path(given) if given else Path(platformdirs.user_state_dir("armd"))
+
+
+class Memory:
+    """Of one arm; reads its file afresh at each call, so that others may change it."""
+
+    def __init__(self, serial_number: str, models: dict[int, str]) -> None:
+        self._serial_number = serial_number
+        self._models = models
+        self.path = state_folder() / f"servos-{quote(serial_number, safe=' ')}.json"
+
+    def compare(self, servos: dict[int, Servo], accept: bool) -> dict[int, list[str]]:
+        """What differs from the accepted, by servo id, each difference as a phrase; what is found
+        is remembered, with *accept* as the new truth.
+
+        Raises `BadInput` for a damaged file, `OSError` where nothing can be remembered.
+        """
+        before = self._load()
+        found = {servo: who.geometry for servo, who in servos.items()}
+        accepted = found | before.accepted if not accept else before.accepted | found
+        after = before.model_copy(update={"accepted": accepted, "found": before.found | found})
+        if after != before:
+            self._save(after)
+        changed = {
+            servo: differences(who, accepted[servo], self._models) for servo, who in servos.items()
+        }
+        return {servo: phrases for servo, phrases in changed.items() if phrases}
+
+    def accept(self) -> dict[int, list[str]]:
+        """What was found last is the truth from now on; returns what changes by that.
+
+        Raises `BadInput` if no connection has left anything to accept.
+        """
+        before = self._load()
+        if not before.found:
+            raise BadInput(
+                self.path, "found", "no servo", "those of a connection: `armd run` writes them"
+            )
+        self._save(before.model_copy(update={"accepted": before.accepted | before.found}))
+        return {
+            servo: [
+                f"{name.replace('_', ' ')} {found[name]}, before {known[name]}"
+                for name in found
+                if found[name] != known.get(name, found[name])
+            ]
+            for servo, found in sorted(before.found.items())
+            for known in [before.accepted.get(servo, found)]
+            if known != found
+        }
+
+    def changed_ns(self) -> int:
+        """When the file was written last; 0: never."""
+        try:
+            return self.path.stat().st_mtime_ns
+        except OSError:
+            return 0
+
+    def _load(self) -> _File:
+        if not self.path.exists():
+            return _File(serial_number=self._serial_number)
+        return load_json(self.path, _File)
+
+    def _save(self, content: _File) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(content.model_dump(mode="json", by_alias=True), indent=1)
+        write_whole(self.path, text + "\n")

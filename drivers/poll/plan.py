@@ -1,0 +1,109 @@
+"""What to ask next on a servo line, and how long to wait for the answers. No port, no clock."""
+
+from __future__ import annotations
+
+from armd.drivers.poll.decoder import ServoDecoder
+from armd.drivers.poll.packet import ReadRequest
+
+WARM_EVERY_NS = 500_000_000
+RECHECK_EVERY_NS = 500_000_000  # one servo after the other says again who it is
+EXPLAIN_EVERY_NS = 1_000_000_000
+STRANGER_EVERY_NS = 50_000_000
+#: Nothing has come at all: a busy host, or a line that is silent.
+FIRST_BYTE_NS = 30_000_000
+#: Answers have begun to come, then no more: three times what they were ever late, within these.
+PAUSE_LEAST_NS, PAUSE_MOST_NS = 3_000_000, 30_000_000
+EXCESS_KEPT = 0.99  # of what answers were late, from cycle to cycle
+FAST_AGAIN_NS = 10_000_000_000
+CALM_CYCLES = 4  # complete ones, after which an answer can only be late by one
+
+
+class Pace:
+    """How long answers take on this line, beyond what its arithmetic says."""
+
+    def __init__(self) -> None:
+        self._excess_ns = PAUSE_MOST_NS / 3
+
+    def took(self, excess_ns: float) -> None:
+        """A complete exchange took so much longer than the line needs."""
+        self._excess_ns = max(excess_ns, self._excess_ns * EXCESS_KEPT)
+
+    @property
+    def pause_ns(self) -> float:
+        """No answer comes so long after the one before."""
+        return min(max(3 * self._excess_ns, PAUSE_LEAST_NS), PAUSE_MOST_NS)
+
+
+class Plan:
+    """Chooses the requests of one connection."""
+
+    def __init__(self, decoder: ServoDecoder) -> None:
+        self._decoder = decoder
+        self._extra = 0  # bytes asked for beyond those wanted: no two cycles ask for as many
+        self._calm = CALM_CYCLES
+        self.restart(0)
+
+    def restart(self, now_ns: int) -> None:
+        """Another connection."""
+        self._warm_due_ns = now_ns
+        self._recheck_due_ns = now_ns + RECHECK_EVERY_NS
+        self._rechecked = 0
+        self._explain_due_ns = self._stranger_due_ns = now_ns
+        self._fast_failures = 0
+        self._fast_worked = False
+        self._fast_from_ns = now_ns
+        self._asked_fast = self._asked_warm = False
+
+    def identity(self, servos: list[int]) -> ReadRequest:
+        """Who are you?"""
+        return ReadRequest(tuple(servos), 0, self._decoder.family.identity_bytes)
+
+    def side_question(self, now_ns: int) -> ReadRequest | None:
+        """What is due besides the cycles."""
+        roster, family = self._decoder.roster, self._decoder.family
+        if now_ns >= self._stranger_due_ns and (strangers := roster.strangers):
+            self._stranger_due_ns = now_ns + STRANGER_EVERY_NS
+            return self.identity(strangers)
+        if family.alarm is not None and now_ns >= self._explain_due_ns and roster.alerting:
+            self._explain_due_ns = now_ns + EXPLAIN_EVERY_NS
+            return ReadRequest(tuple(roster.alerting), family.alarm, 1)
+        if now_ns >= self._recheck_due_ns and roster.servos:
+            self._recheck_due_ns = now_ns + RECHECK_EVERY_NS
+            self._rechecked += 1
+            known = list(roster.servos)
+            return self.identity([known[self._rechecked % len(known)]])
+        return None
+
+    def cycle(self, now_ns: int) -> ReadRequest:
+        """All positions, and the temperatures where these are due."""
+        decoder, family = self._decoder, self._decoder.family
+        warm = self._asked_warm = now_ns >= self._warm_due_ns
+        if warm:
+            self._warm_due_ns = now_ns + WARM_EVERY_NS
+        ids = decoder.everyone if warm else decoder.cycle_ids
+        self._extra = (self._extra + 1) % (2 if self._calm >= CALM_CYCLES else 4)
+        length = (family.warm_bytes if warm else family.position_bytes) + self._extra
+        self._asked_fast = (
+            family.has_fast
+            and not decoder.chain_broken
+            and now_ns >= self._fast_from_ns
+            and all(servo in decoder.roster.servos for servo in ids)
+        )
+        return ReadRequest(ids, family.position, length, self._asked_fast)
+
+    def ended(self, complete: bool, now_ns: int) -> None:
+        """The last cycle's answers have come, or will not."""
+        self._calm = self._calm + 1 if complete else 0
+        if not self._asked_fast:
+            return
+        self._asked_fast = False
+        if complete:
+            self._fast_worked, self._fast_failures = True, 0
+            return
+        self._fast_failures += 1
+        if self._asked_warm:  # whatever was asked is asked again
+            self._warm_due_ns = now_ns
+        if self._fast_failures >= 3:
+            self._fast_failures = 0
+            # Firmware that does not know it will not learn it.
+            self._fast_from_ns = now_ns + (FAST_AGAIN_NS if self._fast_worked else 10**15)

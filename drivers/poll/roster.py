@@ -1,0 +1,175 @@
+"""Who the servos are, what they complain of, and what of it keeps a person from measuring."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from armd.drivers.joint_watch import GOOD_FOR_NS
+from armd.drivers.poll.family import Family
+from armd.drivers.poll.servo import Servo, model_name
+from armd.drivers.sample import Event
+
+#: A servo that was not heard for longer is absent: one that is asked in each cycle, and one that
+#: is asked for its temperature alone.
+ABSENT_AFTER_NS, ABSENT_AT_LEISURE_NS = 500_000_000, 1_600_000_000
+
+
+class Roster:
+    """Everything known of the servos of one line, by id."""
+
+    def __init__(
+        self, family: Family, ids: Sequence[int], often: Sequence[int], everyone: Sequence[int]
+    ) -> None:
+        """*ids* of the joints; *often*: also the button, asked in each cycle; *everyone*: also
+        those that tell nothing but a temperature."""
+        self._family = family
+        self._joint = {servo: k for k, servo in enumerate(ids, 1)}
+        self._often = often
+        self._everyone = everyone
+        self.servos: dict[int, Servo] = {}  # identified since they were last absent
+        self.changed: dict[int, list[str]] = {}  # what their geometry differs in
+        self.foreign = ""  # why this is not our arm, if it is not
+        self._heard_ns: dict[int, int] = {}
+        self._alerts: dict[int, tuple[int, int, str]] = {}  # bits, last seen, words
+        self._announced: dict[int, Servo] = {}
+        self._torque: set[int] = set()
+
+    def name(self, servo: int) -> str:
+        joint = self._joint.get(servo)
+        return f"servo {servo} (joint {joint})" if joint else f"servo {servo}"
+
+    @property
+    def unusable(self) -> int:
+        """Bits of joints whose servos are not known, or not those that the geometry is of."""
+        if self.foreign:
+            return (1 << len(self._joint)) - 1
+        bits = 0
+        for servo, joint in self._joint.items():
+            if servo not in self.servos or servo in self.changed:
+                bits |= 1 << (joint - 1)
+        return bits
+
+    def forget(self) -> None:
+        """Another connection: whoever answers there must say anew who he is."""
+        self.servos.clear()
+        self._heard_ns.clear()
+        self._alerts.clear()
+        self.changed.clear()
+        self.foreign = ""
+
+    # --- who they are ----------------------------------------------------------------------
+
+    def identify(self, servo: int, found: Servo, now_ns: int) -> list[Event]:
+        """A servo has told its registers."""
+        before = self._announced.get(servo)
+        self.servos[servo] = self._announced[servo] = found
+        self._heard_ns[servo] = now_ns
+        events = []
+        if before is None or before.geometry != found.geometry or before.firmware != found.firmware:
+            known = found.model in self._family.models
+            model = model_name(found.model, self._family.models)
+            text = f"{self.name(servo)} is a {model}, firmware {found.firmware}"
+            if not known:
+                text += ", which is not known here; it is read by its family's common registers"
+            detail = {"servo": servo, **found.as_json()}
+            events.append(Event("servo", text, now_ns, "info" if known else "warning", detail))
+        return events + self._torque_events(servo, found.torque, now_ns)
+
+    def _torque_events(self, servo: int, on: bool, now_ns: int) -> list[Event]:
+        if on == (servo in self._torque):
+            return []
+        detail = {"servo": servo}
+        if on:
+            self._torque.add(servo)
+            text = f"{self.name(servo)}: its torque is on, it holds the joint; switch it off"
+            text += " with torque_off = true in [driver], or by the power supply"
+            return [Event("torque_on", text, now_ns, "error", detail)]
+        self._torque.discard(servo)
+        text = f"{self.name(servo)}: its torque is off now"
+        return [Event("torque_off", text, now_ns, "info", detail)]
+
+    def miss(self, servos: Sequence[int], port: str, now_ns: int) -> list[Event]:
+        """These did not answer when a connection began."""
+        return [
+            Event(
+                "servo_missing",
+                f"{self.name(servo)} does not answer on {port}: check its cable and its id",
+                now_ns,
+                "error",
+                {"servo": servo},
+            )
+            for servo in servos
+        ]
+
+    # --- how they do -----------------------------------------------------------------------
+
+    def heard(self, servo: int, now_ns: int) -> None:
+        self._heard_ns[servo] = now_ns
+
+    def silent(self, servo: int, now_ns: int) -> None:
+        """No answer: after a while whoever comes back must say anew who he is."""
+        if self._absent(servo, now_ns):
+            self.servos.pop(servo, None)
+            self._alerts.pop(servo, None)
+
+    def _absent(self, servo: int, now_ns: int) -> bool:
+        patience_ns = ABSENT_AFTER_NS if servo in self._often else ABSENT_AT_LEISURE_NS
+        return now_ns - self._heard_ns.get(servo, 0) > patience_ns
+
+    @property
+    def strangers(self) -> list[int]:
+        """Those that answer and have not said who they are."""
+        return [servo for servo in self._heard_ns if servo not in self.servos]
+
+    def alert(self, servo: int, bits: int, now_ns: int) -> list[Event]:
+        """The error byte of an answer: an event as trouble begins, and as it has gone for 0.5 s."""
+        known = self._alerts.get(servo)
+        if bits:
+            before = known[0] if known else 0
+            words = self._family.complaints(bits) if self._family.alarm is None else "an alert"
+            if known and (before | bits) == before:
+                self._alerts[servo] = before, now_ns, known[2]
+                return []
+            self._alerts[servo] = before | bits, now_ns, words
+            return [self._complaint(servo, words, now_ns)]
+        if known is None or now_ns - known[1] < GOOD_FOR_NS:
+            return []
+        del self._alerts[servo]
+        text = f"{self.name(servo)} complains no more ({known[2]})"
+        return [Event("servo_warning", text, now_ns, "info", {"servo": servo})]
+
+    def explain(self, servo: int, bits: int, now_ns: int) -> list[Event]:
+        """Register `alarm` of a servo that raised an alert."""
+        known = self._alerts.get(servo)
+        if known is None or not bits:
+            return []
+        words = self._family.complaints(bits)
+        if words == known[2]:
+            return []
+        self._alerts[servo] = known[0], known[1], words
+        return [self._complaint(servo, words, now_ns)]
+
+    def _complaint(self, servo: int, words: str, now_ns: int) -> Event:
+        text = f"{self.name(servo)} complains: {words}; its position still holds"
+        detail: dict[str, Any] = {"servo": servo, "trouble": words}
+        return Event("servo_warning", text, now_ns, "warning", detail)
+
+    @property
+    def alerting(self) -> list[int]:
+        return list(self._alerts)
+
+    def hindrance(self, now_ns: int) -> str:
+        """What keeps a person from measuring, in words; "" if nothing does."""
+        if self.foreign:
+            return self.foreign
+        for servo, phrases in self.changed.items():
+            return f"{self.name(servo)}: {'; '.join(phrases)}; nothing is valid until accepted"
+        for servo in self._everyone:
+            if self._absent(servo, now_ns):
+                return f"{self.name(servo)} does not answer"
+        for servo in sorted(self._torque & self.servos.keys()):
+            return f"{self.name(servo)}: its torque is on"
+        for servo, (_, _, words) in self._alerts.items():
+            return f"{self.name(servo)} complains: {words}"
+        return ""

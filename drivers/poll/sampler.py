@@ -1,0 +1,123 @@
+"""The answers of one cycle → one sample: every joint moved to the row's instant, and unwrapped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from armd.drivers.joint_watch import JointWatch
+from armd.drivers.poll.family import COUNTS_PER_TURN
+from armd.drivers.sample import Item, SampleArray, sample_dtype
+from armd.drivers.unwrap import Unwrapper
+
+HALF_TURN = COUNTS_PER_TURN // 2
+
+
+class ServoSampler:
+    """Makes one `SampleArray` of each cycle in which somebody answered."""
+
+    def __init__(self, ids: Sequence[int], max_joint_rate_deg_s: float) -> None:
+        self.delivered = 0
+        self.lost = 0  # cycles in which nobody answered
+        n = len(ids)
+        self._dtype = sample_dtype(n)
+        self._unwrapper = Unwrapper(
+            [COUNTS_PER_TURN] * n, [COUNTS_PER_TURN] * n, max_joint_rate_deg_s
+        )
+        self._raw = np.zeros((1, n), np.int64)
+        self._last: list[tuple[int, float] | None] = [None] * n  # count and instant
+        self._first_ns: int | None = None  # where the arm's own time begins
+        self._next_number: int | None = None
+        self._buttons = 0
+        names = [f"joint {k} (servo {servo})" for k, servo in enumerate(ids, 1)]
+        self._silence_watch = JointWatch("joint_invalid", "it does not answer", names)
+        self._jump_watch = JointWatch("count_jump", "its count jumped", names)
+
+    def sample(
+        self,
+        number: int,
+        positions: Sequence[int | None],
+        at_ns: Sequence[float],
+        unix_minus_monotonic_ns: int,
+        unusable: int,
+        warned: int,
+        pressed: bool | None,
+    ) -> list[Item]:
+        """The sample of cycle *number*, after the events its joints give rise to.
+
+        *positions* (N,) as the servos told them, at the instants *at_ns* (N,), the first of which
+        is the row's; bits of joints that are *unusable* though they answer, and of those that
+        *warned*; *pressed*: the button, None if it was not heard.
+        """
+        row_ns = round(at_ns[0])
+        if self._first_ns is None:
+            self._first_ns = row_ns
+        silent = 0
+        for k, position in enumerate(positions):
+            if position is None:
+                silent |= 1 << k
+            else:
+                self._raw[0, k] = position - HALF_TURN
+        counts, jumped = self._unwrapper(
+            self._raw, np.array([row_ns // 1000]), np.array([silent], np.uint16)
+        )
+        jumps = int(jumped[0])
+        if pressed is not None:
+            self._buttons = int(pressed)
+        out: SampleArray = np.zeros(1, self._dtype)
+        out["count"][0] = self._moved(counts[0].tolist(), at_ns, row_ns, silent | jumps)
+        out["seq"] = number
+        out["device_ns"] = row_ns - self._first_ns
+        out["monotonic_ns"] = row_ns
+        out["stamp_ns"] = row_ns + unix_minus_monotonic_ns
+        out["joint_invalid"] = silent | jumps | unusable
+        out["joint_warning"] = warned
+        out["buttons"] = self._buttons
+        out["clock_mapped"] = True
+        if self._next_number is not None:
+            out["lost_before"] = number != self._next_number
+            self.lost += number - self._next_number
+        self._next_number = number + 1
+        self.delivered += 1
+        return [
+            *self._silence_watch.events(out, np.array([silent], np.uint16)),
+            *self._jump_watch.events(out, jumped),
+            out,
+        ]
+
+    def _moved(
+        self, counts: list[int], at_ns: Sequence[float], row_ns: int, doubtful: int
+    ) -> list[float]:
+        """*counts* at the row's instant, on the straight line from each joint's last reading."""
+        moved: list[float] = []
+        for k, count in enumerate(counts):
+            last = self._last[k]
+            here = float(count)
+            if not doubtful >> k & 1:
+                if last is not None and at_ns[k] > last[1]:
+                    here -= (count - last[0]) * (at_ns[k] - row_ns) / (at_ns[k] - last[1])
+                self._last[k] = count, at_ns[k]
+            moved.append(here)
+        return moved
+
+    def state(self) -> dict[str, Any]:
+        """What `restore` needs to go on from here in a replay, as JSON."""
+        memory = self._unwrapper.memory
+        return {
+            "first_ns": self._first_ns,
+            "next_number": self._next_number,
+            "buttons": self._buttons,
+            "last": self._last,
+            "unwrap": [memory[name].tolist() for name in memory.dtype.names or ()],
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go on from where `state` was taken."""
+        self._first_ns, self._next_number = state["first_ns"], state["next_number"]
+        self._buttons = state["buttons"]
+        self._last = [None if last is None else (last[0], last[1]) for last in state["last"]]
+        memory = self._unwrapper.memory
+        for name, values in zip(memory.dtype.names or (), state["unwrap"], strict=True):
+            memory[name] = values
