@@ -14,6 +14,7 @@ from armd.daemon.commands import simulate
 COMMANDS = {
     "demo": "a simulated arm, live, no hardware needed",
     "run": "the daemon: read an arm, correct, publish",
+    "accept": "take the servos' offsets found last as the arm's own",
     "simulate": "a simulated arm on the wire, or simulated measuring sessions",
     "watch": "live read-out of an arm",
     "status": "state of a running daemon, for people and scripts",

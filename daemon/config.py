@@ -10,7 +10,8 @@ from pydantic import Field
 
 from armd import keys
 from armd.compensation.arm import Arm, Offset, load_arm
-from armd.drivers.config import DriverConfig, ReplayConfig
+from armd.drivers.config import DriverConfig, ReplayConfig, ServoConfig
+from armd.drivers.poll.family import COUNTS_PER_TURN
 from armd.errors import BadInput
 from armd.schema import Strict, load_toml
 
@@ -127,6 +128,8 @@ def load_config(path: str | Path) -> Config:
         if joint.counts_per_turn is None:
             where = f"joint[{k}].counts_per_turn"
             raise BadInput(arm_path, where, "nothing", "a number: a live arm sends counts")
+    if isinstance(file.driver, ServoConfig):
+        _check_servos(path, file.driver, arm_path, arm)
     if keys.FORBIDDEN & set(arm.serial_number):
         expected = f"none of {' '.join(sorted(keys.FORBIDDEN))}, it becomes a part of Zenoh keys"
         raise BadInput(arm_path, "serial_number", repr(arm.serial_number), expected)
@@ -134,3 +137,22 @@ def load_config(path: str | Path) -> Config:
         other = min(file.zenoh.model_fields_set - {"config"})
         raise BadInput(path, f"zenoh.{other}", "this key", "it inside zenoh.config, or no config")
     return Config(config_path, file, arm)
+
+
+def _check_servos(path: str | Path, driver: ServoConfig, arm_path: Path, arm: Arm) -> None:
+    """Whether the servos named are those of the arm; raises `BadInput`."""
+    if len(driver.ids) != arm.n_joints:
+        found, expected = f"{len(driver.ids)} servos", f"{arm.n_joints}, one for each joint"
+        raise BadInput(path, "driver.ids", found, expected)
+    if driver.temperature_ids is not None and len(driver.temperature_ids) != len(arm.sensors):
+        found = f"{len(driver.temperature_ids)} servos"
+        expected = f"{len(arm.sensors)}, one for each temperature_sensor of {arm_path.name}"
+        raise BadInput(path, "driver.temperature_ids", found, expected)
+    if driver.temperature_ids is None and len(arm.sensors) > len(driver.ids):
+        found = f"nothing, and {len(arm.sensors)} sensors in {arm_path.name}"
+        raise BadInput(path, "driver.temperature_ids", found, "the servo of each sensor")
+    for k, joint in enumerate(arm.joint, 1):
+        if joint.counts_per_turn != COUNTS_PER_TURN:
+            where = f"joint[{k}].counts_per_turn"
+            found, expected = str(joint.counts_per_turn), f"{COUNTS_PER_TURN}, a servo's"
+            raise BadInput(arm_path, where, found, expected)

@@ -33,6 +33,7 @@ class Seen(NamedTuple):
 
     silent_s: float | None  # since the last sample; None: none yet
     trouble: str = ""  # the driver's own explanation of a silence: unplugged, a foreign arm, …
+    hindrance: str = ""  # what the arm says of itself that keeps a person from measuring
     points: int = 0
     flags: int = 0  # any of them, bits of `Flag`
     invalid: int = 0  # points
@@ -52,8 +53,12 @@ def assess(seen: Seen) -> tuple[State, str]:
         return State.NOT_READY, f"{since}: {seen.trouble}" if seen.trouble else since
     joints = ", ".join(f"joint {k}" for k in seen.invalid_joints)
     if seen.points and seen.invalid == seen.points:
+        if seen.hindrance:
+            return State.NOT_READY, f"no valid point: {seen.hindrance}"
         missing = " and ".join(seen.missing_sensors)
         return State.NOT_READY, f"no valid point: {joints or f'{missing} missing for too long'}"
+    if seen.hindrance:
+        return State.DEGRADED, seen.hindrance
     if seen.invalid:
         return State.DEGRADED, f"{seen.invalid} of {seen.points} points invalid: {joints}"
     if seen.missing_sensors:

@@ -117,6 +117,7 @@ class Supervisor:
         return Seen(
             silent_s=self._silent_s(now_ns),
             trouble=self._trouble,
+            hindrance=self._driver.hindrance,
             points=second.points,
             flags=second.flags,
             invalid=second.invalid,

@@ -9,8 +9,9 @@ from typing import Protocol
 from pydantic import TypeAdapter
 
 from armd.drivers.can.decoder import CanDecoder
-from armd.drivers.config import CanConfig, DriverConfig, ReplayConfig
+from armd.drivers.config import CanConfig, DriverConfig, ReplayConfig, ServoConfig
 from armd.drivers.identity import Expectation
+from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.recording import Recording
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.serial_decoder import SerialDecoder
@@ -41,6 +42,8 @@ def decoder_of(recording: Recording, expectation: Expectation) -> Decoder:
         raise BadInput(recording.path, "driver", found, "a recording of an arm")
     if isinstance(config, CanConfig):
         return CanDecoder(expectation, config.rate_hz, config.max_joint_rate_deg_s)
+    if isinstance(config, ServoConfig):
+        return ServoDecoder(config, expectation)
     return SerialDecoder(expectation, config.max_joint_rate_deg_s)
 
 
@@ -68,6 +71,10 @@ class ReplayDriver:
     @property
     def stale(self) -> bool:
         return not self.connected
+
+    @property
+    def hindrance(self) -> str:
+        return ""
 
     @property
     def counters(self) -> dict[str, int]:

@@ -103,6 +103,12 @@ class Driver(Protocol):
         ...
 
     @property
+    def hindrance(self) -> str:
+        """What the arm says of itself that keeps a person from measuring, in words; "" if it says
+        nothing of the kind."""
+        ...
+
+    @property
     def counters(self) -> dict[str, int]:
         """What was counted since `open`: samples, lost, repeated, bad_crc, reconnects, …"""
         ...

@@ -54,6 +54,10 @@ class SerialDriver:
         return not self._decoder.accepted or self._line.quiet_ns > STALE_NS
 
     @property
+    def hindrance(self) -> str:
+        return ""
+
+    @property
     def counters(self) -> dict[str, int]:
         return {**self._decoder.counters, "reconnects": self._line.reconnects}
 

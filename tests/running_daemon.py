@@ -114,13 +114,19 @@ def free_endpoint() -> str:
 
 
 def write_config(
-    folder: Path, port: str, endpoint: str, extra: str = "", top: str = "", driver: str = ""
+    folder: Path,
+    port: str,
+    endpoint: str,
+    extra: str = "",
+    top: str = "",
+    driver: str = "",
+    kind: str = "serial",
 ) -> Path:
     """An armd.toml beside an arm.toml."""
     path = folder / "armd.toml"
     path.write_text(
         f'schema = "armd.daemon/1"\narm = "arm.toml"\n{top}\n'
-        f'[driver]\nkind = "serial"\nport = "{port}"\n{driver}\n'
+        f'[driver]\nkind = "{kind}"\nport = "{port}"\n{driver}\n'
         f'[zenoh]\nlisten = ["{endpoint}"]\n{extra}\n'
     )
     return path
@@ -135,10 +141,12 @@ def running_daemon(
     serial: str = "SIM-0001",
     environment: dict[str, str] | None = None,
     endpoint: str | None = None,
+    driver: str = "",
+    kind: str = "serial",
 ) -> Iterator[Daemon]:
     """Started and ready; killed at the end if it still runs."""
     endpoint = endpoint or free_endpoint()
-    config = write_config(folder, port, endpoint, extra, top)
+    config = write_config(folder, port, endpoint, extra, top, driver, kind)
     log = folder / "daemon.log"
     with (
         log.open("w") as errors,

@@ -66,6 +66,10 @@ class CanDriver:
         return time.monotonic_ns() - (self._decoder.last_sample_ns or 0)
 
     @property
+    def hindrance(self) -> str:
+        return ""
+
+    @property
     def counters(self) -> dict[str, int]:
         network = self._network
         return {

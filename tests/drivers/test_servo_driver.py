@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from fake_servos import Dynamixel, FakeServos, Feetech
 
-from armd.drivers.config import ServoConfig, Trigger
+from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.decoder import ServoDecoder
-from armd.drivers.poll.memory import Memory
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
 

@@ -1,0 +1,187 @@
+"""An arm of servos through the whole daemon: what a subscriber and a person hear of it."""
+
+import json
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import zenoh
+from fake_servos import Dynamixel, FakeServos, Feetech
+from running_daemon import running_daemon
+
+from armd import Flag
+
+BOTH = pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
+INVALID, WARNING, LOST = int(Flag.INVALID), int(Flag.JOINT_WARNING), int(Flag.SAMPLES_LOST)
+
+
+def arm_toml(n, sensors=True):
+    lines = ['schema = "armd.arm/1"', 'serial_number = "SERVO-1"', "reference_temperature_c = 20.0"]
+    lines += [f'[[temperature_sensor]]\nname = "t{k}"' for k in range(1, n + 1) if sensors]
+    for k in range(1, n + 1):
+        lines.append(
+            f"[[joint]]\ntheta_deg = 0.0\nd_mm = {50.0 if k == 1 else 0.0}\na_mm = 100.0\n"
+            f"alpha_deg = {90.0 if k == 1 else 0.0}\nbeta_deg = 0.0\ncounts_per_turn = 4096\n"
+            "min_deg = -180.0\nmax_deg = 180.0"
+        )
+        if sensors:
+            lines.append(f'temperature = "t{k}"')
+    return "\n".join([*lines, "[tip]\noffset_mm = [10.0, 0.0, 0.0]\nradius_mm = 1.0\n"])
+
+
+@contextmanager
+def measuring(servos, folder, ids, driver="", sensors=True):
+    (folder / "arm.toml").write_text(arm_toml(len(ids), sensors))
+    driver = f"baud = 1000000\nids = {list(ids)}\n{driver}"
+    environment = {"STATE_DIRECTORY": str(folder / "state")}
+    with (
+        running_daemon(
+            folder, str(servos.link), serial="SERVO-1", environment=environment,
+            driver=driver, kind=servos.family.kind,
+        ) as daemon,
+        daemon.listen() as heard,
+    ):  # fmt: skip
+        yield daemon, heard
+
+
+def state(heard):
+    """(state, reason) told last."""
+    told = heard.json("health")
+    return (told[-1]["state"], told[-1]["reason"]) if told else ("", "")
+
+
+def told(daemon, kind):
+    """Texts of all events of a kind, also of those before anybody listened."""
+    with daemon.session() as session:
+        time.sleep(0.1)
+        all_of_them = zenoh.ConsolidationMode.NONE
+        replies = list(session.get("armd/SERVO-1/event", timeout=10.0, consolidation=all_of_them))
+    events = [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok]
+    return " | ".join(event["text"] for event in events if event["kind"] == kind)
+
+
+def accept(folder):
+    command = [sys.executable, "-m", "armd.daemon.cli", "accept", str(folder / "armd.toml")]
+    return subprocess.run(
+        command, capture_output=True, text=True, env={"STATE_DIRECTORY": str(folder / "state")}
+    )
+
+
+@BOTH
+@pytest.mark.parametrize("ids", [(1, 2, 3), (1, 2, 3, 4, 5, 7, 8, 9, 12)], ids=["three", "nine"])
+def test_points_of_few_and_of_many_joints(tmp_path, family, ids):
+    with (
+        FakeServos(family, tmp_path, ids) as servos,
+        measuring(servos, tmp_path, ids) as (daemon, heard),
+    ):
+        heard.wait_for(lambda: len(heard.points()) > 300)
+        points = heard.points()
+        assert (points["flags"] & (INVALID | LOST | int(Flag.CLOCK)) == 0).all()
+        straight_mm = 100.0 * len(ids) + 10.0
+        assert np.allclose(points["position_mm"], [straight_mm, 0.0, 50.0])
+        # Joint 2 up by a quarter turn: all that follows points upwards.
+        servos.move(ids[1], 2048 + 1024)
+        mark = len(points) + 300
+        heard.wait_for(lambda: len(heard.points()) > mark)
+        last_mm = heard.points()["position_mm"][-1]
+        assert np.allclose(last_mm, [100.0, 0.0, 50.0 + straight_mm - 100.0])
+        heard.wait_for(lambda: state(heard)[0] in ("READY", "WARMING"))
+        assert daemon.stop()[0] == 0
+    assert not servos.writes
+
+
+def test_changed_offsets_void_the_geometry_until_accepted(tmp_path):
+    with FakeServos(Feetech, tmp_path) as servos:
+        with measuring(servos, tmp_path, (1, 2, 3)) as (daemon, heard):
+            heard.wait_for(lambda: len(heard.points()) > 100)
+            assert (heard.points()["flags"] & INVALID == 0).all()
+            daemon.stop()
+        Feetech.put_homing(servos.registers[2], -120)
+        with measuring(servos, tmp_path, (1, 2, 3)) as (daemon, heard):
+            heard.wait_for(lambda: len(heard.points()) > 300)
+            assert (heard.points()["flags"] & INVALID != 0).all()
+            heard.wait_for(lambda: state(heard)[0] == "NOT_READY")
+            words = "servo 2 (joint 2): homing offset: found -120, expected 0"
+            heard.wait_for(lambda: words in state(heard)[1])
+            assert words in told(daemon, "offsets_changed")
+            done = accept(tmp_path)
+            assert done.returncode == 0, done.stderr
+            assert "servo 2: homing offset -120, before 0" in done.stdout
+            accepted_ns = time.monotonic_ns()
+            heard.wait_for(lambda: heard.points()["flags"][-1] & INVALID == 0)
+            points = heard.points()
+            first = points["monotonic_ns"][points["flags"] & INVALID == 0][0]
+            assert (first - accepted_ns) * 1e-9 < 2.0
+        remembered = json.loads((tmp_path / "state/servos-SERVO-1.json").read_text())
+        assert remembered["accepted"]["2"]["homing_offset"] == -120
+
+
+def test_accepting_nothing_says_so(tmp_path):
+    (tmp_path / "arm.toml").write_text(arm_toml(3))
+    (tmp_path / "armd.toml").write_text(
+        'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "feetech"\n'
+        'port = "/dev/null"\nids = [1, 2, 3]\n'
+    )
+    done = accept(tmp_path)
+    assert done.returncode == 2 and "found no servo, expected those of a connection" in done.stderr
+
+
+@BOTH
+def test_torque_and_trouble_are_told_in_words(tmp_path, family):
+    with FakeServos(family, tmp_path) as servos:
+        servos.registers[2][family.torque] = 1
+        with measuring(servos, tmp_path, (1, 2, 3)) as (daemon, heard):
+            heard.wait_for(lambda: state(heard)[1] == "servo 2 (joint 2): its torque is on")
+            assert state(heard)[0] == "DEGRADED"
+            assert "servo 2 (joint 2)" in told(daemon, "torque_on")
+            servos.registers[2][family.torque] = 0
+            heard.wait_for(lambda: heard.events("torque_off"))
+            servos.registers[3][70] = 0x20
+            servos.errors[3] = 0x20 if family is Feetech else 0x80
+            heard.wait_for(lambda: heard.points()["flags"][-1] & WARNING)
+            assert np.isfinite(heard.points()["position_mm"][-1]).all()
+            heard.wait_for(
+                lambda: "overload" in " ".join(e["text"] for e in heard.events("servo_warning"))
+            )
+            servos.errors[3] = 0
+            heard.wait_for(lambda: not heard.points()["flags"][-1] & WARNING)
+    assert not servos.writes
+
+
+def test_a_missing_id_is_named_and_its_rows_are_invalid(tmp_path):
+    with FakeServos(Feetech, tmp_path, (1, 2, 3)) as servos:
+        servos.silent.add(3)
+        with measuring(servos, tmp_path, (1, 2, 3)) as (daemon, heard):
+            heard.wait_for(lambda: len(heard.points()) > 50)
+            assert (heard.points()["flags"] & INVALID != 0).all()
+            assert "servo 3 (joint 3) does not answer" in told(daemon, "servo_missing")
+            heard.wait_for(lambda: "servo 3 (joint 3) does not answer" in state(heard)[1])
+            servos.silent.clear()
+            heard.wait_for(lambda: heard.points()["flags"][-1] & INVALID == 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "where", "found"),
+    [
+        ("ids = [1, 2]", "driver.ids", "[1, 2]"),
+        ("ids = [1, 2, 3, 4]", "driver.ids", "4 servos"),
+        ("ids = [1, 2, 2]", "driver.ids", "[1, 2, 2]"),
+        ("ids = [1, 2, 3]\nid = 3", "driver.id", "an unknown key"),
+        ("ids = [1, 2, 3]\ntemperature_ids = [1]", "driver.temperature_ids", "1 servos"),
+        ("ids = [1, 2, 3]\nreturn_delay_us = 3", "driver.return_delay_us", "3"),
+    ],
+)
+def test_bad_keys_are_named(tmp_path, change, where, found):
+    (tmp_path / "arm.toml").write_text(arm_toml(3))
+    path = tmp_path / "armd.toml"
+    path.write_text(
+        'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "feetech"\n'
+        f'port = "/dev/null"\n{change}\n'
+    )
+    command = [sys.executable, "-m", "armd.daemon.cli", "check", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    told = done.stdout + done.stderr
+    assert done.returncode != 0 and where in told and found in told
