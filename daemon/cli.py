@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import signal
 import sys
 from collections.abc import Sequence
 
@@ -45,6 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     # Only the chosen command's module is imported: `armd check` should not pay for Zenoh.
     chosen = next((word for word in arguments if not word.startswith("-")), None)
+    if chosen == "run":  # before anything is read, a reload has nothing to do
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     module = None
     for name, help_line in COMMANDS.items():
         command = commands.add_parser(name, help=help_line, description=help_line + ".")

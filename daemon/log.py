@@ -1,11 +1,17 @@
-"""Events for people: one line each, never a flood; under systemd with fields to search by."""
+"""Events for people: one line each, never a flood; under systemd with fields to search by.
+
+The stream of points waits for no log: the journal's socket does not block, and a thread of its own
+writes the lines, whatever becomes of it: a disk may be full, a file closed, a pipe not read.
+"""
 
 from __future__ import annotations
 
 import json
 import os
+import queue
 import socket
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -13,9 +19,14 @@ from typing import TextIO
 
 from armd.drivers.sample import Event
 
-#: Of one kind of event this many lines are written in this time; the rest is counted.
-BURST = 5
+#: Of one kind of event this many lines are written in this time, one for each joint and sensor an
+#: arm can have; the rest is counted.
+BURST = 20
 BURST_S = 10.0
+#: Lines that wait for a standard error that is not read; more are dropped.
+WAITING = 1000
+#: How long the end of the daemon waits for the last lines.
+DRAIN_S = 0.5
 JOURNAL = "/run/systemd/journal/socket"
 _PRIORITY = {"error": 3, "warning": 4, "info": 6}
 
@@ -25,11 +36,11 @@ class Log:
 
     def __init__(
         self,
-        stream: TextIO = sys.stderr,
+        stream: TextIO | None = sys.stderr,
         clock_s: Callable[[], float] = time.monotonic,
         journal: str = JOURNAL,
     ) -> None:
-        self._stream = stream
+        self._lines = _Lines(_descriptor(stream))
         self._clock_s = clock_s
         self._journal = _connect(journal) if _is_journal(stream) else None
         self._windows: dict[str, tuple[float, int]] = {}  # kind → start, lines since
@@ -48,20 +59,34 @@ class Log:
         detail = json.dumps(event.detail) if event.detail else ""
         more = f"({suppressed} more before)" if suppressed else ""
         text = " ".join(part for part in (f"{event.kind}: {event.text}", detail, more) if part)
-        if self._journal is None or not self._send(event, text, detail):
-            print(f"armd: {event.severity}: {text}", file=self._stream, flush=True)
+        self._put(event.severity, event.kind, text, detail)
+
+    def tell_rest(self) -> None:
+        """Say how many lines of a flood that is over were left out; to be called now and then."""
+        now_s = self._clock_s()
+        for kind, (start_s, lines) in list(self._windows.items()):
+            if now_s - start_s < BURST_S:
+                continue
+            del self._windows[kind]
+            if lines > BURST:
+                self._put("info", kind, f"{kind}: {lines - BURST} more in {now_s - start_s:.0f} s")
 
     def close(self) -> None:
+        self._lines.close()
         if self._journal is not None:
             self._journal.close()
 
-    def _send(self, event: Event, text: str, detail: str) -> bool:
+    def _put(self, severity: str, kind: str, text: str, detail: str = "") -> None:
+        if self._journal is None or not self._send(severity, kind, text, detail):
+            self._lines.put(f"armd: {severity}: {text}\n")
+
+    def _send(self, severity: str, kind: str, text: str, detail: str) -> bool:
         """systemd's native protocol: `journalctl ARMD_KIND=silence -o json` finds it again."""
         fields = {
             "MESSAGE": text,
-            "PRIORITY": str(_PRIORITY[event.severity]),
+            "PRIORITY": str(_PRIORITY[severity]),
             "SYSLOG_IDENTIFIER": "armd",
-            "ARMD_KIND": event.kind,
+            "ARMD_KIND": kind,
             "ARMD_DETAIL": detail or "{}",
         }
         lines = (f"{name}={' '.join(value.splitlines())}\n" for name, value in fields.items())
@@ -72,10 +97,80 @@ class Log:
         return False
 
 
-def _is_journal(stream: TextIO) -> bool:
+class _Lines:
+    """Lines on their way to a file descriptor, as many as it takes."""
+
+    def __init__(self, descriptor: int | None) -> None:
+        self._descriptor = descriptor
+        self._queue: queue.Queue[bytes | None] = queue.Queue(WAITING)
+        self._dropped = 0
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+        if descriptor is not None:
+            self._thread.start()
+
+    def put(self, line: str) -> None:
+        if self._descriptor is None:
+            return
+        try:
+            if self._dropped:
+                lost = f"armd: warning: log: {self._dropped} lines were not written\n"
+                self._queue.put_nowait(lost.encode())
+                self._dropped = 0
+            self._queue.put_nowait(line.encode(errors="backslashreplace"))
+        except queue.Full:
+            self._dropped += 1
+
+    def close(self) -> None:
+        """Wait for what is under way, for a moment."""
+        with suppress(queue.Full):
+            self._queue.put_nowait(None)
+            if self._thread.is_alive():
+                self._thread.join(DRAIN_S)
+
+    def _write(self) -> None:
+        # Not by way of Python's own stream: one that blocks would keep its lock, and the process.
+        assert self._descriptor is not None
+        while (line := self._queue.get()) is not None:
+            with suppress(OSError):
+                while line:
+                    line = line[os.write(self._descriptor, line) :]
+
+
+def keep_standard_streams_open() -> None:
+    """A descriptor below 3 that is closed would be the next file opened, perhaps the arm's port,
+    and get what is meant for standard error."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+
+
+def say(line: str) -> None:
+    """Print a line on standard output, if that can be written to."""
+    try:
+        print(line, flush=True)
+    except OSError:
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.stdout.fileno())  # what is buffered would fail again at the end
+        os.close(null)
+
+
+def _descriptor(stream: TextIO | None) -> int | None:
+    if stream is None:
+        return None
+    with suppress(OSError, ValueError):  # closed
+        return stream.fileno()
+    return None
+
+
+def _is_journal(stream: TextIO | None) -> bool:
     """systemd tells which file its journal reads; whoever redirects it away keeps the variable."""
-    with suppress(OSError, ValueError):
-        status = os.fstat(stream.fileno())
+    descriptor = _descriptor(stream)
+    if descriptor is None:
+        return False
+    with suppress(OSError):
+        status = os.fstat(descriptor)
         return os.environ.get("JOURNAL_STREAM") == f"{status.st_dev}:{status.st_ino}"
     return False
 

@@ -189,6 +189,7 @@ class Service:
         for event in self._supervisor.assess(now_ns):
             self._tell(event)
         if second_over:
+            self._log.tell_rest()
             self._sender_settled = self._sender_settled or sender_goes_first()
             self._publisher.put_health(self._supervisor.health(now_ns))
             self._systemd.status(f"{self._supervisor.state}: {self._supervisor.reason}")

@@ -33,7 +33,8 @@ class Supervisor:
         self._tally = Tally(now_ns)
         self._second = Second()
         self._next_second_ns = now_ns + SECOND_NS
-        self._missing: tuple[str, ...] = ()
+        self._missing: tuple[str, ...] = ()  # sensors without a value
+        self._lost: tuple[str, ...] = ()  # those of them that are told as events
         self.state = State.NOT_READY
         self.reason = "starting"
 
@@ -54,15 +55,15 @@ class Supervisor:
 
     def assess(self, now_ns: int) -> list[Event]:
         """Renew state and reason; what has changed, told as events."""
-        before, missed = self.state, self._missing
+        before, missed = self.state, self._lost
         temperature = self._arm.pipeline.temperature
         self._tally.count()
         self._missing = temperature.missing(self._tally.latched_ns)
+        self._lost = temperature.lost(self._tally.latched_ns)
         self.state, self.reason = assess(self._seen(now_ns))
         events = []
-        changed = self._missing != missed and temperature.heard
-        for sensor in sorted({*missed} ^ {*self._missing}) if changed else ():
-            if sensor in self._missing:
+        for sensor in sorted({*missed} ^ {*self._lost}) if self._lost != missed else ():
+            if sensor in self._lost:
                 text = f"sensor {sensor} is invalid or silent; its last value is held"
                 kind, severity = "temperature_missing", "warning"
             else:

@@ -33,6 +33,7 @@ class TemperatureWatch:
         self._current_c = [math.nan] * n
         self._heard_c = [math.nan] * n  # the last good value, NaN before the first
         self._good_ns = [-1] * n
+        self._begun_ns: int | None = None
         self._history = History(self.sensors)
         self.use(arm, None)
 
@@ -51,6 +52,7 @@ class TemperatureWatch:
 
     def begin(self, monotonic_ns: int) -> None:
         """The stream starts: from here on a temperature that was never heard ages."""
+        self._begun_ns = monotonic_ns
         self._good_ns = [monotonic_ns if good_ns < 0 else good_ns for good_ns in self._good_ns]
         self._judge()
 
@@ -66,11 +68,6 @@ class TemperatureWatch:
         self._judge()
 
     @property
-    def heard(self) -> bool:
-        """Any reading has come, be it of invalid channels."""
-        return len(self._history) > 0
-
-    @property
     def known(self) -> bool:
         """Every sensor in use has had a value."""
         return not any(math.isnan(self._heard_c[i]) for i in self._used)
@@ -84,6 +81,16 @@ class TemperatureWatch:
             self.sensors[i]
             for i in self._used
             if self._good_ns[i] < late_ns or math.isnan(self._current_c[i])
+        )
+
+    def lost(self, monotonic_ns: int) -> tuple[str, ...]:
+        """Of the missing ones those that a person wants to hear of: after the start the first value
+        of each is waited for."""
+        waited = self._begun_ns is not None and monotonic_ns > self._begun_ns + STALE_AFTER_NS
+        return tuple(
+            name
+            for name in self.missing(monotonic_ns)
+            if waited or not math.isnan(self._heard_c[self.sensors.index(name)])
         )
 
     def unsteady(self, limit_k_per_h: float) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config, load_config
+from armd.daemon.log import keep_standard_streams_open, say
 from armd.daemon.metrics import MetricsServer
 from armd.daemon.priority import go_first
 from armd.daemon.rehearsal import rehearse
@@ -27,12 +28,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    keep_standard_streams_open()
     refuse_root_service(args.allow_root)
     return serve(load_config(args.config))
 
 
 def serve(config: Config) -> int:
     """Publish until a signal says stop, or until a replay has ended."""
+    asked = Asked()  # from here on a signal is heard, and done when there is something to do it
     arm = ArmInUse(config)
     rehearse(config, arm)  # compiles everything the stream needs, before ready is said
     driver = open_driver(config.driver, expectation(config))
@@ -42,15 +45,35 @@ def serve(config: Config) -> int:
         service = stack.enter_context(closing(Service(config, driver, session, arm)))
         if config.file.metrics is not None:
             stack.enter_context(closing(_serve_metrics(config, service)))
-        signal.signal(signal.SIGTERM, lambda *_: service.stop())
-        signal.signal(signal.SIGINT, lambda *_: service.stop())
-        signal.signal(signal.SIGHUP, lambda *_: service.ask_reload())
+        asked.of(service)
         gc.freeze()  # what start-up made stays; the collector need not look at it again
-        print(_ready(config, arm), flush=True)
+        say(_ready(config, arm))
         if config.driver.kind != "replay":  # which may run as fast as it can
             go_first()
         service.run()
     return 0
+
+
+class Asked:
+    """What signals ask for: at once to end, or to reload, before there is a service too."""
+
+    def __init__(self) -> None:
+        self._service: Service | None = None
+        self._reload = False
+        signal.signal(signal.SIGHUP, self._hang_up)
+
+    def of(self, service: Service) -> None:
+        """From now on the service does it."""
+        self._service = service
+        signal.signal(signal.SIGTERM, lambda *_: service.stop())
+        signal.signal(signal.SIGINT, lambda *_: service.stop())
+        if self._reload:
+            service.ask_reload()
+
+    def _hang_up(self, *_: object) -> None:
+        self._reload = True
+        if self._service is not None:
+            self._service.ask_reload()
 
 
 def _serve_metrics(config: Config, service: Service) -> MetricsServer:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import socket
 
@@ -42,18 +41,36 @@ def test_the_worst_reason_wins(seen, state, reason):
     assert reason in why
 
 
-def test_a_flood_of_events_is_counted_not_written():
-    stream, now_s = io.StringIO(), [0.0]
-    log = Log(stream, lambda: now_s[0])
-    for _ in range(100):
-        log.write(Event("silence", "no sample", 0, "error", {"port": "x"}))
-    log.write(Event("button", "pressed", 0, "info"))
-    now_s[0] = 11.0
-    log.write(Event("silence", "no sample", 0, "error"))
-    lines = stream.getvalue().splitlines()
-    assert len(lines) == BURST + 2
+def test_a_flood_of_events_is_counted_not_written(tmp_path):
+    now_s = [0.0]
+    with (tmp_path / "stderr").open("w+") as stream:
+        log = Log(stream, lambda: now_s[0])
+        for _ in range(100):
+            log.write(Event("silence", "no sample", 0, "error", {"port": "x"}))
+            log.write(Event("state", "NOT_READY", 0, "warning"))
+        log.write(Event("button", "pressed", 0, "info"))
+        log.tell_rest()  # nothing yet: it may go on
+        now_s[0] = 11.0
+        log.write(Event("silence", "no sample", 0, "error"))
+        log.tell_rest()
+        log.tell_rest()
+        log.close()
+        stream.seek(0)
+        lines = stream.read().splitlines()
+    assert len(lines) == 2 * BURST + 3
     assert lines[0] == 'armd: error: silence: no sample {"port": "x"}'
-    assert lines[-1] == f"armd: error: silence: no sample ({100 - BURST} more before)"
+    assert lines[-2] == f"armd: error: silence: no sample ({100 - BURST} more before)"
+    assert lines[-1] == f"armd: info: state: {100 - BURST} more in 11 s"
+
+
+def test_of_every_sensor_and_joint_a_line_is_written(tmp_path):
+    with (tmp_path / "stderr").open("w+") as stream:
+        log = Log(stream)
+        for k in range(1, 17):
+            log.write(Event("temperature_back", f"sensor t{k} is back", 0, "info"))
+        log.close()
+        stream.seek(0)
+        assert "sensor t16 is back" in stream.read()
 
 
 def test_the_journal_gets_fields(tmp_path, monkeypatch):
@@ -82,7 +99,9 @@ def test_the_journal_gets_fields(tmp_path, monkeypatch):
 def test_standard_error_that_is_not_the_journals_stays_in_use(tmp_path, monkeypatch):
     monkeypatch.setenv("JOURNAL_STREAM", "1:2")
     with (tmp_path / "stderr").open("w+") as stream:
-        Log(stream).write(Event("button", "pressed", 0, "info"))
+        log = Log(stream)
+        log.write(Event("button", "pressed", 0, "info"))
+        log.close()
         stream.seek(0)
         assert stream.read() == "armd: info: button: pressed\n"
 

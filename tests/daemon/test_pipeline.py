@@ -12,7 +12,7 @@ from small_arm import reading, samples_of, small_arm, thermal_calibration
 
 from armd import Flag
 from armd.compensation.kinematics import forward
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.terms import Temperature, Term, Time
 from armd.daemon.config import Limits
 from armd.daemon.pipeline import Pipeline
 from armd.drivers.sample import Temperatures
@@ -253,3 +253,90 @@ def test_an_arm_without_sensors_needs_no_temperature():
     points, _ = pipeline.correct(still(40_000, 2))
     assert not flagged(points, Flag.TEMPERATURE_STALE | Flag.INVALID).any()
     assert pipeline.temperature.unsteady(1.0) == ""
+
+
+def test_a_sensor_is_told_lost_once_it_had_a_value_or_has_been_waited_for():
+    watch = calibrated().temperature
+    watch.begin(10**9)
+    assert watch.missing(10**9) == ("a", "b") and watch.lost(10**9) == ()  # nobody spoke yet
+    first = reading([20.0, math.nan, 20.0], 0.1)
+    watch.update(first.celsius, first.monotonic_ns)
+    assert watch.missing(2 * 10**9) == ("b",) and watch.lost(2 * 10**9) == ()
+    assert watch.lost(6_200_000_000) == ("a", "b")  # a is stale by now, b never came
+    warm = reading(WARM, 6.0)
+    watch.update(warm.celsius, warm.monotonic_ns)
+    assert watch.lost(7 * 10**9) == ()
+    gone = reading([20.0, math.nan, math.nan], 6.5)
+    watch.update(gone.celsius, gone.monotonic_ns)
+    assert watch.lost(7_500_000_000) == ("b",)
+
+
+def test_what_is_not_finite_is_invalid():
+    huge = Term(parameter="a_2", basis=[Temperature(weights={"b": 1.0})], coefficient=1e307)
+    pipeline = calibrated(terms=[huge])
+    pipeline.take_temperatures(reading([20.0, 60.0, 20.0], 0))
+    points, _ = pipeline.correct(still(2))
+    assert flagged(points, Flag.INVALID).all() and np.isnan(points["position_mm"]).all()
+    pipeline.take_temperatures(reading([20.0, 20.0, 20.0], 0.5))
+    assert not flagged(pipeline.correct(still(1, 600))[0], Flag.INVALID)
+
+
+def drifting(**period) -> list[Term]:
+    return [Term(parameter="a_1", basis=[Time(**period)], coefficient=0.005)]
+
+
+def correction_x(pipeline: Pipeline, at_s: float) -> tuple[float, bool]:
+    """Joint 1 carries link 1 along x."""
+    samples = samples_of(np.zeros((1, 3)), first_seq=round(at_s * 1000))
+    (point,), _ = pipeline.correct(samples)
+    return float(point["correction_mm"][0]), bool(point["flags"] & Flag.TEMPERATURE_RANGE)
+
+
+UNIX_S = 1_700_000_000.0 + 1.0  # of `samples_of` at 0 s
+
+
+@pytest.mark.parametrize("sensors", [True, False])
+def test_a_term_that_follows_time_is_evaluated_at_the_samples_and_held_beyond_its_period(sensors):
+    period = {"since_unix_s": UNIX_S - 3600, "until_unix_s": UNIX_S + 3600}
+    arm = small_arm()
+    if not sensors:
+        joints = [joint.model_copy(update={"temperature": None}) for joint in arm.joint]
+        arm = arm.model_copy(update={"joint": joints, "temperature_sensor": []})
+    pipeline = Pipeline(arm, thermal_calibration(arm, terms=drifting(**period)), Limits())
+    assert correction_x(pipeline, 0.0) == (pytest.approx(0.005, rel=1e-5), False)
+    for at_s, mm, outside in (
+        (1800.0, 0.0075, False),
+        (3599.0, 0.01, False),
+        (90_000.0, 0.01, True),
+    ):
+        if sensors:
+            pipeline.take_temperatures(reading(WARM, at_s - 0.3))
+        assert correction_x(pipeline, at_s) == (pytest.approx(mm, rel=1e-3), outside)
+    assert pipeline.outside_period == (period["since_unix_s"], period["until_unix_s"])
+
+
+def test_time_goes_on_sample_by_sample_however_the_stream_is_cut():
+    arm = small_arm()
+    term = drifting(since_unix_s=UNIX_S, until_unix_s=UNIX_S + 9e3)
+    samples = still(5000)
+    bits = []
+    for cuts in ([], [1, 999, 1000, 1001], [2500], list(range(0, 5000, 77))):
+        pipeline = Pipeline(arm, thermal_calibration(arm, terms=term), Limits())
+        pieces = [piece for piece in np.split(samples, cuts) if len(piece)]
+        bits.append(b"".join(pipeline.correct(piece)[0].tobytes() for piece in pieces))
+    assert len(set(bits)) == 1
+
+
+def test_a_lag_starts_with_the_first_measured_temperature():
+    arm = small_arm()
+    lagging = [
+        Term(
+            parameter="a_1", basis=[Temperature(weights={"b": 1.0}, lag_s=600.0)], coefficient=0.01
+        ),
+        *drifting(since_unix_s=UNIX_S - 3600),  # so that samples alone fold the model too
+    ]
+    pipeline = Pipeline(arm, thermal_calibration(arm, terms=lagging), Limits())
+    pipeline.correct(still(3))
+    pipeline.take_temperatures(reading([20.0, math.nan, 20.0], 0.5))
+    pipeline.take_temperatures(reading([20.0, 30.0, 20.0], 1.0))
+    assert correction_x(pipeline, 1.1)[0] == pytest.approx(0.1 + 0.005, rel=1e-3)
