@@ -95,6 +95,13 @@ class ServoConfig(Strict):
         return ids
 
 
+class MicroScribeConfig(Strict):
+    kind: Literal["microscribe"]
+    port: Annotated[str, Field(min_length=1)]
+    baud: Annotated[int, Field(gt=0)] | None = None  # found by trying
+    max_joint_rate_deg_s: Annotated[float, Field(gt=0)] = MAX_JOINT_RATE_DEG_S
+
+
 class ReplayConfig(Strict):
     kind: Literal["replay"]
     file: Annotated[str, Field(min_length=1)]  # MCAP, relative to armd.toml
@@ -102,5 +109,6 @@ class ReplayConfig(Strict):
 
 
 DriverConfig = Annotated[
-    SerialConfig | CanConfig | ServoConfig | ReplayConfig, Field(discriminator="kind")
+    SerialConfig | CanConfig | ServoConfig | MicroScribeConfig | ReplayConfig,
+    Field(discriminator="kind"),
 ]

@@ -9,9 +9,16 @@ from typing import Protocol
 from pydantic import TypeAdapter
 
 from armd.drivers.can.decoder import CanDecoder
-from armd.drivers.config import CanConfig, DriverConfig, ReplayConfig, ServoConfig
+from armd.drivers.config import (
+    CanConfig,
+    DriverConfig,
+    MicroScribeConfig,
+    ReplayConfig,
+    ServoConfig,
+)
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.decoder import ServoDecoder
+from armd.drivers.microscribe.decoder import MicroScribeDecoder
 from armd.drivers.recording import Recording
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.serial_decoder import SerialDecoder
@@ -44,6 +51,8 @@ def decoder_of(recording: Recording, expectation: Expectation) -> Decoder:
         return CanDecoder(expectation, config.rate_hz, config.max_joint_rate_deg_s)
     if isinstance(config, ServoConfig):
         return ServoDecoder(config, expectation)
+    if isinstance(config, MicroScribeConfig):
+        return MicroScribeDecoder(expectation, config.max_joint_rate_deg_s)
     return SerialDecoder(expectation, config.max_joint_rate_deg_s)
 
 

@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Literal
 
 from armd.errors import ArmdError, BadInput
 from armd.files import write_whole
@@ -20,6 +19,8 @@ from armd.simulator.canbus.timeline import GRID_HZ
 from armd.simulator.canbus.wires import Wire
 from armd.simulator.crystal import precise_timers
 from armd.simulator.faults import FAULTS, check_wire, parse_fault, random_faults
+from armd.simulator.faults import Wire as WireName
+from armd.simulator.microscribe.device import MicroScribeDevice
 from armd.simulator.physics import Block, WarmUp, blocks
 from armd.simulator.pty_port import PtyPort
 from armd.simulator.scenario import Scenario
@@ -56,6 +57,9 @@ def parser() -> argparse.ArgumentParser:
         help="as CANopen nodes; prints first: socketcand HOST:PORT (bus can0), else the channel",
     )
     mode.add_argument(
+        "--microscribe", action="store_true", help="as a MicroScribe on a pty; prints its path first"
+    )
+    mode.add_argument(
         "--session", metavar="KIND", help="measured sessions instead: see --session KIND --help"
     )
     mode.add_argument(
@@ -84,6 +88,9 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         default=None,
         help="on CAN: the arm sends SYNC itself, --rate times a second",
+    )
+    command.add_argument(
+        "--baud", metavar="N", type=int, help="of a MicroScribe: the only rate it hears (any)"
     )
     command.add_argument(
         "--fault",
@@ -121,7 +128,9 @@ def read_scenario(options: argparse.Namespace) -> Scenario:
     }
     merged = file.model_dump(by_alias=True) | given
     scenario = validate("command line", merged, Scenario)
-    wire: Literal["serial", "can"] = "serial" if options.serial else "can"
+    wire: WireName = (
+        "serial" if options.serial else "microscribe" if options.microscribe else "can"
+    )
     faults = [*scenario.fault, *(parse_fault(text) for text in options.fault)]
     if scenario.faults_per_minute:
         if scenario.seconds is None:
@@ -163,7 +172,14 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
     with ExitStack() as cleanup:
         truth = cleanup.enter_context(closing(TruthFile(options.truth)))
         log = cleanup.enter_context(closing(FaultLog(options.fault_log)))
-        if options.serial:
+        if options.microscribe:
+            port = cleanup.enter_context(closing(PtyPort(options.link)))
+            scribe = cleanup.enter_context(
+                closing(MicroScribeDevice(scenario, port, truth, log, options.baud))
+            )
+            print(port.path, flush=True)
+            scribe.run()
+        elif options.serial:
             physics = cleanup.enter_context(closing(Ahead(life(scenario, scenario.rate_hz))))
             port = cleanup.enter_context(closing(PtyPort(options.link)))
             device = cleanup.enter_context(

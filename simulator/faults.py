@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 from armd.errors import BadInput
 from armd.schema import Strict, validate
 
-Wire = Literal["serial", "can"]
+Wire = Literal["serial", "can", "microscribe"]
 
 
 class Kind(NamedTuple):
@@ -28,16 +28,18 @@ class Kind(NamedTuple):
 
 SERIAL: tuple[Wire, ...] = ("serial",)
 CAN: tuple[Wire, ...] = ("can",)
+PORTS: tuple[Wire, ...] = ("serial", "microscribe")
 BOTH: tuple[Wire, ...] = ("serial", "can")
+ALL: tuple[Wire, ...] = ("serial", "can", "microscribe")
 
 FAULTS = {
     "corrupted_byte": Kind("one byte of the SAMPLE packet changes on the wire", 0.0, SERIAL),
     "truncated_packet": Kind("the SAMPLE packet loses its end, delimiter included", 0.0, SERIAL),
     "lost_samples": Kind("SAMPLE packets are not sent; seq counts on", 0.005, SERIAL),
     "repeated_packet": Kind("the SAMPLE packet is sent twice", 0.0, SERIAL),
-    "silence": Kind("nothing is sent or answered; the arm keeps its state", 0.8, BOTH),
-    "unplug": Kind("the port disappears, and comes back at the end", 1.0, SERIAL),
-    "reboot": Kind("the arm starts anew: counters, clock, boot_id, settings", 0.3, BOTH),
+    "silence": Kind("nothing is sent or answered; the arm keeps its state", 0.8, ALL),
+    "unplug": Kind("the port disappears, and comes back at the end", 1.0, PORTS),
+    "reboot": Kind("the arm starts anew: counters, clock, boot_id, settings", 0.3, ALL),
     "joint_invalid": Kind("the joint's status bit is set (CAN: an alarm)", 0.5, BOTH),
     "count_jump": Kind("the joint's count is off by `amount` counts", 0.0, BOTH, 1 << 20),
     "sensor_open": Kind("the channel is marked invalid", 3.0, BOTH),

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from armd.compensation.arm import Arm
+from armd.daemon.catalogue import microscribe
 from armd.daemon.catalogue.known import (
     KNOWN,
     Bus,
@@ -22,6 +23,7 @@ from armd.daemon.catalogue.known import (
     with_serial_number,
 )
 from armd.daemon.catalogue.lerobot import take_over
+from armd.drivers.microscribe.factory import read_factory
 from armd.drivers.ports import serial_ports
 from armd.errors import BadInput
 from armd.files import write_whole
@@ -70,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         taken = take_over(args.file, args.arm)
         text, bus = taken.text, taken.bus
     elif args.name == "microscribe":
-        text, bus = _microscribe(args), None
+        return _microscribe(args)
     else:
         text, bus = arm_text(args.name), KNOWN[canonical(args.name)]
     if args.serial_number is not None:
@@ -86,8 +88,25 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _microscribe(args: argparse.Namespace) -> str:
-    raise BadInput("armd arm", "NAME", "microscribe", f"one of {', '.join(KNOWN)}")
+def _microscribe(args: argparse.Namespace) -> int:
+    if args.serial_number is not None:
+        raise BadInput("armd arm", "--serial-number", args.serial_number, "nothing: it has its own")
+    ports = [args.port] if args.port else [str(port) for port in serial_ports()]
+    if len(ports) != 1:
+        raise BadInput("armd arm", "--port", f"{len(ports)} serial ports", "the MicroScribe's")
+    factory = read_factory(ports[0], args.baud)
+    text = microscribe.arm_text(factory, ports[0], args.ball)
+    validate(f"{ports[0]}: the arm's memory", tomllib.loads(text), Arm)
+    if args.output is None:
+        sys.stdout.write(text)
+        return 0
+    write_whole(args.output, text)
+    print(f"{args.output}: {title(text)}")
+    path = args.output.parent / "armd.toml"
+    if not path.exists():
+        write_whole(path, microscribe.daemon_text(args.output.name, ports[0], factory.baud))
+        print(f"{path}: for `armd run {path}`, on {ports[0]}")
+    return 0
 
 
 def _write_daemon_file(output: Path, bus: Bus, port: str | None) -> None:

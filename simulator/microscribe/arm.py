@@ -1,0 +1,96 @@
+"""The arm with serial number 40937: what its memory holds, and where its tip truly is.
+
+The memory is the maker's, as captured from a real arm. The tip follows the maker's own chain, in
+the modified form; armd's rows are of the other form, so that the two share nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+TEXTS = {
+    0xC8: b"MicroScribe3D\0",
+    0xC9: b"MSCR\0",
+    0xCA: b"DX\0",
+    0xCB: b"40937\0",
+    0xCC: b"Standard+Beta\0",
+    0xCD: b"Format DH0.5\0",
+    0xCE: b"HCI 2.0\0",
+}
+PARAMETERS = bytes.fromhex(
+    "00003FF5FFF93FE5C002C00C 000003C028100215FE6F018F 206CFC92FFFD241C0140EB66"
+)
+EXTENDED = bytes.fromhex("0003")
+MAXIMA = bytes.fromhex("03 3FFF 000000000000000000 3FFF3FFF1FFF0FFF0FFF0000")
+COUNTS_PER_TURN = np.array([16384, 16384, 8192, 4096, 4096])
+#: The angle registers at power-up and after HOME: the stylus in its rest.
+HOME_COUNTS = np.array([12288, 6000, 6800, 2048, 1100])
+
+_ALPHA, _A, _D = np.frombuffer(PARAMETERS, ">i2").reshape(3, 6).astype(float)
+_BETA = int.from_bytes(EXTENDED, "big") * math.pi / 32768
+
+
+def tip_mm(angles: F64) -> F64:
+    """The point's position (3,), of the true angles (5,) rad."""
+    frame = np.eye(4)
+    for i, theta in enumerate([*angles, 0.0]):
+        frame = frame @ _shift(_A[i] * 0.0254, 0) @ _turn(0, _ALPHA[i] * math.pi / 32768)
+        if i == 2:
+            frame = frame @ _turn(1, _BETA)
+        frame = frame @ _turn(2, theta) @ _shift(_D[i] * 0.0254, 2)
+    return frame[:3, 3]
+
+
+def _turn(axis: int, angle: float) -> F64:
+    i, j = ((1, 2), (2, 0), (0, 1))[axis]
+    frame = np.eye(4)
+    frame[i, i] = frame[j, j] = math.cos(angle)
+    frame[j, i], frame[i, j] = math.sin(angle), -math.sin(angle)
+    return frame
+
+
+def _shift(mm: float, axis: int) -> F64:
+    frame = np.eye(4)
+    frame[axis, 3] = mm
+    return frame
+
+
+class Hand:
+    """Somebody who homes the arm, then moves it and rests in turns, pressing a pedal at rests."""
+
+    HOMED_S = 4.0  # in the rest, the pedal pressed meanwhile
+    TURN_S, MOVING_S = 5.0, 3.0
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng([seed, 0x35C])
+        self._amplitude = rng.uniform(0.2, 0.7, 5)
+        self._hz = rng.uniform(0.1, 0.35, 5)
+        self._phase = rng.uniform(0, 2 * np.pi, 5)
+
+    def angles(self, t_s: float) -> F64:
+        """True angles (5,) rad, *t_s* after the simulator's start."""
+        home = HOME_COUNTS / COUNTS_PER_TURN * 2 * np.pi
+        swing = np.sin(2 * np.pi * self._hz * self._progress(t_s) + self._phase)
+        angles: F64 = home + self._amplitude * (swing - np.sin(self._phase))
+        return angles
+
+    def buttons(self, t_s: float) -> int:
+        """Bit 0: the right pedal; bit 1: the left one."""
+        if t_s < self.HOMED_S:
+            return int(2.0 <= t_s < 2.2)
+        turn, within = divmod(t_s - self.HOMED_S, self.TURN_S)
+        pressed = self.MOVING_S + 1.0 <= within < self.MOVING_S + 1.2
+        return pressed * (1 + int(turn) % 2)
+
+    def _progress(self, t_s: float) -> float:
+        """Time spent moving; it starts and stops smoothly."""
+        if t_s <= self.HOMED_S:
+            return 0.0
+        turns, within = divmod(t_s - self.HOMED_S, self.TURN_S)
+        part = min(within / self.MOVING_S, 1.0)
+        return self.MOVING_S * (turns + part - math.sin(2 * math.pi * part) / (2 * math.pi))
