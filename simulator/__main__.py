@@ -57,7 +57,9 @@ def parser() -> argparse.ArgumentParser:
         help="as CANopen nodes; prints first: socketcand HOST:PORT (bus can0), else the channel",
     )
     mode.add_argument(
-        "--microscribe", action="store_true", help="as a MicroScribe on a pty; prints its path first"
+        "--microscribe",
+        action="store_true",
+        help="as a MicroScribe on a pty; prints its path first",
     )
     mode.add_argument(
         "--session", metavar="KIND", help="measured sessions instead: see --session KIND --help"
@@ -128,9 +130,7 @@ def read_scenario(options: argparse.Namespace) -> Scenario:
     }
     merged = file.model_dump(by_alias=True) | given
     scenario = validate("command line", merged, Scenario)
-    wire: WireName = (
-        "serial" if options.serial else "microscribe" if options.microscribe else "can"
-    )
+    wire: WireName = "serial" if options.serial else "microscribe" if options.microscribe else "can"
     faults = [*scenario.fault, *(parse_fault(text) for text in options.fault)]
     if scenario.faults_per_minute:
         if scenario.seconds is None:

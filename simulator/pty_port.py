@@ -37,8 +37,14 @@ class PtyPort:
     def baud(self) -> int:
         """What the host has set; a pty does not keep to it, so that the arm must."""
         speed = termios.tcgetattr(self._slave)[5]
-        name = next((n for n in vars(termios) if n[:1] == "B" and n[1:].isdigit()
-                     and getattr(termios, n) == speed), "B38400")
+        name = next(
+            (
+                n
+                for n in vars(termios)
+                if n[:1] == "B" and n[1:].isdigit() and getattr(termios, n) == speed
+            ),
+            "B38400",
+        )
         return int(name[1:]) or 38_400
 
     def plug(self) -> None:

@@ -47,6 +47,7 @@ class MicroScribeDriver:
         self._give_up_ns = 0  # on this rate
         self._send_ns = 0  # when the next request may leave
         self._sent_ns = 0  # when the last one left
+        self._session_ns = 0  # when the session was last being begun
         self._home_ns = 0  # when HOME may be sent again
         self._draining = False  # a poll was not answered
 
@@ -132,7 +133,9 @@ class MicroScribeDriver:
         if session.pending is not None:
             return
         self._send_ns = 0
-        self._give_up_ns = time.monotonic_ns() + PER_BAUD_NS
+        if session.step is not Step.POLL:
+            self._session_ns = time.monotonic_ns()
+            self._give_up_ns = self._session_ns + PER_BAUD_NS
         if session.step is Step.POLL:
             byte_ns = 10_000_000_000 // port.baudrate
             self._send_ns = self._sent_ns + (1 + session.reply_size) * byte_ns
@@ -166,7 +169,8 @@ class MicroScribeDriver:
         """Told at first; after a while the line is opened afresh, and with the session goes the
         knowledge that the arm is homed."""
         items = self._line.silent(now_ns)
-        if items or self._decoder.session.step is not Step.POLL:
+        young = now_ns - self._session_ns < RENEW_NS
+        if items or young or self._decoder.session.step is not Step.POLL:
             return items
         self._hang_up()
         return self._try_open(now_ns)

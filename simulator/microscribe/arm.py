@@ -61,9 +61,10 @@ def _shift(mm: float, axis: int) -> F64:
 
 
 class Hand:
-    """Somebody who homes the arm, then moves it and rests in turns, pressing a pedal at rests."""
+    """Somebody who leaves the stylus in its rest and presses the right pedal every two seconds
+    until the arm is homed, then moves it and rests in turns, pressing a pedal at each rest."""
 
-    HOMED_S = 4.0  # in the rest, the pedal pressed meanwhile
+    PRESS_EVERY_S, PRESS_S = 2.0, 0.2
     TURN_S, MOVING_S = 5.0, 3.0
 
     def __init__(self, seed: int) -> None:
@@ -71,6 +72,11 @@ class Hand:
         self._amplitude = rng.uniform(0.2, 0.7, 5)
         self._hz = rng.uniform(0.1, 0.35, 5)
         self._phase = rng.uniform(0, 2 * np.pi, 5)
+        self._homed_s: float | None = None  # when HOME came first
+
+    def homed(self, t_s: float) -> None:
+        if self._homed_s is None:
+            self._homed_s = t_s
 
     def angles(self, t_s: float) -> F64:
         """True angles (5,) rad, *t_s* after the simulator's start."""
@@ -81,16 +87,16 @@ class Hand:
 
     def buttons(self, t_s: float) -> int:
         """Bit 0: the right pedal; bit 1: the left one."""
-        if t_s < self.HOMED_S:
-            return int(2.0 <= t_s < 2.2)
-        turn, within = divmod(t_s - self.HOMED_S, self.TURN_S)
-        pressed = self.MOVING_S + 1.0 <= within < self.MOVING_S + 1.2
+        if self._homed_s is None:
+            return int(t_s % self.PRESS_EVERY_S > self.PRESS_EVERY_S - self.PRESS_S)
+        turn, within = divmod(t_s - self._homed_s - 1.0, self.TURN_S)
+        pressed = 0 < within - self.MOVING_S - 1.0 < self.PRESS_S and turn >= 0
         return pressed * (1 + int(turn) % 2)
 
     def _progress(self, t_s: float) -> float:
         """Time spent moving; it starts and stops smoothly."""
-        if t_s <= self.HOMED_S:
+        if self._homed_s is None or t_s <= self._homed_s + 1.0:
             return 0.0
-        turns, within = divmod(t_s - self.HOMED_S, self.TURN_S)
+        turns, within = divmod(t_s - self._homed_s - 1.0, self.TURN_S)
         part = min(within / self.MOVING_S, 1.0)
         return self.MOVING_S * (turns + part - math.sin(2 * math.pi * part) / (2 * math.pi))

@@ -99,6 +99,7 @@ class MicroScribeDevice:
         elif command == wire.HOME:
             self._counts_at_home = arm.HOME_COUNTS.astype(np.int64)
             self._true_at_home = self._true_counts(self._now_s())
+            self._hand.homed(self._now_s())
             self._reply(bytes([wire.HOME]))
             self._log.write("homed", at_s=self._now_s())
         elif command in _BLOCKS:
@@ -134,7 +135,8 @@ class MicroScribeDevice:
 
     def _true_counts(self, t_s: float) -> npt.NDArray[np.int64]:
         turns = self._hand.angles(t_s) / (2 * np.pi)
-        return np.floor(turns * arm.COUNTS_PER_TURN + 0.5).astype(np.int64)
+        counts: npt.NDArray[np.int64] = np.floor(turns * arm.COUNTS_PER_TURN + 0.5).astype(np.int64)
+        return counts
 
     def _now_s(self) -> float:
         return (time.monotonic_ns() - self._began_ns) * 1e-9 if self._began_ns else 0.0

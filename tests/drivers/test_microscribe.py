@@ -1,0 +1,371 @@
+"""MicroScribe: the codec against captured bytes, and the driver against the simulated arm."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import threading
+import time
+import tty
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from simulated_arm import SimulatedArm, simulated_arm
+
+from armd.compensation.arm import Arm, load_arm
+from armd.compensation.kinematics import forward
+from armd.daemon import cli
+from armd.drivers.config import MicroScribeConfig
+from armd.drivers.identity import Expectation
+from armd.drivers.microscribe import wire
+from armd.drivers.microscribe.decoder import MicroScribeDecoder
+from armd.drivers.microscribe.geometry import rows_and_tip
+from armd.drivers.microscribe.homing import Homing
+from armd.drivers.sample import Event, Item, RawFrame
+from armd.drivers.table import open_driver
+from armd.simulator.microscribe.arm import tip_mm
+
+# As captured from the arm with serial number 40937; the replies in DanielBetancourt1's notes.
+POSE = bytes.fromhex("8300 6C4F 305E 3554 2002 1879 4160")
+MAXIMA = bytes.fromhex("C6 03 3FFF 000000000000000000 3FFF 3FFF 1FFF 0FFF 0FFF 0000")
+PARAMETERS = bytes.fromhex(
+    "C024 00003FF5FFF93FE5C002C00C 000003C028100215FE6F018F 206CFC92FFFD241C0140EB66"
+)
+TURNS = (16384, 16384, 8192, 4096, 4096)
+EXPECTED = Expectation("40937", 5, 0, TURNS)
+S = 1_000_000_000
+
+#: The table of the facts: d, a, α, β
+ROWS = (
+    (210.82, 24.384, 89.939575195, 0),
+    (-22.3012, 260.5024, -0.038452148, 0.016479492),
+    (-0.0762, 13.5382, 89.851684570, 0),
+    (234.7976, -10.1854, -89.989013672, 0),
+    (8.128, 10.1346, -89.934082031, 0),
+)
+
+
+# --- the wire --------------------------------------------------------------------------------
+
+
+def test_a_captured_pose() -> None:
+    packet, rest = wire.take(0x03, b"\x12\x34" + POSE + b"\x83")
+    assert packet == POSE and rest == b"\x83"
+    reading = wire.decode_standard(packet)
+    assert reading.counts == (13903, 6238, 6868, 4098, 3193, 8416)
+    assert reading.buttons == 0 and reading.ticks is None
+
+
+def test_the_sizes_of_replies() -> None:
+    sizes = {0x03: 14, 0x23: 16, 0x21: 14, 0x22: 18, 0x0F: 2 + 9 + 12}
+    assert {command: wire.standard_size(command) for command in sizes} == sizes
+
+
+@given(
+    st.sampled_from([0x01, 0x03, 0x21, 0x23, 0x22, 0x2F]),
+    st.integers(0, 127),
+    st.integers(0, 0x3FFF),
+    st.lists(st.integers(0, 0x3FFF), min_size=5, max_size=7),
+    st.binary(max_size=30),
+)
+def test_a_reply_is_found_behind_junk(
+    command: int, buttons: int, ticks: int, counts: list[int], junk: bytes
+) -> None:
+    junk = junk.replace(bytes([command | 0x80]), b"")
+    packet = wire.encode_standard(command, wire.Reading(buttons, ticks, tuple(counts)))
+    found, rest = wire.take(command, junk + packet + b"\x01")
+    assert found == packet and rest == b"\x01"
+    reading = wire.decode_standard(packet)
+    asked = {1: 5, 3: 6, 2: 7}[command & 3]
+    assert reading.counts[: len(counts)] == tuple(counts)[:asked]
+    assert reading.buttons == buttons
+    assert reading.ticks == (ticks if command & 0x20 else None)
+    for cut in range(len(packet)):
+        assert wire.take(command, packet[:cut])[0] is None
+
+
+def test_a_reply_cut_short_by_the_next_is_not_taken_for_one() -> None:
+    packet, _ = wire.take(0x03, POSE[:9] + POSE)
+    assert packet == POSE
+
+
+def test_texts_end_with_zero_or_with_silence() -> None:
+    assert wire.take(0xCB, b"\xcb40937\0\x83") == (b"\xcb40937\0", b"\x83")
+    assert wire.take(0xCB, b"\xcb40937")[0] is None
+    packet, _ = wire.take(0xCB, b"\xcb40937", complete=True)
+    assert packet is not None and wire.text(packet) == "40937"
+
+
+def test_what_the_factory_wrote() -> None:
+    packet, _ = wire.take(wire.MAXIMA, MAXIMA)
+    assert packet is not None and wire.counts_per_turn(packet) == TURNS
+    block, _ = wire.take(wire.PARAMETERS, PARAMETERS)
+    assert block is not None
+    rows, tip = rows_and_tip(wire.words(block), 3)
+    for row, expected in zip(rows, ROWS, strict=True):
+        found = (row.d_mm, row.a_mm, row.alpha_deg, row.beta_deg)
+        assert found == pytest.approx(expected, abs=1e-9)
+    assert tip == pytest.approx((0, 0, -133.9596))
+    assert rows_and_tip(wire.words(block), 3, ball=True)[1][2] == pytest.approx(-127.8128)
+
+
+def test_geometry_in_another_form_is_refused() -> None:
+    with pytest.raises(ValueError, match="17 parameters, not 18"):
+        rows_and_tip([0] * 17)
+    with pytest.raises(ValueError, match="a base displaced by alpha 1 and A 0"):
+        rows_and_tip([1] + [0] * 17)
+
+
+# --- homing ----------------------------------------------------------------------------------
+
+
+def _press(homing: Homing, at_s: float, counts: tuple[int, ...] = (10,) * 5) -> str:
+    homing.watch(counts, 0, round((at_s - 0.01) * S))
+    return homing.watch(counts, 1, round(at_s * S))
+
+
+def test_only_a_press_at_rest_asks_for_home() -> None:
+    homing = Homing(TURNS)
+    homing.watch((10,) * 5, 1, 0)  # held down since before: no press
+    assert not homing.wanted(1)
+    assert _press(homing, 0.3) == "it had not been at rest for 0.5 s"
+    assert not homing.wanted(round(0.3 * S))
+    assert _press(homing, 0.7) == "" and homing.wanted(round(0.8 * S))
+    assert not homing.homed  # not before the arm has said so
+    assert "moved" in homing.watch((40,) * 5, 1, round(0.9 * S))
+    assert not homing.wanted(round(0.9 * S))
+
+
+def test_home_that_is_not_acknowledged_is_given_up() -> None:
+    homing = Homing(TURNS)
+    homing.watch((4095,) * 5, 0, 0)
+    assert _press(homing, 0.6, (0, 0, 0, 4095, 0)) == "it had not been at rest for 0.5 s"
+    homing = Homing(TURNS)
+    homing.watch((10,) * 5, 0, 0)
+    assert _press(homing, 0.6, (11, 9, 10, 10, 10)) == ""  # a count of noise is rest
+    assert "acknowledge" in homing.watch((10,) * 5, 0, round(1.2 * S))
+    assert not homing.homed
+
+
+# --- the driver and the simulated arm ----------------------------------------------------------
+
+
+def _read_until_end(arm: SimulatedArm, **config: object) -> tuple[list[Item], list[RawFrame], dict]:
+    items: list[Item] = []
+    raw: list[RawFrame] = []
+    settings = MicroScribeConfig.model_validate({"kind": "microscribe", "port": arm.port, **config})
+    with closing(open_driver(settings, EXPECTED)) as driver:
+        while arm.process.poll() is None:
+            items += driver.read(0.05)
+            raw += driver.take_raw()
+        return items, raw, driver.counters
+
+
+def _rows(items: list[Item]) -> np.ndarray:
+    return np.concatenate([item for item in items if isinstance(item, np.ndarray)])
+
+
+def _events(items: list[Item]) -> list[str]:
+    return [item.kind for item in items if isinstance(item, Event)]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory):
+    folder = tmp_path_factory.mktemp("microscribe")
+    faults = ("--fault", "silence@5:0.7", "--fault", "reboot@7.5:0.3")
+    with simulated_arm(folder, *faults, wire=("--microscribe",), seconds=10.5) as arm:
+        items, raw, counters = _read_until_end(arm)
+    return arm, items, raw, counters
+
+
+def _nominal() -> Arm:
+    rows, tip = rows_and_tip(wire.words(PARAMETERS), 3)
+    return Arm.model_validate(
+        {
+            "schema": "armd.arm/1",
+            "serial_number": "40937",
+            "joint": [
+                {"d_mm": r.d_mm, "a_mm": r.a_mm, "alpha_deg": r.alpha_deg, "beta_deg": r.beta_deg}
+                for r in rows
+            ],
+            "tip": {"offset_mm": tip},
+        }
+    )
+
+
+def test_factory_rows_are_the_makers_chain() -> None:
+    angles = np.random.default_rng(3).uniform(-np.pi, np.pi, (300, 5))
+    ours = forward(angles, _nominal().nominal())[0]
+    assert np.abs(ours - [tip_mm(pose) for pose in angles]).max() < 1e-11
+    captured = np.array([13903, 6238, 6868, 4098, 3193]) / TURNS * 2 * np.pi
+    tip = forward(captured[None], _nominal().nominal())[0][0]
+    assert tip == pytest.approx((54.19662, -51.84271, 212.20047), abs=1e-5)
+
+
+def test_nothing_is_valid_before_the_press_and_the_truth_is_met_after_it(run) -> None:
+    arm, items, _, _ = run
+    rows = _rows(items)
+    homed_ns = next(i.monotonic_ns for i in items if isinstance(i, Event) and i.kind == "homed")
+    before = rows[rows["monotonic_ns"] < homed_ns]
+    assert len(before) > 100 and (before["joint_invalid"] == 0b11111).all()
+    reboot_ns = arm.events("begin")[1]["monotonic_ns"]
+    good = rows[(rows["monotonic_ns"] > homed_ns) & (rows["monotonic_ns"] < reboot_ns)]
+    assert len(good) > 1000 and (good["joint_invalid"] == 0).mean() > 0.999
+    good = good[good["joint_invalid"] == 0]
+    # seq counts readings asked for, here as in the simulated arm
+    truth = arm.truth()
+    known = dict(zip(truth["seq"].tolist(), truth["position_mm"], strict=True))
+    angles = good["count"] / np.array(TURNS) * 2 * np.pi
+    tips = forward(angles, _nominal().nominal())[0]
+    true_mm = np.array([known[seq] for seq in good["seq"].tolist()])
+    error_mm = np.linalg.norm(tips - true_mm, axis=1)
+    assert np.ptp(true_mm, axis=0).max() > 50  # it was moved, and met the truth to its resolution
+    assert error_mm.max() < 0.5 and np.sqrt((error_mm**2).mean()) < 0.25
+
+
+def test_pedals_are_buttons(run) -> None:
+    rows = _rows(run[1])
+    assert set(np.unique(rows["buttons"]).tolist()) == {0, 1, 2}
+
+
+def test_a_silence_costs_its_cycles_and_a_restart_the_homing(run) -> None:
+    arm, items, _, counters = run
+    rows, events = _rows(items), _events(items)
+    assert events.count("identified") == 2 and events.count("not_homed") == 2
+    assert events.count("homed") == 1  # nobody presses a pedal at rest after the restart
+    assert events.count("silence") == 2 and events.count("recovered") == 2
+    assert (np.diff(rows["seq"].astype(np.int64)) > 0).all()
+    assert np.array_equal(rows["lost_before"][1:], np.diff(rows["seq"].astype(np.int64)) != 1)
+    assert counters["samples"] == len(rows) and counters["lost"] > 0
+    begin, end = arm.events("begin")[1], arm.events("end")[1]
+    after = rows[rows["monotonic_ns"] > end["monotonic_ns"]]
+    assert len(after) > 100 and (after["joint_invalid"] == 0b11111).all()
+    during = (rows["monotonic_ns"] > begin["monotonic_ns"] + 50_000_000) & (
+        rows["monotonic_ns"] < end["monotonic_ns"]
+    )
+    assert not during.any()
+
+
+def test_a_replay_gives_the_same_samples_bit_by_bit(run) -> None:
+    _, items, raw, _ = run
+    decoder = MicroScribeDecoder(EXPECTED)
+    again = [item for frame in raw for item in decoder.feed(frame)]
+    assert np.array_equal(_rows(again), _rows(items))
+    assert _events(again) == [
+        e for e in _events(items) if e not in ("silence", "recovered", "unplugged")
+    ]
+
+
+def test_a_recording_begun_later_goes_on(run) -> None:
+    _, items, raw, _ = run
+    first, fresh = MicroScribeDecoder(EXPECTED), MicroScribeDecoder(EXPECTED)
+    at = next(i for i, f in enumerate(raw) if f.data == bytes([wire.HOME])) + 200
+    for frame in raw[:at]:
+        first.feed(frame)
+    if raw[at].direction == "rx":  # begin with a request
+        first.feed(raw[at])
+        at += 1
+    for frame in first.preamble():
+        fresh.feed(frame)
+    later = _rows([item for frame in raw[at : at + 2000] for item in fresh.feed(frame)])
+    rows = _rows(items)
+    same = rows[np.isin(rows["seq"], later["seq"])]
+    assert len(later) > 500
+    assert np.array_equal(same, later)
+
+
+def test_the_baud_rate_is_found(tmp_path: Path) -> None:
+    with simulated_arm(tmp_path, "--baud", "57600", wire=("--microscribe",), seconds=3.0) as arm:
+        items, _, _ = _read_until_end(arm)
+    (identified,) = [i for i in items if isinstance(i, Event) and i.kind == "identified"]
+    assert identified.detail["baud"] == 57600
+    assert len(_rows(items)) > 100
+
+
+def test_a_foreign_arm_gives_no_sample(tmp_path: Path) -> None:
+    other = Expectation("40938", 5, 0, TURNS)
+    with simulated_arm(tmp_path, wire=("--microscribe",), seconds=2.0) as arm:
+        config = MicroScribeConfig(kind="microscribe", port=arm.port)
+        items: list[Item] = []
+        with closing(open_driver(config, other)) as driver:
+            while arm.process.poll() is None:
+                items += driver.read(0.05)
+            assert not driver.connected
+    assert not [item for item in items if isinstance(item, np.ndarray)]
+    assert "serial number: found 40937, expected 40938" in str(items)
+
+
+# --- armd arm microscribe ------------------------------------------------------------------------
+
+
+def test_the_factorys_geometry_becomes_an_arm_toml(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arm.toml"
+    with simulated_arm(tmp_path, wire=("--microscribe",), seconds=20.0) as arm:
+        path.unlink(missing_ok=True)
+        command = ["arm", "microscribe", "--port", arm.port, "-o", str(path)]
+        assert cli.main(command) == 0
+        arm.stop()
+    assert cli.main(["check", str(path), str(tmp_path / "armd.toml")]) == 0
+    found = load_arm(path)
+    assert found.serial_number == "40937"
+    assert tuple(joint.counts_per_turn for joint in found.joint) == TURNS
+    assert np.allclose(found.nominal(), _nominal().nominal(), rtol=0, atol=1e-9)
+
+
+def test_an_arm_that_closes_no_text_and_has_no_extended_parameters(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A device of our own on a pty: it answers what the manual says, and nothing else."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    answers = {
+        b"IMMC": b"IMMC",
+        b"BEGIN": b"MSCR\0",
+        b"\xcb": b"\xcb123",
+        b"\xca": b"\xcaG2",
+        b"\xcc": b"\xccStandard",
+        b"\xcd": b"\xcdFormat DH0.5",
+        b"\xce": b"\xceHCI 2.0",
+        b"\xc6": MAXIMA,
+        b"\xc0": PARAMETERS,
+    }
+    stop = threading.Event()
+
+    def serve() -> None:
+        while not stop.is_set():
+            if select.select([master], [], [], 0.05)[0]:
+                heard = os.read(master, 100)
+                for question, answer in answers.items():
+                    if heard.endswith(question):
+                        os.write(master, answer)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    try:
+        assert cli.main(["arm", "microscribe", "--port", os.ttyname(slave)]) == 0
+    finally:
+        stop.set()
+        thread.join()
+        os.close(master)
+        os.close(slave)
+    said = capsys.readouterr().out
+    assert 'serial_number = "123"' in said and "beta_deg = 0.016" not in said
+
+
+def test_a_port_without_a_microscribe_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    master, slave = pty.openpty()
+    began = time.monotonic()
+    command = ["arm", "microscribe", "--port", os.ttyname(slave), "--baud", "115200"]
+    assert cli.main(command) == 2
+    assert 'found no answer, expected a MicroScribe that echoes "IMMC"' in capsys.readouterr().err
+    assert time.monotonic() - began < 10
+    os.close(master)
+    os.close(slave)
+    assert cli.main(["arm", "microscribe", "--port", "/dev/nothing"]) == 2
