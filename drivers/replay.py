@@ -17,8 +17,8 @@ from armd.drivers.config import (
     ServoConfig,
 )
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.microscribe.decoder import MicroScribeDecoder
+from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.recording import Recording
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.serial_decoder import SerialDecoder

@@ -17,7 +17,7 @@ from armd.drivers.host_time import HostTime
 from armd.drivers.identity import Expectation
 from armd.drivers.line_health import SILENCE_NS, STALE_NS, LineHealth
 from armd.drivers.microscribe import wire
-from armd.drivers.microscribe.decoder import UP, MicroScribeDecoder
+from armd.drivers.microscribe.decoder import PUT_IT_TO_REST, UP, MicroScribeDecoder
 from armd.drivers.microscribe.session import Step
 from armd.drivers.sample import RAW_FRAMES_KEPT, Direction, Item, RawFrame
 
@@ -58,6 +58,11 @@ class MicroScribeDriver:
     @property
     def stale(self) -> bool:
         return not self._decoder.accepted or self._line.quiet_ns > STALE_NS
+
+    @property
+    def hindrance(self) -> str:
+        homing = self._decoder.homing
+        return f"not homed: {PUT_IT_TO_REST}" if homing is not None and not homing.homed else ""
 
     @property
     def counters(self) -> dict[str, int]:

@@ -91,7 +91,7 @@ class Hand:
             return int(t_s % self.PRESS_EVERY_S > self.PRESS_EVERY_S - self.PRESS_S)
         turn, within = divmod(t_s - self._homed_s - 1.0, self.TURN_S)
         pressed = 0 < within - self.MOVING_S - 1.0 < self.PRESS_S and turn >= 0
-        return pressed * (1 + int(turn) % 2)
+        return pressed * (2 - int(turn) % 2)
 
     def _progress(self, t_s: float) -> float:
         """Time spent moving; it starts and stops smoothly."""

@@ -175,6 +175,7 @@ def test_a_port_makes_an_armd_toml_and_none_is_written_over(
     command = ["arm", "SO101", "-o", str(path), "--serial-number", "MINE-1"]
     assert cli.main([*command, "--port", "/dev/ttyACM7"]) == 0
     assert load_arm(path).serial_number == "MINE-1"
+    assert cli.main(["check", str(tmp_path / "armd.toml")]) == 0
     daemon = tomllib.loads((tmp_path / "armd.toml").read_text())
     assert daemon["arm"] == "arm.toml"
     assert daemon["driver"] == {
