@@ -13,9 +13,10 @@ from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.diagnose import noise as noise_model
 from armd.compensation.diagnose.baseline import Baseline
+from armd.compensation.diagnose.evidence import SCALES
 from armd.compensation.diagnose.noise import Absorbing
 from armd.compensation.diagnose.problem import Linear, ModelState
-from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.unknown import SHAPE_OF
 from armd.compensation.terms import Temperature, Term
 
@@ -143,10 +144,22 @@ def is_curve(candidate: Candidate) -> bool:
     return candidate.cause == "encoder_periodic" and is_sized(candidate)
 
 
+def most_plausible(column: Column) -> float:
+    """Standard deviation of an amplitude under the broadest prior that the catalogue has for it."""
+    return min(max(SCALES), column.reach) * column.typical
+
+
 def amplitude_variance(candidate: Candidate, size: float) -> F64:
-    """Amplitudes are free, a nearly free function's of a size in units of the catalogue's."""
+    """A named cause's amplitudes are as large as they can be, those without a name free; a nearly
+    free function's are of a size in units of the catalogue's.
+
+    Where the readings tell the amplitudes, that changes nothing; where several do the same, they
+    share it rather than stand against each other, a thousand times what they could be.
+    """
     if not is_sized(candidate):
-        return np.full(len(candidate.columns), np.inf)
+        if candidate.cause == "unknown":
+            return np.full(len(candidate.columns), np.inf)
+        return np.square([most_plausible(column) for column in candidate.columns])
     return np.array([(size * column.typical) ** 2 for column in candidate.columns])
 
 

@@ -20,6 +20,7 @@ from armd.compensation.diagnose.choice import joined, next_finding
 from armd.compensation.diagnose.evidence import Sums, total
 from armd.compensation.diagnose.fit import Fit, solve_again
 from armd.compensation.diagnose.ground import Ground, make_ground
+from armd.compensation.diagnose.neighbourhood import possible, scale_kept, stays_near
 from armd.compensation.diagnose.search import Progress, Result
 from armd.compensation.diagnose.survey import Survey
 from armd.compensation.identify.observations import Observations
@@ -123,7 +124,7 @@ def _without(
     whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
     noise = replace(last.noise, whitener=whitener)
     current = solve_again(last, [], noise, arm)
-    squares = [_left_out(current, out, as_given=last.baseline.held)]
+    squares = [_left_out(current, out, last.baseline.held) * scale_kept(current, arm) ** 2]
     first = survey = Survey(
         whole.without(part, current),
         total([sums for i, sums in enumerate(by_part) if i != part]),
@@ -133,8 +134,12 @@ def _without(
         if found is None:  # nothing is gained by what the search on all readings found further
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break
-        current = solve_again(last, joined(current.findings, found), noise, arm)
-        squares.append(_left_out(current, out))
+        tried = solve_again(last, joined(current.findings, found), noise, arm)
+        if not (stays_near(tried, arm) and all(map(possible, tried.findings, tried.amplitudes))):
+            squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
+            break
+        current = tried
+        squares.append(_left_out(current, out) * scale_kept(current, arm) ** 2)
         if len(squares) <= len(result.found):
             ground = first.ground.with_findings_of(current)
             survey = Survey(ground, ground.sums_with(first.sums))

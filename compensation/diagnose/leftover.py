@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import fdtrc
 
 from armd.compensation.diagnose.fit import Fit
 
@@ -17,8 +18,8 @@ F64 = npt.NDArray[np.float64]
 
 #: Rests whose mean says where a target stood.
 LEAST_PART = 3
-#: A step stands out if it is so many times what is left at the other targets (3-D RMS).
-STANDS_OUT = 4.0
+#: Chance that noise makes any step of all those looked for.
+STEP_P = 1e-3
 
 
 @dataclass(frozen=True)
@@ -29,8 +30,9 @@ class Leftover:
     target: str
     rests: int
     rms_um: float  # 3-D
-    step_um: float  # between the mean of the first rests and that of the others, the largest
+    step_um: float  # between the mean of the first rests and that of the others, the clearest
     after: int  # how many the first are; 0: too few rests for a step
+    step_p: float  # chance that the scatter about the two means makes a step as clear anywhere
 
 
 def leftovers(last: Fit) -> list[Leftover]:
@@ -41,7 +43,7 @@ def leftovers(last: Fit) -> list[Leftover]:
     found = []
     for placement, target in np.unique(pairs, axis=0):
         own = left[(pairs == (placement, target)).all(axis=1)]
-        step_um, after = _largest_step(own)
+        step_um, after, step_p = _clearest_step(own)
         found.append(
             Leftover(
                 observations.placement_names[placement],
@@ -50,34 +52,37 @@ def leftovers(last: Fit) -> list[Leftover]:
                 float(np.sqrt((own**2).sum(axis=1).mean())),
                 step_um,
                 after,
+                step_p,
             )
         )
     return found
 
 
 def steps(of: list[Leftover]) -> list[Leftover]:
-    """Those with a step that stands out from what is left elsewhere."""
-    found = []
-    for one in of:
-        others = [other for other in of if other is not one]
-        rests = sum(other.rests for other in others)
-        if not rests:
-            continue
-        level = np.sqrt(sum(other.rests * other.rms_um**2 for other in others) / rests)
-        if one.step_um > STANDS_OUT * level:
-            found.append(one)
-    return found
+    """Those with a step that their own scatter does not explain; a single target's is the arm's or
+    the base's, and for the search to find."""
+    return [one for one in of if len(of) > 1 and len(of) * one.step_p < STEP_P]
 
 
-def _largest_step(own: F64) -> tuple[float, int]:
-    """Of (n, 3) what is left, over all ways to part the first from the others."""
+def _clearest_step(own: F64) -> tuple[float, int, float]:
+    """Of (n, 3) what is left, over all ways to part the first from the others: size of the step,
+    after how many, and its p value.
+
+    By the scatter about the two means (Hotelling's test with equal variances): what is left at
+    other targets says nothing of this one, and a step half-way through inflates its whole RMS.
+    """
     n = len(own)
     if n < 2 * LEAST_PART:
-        return 0.0, 0
+        return 0.0, 0, 1.0
     after = np.arange(LEAST_PART, n - LEAST_PART + 1)
     sums = np.cumsum(own, axis=0)
     first = sums[after - 1] / after[:, None]
     rest = (sums[-1] - sums[after - 1]) / (n - after)[:, None]
-    size = np.linalg.norm(rest - first, axis=1)
-    largest = int(np.argmax(size))
-    return float(size[largest]), int(after[largest])
+    square = ((rest - first) ** 2).sum(axis=1)
+    between = after * (n - after) / n * square
+    within = np.maximum((own**2).sum() - (sums[-1] ** 2).sum() / n - between, 1e-12)
+    freedom = 3 * (n - 2)
+    p = fdtrc(3, freedom, (between / 3) / (within / freedom))
+    clearest = int(np.argmin(p))
+    chance = min(1.0, len(after) * float(p[clearest]))
+    return float(np.sqrt(square[clearest])), int(after[clearest]), chance

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -23,6 +24,8 @@ F64 = npt.NDArray[np.float64]
 
 #: With more placements and targets than this a list of them is no help.
 MOST_TARGETS = 40
+#: Residuals so many times the noise's RMS are more than noise.
+BEYOND_NOISE = 1.5
 #: Causes whose amplitude is per weight carried.
 OF_WEIGHT = ("joint_compliance", "link_bending")
 
@@ -67,6 +70,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
 def verdict(diagnosis: Diagnosis) -> str:
     """What came of it, in a sentence or two."""
     sentences = []
+    refused, moved = _refused(diagnosis), _moved(diagnosis)
     gains = diagnosis.gains
     doubtful = ", ".join(str(i) for i, gain in enumerate(gains, 1) if not gain.shown)
     if not gains:
@@ -98,13 +102,41 @@ def verdict(diagnosis: Diagnosis) -> str:
                 "see first whether arm.toml, calibration and artefact are those of these readings."
             )
     elif not gains and not diagnosis.outliers:
-        sentences.append("The residuals are what the noise makes of them.")
-    sentences += [
+        sentences.append(_nothing_found(diagnosis, refused or moved))
+    return " ".join(text for text in [*sentences, *refused, *moved] if text)
+
+
+def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
+    """What residuals without a finding are, *but* for what the verdict says else."""
+    left, floor = diagnosis.rms_um, diagnosis.noise_floor_um
+    if left > BEYOND_NOISE * floor:
+        return (
+            f"Yet the residuals, {um(left)} µm, are not what noise of {um(floor)} µm makes: "
+            "nothing in the catalogue, nor any smooth structure, explains them."
+        )
+    return "" if but else "The residuals are what the noise makes of them."
+
+
+def _refused(diagnosis: Diagnosis) -> list[str]:
+    return [
+        f"{_named(one.candidate)} was refused, though the residuals would like it: {one.reason}."
+        for one in diagnosis.search.refused
+    ]
+
+
+def _moved(diagnosis: Diagnosis) -> list[str]:
+    return [
         f"At {one.placement}, {one.target}, the first {one.after} rests stand {um(one.step_um)} µm "
         f"from the other {one.rests - one.after}: seat, artefact or arm moved between."
         for one in steps(leftovers(diagnosis.search.last))
     ]
-    return " ".join(sentences)
+
+
+def _named(candidate: Candidate) -> str:
+    """A candidate in words."""
+    if candidate.cause == "unknown":
+        return f"A structure in {', '.join(candidate.depends_on)} ({candidate.location})"
+    return f"{candidate.cause} ({candidate.location})"
 
 
 def _few(of: list[Leftover]) -> list[Leftover]:

@@ -18,6 +18,7 @@ from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.choice import choose, joined, next_finding, shape_wanted
 from armd.compensation.diagnose.fit import Fit, fit, solve_again
 from armd.compensation.diagnose.ground import make_ground
+from armd.compensation.diagnose.neighbourhood import refused
 from armd.compensation.diagnose.problem import Rests
 from armd.compensation.diagnose.scene import make_scene
 from armd.compensation.diagnose.shape import is_shape, shape_place
@@ -38,6 +39,14 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
+class Refused:
+    """A candidate whose fit left the neighbourhood of the model under test."""
+
+    candidate: Candidate
+    reason: str
+
+
+@dataclass(frozen=True)
 class Result:
     """What the search ends with."""
 
@@ -51,6 +60,7 @@ class Result:
     remaining_p: float  # family-wise p of the strongest candidate left out
     remaining_depends_on: tuple[str, ...]
     untold: tuple[str, ...]  # causes that these data could not show whatever their size
+    refused: tuple[Refused, ...]  # what the residuals would like, and cannot be
 
 
 class Search:
@@ -72,6 +82,7 @@ class Search:
         self._progress = progress
         self._tests = 1
         self._signatures: Signatures | None = None
+        self._refused: list[Refused] = []
 
     def run(self) -> Result:
         """Search forward, looking back after every step."""
@@ -91,7 +102,12 @@ class Search:
                 if _key(findings) in seen:
                     break
             seen.add(_key(findings))
-            current = self._pruned(self._fit(findings, current))
+            fitted = self._fit(findings, current)
+            if reason := refused(fitted, current, self.arm):
+                self._refuse(best, reason)
+                survey = self._survey(current)
+                continue
+            current = self._pruned(fitted)
             survey = self._survey(current)
             for _ in range(MOST_RENAMINGS):
                 before = current
@@ -114,7 +130,15 @@ class Search:
             remaining,
             scores.signatures.candidates[int(np.argmin(scores.log_p))].depends_on,
             untold,
+            tuple(self._refused),
         )
+
+    def _refuse(self, candidate: Candidate, reason: str) -> None:
+        """Look for it no more."""
+        self._refused.append(Refused(candidate, reason))
+        kept = [c for c in self._candidates if c.place != candidate.place]
+        if len(kept) < len(self._candidates):
+            self._candidates, self._signatures = kept, None
 
     def _fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
         """A fit that starts where *before* ended."""
@@ -153,7 +177,11 @@ class Search:
                 rival = choose(make_ground(without, self.arm), others, self._tests)
                 if rival is None or rival.place == candidate.place:
                     continue
-                current = self._pruned(self._fit(joined(findings, rival), without))
+                fitted = self._fit(joined(findings, rival), without)
+                if reason := refused(fitted, without, self.arm):
+                    self._refuse(rival, reason)
+                    return current, self._survey(current)
+                current = self._pruned(fitted)
                 return current, self._survey(current)
         return current, survey
 

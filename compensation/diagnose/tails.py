@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.evidence import SCALES, inverse_factor
+from armd.compensation.diagnose.absorbing import most_plausible
+from armd.compensation.diagnose.evidence import inverse_factor
 from armd.compensation.diagnose.fit import finding_columns
 from armd.compensation.diagnose.ground import Ground
 from armd.compensation.diagnose.noise import WINSOR_AT
@@ -90,7 +91,7 @@ class _Problem:
         """With a candidate's columns, amplitudes of up to the largest plausible size."""
         columns = finding_columns(ground.fit.linear, [candidate], ground.arm)[0]
         own, length = _to_unit(ground.clear_of_cells(columns))
-        most = [min(max(SCALES), column.reach) * column.typical for column in candidate.columns]
+        most = [most_plausible(column) for column in candidate.columns]
         across = self.clear.T @ own
         return _Problem(
             ground,

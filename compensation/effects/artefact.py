@@ -68,4 +68,5 @@ LENGTH = Effect(
     length,
     read_length,
     "certified positions or lengths that can contradict each other, or a calibration to test",
+    accident=True,
 )

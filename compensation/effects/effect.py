@@ -138,6 +138,8 @@ class Effect:
     reading: Callable[[Candidate, F64], str]
     #: what sessions must hold for the cause to show at all; empty: any poses will do
     needs: str = ""
+    #: a blow, a slip, a wrong certificate: of any size; others are bounded by their typical one
+    accident: bool = False
 
 
 def tie(parameter_weights: Sequence[tuple[str, float]], *basis: Factor) -> tuple[Term, ...]:

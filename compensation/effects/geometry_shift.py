@@ -76,4 +76,5 @@ EFFECT = Effect(
     candidates,
     reading,
     "the time of each reading (time_s), or a calibration to compare with",
+    accident=True,
 )

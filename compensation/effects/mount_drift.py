@@ -69,4 +69,5 @@ EFFECT = Effect(
     candidates,
     reading,
     "the time of each reading (time_s)",
+    accident=True,
 )

@@ -15,13 +15,15 @@ from rich.console import Console
 from armd.compensation.arm import Arm, TemperatureSensor, load_arm
 from armd.compensation.calibration import ArtefactCorrection
 from armd.compensation.diagnose.baseline import from_calibration
-from armd.compensation.diagnose.diagnose import model_under_test
+from armd.compensation.diagnose.diagnose import diagnose, model_under_test
 from armd.compensation.diagnose.fit import fit
 from armd.compensation.diagnose.noise import LEAST_MM
 from armd.compensation.diagnose.problem import ModelState, Rests, gather_rests, linearise
+from armd.compensation.diagnose.result import verdict
 from armd.compensation.diagnose.scene import make_scene
 from armd.compensation.effects.catalogue import candidates
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column
+from armd.compensation.kinematics import joint_jacobian
 from armd.compensation.session import Session, load_session
 from armd.compensation.terms import Temperature, Term
 from armd.errors import BadInput
@@ -48,6 +50,22 @@ def test_backlash_is_not_named_without_its_evidence(folder: Path) -> None:
     assert "joint_backlash cannot be told; it needs joint rates" in text
     # One seat's first readings stand a centimetre from its others: no cause, but worth saying.
     assert "hole_0, the first 7 rests stand" in text
+
+
+@pytest.mark.parametrize("place", ["left", "lower_left"])
+def test_a_step_is_judged_by_its_own_scatter(folder: Path, place: str) -> None:
+    """4 mm after the eleventh reading: less than what is left at other seats, and sure."""
+    arm = load_arm(folder / "arm.toml")
+    session = load_session(folder / "seats", arm)
+    seat = (session.placement == session.placement_names.index(place)) & (session.target == 0)
+    later = np.flatnonzero(seat)[11:]
+    q = session.states.q.copy()
+    turns = joint_jacobian(q, np.tile(arm.nominal(), (session.n, 1)))
+    for row in later:
+        q[row] += np.linalg.pinv(turns[row]) @ [4.0, 0.0, 0.0]
+    moved = replace(session, states=replace(session.states, q=q))
+    told = verdict(diagnose([moved], arm))
+    assert f"{place}, seats/hole_0, the first 11 rests" in told.replace(f"seats/{place}", place)
 
 
 def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session, Rests]) -> None:

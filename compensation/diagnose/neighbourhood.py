@@ -1,0 +1,141 @@
+"""Whether a fit stays near the model under test, and whether an effect's size is possible at all.
+
+Where seats have no certified positions, an arm that shrinks, or a link that folds away, leaves less
+scatter: the smaller error is no better model. A fit that moves a parameter further than an arm of
+its drawing can be off, or a certified length by more than its uncertainty allows, is refused.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation import parameters
+from armd.compensation.arm import Arm
+from armd.compensation.basis import basis_values, parameter_rows
+from armd.compensation.diagnose.absorbing import is_sized, most_plausible
+from armd.compensation.diagnose.baseline import moved
+from armd.compensation.diagnose.fit import Fit, with_findings
+from armd.compensation.diagnose.problem import Linear, ModelState, linearise
+from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.effects.effect import Candidate, plain
+from armd.compensation.identify.gauge import PLAUSIBLE
+
+F64 = npt.NDArray[np.float64]
+
+#: An amplitude so many standard deviations of its broadest prior from zero is none of that cause.
+MOST_SIGMAS = 3.0
+#: A certified length is off when the fit leaves it so many standard uncertainties away.
+LENGTH_OFF = 3.0
+
+
+def refused(fit: Fit, before: Fit, arm: Arm) -> str:
+    """Why a fit is not to be believed, in words; empty if it may be.
+
+    *before*: a fit without the finding that is asked about.
+    """
+    for candidate, amplitudes in zip(fit.findings, fit.amplitudes, strict=True):
+        if not possible(candidate, amplitudes):
+            return "no such cause is that large"
+    return _too_far(fit, arm) or _length_lost(fit, before, arm)
+
+
+def possible(candidate: Candidate, amplitudes: F64) -> bool:
+    """Whether a named cause can be as large as that; a blow, or what has no name, has any size."""
+    named = candidate.cause != "unknown" and not CATALOGUE[candidate.cause].accident
+    if not named or is_sized(candidate):
+        return True
+    most = MOST_SIGMAS * np.array([most_plausible(column) for column in candidate.columns])
+    return bool((np.abs(amplitudes) <= most).all())
+
+
+def stays_near(fit: Fit, arm: Arm) -> bool:
+    """Whether all parameters stay within a plausible departure of the model under test."""
+    return not _too_far(fit, arm)
+
+
+def size(fit: Fit, arm: Arm) -> float:
+    """The arm's size under a fit, as a share of its size under the model under test."""
+    given = parameter_rows(fit.baseline.model.constants, (), np.zeros((1, 0)))[0]
+    lengths = given * _is_length(arm)
+    return float(_rows(fit, arm).mean(axis=0) @ lengths / (lengths @ lengths))
+
+
+def scale_kept(fit: Fit, arm: Arm) -> float:
+    """What a scatter is multiplied by to be stated with the scale kept.
+
+    One where positions are certified, or truth is measured: there a smaller arm errs.
+    """
+    observations = fit.linear.rests.observations
+    if observations.has_truth.any() or not observations.unknown.all():
+        return 1.0
+    return 1.0 / max(size(fit, arm), 1e-3)
+
+
+def _too_far(fit: Fit, arm: Arm) -> str:
+    baseline, states = fit.baseline, fit.linear.rests.observations.states
+    given = baseline.model
+    values = basis_values(given.terms, states, arm, given.reference_c, given.constants)
+    apart = np.abs(_rows(fit, arm) - parameter_rows(given.constants, given.terms, values))
+    names = parameters.names(arm.n_joints)
+    # The base may have been carried anywhere: it changes no size.
+    most = np.array([np.inf if b else PLAUSIBLE[parameters.unit(n)] for n, b in _with_base(names)])
+    furthest = int(np.argmax(apart.max(axis=0) / most))
+    largest = float(apart[:, furthest].max())
+    if largest <= most[furthest]:
+        return ""
+    in_mm = parameters.unit(names[furthest]) == "mm"
+    shown = f"{plain(largest)} mm" if in_mm else f"{plain(np.degrees(largest))}°"
+    return f"it would move {names[furthest]} by {shown}"
+
+
+def _length_lost(fit: Fit, before: Fit, arm: Arm) -> str:
+    """Whether a certified length that held without the finding holds no longer."""
+    observations = fit.linear.rests.observations
+    certified = observations.distances
+    if not len(certified.length_mm):
+        return ""
+    off = [_lengths_off(_linear(one, arm)) for one in (fit, before)]
+    lost = (off[0] > LENGTH_OFF) & (off[0] > off[1])
+    if not lost.any():
+        return ""
+    worst = int(np.argmax(np.where(lost, off[0], 0.0)))
+    a, b = (observations.target_names[int(k)] for k in certified.between[worst])
+    return f"the certified length {a}, {b} would be off by {off[0][worst]:.0f} of its uncertainties"
+
+
+def _lengths_off(linear: Linear) -> F64:
+    """(D,) by how many standard uncertainties the certified lengths are missed."""
+    uncertainty = linear.rests.observations.distances.standard_uncertainty_mm
+    missed: F64 = np.abs(linear.residual[3 * linear.rests.n :]) / np.maximum(uncertainty, 1e-6)
+    return missed
+
+
+def _linear(fit: Fit, arm: Arm) -> Linear:
+    return linearise(fit.linear.rests, _solved(fit), arm)
+
+
+def _solved(fit: Fit) -> ModelState:
+    """The model at the fit's solution, findings included."""
+    own = -fit.solution[fit.layout.identified]
+    directions = fit.baseline.root @ own if fit.baseline.held else own
+    model = moved(fit.model, fit.baseline, directions)
+    return with_findings(model, fit.findings, fit.amplitudes)
+
+
+def _rows(fit: Fit, arm: Arm) -> F64:
+    """Parameters (n, P) at each rest, at the fit's solution."""
+    model = _solved(fit)
+    states = fit.linear.rests.observations.states
+    values = basis_values(model.terms, states, arm, model.reference_c, model.constants)
+    rows: F64 = parameter_rows(model.constants, model.terms, np.nan_to_num(values))
+    return rows
+
+
+def _with_base(names: list[str]) -> list[tuple[str, bool]]:
+    return [(name, name in parameters.BASE_PARAMETERS) for name in names]
+
+
+def _is_length(arm: Arm) -> F64:
+    names = _with_base(parameters.names(arm.n_joints))
+    return np.array([parameters.unit(name) == "mm" and not of_base for name, of_base in names])
