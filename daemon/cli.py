@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import io
 import signal
 import sys
 from collections.abc import Sequence
 
-from armd import ArmdError, __version__
-from armd.daemon.commands import simulate
+from armd import __version__
+from armd.daemon.terminal import hush
+from armd.errors import ArmdError, BadInput
 
 #: name (and module in `armd.daemon.commands`) → its line in `armd --help`
 COMMANDS = {
@@ -19,6 +21,8 @@ COMMANDS = {
     "simulate": "a simulated arm on the wire, or simulated measuring sessions",
     "watch": "live read-out of an arm",
     "status": "state of a running daemon, for people and scripts",
+    "tip": "measure with another tip from now on",
+    "reload": "have a daemon read its calibration again",
     "record": "record frames, samples and points to an MCAP file",
     "replay": "play a recording back through decoder and kernel",
     "ippdme": "an I++ DME server for inspection software",
@@ -34,10 +38,48 @@ COMMANDS = {
 }
 
 
+#: Exit code where nobody reads what is written: that of a program which SIGPIPE has ended.
+CUT_OFF = 141
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code (0 done, 1 the answer is no, 2 bad usage or input)."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        if argv is None and isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(errors="backslashreplace")  # a terminal that knows no µ
+        code = _run(list(sys.argv[1:] if argv is None else argv))
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        return code
+    except ArmdError as error:
+        print(f"armd: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        hush()
+        return CUT_OFF
+    except OSError as error:
+        hush()
+        what = " ".join((error.strerror or str(error)).split())
+        print(f"armd: {error.filename or 'the system'}: found {what!r}", file=sys.stderr)
+        return 2
+    except MemoryError:
+        print("armd: memory: found none left, expected enough for the input", file=sys.stderr)
+        return 2
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # rich's way to tell of one
+            return CUT_OFF
+        raise
+    except KeyboardInterrupt:
+        return 130
+
+
+def _run(arguments: list[str]) -> int:
+    for number, argument in enumerate(arguments, 1):
+        if any("\ud800" <= letter <= "\udfff" for letter in argument):  # bytes of another coding
+            raise BadInput("command line", f"argument {number}", ascii(argument), "UTF-8 text")
     if arguments[:1] == ["simulate"]:  # a program of its own, options and help included
+        from armd.daemon.commands import simulate
+
         simulate.become(arguments[1:])
     parser = argparse.ArgumentParser(
         prog="armd", description="The open driver for articulated measuring arms."
@@ -56,13 +98,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             module.add_arguments(command)
     namespace = parser.parse_args(arguments)
     assert module is not None  # argparse has refused everything else
-    try:
-        return int(module.run(namespace))
-    except ArmdError as error:
-        print(f"armd: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
+    return int(module.run(namespace))
 
 
 if __name__ == "__main__":

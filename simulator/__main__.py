@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
@@ -10,7 +11,8 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 
 from armd.errors import ArmdError, BadInput
-from armd.files import write_whole
+from armd.files import check_folder, write_whole
+from armd.outputs import ARM, FAULT_LOG, TRUTH, add_force, check_outputs, check_same
 from armd.schema import load_toml, validate
 from armd.simulator.ahead import Ahead
 from armd.simulator.books import FaultLog, TruthFile
@@ -117,6 +119,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--arm-out", metavar="FILE", type=Path, help="write the arm's nominal arm.toml"
     )
+    add_force(command)
     return command
 
 
@@ -151,11 +154,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             load_toml(options.check, Scenario)
             return 0
         scenario = read_scenario(options)
-        for path in (options.arm_out, options.truth, options.fault_log, options.link):
-            if path is not None and not path.parent.is_dir():
-                raise BadInput(path, "the folder", "nothing", "an existing folder")
+        check_places(options)
         if options.arm_out is not None:
-            write_whole(options.arm_out, arm_toml(scenario.serial_number))
+            text = arm_toml(scenario.serial_number)
+            check_same(options.arm_out, text, ARM, options.force, [options.scenario])
+            write_whole(options.arm_out, text)
         return run(scenario, options)
     except ArmdError as error:
         for fault in (error, *getattr(error, "more", ())):
@@ -163,6 +166,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 0
+
+
+def check_places(options: argparse.Namespace) -> None:
+    """Raise `BadInput` unless every file of the options can and may be written."""
+    outputs = {
+        "--truth": (options.truth, TRUTH),
+        "--fault-log": (options.fault_log, FAULT_LOG),
+    }
+    check_outputs(outputs, [options.scenario], options.force)
+    if options.link is not None:
+        check_folder(options.link.parent)
+        if os.path.lexists(options.link) and not options.link.is_symlink():
+            found = "no symbolic link"
+            raise BadInput(options.link, "--link", found, "nothing, or a link that may be replaced")
 
 
 def run(scenario: Scenario, options: argparse.Namespace) -> int:

@@ -168,6 +168,12 @@ def take_readings(
 def write_session(folder: Path, measured: Measured, serial: str = nominal.SERIAL_NUMBER) -> None:
     """Write what the operator knows: session.toml and readings.csv."""
     folder.mkdir(parents=True, exist_ok=True)
+    for name, text in session_files(measured, serial).items():
+        write_whole(folder / name, text)
+
+
+def session_files(measured: Measured, serial: str = nominal.SERIAL_NUMBER) -> dict[str, str]:
+    """What the operator knows: the texts of session.toml and readings.csv, by name."""
     head = [
         'schema = "armd.session/1"',
         f'arm = "{serial}"',
@@ -175,8 +181,10 @@ def write_session(folder: Path, measured: Measured, serial: str = nominal.SERIAL
         'angle_unit = "rad"',
         "",
     ]
-    write_whole(folder / "session.toml", "\n".join(head) + "\n" + measured.artefact.toml())
-    write_whole(folder / "readings.csv", _readings_csv(measured))
+    return {
+        "session.toml": "\n".join(head) + "\n" + measured.artefact.toml(),
+        "readings.csv": _readings_csv(measured),
+    }
 
 
 def _readings_csv(measured: Measured) -> str:

@@ -14,12 +14,22 @@ from typing import Any
 
 import numpy as np
 
+from armd.arguments import factor, seed
 from armd.errors import BadInput
 from armd.files import write_whole
+from armd.outputs import (
+    ARM,
+    SESSION,
+    SETTINGS,
+    add_force,
+    check_output_folder,
+    check_outputs,
+    check_same,
+)
 from armd.simulator.answers import true_constants, true_expansion
 from armd.simulator.campaigns import calibration, hidden, paper, verification
 from armd.simulator.campaigns.campaign import Campaign
-from armd.simulator.measuring import Measured, write_session
+from armd.simulator.measuring import Measured, session_files
 from armd.simulator.noise import Noise
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
@@ -43,9 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the sessions"
     )
-    parser.add_argument("--seed", type=int, default=1, help="which arm, artefact and noise")
+    parser.add_argument("--seed", type=seed, default=1, help="which arm, artefact and noise")
     parser.add_argument(
-        "--noise", type=float, default=1.0, metavar="FACTOR", help="0: readings without noise"
+        "--noise", type=factor, default=1.0, metavar="FACTOR", help="0: readings without noise"
     )
     parser.add_argument(
         "--plant",
@@ -58,6 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--truth-out", metavar="FILE", type=Path, help="write the true settings to a JSON file"
     )
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -66,10 +77,12 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(
             args.truth_out, "--truth-out", f"a place inside {folder}", "one outside the sessions"
         )
+    check_output_folder(folder)
+    check_outputs({"--truth-out": (args.truth_out, SETTINGS)}, [], args.force)
     noise = Noise().scaled(args.noise)
     campaign = KINDS[args.session](args.seed, noise)
     campaign = plant_all(campaign, args.plant, np.random.default_rng([args.seed, 0x9147]))
-    measured = write_campaign(folder, campaign, args.seed)
+    measured = write_campaign(folder, campaign, args.seed, args.force)
     if args.truth_out is not None:
         truth = truth_of(campaign, args.plant, measured)
         write_whole(args.truth_out, json.dumps(truth, indent=1) + "\n")
@@ -77,13 +90,27 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def write_campaign(folder: Path, campaign: Campaign, seed: int) -> list[Measured]:
-    """Measure *campaign* and write arm.toml and its sessions under *folder*."""
-    folder.mkdir(parents=True, exist_ok=True)
+def write_campaign(
+    folder: Path, campaign: Campaign, seed: int, force: bool = False
+) -> list[Measured]:
+    """Measure *campaign* and write arm.toml and its sessions under *folder*.
+
+    Raises `BadInput`, and writes nothing, if one of the files is there with another content:
+    somebody may have measured it.
+    """
     measured = list(campaign.carry_out(np.random.default_rng([seed, 0x5E55])))
-    write_whole(folder / "arm.toml", campaign.arm_toml)
-    for session in measured:
-        write_session(folder / session.plan.name, session)
+    files = {folder / "arm.toml": campaign.arm_toml} | {
+        folder / session.plan.name / name: text
+        for session in measured
+        for name, text in session_files(session).items()
+    }
+    for path, text in files.items():
+        check_output_folder(path.parent)
+        if path.parent.is_dir():
+            check_same(path, text, ARM if path.parent == folder else SESSION, force)
+    for path, text in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, text)
     return measured
 
 

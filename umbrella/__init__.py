@@ -1,9 +1,20 @@
-"""armd, the open driver for articulated measuring arms: the subscriber's public face."""
+"""armd, the open driver for articulated measuring arms: the subscriber's public face.
 
-from armd.client import ENDPOINT, Arm, connect
+Names are looked up when they are used: a command that needs no network does not pay for one.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from armd.errors import ArmdError, BadInput
-from armd.joints import JOINTS_ENCODING, joints_dtype
-from armd.point import POINT, POINT_ENCODING, Flag, Lost, Point
+
+if TYPE_CHECKING:
+    from armd import client, joints, keys, point
+    from armd.client import ENDPOINT, Arm, connect
+    from armd.joints import JOINTS_ENCODING, joints_dtype
+    from armd.point import POINT, POINT_ENCODING, Flag, Lost, Point
 
 __all__ = [
     "ENDPOINT",
@@ -16,7 +27,30 @@ __all__ = [
     "Flag",
     "Lost",
     "Point",
+    "client",
     "connect",
+    "joints",
     "joints_dtype",
+    "keys",
+    "point",
 ]
 __version__ = "0.1.0"
+
+_MODULES = ("client", "joints", "keys", "point")
+#: name → the module that it comes from
+_HOMES = {
+    "client": ("ENDPOINT", "Arm", "connect"),
+    "joints": ("JOINTS_ENCODING", "joints_dtype"),
+    "point": ("POINT", "POINT_ENCODING", "Flag", "Lost", "Point"),
+}
+
+if not TYPE_CHECKING:  # which would take every name for one that is there
+
+    def __getattr__(name: str) -> Any:
+        if name in _MODULES:
+            return importlib.import_module(f"armd.{name}")
+        for module, names in _HOMES.items():
+            if name in names:
+                value = globals()[name] = getattr(importlib.import_module(f"armd.{module}"), name)
+                return value
+        raise AttributeError(f"module 'armd' has no attribute {name!r}")

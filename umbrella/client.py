@@ -145,8 +145,12 @@ class Arm(_Closing):
     def command(self, name: str, /, **parameters: str) -> str:
         """`command("reload")`, `command("tip", name="ruby 3")`; returns what was done.
 
-        Raises `ArmdError` if the daemon refuses it, or does not answer.
+        Raises `ArmdError` if the daemon refuses it, or does not answer, and for a value with a
+        semicolon, which Zenoh cannot carry.
         """
+        for key, value in parameters.items():
+            if ";" in value:
+                raise ArmdError(f"{key}: found {value!r}, expected no semicolon")
         selector = ";".join(f"{key}={value}" for key, value in parameters.items())
         return cast(str, self._ask(f"{keys.COMMAND}/{name}", selector)["done"])
 

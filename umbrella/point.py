@@ -110,6 +110,8 @@ class Lost:
 
     def count(self, points: npt.NDArray[np.void]) -> None:
         """Follow the next points (n,) of the stream by their `seq`."""
+        if not len(points):
+            return
         seq = points["seq"].astype(np.int64)
         last = seq[0] - 1 if self._last_seq is None else self._last_seq
         missing = np.diff(seq, prepend=last) - 1

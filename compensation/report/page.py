@@ -69,6 +69,7 @@ class Page:
     def html(self) -> str:
         return (
             f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+            f'<meta name="generator" content="armd">'
             f"<title>{html.escape(self.title)}</title><style>{STYLE}</style>"
             f"<script>{get_plotlyjs()}</script></head>\n"
             f"<body>{''.join(self._blocks)}</body></html>\n"

@@ -27,6 +27,7 @@ from armd.drivers.microscribe.factory import read_factory
 from armd.drivers.ports import serial_ports
 from armd.errors import BadInput
 from armd.files import write_whole
+from armd.outputs import ARM, add_force, check_same
 from armd.schema import validate
 
 MICROSCRIBE = "MicroScribe 3D, 3DX, 3DL, G or G2: the factory's geometry, read from the arm"
@@ -57,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--arm", default="so101", metavar="NAME", help="of import-lerobot: which arm (so101)"
     )
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -81,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output is None:
         sys.stdout.write(text)
         return 0
+    check_same(args.output, text, ARM, args.force, [args.file])
     write_whole(args.output, text)
     print(f"{args.output}: {title(text)}")
     if bus is not None:

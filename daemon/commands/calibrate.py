@@ -16,6 +16,7 @@ from armd.compensation.identify.calibrate import Options, Result, calibrate
 from armd.compensation.session import load_sessions
 from armd.errors import BadInput
 from armd.files import write_whole
+from armd.outputs import CALIBRATION, PAGE, RESULT, add_force, check_outputs
 
 ORDERS = {"auto": None, "off": 0, "1": 1, "2": 2, "3": 3, "4": 4}
 
@@ -44,12 +45,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="per temperature: an offset C beside the value at the reference (default: C = 0)",
     )
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     if args.offset and args.thermal_method != "per-temperature":
         expected = "it with --thermal-method per-temperature; else C is in the constants"
         raise BadInput("command line", "--offset", args.thermal_method, expected)
+    outputs = {
+        "-o": (args.output, CALIBRATION),
+        "--json": (args.json, RESULT),
+        "--report": (args.report, PAGE),
+    }
+    check_outputs(outputs, [args.arm, *args.session], args.force)
     arm = load_arm(args.arm)
     sessions = load_sessions(args.session, arm)
     options = Options(

@@ -16,6 +16,7 @@ from armd.compensation.offline import COLUMNS, Corrector, correct_file
 from armd.compensation.readings import read_header
 from armd.compensation.session_format import AngleUnit, SessionFile
 from armd.errors import BadInput
+from armd.outputs import POINTS, add_force, check_outputs
 from armd.schema import load_toml
 
 
@@ -32,12 +33,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=["rad", "deg", "count"],
         help="of q1 … qN; otherwise as session.toml beside the readings says, or rad",
     )
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     readings: Path = args.readings
     if readings.suffix not in (".csv", ".parquet"):
         raise BadInput(readings, "the file", f"a {readings.suffix} file", ".csv or .parquet")
+    inputs = [readings, readings.parent / "session.toml", args.arm, args.calibration]
+    check_outputs({"-o": (args.output, POINTS)}, inputs, args.force)
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm) if args.calibration else None
     unit, started_unix_s = _session_settings(readings, args.angle_unit, args.started)

@@ -14,6 +14,7 @@ from rich.console import Console
 
 import armd
 from armd import POINT, Arm, Lost, keys
+from armd.arguments import seconds, seed
 from armd.daemon.comparison import Errors, compare, load_truth, numbered_like
 from armd.daemon.screen import Screen, refreshes
 from armd.daemon.stage import CAN, SERIAL, Stage
@@ -26,9 +27,9 @@ KEPT = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
     parser.add_argument("--can", action="store_true", help="as CANopen nodes instead of a pty")
-    parser.add_argument("--seed", type=int, default=1, metavar="N", help="which arm (1)")
+    parser.add_argument("--seed", type=seed, default=1, metavar="N", help="which arm (1)")
 
 
 def run(args: argparse.Namespace) -> int:

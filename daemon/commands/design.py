@@ -21,6 +21,7 @@ from armd.compensation.diagnose.next import next_experiment
 from armd.compensation.session import load_sessions
 from armd.errors import BadInput
 from armd.files import write_whole
+from armd.outputs import PAGE, POSES, RESULT, add_force, check_outputs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,11 +40,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", metavar="POSES.csv", help="the table")
     parser.add_argument("--json", metavar="OUT.json")
     parser.add_argument("--report", metavar="R.html", help="the table with a picture")
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     if args.poses is not None and not 1 <= args.poses <= POOL:
         raise BadInput("--poses", "value", str(args.poses), f"1 to {POOL}")
+    outputs = {
+        "-o": (args.output, POSES),
+        "--json": (args.json, RESULT),
+        "--report": (args.report, PAGE),
+    }
+    check_outputs(outputs, [args.arm, args.calibration, *args.session], args.force)
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm).content if args.calibration else None
     sessions = load_sessions(args.session, arm)

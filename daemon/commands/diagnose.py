@@ -18,6 +18,7 @@ from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.result import as_json
 from armd.compensation.session import load_sessions
 from armd.files import write_whole
+from armd.outputs import CALIBRATION, PAGE, RESULT, add_force, check_outputs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,9 +39,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="OUT.json", help="the result for programs")
     parser.add_argument("--report", metavar="R.html", help="a report that opens offline")
     parser.add_argument("--extended", metavar="CAL2.json", help="the mended calibration")
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    outputs = {
+        "--json": (args.json, RESULT),
+        "--report": (args.report, PAGE),
+        "--extended": (args.extended, CALIBRATION),
+    }
+    inputs = [args.arm, args.calibration, *args.session, *args.holdout]
+    check_outputs(outputs, inputs, args.force)
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm).content if args.calibration else None
     sessions = load_sessions(args.session, arm)

@@ -13,6 +13,7 @@ from armd.compensation.calibration import load_calibration
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.session import load_sessions
 from armd.files import write_whole
+from armd.outputs import RESULT, add_force, check_outputs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,10 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--calibration", metavar="CAL.json", help="default: the drawing in ARM.toml"
     )
-    parser.add_argument("--json", metavar="OUT.json")
+    parser.add_argument("--json", metavar="OUT.json", help="the figures for programs")
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    inputs = [args.arm, args.calibration, *args.session]
+    check_outputs({"--json": (args.json, RESULT)}, inputs, args.force)
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm).content if args.calibration else None
     with Console(stderr=True).status("reading …") as status:

@@ -16,9 +16,12 @@ from pathlib import Path
 
 import armd
 from armd import keys
+from armd.arguments import seconds
 from armd.client import Arm, Stream
 from armd.daemon.recorder import TOPICS, Recorder, default_path
 from armd.errors import BadInput
+from armd.files import told
+from armd.outputs import RECORDING, add_force, check_output_folder, check_outputs
 
 POLL_S = 0.01
 WAIT_S = 60.0  # for an arm to show up
@@ -28,6 +31,7 @@ FIRST_S = 1.0  # for its frames to begin
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
     parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    add_force(parser)
     output = parser.add_mutually_exclusive_group()
     output.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="(SERIAL-DATE.mcap in this folder)"
@@ -35,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output.add_argument(
         "--session", metavar="DIR", type=Path, help="measurements instead, as a session's readings"
     )
-    parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
     session = parser.add_argument_group("with --session")
     session.add_argument(
         "--artefact", metavar="FILE", type=Path, help="TOML with the table [artefact] (a seat)"
@@ -55,6 +59,9 @@ def run(args: argparse.Namespace) -> int:
         for option in ("artefact", "targets", "placement"):
             if getattr(args, option) is not None:
                 raise BadInput("the command line", f"--{option}", "no --session", "it as well")
+        check_outputs({"-o": (args.output, RECORDING)}, [], args.force)
+    else:
+        check_output_folder(args.session)
     stopping = False
 
     def stop(*_: object) -> None:
@@ -101,9 +108,10 @@ def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], b
 def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
     with ExitStack() as opened:
         output = args.output or default_path(arm.serial)
+        opened.enter_context(told(output))
         # Buffered: mcap would buffer a raw file itself, and not flush the last few bytes. What a
         # killed recorder loses is the chunk in progress either way.
-        file = opened.enter_context(output.open("wb"))
+        file = opened.enter_context(output.open("wb" if args.output else "xb"))
         recorder = opened.enter_context(closing(Recorder(file, arm.info())))
         raw = opened.enter_context(arm.stream(keys.RAW))
         points = opened.enter_context(arm.stream(keys.POINT))

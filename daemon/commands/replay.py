@@ -29,6 +29,7 @@ from armd.drivers.recording import CALIBRATION_ATTACHMENT, Recording
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
 from armd.files import whole_file
+from armd.outputs import POINTS, add_force, check_outputs
 from armd.schema import validate
 
 Points = npt.NDArray[np.void]
@@ -53,10 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="POINTS.csv", type=Path, help="publish nothing; write a table"
     )
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """0; 1 if with --check a point differs."""
+    check_outputs({"-o": (args.output, POINTS)}, [args.file, args.calibration], args.force)
     recording = Recording(args.file)
     with tempfile.TemporaryDirectory() as folder:
         config = _config(recording, args, Path(folder))

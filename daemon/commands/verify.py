@@ -17,6 +17,7 @@ from armd.compensation.verify.report import verification_report
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import ArmdError
 from armd.files import write_whole
+from armd.outputs import PAGE, RESULT, add_force, check_outputs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,9 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", metavar="RESULT.json", help="all figures and the verdict")
     parser.add_argument("--report", metavar="R.html", help="a report that opens offline")
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    outputs = {"--json": (args.json, RESULT), "--report": (args.report, PAGE)}
+    inputs = [args.arm, args.calibration, args.mpe, args.session]
+    check_outputs(outputs, inputs, args.force)
     arm = load_arm(args.arm)
     calibration = load_calibration(args.calibration, arm) if args.calibration else None
     limits = load_limits(args.mpe) if args.mpe else None

@@ -11,7 +11,9 @@ from rich.console import Console
 
 import armd
 from armd import Arm, Point, keys
+from armd.arguments import seconds
 from armd.daemon.screen import Screen, refreshes
+from armd.daemon.terminal import hush
 
 REFRESH_S = 0.1
 
@@ -20,12 +22,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
     parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
     parser.add_argument("--json", action="store_true", help="one line per point")
-    parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
 
 
 def run(args: argparse.Namespace) -> int:
     with armd.connect(args.serial, args.endpoint) as arm, suppress(KeyboardInterrupt):
-        (_print_json if args.json else _show)(arm, args.seconds)
+        try:
+            (_print_json if args.json else _show)(arm, args.seconds)
+        except BrokenPipeError:  # `armd watch --json | head -1` has seen enough
+            hush()
     return 0
 
 

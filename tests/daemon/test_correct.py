@@ -274,10 +274,11 @@ def test_a_fault_in_a_later_piece_names_its_row(
 ) -> None:
     monkeypatch.setattr(offline, "PIECE_BYTES", 30)
     bench.readings("q1,q2,q3,t1\n" + "0,0,0,20\n" * 50 + "0,0,0,900\n")
-    (bench.folder / "points.csv").write_text("as before")
+    before = "q1,x_mm,y_mm,z_mm,flags\n"
+    (bench.folder / "points.csv").write_text(before)
     assert bench.calibrated() == 2
     assert "row 51 (line 52), column t1: found 900" in capsys.readouterr().err
-    assert (bench.folder / "points.csv").read_text() == "as before"
+    assert (bench.folder / "points.csv").read_text() == before
 
 
 def test_bad_usage(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,49 @@
+"""Numbers on a command line, as types of argparse: what cannot be meant is refused at once."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Callable
+
+
+def seconds(text: str) -> float:
+    """A duration."""
+    return _number(text, lambda value: value > 0, "a number of seconds above 0")
+
+
+def factor(text: str) -> float:
+    """A number that something is multiplied by."""
+    return _number(text, lambda value: value >= 0, "a number of 0 or more")
+
+
+def seed(text: str) -> int:
+    """A seed of random numbers."""
+    return whole(text, 0, 2**63 - 1)
+
+
+def whole(text: str, least: int, most: int) -> int:
+    """An integer of *least* to *most*."""
+    expected = f"a whole number, {least} to {most}"
+    try:
+        value = int(text)
+    except ValueError as error:
+        raise _wrong(text, expected) from error
+    if not least <= value <= most:
+        raise _wrong(text, expected)
+    return value
+
+
+def _number(text: str, fits: Callable[[float], bool], expected: str) -> float:
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise _wrong(text, expected) from error
+    if not (math.isfinite(value) and fits(value)):
+        raise _wrong(text, expected)
+    return value
+
+
+def _wrong(text: str, expected: str) -> argparse.ArgumentTypeError:
+    shown = text if len(text) <= 40 else text[:37] + "..."
+    return argparse.ArgumentTypeError(f"found {shown!r}, expected {expected}")

@@ -1,0 +1,172 @@
+"""What a command may write over; the rule is that of docs/decisions/0021-what-is-written-over.md.
+
+A command checks all its outputs with `check_outputs` before it begins. An input of the run is never
+written over. A file of the kind that the command writes is, for it can be had again; anything else
+only with --force.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from armd.errors import BadInput
+from armd.files import check_folder, check_place, same_place
+
+_HEAD_BYTES = 1 << 16
+_SESSION_FILES = ("session.toml", "readings.csv", "readings.parquet")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of output, and how one that was written before is told: by its first 64 kB."""
+
+    name: str
+    told_by: Callable[[bytes], bool] | None
+    """None: none is ever written over unasked, for it cannot be had again."""
+
+
+def _json_key(head: bytes, key: str) -> str | None:
+    """The text of the first `"key": …` of a JSON object, without quotation marks."""
+    text = head.decode("utf-8", "replace")
+    found = re.search(rf'"{key}"\s*:\s*"?([^",}}\n]*)', text)
+    return found[1] if found and text.lstrip().startswith("{") else None
+
+
+def _is_calibration(head: bytes) -> bool:
+    return _json_key(head, "schema") == "armd.calibration/1"
+
+
+def _is_result(head: bytes) -> bool:
+    schema = _json_key(head, "schema") or ""
+    ours = schema.startswith("armd.") or _json_key(head, "rms_um") is not None
+    return ours and not _is_calibration(head)
+
+
+def _has_columns(*names: str) -> Callable[[bytes], bool]:
+    def told(head: bytes) -> bool:
+        if head.startswith(b"PAR1"):  # Parquet says its columns at its end
+            return True
+        line = head.split(b"\n")[0].decode("utf-8-sig", "replace")
+        header = next(csv.reader([line]), [])
+        return set(names) <= {name.strip() for name in header}
+
+    return told
+
+
+def _is_truth(head: bytes) -> bool:
+    return b"\0" in head and not head.startswith(b"\x89MCAP")
+
+
+CALIBRATION = Kind("a calibration", _is_calibration)
+RESULT = Kind("a result of armd", _is_result)
+PAGE = Kind("a report of armd", lambda head: b'<meta name="generator" content="armd">' in head)
+POINTS = Kind("a table of points", _has_columns("x_mm", "y_mm", "z_mm", "flags"))
+POSES = Kind("a table of poses", _has_columns("pose", "x_mm"))
+RECORDING = Kind("a recording", None)
+ARM = Kind("an arm.toml", None)
+SESSION = Kind("a session's file", None)
+TRUTH = Kind("a simulator's truth", _is_truth)
+SETTINGS = Kind("a simulator's settings", lambda head: _json_key(head, "plants") is not None)
+FAULT_LOG = Kind("a simulator's fault log", lambda head: head.startswith(b'{"event": '))
+
+
+def add_force(parser: argparse.ArgumentParser) -> None:
+    """The option --force, the same for every command that writes."""
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="write over whatever stands where an output goes, except over an input",
+    )
+
+
+def check_outputs(
+    outputs: Mapping[str, tuple[str | Path | None, Kind]],
+    inputs: Iterable[str | Path | None],
+    force: bool,
+) -> None:
+    """Raise `BadInput` unless each of *outputs* (option → path, kind) can and may be written.
+
+    *inputs* are the files and session folders that the run reads; paths that are None are left out.
+    """
+    read = _files_of(inputs)
+    taken: dict[str, Path] = {}
+    for option, (name, kind) in outputs.items():
+        if name is None:
+            continue
+        path = Path(name)
+        check_place(path)
+        if os.path.lexists(path) and not path.is_file():
+            continue  # a device or pipe, which keeps nothing
+        _check_not_read(path, option, read)
+        for other, its_path in taken.items():
+            if same_place(path, its_path):
+                raise BadInput(path, option, f"the file of {other}", "a file of its own")
+        taken[option] = path
+        if not force:
+            _check_kind(path, option, kind)
+
+
+def check_same(
+    path: Path,
+    content: bytes | str,
+    kind: Kind,
+    force: bool,
+    inputs: Iterable[str | Path | None] = (),
+) -> None:
+    """Raise `BadInput` if *path* is there with another content than *content*: for what a person
+    may have written or measured. To write the same once more takes nothing away."""
+    check_place(path)
+    _check_not_read(path, "the file", _files_of(inputs))
+    data = content.encode() if isinstance(content, str) else content
+    if not force and path.is_file() and path.read_bytes() not in (b"", data):
+        found = f"{kind.name} with another content"
+        raise BadInput(path, "the file", found, "none, or --force to write over it")
+
+
+def check_output_folder(folder: Path) -> None:
+    """Raise `BadInput` unless *folder* can be made, or be written in."""
+    if os.path.lexists(folder):
+        check_folder(folder)
+        return
+    parent = next(above for above in folder.absolute().parents if os.path.lexists(above))
+    check_folder(parent)
+
+
+def _check_kind(path: Path, option: str, kind: Kind) -> None:
+    if not path.exists() or path.stat().st_size == 0:
+        return
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    if kind.told_by is None or not kind.told_by(head):
+        expected = f"a new file{f', or {kind.name} of before' if kind.told_by else ''}"
+        raise BadInput(path, option, _what(path, head), f"{expected} (or --force)")
+
+
+def _what(path: Path, head: bytes) -> str:
+    """In words, what stands where an output should go."""
+    if head.startswith(b"\x89MCAP"):
+        return "a recording, which cannot be had again"
+    if path.name in _SESSION_FILES:
+        return "a session's file"
+    if _is_calibration(head):
+        return "a calibration"
+    if schema := re.search(rb'schema"?\s*[:=]\s*"(armd\.[a-z]+/\d+)"', head):
+        return f"a file of {schema[1].decode()}"
+    return "a file of another kind"
+
+
+def _check_not_read(path: Path, where: str, inputs: Iterable[Path]) -> None:
+    if any(same_place(path, file) for file in inputs):
+        raise BadInput(path, where, "an input of this run", "another file")
+
+
+def _files_of(inputs: Iterable[str | Path | None]) -> list[Path]:
+    """The files that a run reads; of a session folder those in it."""
+    files = [Path(path) for path in inputs if path is not None]
+    return files + [path / name for path in files if path.is_dir() for name in _SESSION_FILES]
