@@ -134,8 +134,10 @@ def save_calibration(path: str | Path, calibration: Calibration) -> LoadedCalibr
     """Write whole or not at all; returns what a reader will load."""
     content = calibration.content()
     content["content_sha256"] = content_hash(content)
-    write_whole(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
-    return load_calibration(path)
+    data = (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
+    write_whole(path, data)
+    # Not read back: what goes to a pipe cannot be.
+    return LoadedCalibration(_parse(path, data), hashlib.sha256(data).hexdigest(), Path(path), data)
 
 
 def content_hash(content: Mapping[str, Any]) -> str:
