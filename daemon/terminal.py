@@ -8,7 +8,7 @@ import sys
 
 def hush() -> None:
     """Let the rest of standard output go: its reader has left, or its disk is full."""
-    if sys.stdout is not None:
+    if sys.stdout is not None and sys.stdout is sys.__stdout__:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
         os.close(nowhere)
