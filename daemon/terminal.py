@@ -8,7 +8,8 @@ import sys
 
 def hush() -> None:
     """Let the rest of standard output go: its reader has left, or its disk is full."""
-    if sys.stdout is not None and sys.stdout is sys.__stdout__:
+    own = sys.__stdout__
+    if own is not None and own is sys.stdout:
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
+        os.dup2(nowhere, own.fileno())
         os.close(nowhere)
