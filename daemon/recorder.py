@@ -62,7 +62,7 @@ class Recorder:
         self.counts = dict.fromkeys([keys.RAW, *TOPICS], 0)
         self.lost_frames = 0
         self._next_frame = 0
-        self._writer = Writer(file, chunk_size=CHUNK_BYTES)
+        self._writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         self._writer.start(profile="armd", library=f"armd {__version__}")
         now_ns = time.time_ns()
         calibration = info.pop("calibration_file", None)

@@ -25,9 +25,13 @@ def pack(number: int, frame: RawFrame) -> bytes:
 
 
 def unpack(payload: bytes) -> tuple[int, RawFrame]:
-    """Number and frame of a published payload."""
+    """Number and frame of a published payload; raises ValueError for one that is none."""
+    if len(payload) < _HEADER.size:
+        raise ValueError(f"{len(payload)} bytes, fewer than its header has")
     number, monotonic_ns, unix_ns, direction, length = _HEADER.unpack_from(payload)
     data_at = _HEADER.size + length
+    if direction >= len(_DIRECTIONS) or data_at > len(payload):
+        raise ValueError(f"direction {direction}, {length} bytes of channel")
     return number, RawFrame(
         monotonic_ns,
         unix_ns,

@@ -1,24 +1,23 @@
 """A recording (MCAP) as a driver needs it: the raw frames in their order, and what they came from.
 
 `armd record` writes it (docs/recording.md has the layout). A recorder that was killed leaves a
-file without an end; whatever stands before that is read.
+file without an end; whatever stands before that is read, and said to be all there is.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import InvalidMagic
-from mcap.records import Attachment, Channel, Message
-from mcap.stream_reader import StreamReader
+from mcap.records import Attachment
 
 from armd.drivers import raw
+from armd.drivers.mcap_file import McapFile, Recorded
 from armd.drivers.sample import RawFrame
 from armd.errors import BadInput
+from armd.schema import json_data
 
 RAW_TOPIC = "/raw"
 PREAMBLE_TOPIC = "/preamble"
@@ -26,28 +25,27 @@ INFO_ATTACHMENT = "info.json"  # the daemon's answer to the info key when record
 CALIBRATION_ATTACHMENT = "calibration.json"  # the very file, byte by byte
 
 
-@dataclass(frozen=True, slots=True)
-class Recorded:
-    """One message of a recording."""
-
-    topic: str
-    data: bytes
-
-
 class Recording:
-    """Raises `BadInput` for a file that is no recording of armd's."""
+    """Read once to its end before anything is made of it: raises `BadInput` for a file that is no
+    recording of armd's, or a damaged one. `missing` says what a recording without an end lacks."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.attachments: dict[str, bytes] = {}
-        for record in self._records():
-            if isinstance(record, Attachment):
-                self.attachments.setdefault(record.name, record.data)
-            elif isinstance(record, Message):
-                break  # attachments stand first
+        file = McapFile(path)
+        for part in file.parts():
+            if isinstance(part, Attachment):
+                self.attachments.setdefault(part.name, part.data)
         if INFO_ATTACHMENT not in self.attachments:
             raise BadInput(path, "attachments", "no info.json", "a file of `armd record`")
-        self.info: dict[str, Any] = json.loads(self.attachments[INFO_ATTACHMENT])
+        self.info: dict[str, Any] = self._checked_info()
+        self.missing = None if file.cut is None else self._ends_early(file)
+
+    @property
+    def driver(self) -> dict[str, Any]:
+        """`[driver]` of the recorded daemon."""
+        driver: dict[str, Any] = self.info["configuration"]["driver"]
+        return driver
 
     def preamble(self) -> list[RawFrame]:
         """What a decoder must be fed first (`Driver.preamble`), of a recording that was begun
@@ -56,7 +54,7 @@ class Recording:
         for message in self.messages({PREAMBLE_TOPIC, RAW_TOPIC}):
             if message.topic == RAW_TOPIC:
                 break
-            frames.append(raw.unpack(message.data)[1])
+            frames.append(self._frame(message)[1])
         return frames
 
     def frames(self) -> Iterator[RawFrame]:
@@ -64,7 +62,7 @@ class Recording:
         recorder has lost some, because nothing after them would be what it was."""
         expected: int | None = None
         for message in self.messages({RAW_TOPIC}):
-            number, frame = raw.unpack(message.data)
+            number, frame = self._frame(message)
             if expected is not None and number != expected:
                 raise BadInput(self.path, f"raw frame {expected}", f"{number}", "no gap")
             expected = number + 1
@@ -72,24 +70,36 @@ class Recording:
 
     def messages(self, topics: set[str] | None = None) -> Iterator[Recorded]:
         """All messages, or those of *topics*, in the order of the file."""
-        names: dict[int, str] = {}
-        for record in self._records():
-            if isinstance(record, Channel):
-                names[record.id] = record.topic
-            elif isinstance(record, Message):
-                topic = names[record.channel_id]
-                if topics is None or topic in topics:
-                    yield Recorded(topic, record.data)
+        for message in McapFile(self.path).messages():
+            if topics is None or message.topic in topics:
+                yield message
 
-    def _records(self) -> Iterator[Any]:
+    def _frame(self, message: Recorded) -> tuple[int, RawFrame]:
         try:
-            with self.path.open("rb") as file:
-                yield from StreamReader(file).records
-        except FileNotFoundError as error:
-            raise BadInput(self.path, "the file", "nothing", "a recording (.mcap)") from error
-        except InvalidMagic as error:
-            raise BadInput(self.path, "the file", str(error), "a recording (.mcap)") from error
-        except BadInput:
-            raise
-        except Exception:  # the mcap library meets a cut file with whatever it trips over
-            return
+            return raw.unpack(message.data)
+        except ValueError as error:
+            raise BadInput(self.path, message.topic, str(error), "a raw frame") from error
+
+    def _checked_info(self) -> dict[str, Any]:
+        where = f"{self.path}: {INFO_ATTACHMENT}"
+        info = json_data(where, self.attachments[INFO_ATTACHMENT])
+        for keys in (("arm",), ("configuration", "driver", "kind")):
+            value = info
+            for key in keys:
+                value = value.get(key) if isinstance(value, dict) else None
+            if value is None:
+                raise BadInput(where, ".".join(keys), "nothing", "what `armd record` writes there")
+        assert isinstance(info, dict)
+        return info
+
+    def _ends_early(self, file: McapFile) -> str:
+        n, last_ns = 0, 0
+        for message in self.messages({RAW_TOPIC}):
+            n, last_ns = n + 1, message.unix_ns
+        until = datetime.fromtimestamp(last_ns / 1e9, UTC).isoformat(timespec="milliseconds")
+        whole = f"{n} raw frames, until {until}" if n else "no raw frame"
+        missing = "the index" if file.only_index_cut else "what came after"
+        return (
+            f"{self.path}: byte {file.cut}: found no end, as of a recorder that was killed or a "
+            f"file that was cut; {whole}, are whole, {missing} is missing"
+        )

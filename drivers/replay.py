@@ -6,14 +6,12 @@ import time
 from collections.abc import Iterator
 from typing import Protocol
 
-from pydantic import TypeAdapter
-
 from armd.drivers.can.decoder import CanDecoder
 from armd.drivers.config import (
     CanConfig,
-    DriverConfig,
     MicroScribeConfig,
     ReplayConfig,
+    SerialConfig,
     ServoConfig,
 )
 from armd.drivers.identity import Expectation
@@ -23,7 +21,9 @@ from armd.drivers.recording import Recording
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.serial_decoder import SerialDecoder
 from armd.errors import BadInput
+from armd.schema import validate
 
+_CAN_KEYS = {"rate_hz", "max_joint_rate_deg_s"}
 BATCH = 256  # frames fed in one `read` at most
 
 
@@ -41,19 +41,23 @@ class Decoder(Protocol):
 
 def decoder_of(recording: Recording, expectation: Expectation) -> Decoder:
     """A fresh decoder as the recorded daemon was configured; raises `BadInput`."""
-    config = TypeAdapter[DriverConfig](DriverConfig).validate_python(
-        recording.info["configuration"]["driver"]
-    )
-    if isinstance(config, ReplayConfig):
-        found = f"a replay of {config.file}"
-        raise BadInput(recording.path, "driver", found, "a recording of an arm")
-    if isinstance(config, CanConfig):
-        return CanDecoder(expectation, config.rate_hz, config.max_joint_rate_deg_s)
-    if isinstance(config, ServoConfig):
-        return ServoDecoder(config, expectation)
-    if isinstance(config, MicroScribeConfig):
-        return MicroScribeDecoder(expectation, config.max_joint_rate_deg_s)
-    return SerialDecoder(expectation, config.max_joint_rate_deg_s)
+    driver = recording.driver
+    where = f"{recording.path}: configuration of the recorded daemon"
+    match driver["kind"]:
+        case "serial":
+            serial = validate(where, driver, SerialConfig)
+            return SerialDecoder(expectation, serial.max_joint_rate_deg_s)
+        case "can":  # python-can's own keys were for the bus that is not here
+            ours = {key: driver[key] for key in _CAN_KEYS & driver.keys()}
+            can = validate(where, ours | {"kind": "can", "interface": "virtual"}, CanConfig)
+            return CanDecoder(expectation, can.rate_hz, can.max_joint_rate_deg_s)
+        case "feetech" | "dynamixel":
+            return ServoDecoder(validate(where, driver, ServoConfig), expectation)
+        case "microscribe":
+            scribe = validate(where, driver, MicroScribeConfig)
+            return MicroScribeDecoder(expectation, scribe.max_joint_rate_deg_s)
+    found = repr(driver["kind"])[:80]
+    raise BadInput(where, "driver.kind", found, "a kind whose recordings can be replayed")
 
 
 class ReplayDriver:
@@ -91,8 +95,11 @@ class ReplayDriver:
 
     def open(self) -> None:
         self._before = [
-            item for frame in self._recording.preamble() for item in self._decoder.feed(frame)
+            item for frame in self._recording.preamble() for item in self._decode(frame)
         ]
+        if self._recording.missing is not None:
+            now_ns = time.monotonic_ns()
+            self._before.append(Event("recording_cut", self._recording.missing, now_ns, "warning"))
         self._next = next(self._frames, None)
         self._began_ns = time.monotonic_ns()
         self._first_ns = self._next.monotonic_ns if self._next else 0
@@ -118,9 +125,18 @@ class ReplayDriver:
             _sleep_until(min(due_ns, deadline_ns))
             if due_ns > deadline_ns:
                 return items
-            items += self._decoder.feed(self._next)
+            items += self._decode(self._next)
             self._next = next(self._frames, None)
         return items
+
+    def _decode(self, frame: RawFrame) -> list[Item]:
+        """A recorder's frames never make a decoder raise; those of a forged file may."""
+        try:
+            return self._decoder.feed(frame)
+        except Exception as error:
+            where = f"raw frame of {frame.unix_ns} ns"
+            expected = "one that its decoder understands"
+            raise BadInput(self._recording.path, where, repr(error)[:200], expected) from error
 
     def _due_ns(self, frame: RawFrame) -> int:
         if self._speed == 0:

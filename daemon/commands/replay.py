@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import closing
@@ -28,6 +29,7 @@ from armd.daemon.recorder import TOPICS, as_json
 from armd.drivers.recording import CALIBRATION_ATTACHMENT, Recording
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
+from armd.errors import BadInput
 from armd.files import whole_file
 from armd.outputs import POINTS, add_force, check_outputs
 from armd.schema import validate
@@ -106,6 +108,8 @@ def _points(config: Config) -> Iterator[Points]:
                         pipeline.take_temperatures(item)
                     case Event(kind="replay_ended"):
                         return
+                    case Event(kind="recording_cut"):
+                        print(f"armd: {item.text}", file=sys.stderr)
                     case Event():
                         pass
                     case samples:
@@ -120,9 +124,13 @@ def _compare(recording: Recording, points: Points) -> int:
     from_ns += SETTLING_NS if recording.preamble() else 0
     identical = different = 0
     for message in recording.messages({TOPICS[keys.POINT]}):
-        point = json.loads(message.data)
-        if point["seq"] in replayed and point["monotonic_ns"] >= from_ns:
-            same = replayed[point["seq"]] == message.data
+        try:
+            point = json.loads(message.data)
+            seq, at_ns = int(point["seq"]), int(point["monotonic_ns"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise BadInput(recording.path, "/point", repr(message.data[:40]), "a point") from error
+        if seq in replayed and at_ns >= from_ns:
+            same = replayed[seq] == message.data
             identical += same
             different += not same
     print(f"armd: {identical} points bit-identical, {different} different")

@@ -1,5 +1,6 @@
 """`armd record` and `armd replay`: what was published comes back, bit by bit."""
 
+import io
 import json
 import os
 import signal
@@ -7,12 +8,19 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
+import zstandard
+from mcap.writer import CompressionType, Writer
 from running_daemon import free_endpoint, running_daemon
 from simulated_arm import simulated_arm
 
 from armd.daemon.cli import main
-from armd.drivers.recording import Recording
+from armd.daemon.recorder import Recorder
+from armd.drivers import raw
+from armd.drivers.mcap_file import MOST_BYTES
+from armd.drivers.recording import INFO_ATTACHMENT, RAW_TOPIC, Recording
+from armd.drivers.sample import RawFrame
 from armd.errors import BadInput
 
 PATIENCE_S = 60.0
@@ -104,7 +112,7 @@ def test_another_file_is_refused(tmp_path):
     with pytest.raises(BadInput, match=r"expected a recording"):
         Recording(path)
     assert main(["replay", str(path), "--check"]) == 2
-    with pytest.raises(BadInput, match="a recording"):
+    with pytest.raises(BadInput, match="found nothing"):
         Recording(tmp_path / "nothing.mcap")
 
 
@@ -128,3 +136,138 @@ def test_it_is_published_like_a_live_arm(recorded, tmp_path):
         assert replay.wait(PATIENCE_S) == 0
     points = [json.loads(line) for line in watched.stdout.splitlines()]
     assert len(points) > 10
+
+
+# --- damaged and forged files --------------------------------------------------------------------
+
+INFO = {"arm": {}, "configuration": {"driver": {"kind": "serial", "port": "x"}}}
+
+
+def frame(n):
+    return raw.pack(n, RawFrame(10**12 + n, 10**18 + n, "rx", bytes([n % 251]) * 200))
+
+
+def small_recording(info=None, n=1200):
+    """A recording of a few chunks, as bytes."""
+    file = io.BytesIO()
+    recorder = Recorder(file, info or json.loads(json.dumps(INFO)))
+    recorder.begin(0, [])
+    recorder.take_frames([frame(k) for k in range(n)])
+    recorder.close()
+    return file.getvalue()
+
+
+def read_all(path):
+    recording = Recording(path)
+    return recording, sum(1 for _ in recording.frames())
+
+
+def test_every_flipped_bit_is_noticed(tmp_path):
+    data, path = small_recording(), tmp_path / "flipped.mcap"
+    rng = np.random.default_rng(1)
+    path.write_bytes(data)
+    assert read_all(path)[1] == 1200
+    # All over the file, and densely where checksums are hard to come by: both ends.
+    at = [*rng.integers(0, len(data), 400), *range(60), *range(len(data) - 60, len(data))]
+    for byte in at:
+        flipped = bytearray(data)
+        flipped[byte] ^= 1 << rng.integers(8)
+        path.write_bytes(flipped)
+        with pytest.raises(BadInput, match=r"flipped\.mcap"):
+            read_all(path)
+            pytest.fail(f"byte {byte} of {len(data)}")
+
+
+def test_a_cut_recording_says_what_is_missing(tmp_path, capsys):
+    data, path = small_recording(), tmp_path / "cut.mcap"
+    seen = set()
+    for part in (0.99, 0.9, 0.7, 0.5):
+        path.write_bytes(data[: int(part * len(data))])
+        recording, n = read_all(path)
+        assert (
+            "found no end" in recording.missing
+            and f"{n} raw frames, until 2001-" in recording.missing
+        )
+        seen.add(n)
+    assert max(seen) <= 1200 and len(seen) >= 2
+
+
+def test_a_cut_in_the_index_is_told_as_such(tmp_path):
+    data, path = small_recording(), tmp_path / "cut.mcap"
+    path.write_bytes(data[:-20])
+    recording, n = read_all(path)
+    assert n == 1200 and "the index is missing" in recording.missing
+
+
+def test_a_chunk_that_would_fill_the_memory_is_not_unpacked(tmp_path):
+    file = io.BytesIO()
+    writer = Writer(file, chunk_size=1, compression=CompressionType.ZSTD)
+    writer.start()
+    writer.add_attachment(0, 0, INFO_ATTACHMENT, "application/json", json.dumps(INFO).encode())
+    channel = writer.register_channel(RAW_TOPIC, "x", schema_id=0)
+    writer.add_message(channel, 0, bytes(MOST_BYTES + 1), 0)
+    writer.finish()
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(file.getvalue())
+    assert path.stat().st_size < 10_000
+    with pytest.raises(BadInput, match="would fill the memory"):
+        Recording(path)
+
+
+def test_a_chunk_that_lies_about_its_size_is_not_unpacked_either(tmp_path):
+    bomb = zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 26))
+    data = small_recording()
+    at = data.index(zstandard.FRAME_HEADER)
+    length = int.from_bytes(data[at - 8 : at], "little")
+    path = tmp_path / "lies.mcap"
+    forged = data[: at - 8] + len(bomb).to_bytes(8, "little") + bomb
+    forged += bytes(max(0, length - len(bomb))) + data[at + length :]
+    path.write_bytes(forged)
+    with pytest.raises(BadInput, match="byte"):
+        Recording(path)
+
+
+@pytest.mark.parametrize(
+    ("driver", "message"),
+    [
+        ({"kind": "abacus"}, "driver.kind: found 'abacus', expected a kind"),
+        ({"kind": "replay", "file": "x"}, "driver.kind: found 'replay'"),
+        ({"kind": "serial", "port": "x", "baud": "fast"}, "baud"),
+    ],
+)
+def test_a_driver_that_has_no_decoder_here_is_not_decoded_by_another(tmp_path, driver, message):
+    from armd.drivers.config import ReplayConfig
+    from armd.drivers.identity import Expectation
+    from armd.drivers.replay import ReplayDriver
+
+    path = tmp_path / "other.mcap"
+    path.write_bytes(small_recording({"arm": {}, "configuration": {"driver": driver}}))
+    with pytest.raises(BadInput, match=message):
+        ReplayDriver(ReplayConfig(kind="replay", file=str(path)), Expectation("A", 6, 6, (1,) * 6))
+
+
+def test_a_recording_on_can_replays_whatever_its_bus_was(tmp_path):
+    from armd.drivers.config import ReplayConfig
+    from armd.drivers.identity import Expectation
+    from armd.drivers.replay import ReplayDriver
+
+    driver = {"kind": "can", "interface": "gone", "speciality": 1, "rate_hz": 250.0}
+    path = tmp_path / "can.mcap"
+    path.write_bytes(small_recording({"arm": {}, "configuration": {"driver": driver}}))
+    expected = Expectation("A", 6, 6, (1 << 20,) * 6)
+    replay = ReplayDriver(ReplayConfig(kind="replay", file=str(path), speed=0), expected)
+    with pytest.raises(BadInput, match="raw frame of"):  # its frames are no link notes
+        replay._decode(RawFrame(0, 0, "link", b"nonsense", "can"))
+
+
+@pytest.mark.parametrize("info", [[], {}, {"arm": {}}, {"arm": {}, "configuration": 3}])
+def test_info_that_is_none(tmp_path, info):
+    file = io.BytesIO()
+    writer = Writer(file)
+    writer.start()
+    writer.add_attachment(0, 0, INFO_ATTACHMENT, "application/json", json.dumps(info).encode())
+    writer.finish()
+    path = tmp_path / "info.mcap"
+    path.write_bytes(file.getvalue())
+    with pytest.raises(BadInput, match="info"):
+        Recording(path)
