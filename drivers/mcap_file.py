@@ -131,7 +131,7 @@ class McapFile:
         whole = len(data) == chunk.uncompressed_size
         if not whole or chunk.uncompressed_crc not in (0, zlib.crc32(data)):
             raise self._damaged("a chunk whose checksum does not hold")
-        return data
+        return bytes(data)
 
     def _unpacked(self, data: bytes) -> Iterator[Recorded]:
         at = 0
