@@ -26,6 +26,7 @@ COMMANDS = {
     "record": "record frames, samples and points to an MCAP file",
     "replay": "play a recording back through decoder and kernel",
     "ippdme": "an I++ DME server for inspection software",
+    "ros2": "native ROS 2 topics, without ROS on the controller",
     "stream": "text lines over TCP: one per measurement, or per point",
     "correct": "correct readings offline, same kernel",
     "calibrate": "identify geometry and thermal model from sessions",

@@ -1,0 +1,100 @@
+"""A ROS node in rmw_zenoh's words: keys, liveliness tokens, attachments."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import struct
+import time
+from dataclasses import dataclass
+
+import zenoh
+from zenoh import ext
+
+from armd.daemon.bridges.ros2.messages import Type
+
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+NODE_ID = 0
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What differs from rmw_zenoh's default: the depth, and whether late subscribers get it."""
+
+    depth: int
+    transient_local: bool = False
+
+    @property
+    def token(self) -> str:
+        """Reliability, durability, history and depth, deadline, lifespan, liveliness."""
+        return f":{1 if self.transient_local else ''}:,{self.depth}:,:,:,,"
+
+
+def legal(serial: str) -> str:
+    """A serial number as a name that ROS takes."""
+    name = re.sub(r"\W", "_", serial, flags=re.ASCII)
+    return f"arm_{name}" if name[0].isdigit() else name
+
+
+def escaped(name: str) -> str:
+    """As it stands within one part of a liveliness token."""
+    return name.replace("/", "%")
+
+
+class Publisher:
+    """One topic of a node."""
+
+    def __init__(self, session: zenoh.Session, key: str, token: str, quality: Quality) -> None:
+        # Never BEST_EFFORT: over one link with RELIABLE, receivers up to Zenoh 1.5.1 lose the rest.
+        self._publisher: zenoh.Publisher | ext.AdvancedPublisher
+        drop = zenoh.CongestionControl.DROP
+        if quality.transient_local:
+            self._publisher = ext.declare_advanced_publisher(
+                session,
+                key,
+                congestion_control=drop,
+                cache=ext.CacheConfig(max_samples=quality.depth),
+                publisher_detection=True,
+                sample_miss_detection=ext.MissDetectionConfig(
+                    heartbeat=None, sporadic_heartbeat=500
+                ),
+            )
+        else:
+            self._publisher = session.declare_publisher(key, congestion_control=drop)
+        self._token = session.liveliness().declare_token(token)
+        self._gid = hashlib.sha256(token.encode()).digest()[:16]
+        self._sequence = 0
+
+    def put(self, message: bytes) -> None:
+        self._sequence += 1
+        attachment = struct.pack("<qqB16s", self._sequence, time.time_ns(), 16, self._gid)
+        self._publisher.put(message, attachment=attachment)
+
+
+class Node:
+    """`/<namespace>/armd` in a ROS domain, on a session that reaches its router."""
+
+    def __init__(self, session: zenoh.Session, domain: int, namespace: str) -> None:
+        self._session = session
+        self._domain = domain
+        self._zid = str(session.zid())
+        self._node = f"%/{escaped(f'/{namespace}')}/armd"
+        self._publishers = 0
+        head = f"@ros2_lv/{domain}/{self._zid}/{NODE_ID}"
+        self._token = session.liveliness().declare_token(f"{head}/{NODE_ID}/NN/{self._node}")
+
+    def publisher(self, topic: str, kind: Type, quality: Quality) -> Publisher:
+        """*topic* is the full name, with its slash in front."""
+        self._publishers += 1
+        key = f"{self._domain}/{topic.strip('/')}/{kind.dds}/{kind.hash}"
+        token = "/".join(
+            [
+                f"@ros2_lv/{self._domain}/{self._zid}/{NODE_ID}/{self._publishers}/MP",
+                self._node,
+                escaped(topic),
+                kind.dds,
+                kind.hash,
+                quality.token,
+            ]
+        )
+        return Publisher(self._session, key, token, quality)

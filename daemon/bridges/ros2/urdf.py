@@ -1,0 +1,129 @@
+"""The calibrated arm as a URDF: links as cylinders, joints that turn as `joint_states` say."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+from xml.etree import ElementTree as Xml
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.arm import Arm
+from armd.compensation.calibration import Calibration
+from armd.compensation.kinematics import frames
+
+F64 = npt.NDArray[np.float64]
+
+RADIUS_M = 0.02  # of a cylinder: what an arm's tube looks like
+SHORTEST_M = 1e-3  # of a link that is drawn
+#: URDF wants limits; a joint without them turns on and on.
+TURNING = {"effort": "0", "velocity": "10"}
+
+
+def write(info: Mapping[str, Any], namespace: str, frame: str) -> str:
+    """XML of the arm that an `info` describes; its root link is *frame*."""
+    arm = Arm.model_validate_json(json.dumps(info["arm"]))
+    parameters = arm.nominal()
+    if info["calibration_file"] is not None:
+        calibration = Calibration.model_validate_json(info["calibration_file"])
+        parameters = calibration.vector(arm.n_joints)
+    prefix = namespace.replace("/", "_")
+    robot = Xml.Element("robot", name=prefix)
+    origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
+    tip = parameters[5 * arm.n_joints : 5 * arm.n_joints + 3]
+    # A joint's row is Rz(q) and then what is constant: joint k stands where row k−1 has led.
+    steps = [(rotations[0], origins[0])] + [
+        (
+            rotations[k].T @ rotations[k + 1],
+            rotations[k].T @ (origins[k + 1] - origins[k]),
+        )
+        for k in range(arm.n_joints)
+    ]
+    _link(robot, frame, steps[0][1])
+    parent = frame
+    for k in range(1, arm.n_joints + 1):
+        link = f"{prefix}_link_{k}"
+        joint = arm.joint[k - 1]
+        limits = None
+        if joint.min_deg is not None and joint.max_deg is not None:
+            limits = math.radians(joint.min_deg), math.radians(joint.max_deg)
+        _joint(robot, f"joint_{k}", parent, link, steps[k - 1], limits)
+        _link(robot, link, steps[k][1])
+        parent = link
+    _fixed(robot, f"{prefix}_wrist", parent, steps[-1])
+    _link(robot, f"{prefix}_wrist", tip)
+    _fixed(robot, f"{prefix}_ball", f"{prefix}_wrist", (np.eye(3), tip))
+    _ball(robot, f"{prefix}_ball", arm.tip.radius_mm)
+    Xml.indent(robot)
+    return Xml.tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _joint(
+    robot: Xml.Element,
+    name: str,
+    parent: str,
+    child: str,
+    step: tuple[F64, F64],
+    limits: tuple[float, float] | None,
+) -> None:
+    kind = "continuous" if limits is None else "revolute"
+    element = _placed(robot, name, kind, parent, child, step)
+    Xml.SubElement(element, "axis", xyz="0 0 1")
+    if limits is not None:
+        low, high = (f"{value:.9g}" for value in limits)
+        Xml.SubElement(element, "limit", {"lower": low, "upper": high, **TURNING})
+
+
+def _fixed(robot: Xml.Element, child: str, parent: str, step: tuple[F64, F64]) -> None:
+    _placed(robot, f"{child}_fixed", "fixed", parent, child, step)
+
+
+def _placed(
+    robot: Xml.Element, name: str, kind: str, parent: str, child: str, step: tuple[F64, F64]
+) -> Xml.Element:
+    joint = Xml.SubElement(robot, "joint", name=name, type=kind)
+    rotation, offset_mm = step
+    Xml.SubElement(joint, "parent", link=parent)
+    Xml.SubElement(joint, "child", link=child)
+    Xml.SubElement(joint, "origin", xyz=_words(offset_mm * 1e-3), rpy=_words(_rpy(rotation)))
+    return joint
+
+
+def _link(robot: Xml.Element, name: str, to_mm: F64) -> None:
+    """A cylinder from the link's origin to where the next one stands."""
+    link = Xml.SubElement(robot, "link", name=name)
+    to_m = to_mm * 1e-3
+    length = float(np.linalg.norm(to_m))
+    if length < SHORTEST_M:
+        return
+    x, y, z = to_m / length
+    tilt = np.array([0.0, math.acos(max(-1.0, min(1.0, z))), math.atan2(y, x)])
+    visual = Xml.SubElement(link, "visual")
+    Xml.SubElement(visual, "origin", xyz=_words(to_m / 2), rpy=_words(tilt))
+    geometry = Xml.SubElement(visual, "geometry")
+    Xml.SubElement(geometry, "cylinder", radius=f"{RADIUS_M:g}", length=f"{length:.9g}")
+
+
+def _ball(robot: Xml.Element, name: str, radius_mm: float) -> None:
+    link = Xml.SubElement(robot, "link", name=name)
+    if radius_mm > 0:
+        geometry = Xml.SubElement(Xml.SubElement(link, "visual"), "geometry")
+        Xml.SubElement(geometry, "sphere", radius=f"{radius_mm * 1e-3:.9g}")
+
+
+def _rpy(rotation: F64) -> F64:
+    """Roll, pitch, yaw of R = Rz(yaw) Ry(pitch) Rx(roll), rad."""
+    sin_pitch = -rotation[2, 0]
+    if abs(sin_pitch) > 1 - 1e-12:  # roll and yaw are one: all of it to yaw
+        yaw = math.atan2(-rotation[0, 1], rotation[1, 1])
+        return np.array([0.0, math.copysign(math.pi / 2, sin_pitch), yaw])
+    roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    pitch = math.atan2(sin_pitch, math.hypot(rotation[2, 1], rotation[2, 2]))
+    return np.array([roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])])
+
+
+def _words(values: F64) -> str:
+    return " ".join(f"{value + 0.0:.12g}" for value in values.tolist())
