@@ -28,6 +28,7 @@ COMMANDS = {
     "ippdme": "an I++ DME server for inspection software",
     "ros2": "native ROS 2 topics, without ROS on the controller",
     "stream": "text lines over TCP: one per measurement, or per point",
+    "export": "measurements to .csv, .xyz, .ply or .qif",
     "correct": "correct readings offline, same kernel",
     "calibrate": "identify geometry and thermal model from sessions",
     "evaluate": "residuals of sessions under a model",

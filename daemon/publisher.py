@@ -125,8 +125,10 @@ class Kept:
         self._session = session
         self.past: deque[tuple[str, zenoh.Timestamp]] = deque(maxlen=KEPT)
 
-    def put(self, content: dict[str, Any]) -> None:
+    def put(self, content: dict[str, Any]) -> str:
+        """Publish *content*; returns it as published."""
         text = json.dumps(content, allow_nan=False)
         timestamp = self._session.new_timestamp()
         self.past.append((text, timestamp))
         self._publisher.put(text, timestamp=timestamp)
+        return text

@@ -136,6 +136,14 @@ class Arm(_Closing):
         """Arm, calibration, units, payload layout."""
         return self._ask(keys.INFO)
 
+    def past(self, what: str) -> list[dict[str, Any]]:
+        """What the daemon still has of its measurements or events (`armd.keys`), the oldest
+        first: the last thousand."""
+        replies = self._session.get(
+            keys.key(self.serial, what), consolidation=zenoh.ConsolidationMode.NONE
+        )
+        return [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok]
+
     def preamble(self) -> tuple[int, list[bytes]]:
         """For a recorder of raw frames: the number of the next one, and the frames, as published,
         that a decoder must be fed before it."""

@@ -1,0 +1,143 @@
+"""Measurements to export: from files of JSON lines, from a recording, or from a running daemon."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from armd import Arm, keys
+from armd.daemon.measurement_log import SUFFIX, log_files
+from armd.daemon.recorder import TOPICS
+from armd.drivers.recording import INFO_ATTACHMENT
+from armd.errors import BadInput
+from armd.inputs import check_input, open_input
+
+RECORDING = ".mcap"
+Vector = tuple[float, float, float]
+
+
+class Measurement(BaseModel):
+    """One line as `armd/<serial>/measurement` has it; what later versions add is kept."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
+
+    seq: int
+    stamp_ns: int
+    position_mm: Vector | None
+    standard_deviation_mm: Vector | None = None
+    covariance_mm2: tuple[float, float, float, float, float, float] | None = None
+    orientation: tuple[float, float, float, float] | None = None
+    approach: Vector | None = None
+    angles_rad: list[float] | None = None
+    rates_rad_s: list[float] | None = None
+    temperatures_c: dict[str, float | None] = {}
+    count: int = 1
+    duration_s: float = 0.0
+    flags: int
+    flag_names: list[str] = []
+    buttons: int = 0
+    trigger: str = ""
+    tip: str | None = None
+    calibration: str | None = None
+
+
+@dataclass
+class Measured:
+    """What was found, the oldest first."""
+
+    measurements: list[Measurement] = field(default_factory=list)
+    serial: str = ""
+    """Empty: the source does not say whose they are."""
+    info: dict[str, Any] | None = None
+    """The arm's, where the source has it."""
+    torn: list[str] = field(default_factory=list)
+    """Lines cut short by a kill or a power cut, left out: `FILE: line N`."""
+
+
+def from_path(path: Path) -> Measured:
+    """A file of JSON lines, a measurement log's folder, or a recording; raises `BadInput`."""
+    if path.is_dir():
+        files = log_files(path)
+        if not files:
+            raise BadInput(path, "the folder", f"no *{SUFFIX}", "a measurement log")
+        return _from_lines(files, path.name)
+    if path.suffix == RECORDING:
+        return _from_recording(path)
+    if path.suffix != SUFFIX:
+        raise BadInput(path, "the suffix", repr(path.suffix), f"{SUFFIX} or {RECORDING}")
+    return _from_lines([path], "")
+
+
+def from_arm(arm: Arm) -> Measured:
+    """Those of the past that a running daemon still has: the last thousand."""
+    where = f"armd/{arm.serial}/{keys.MEASUREMENT}"
+    found = [_measurement(where, "an answer", line) for line in arm.past(keys.MEASUREMENT)]
+    return Measured(_in_order(found), arm.serial, arm.info())
+
+
+def _from_lines(files: Iterable[Path], serial: str) -> Measured:
+    found = Measured(serial=serial)
+    for path in files:
+        for number, line, whole in _lines(path):
+            try:
+                found.measurements.append(_measurement(path, f"line {number}", json.loads(line)))
+            except ValueError as error:
+                # The log ends a torn line before it goes on, so it may stand anywhere.
+                if whole and not line.startswith(b"{"):
+                    expected = "a measurement as JSON"
+                    raise BadInput(path, f"line {number}", str(error), expected) from error
+                found.torn.append(f"{path}: line {number}")
+    found.measurements = _in_order(found.measurements)
+    return found
+
+
+def _lines(path: Path) -> Iterator[tuple[int, bytes, bool]]:
+    """Number from 1, content, and whether its end is there; empty lines are passed over."""
+    with open_input(path) as file:
+        for number, line in enumerate(file, 1):
+            if line.strip():
+                yield number, line.strip(), line.endswith(b"\n")
+
+
+def _from_recording(path: Path) -> Measured:
+    found = Measured()
+    check_input(path)
+    with path.open("rb") as file:
+        try:
+            reader = make_reader(file)
+            for attachment in reader.iter_attachments():
+                if attachment.name == INFO_ATTACHMENT:
+                    found.info = json.loads(attachment.data)
+            topic = TOPICS[keys.MEASUREMENT]
+            found.measurements = _in_order(
+                _measurement(path, topic, json.loads(message.data))
+                for _, _, message in reader.iter_messages(topics=[topic])
+            )
+        except (McapError, ValueError, EOFError) as error:
+            raise BadInput(path, "the recording", str(error) or "damage", "MCAP") from error
+    if found.info is not None:
+        found.serial = found.info["arm"]["serial_number"]
+    return found
+
+
+def _measurement(path: str | Path, where: str, data: Any) -> Measurement:
+    try:
+        return Measurement.model_validate(data)
+    except ValidationError as error:
+        fault = error.errors(include_url=False)[0]
+        key = ".".join(map(str, fault["loc"])) or "the line"
+        what = "nothing" if fault["type"] == "missing" else repr(fault["input"])[:60]
+        raise BadInput(path, f"{where}: {key}", what, fault["msg"]) from error
+
+
+def _in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
+    """By time; one that a source has twice, once."""
+    found = {(m.stamp_ns, m.seq): m for m in measurements}
+    return [found[key] for key in sorted(found)]

@@ -1,0 +1,121 @@
+"""Measurements as CSV, as points with normals (`.xyz`), and as PLY."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from armd.daemon.bridges.export.source import Measurement
+from armd.daemon.bridges.tips import Tips
+
+#: Columns of every CSV; the joints' angles and rates and the sensors' temperatures follow.
+COLUMNS = (
+    "stamp_ns", "x_mm", "y_mm", "z_mm", "i", "j", "k", "u_x_mm", "u_y_mm", "u_z_mm",
+    "sd_x_mm", "sd_y_mm", "sd_z_mm", "count", "duration_s", "flags", "flag_names", "seq",
+    "buttons", "trigger", "tip", "calibration",
+)  # fmt: skip
+UNKNOWN = (math.nan,) * 3
+
+
+def as_csv(measurements: Sequence[Measurement], tips: Tips) -> str:
+    """Every measurement, those without a position with empty fields; angles in rad, °C.
+
+    The names of joints and sensors are those of a session's readings: `armd correct` reads them.
+    """
+    joints = max((len(m.angles_rad or ()) for m in measurements), default=0)
+    sensors = list(dict.fromkeys(name for m in measurements for name in m.temperatures_c))
+    q, w = ([f"{letter}{k}" for k in range(1, joints + 1)] for letter in "qw")
+    taken = {*COLUMNS, *q, *w}
+    columns = [f"temperature_{name}" if name in taken else name for name in sensors]
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*COLUMNS, *q, *w, *columns])
+    for m in measurements:
+        unknown = [None] * joints
+        writer.writerow(
+            [
+                m.stamp_ns,
+                *_numbers(m.position_mm or UNKNOWN, 6),
+                *_numbers(direction(m, tips), 6),
+                *_numbers(uncertainty_mm(m), 6),
+                *_numbers(m.standard_deviation_mm or UNKNOWN, 6),
+                m.count,
+                m.duration_s,
+                m.flags,
+                " ".join(m.flag_names),
+                m.seq,
+                m.buttons,
+                m.trigger,
+                m.tip or "",
+                m.calibration or "",
+                *(m.angles_rad or unknown),
+                *(m.rates_rad_s or unknown),
+                *(m.temperatures_c.get(name) for name in sensors),
+            ]
+        )
+    return text.getvalue()
+
+
+def as_xyz(measurements: Sequence[Measurement], tips: Tips) -> str:
+    """A line `x y z nx ny nz` each, mm: what CloudCompare, MeshLab and Open3D read as .xyz."""
+    return "".join(
+        " ".join(_numbers((*m.position_mm, *_normal(m, tips)), 6)) + "\n"
+        for m in measurements
+        if m.position_mm is not None
+    )
+
+
+def as_ply(measurements: Sequence[Measurement], tips: Tips) -> str:
+    """ASCII PLY: position in mm, normal, uncertainty of the position in mm, flags."""
+    rows = [
+        " ".join(
+            [*_numbers((*m.position_mm, *_normal(m, tips)), 6), f"{_norm(m):.6f}", str(m.flags)]
+        )
+        for m in measurements
+        if m.position_mm is not None
+    ]
+    properties = [f"property double {name}" for name in ("x", "y", "z", "nx", "ny", "nz")]
+    header = [
+        "ply",
+        "format ascii 1.0",
+        "comment measured points in mm; standard_uncertainty in mm, nan where not known",
+        f"element vertex {len(rows)}",
+        *properties,
+        "property double standard_uncertainty",
+        "property uint flags",
+        "end_header",
+    ]
+    return "\n".join([*header, *rows, ""])
+
+
+def direction(m: Measurement, tips: Tips) -> Sequence[float]:
+    """Unit vector out of the material; NaN where neither travel nor orientation is known."""
+    if m.approach is None and m.orientation is None:
+        return UNKNOWN
+    told: dict[str, Any] = {"approach": m.approach, "orientation": m.orientation, "tip": m.tip}
+    return tips.out_of_material(told)
+
+
+def uncertainty_mm(m: Measurement) -> Sequence[float]:
+    """Standard uncertainties of x, y, z; NaN without a calibration's covariance."""
+    if m.covariance_mm2 is None:
+        return UNKNOWN
+    xx, _, _, yy, _, zz = m.covariance_mm2
+    return [math.sqrt(value) for value in (xx, yy, zz)]
+
+
+def _norm(m: Measurement) -> float:
+    return math.hypot(*uncertainty_mm(m))
+
+
+def _normal(m: Measurement, tips: Tips) -> Sequence[float]:
+    """Zero where it is not known: readers of clouds take nan for a broken file."""
+    known = direction(m, tips)
+    return (0.0, 0.0, 0.0) if math.isnan(known[0]) else known
+
+
+def _numbers(values: Sequence[float], digits: int) -> list[str]:
+    return ["" if math.isnan(value) else f"{value:.{digits}f}" for value in values]

@@ -1,0 +1,110 @@
+"""`armd export [SERIAL | FILE]`: measurements to `.csv`, `.xyz`, `.ply` or `.qif`."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+from pathlib import Path
+
+import armd
+from armd.daemon.bridges.export import source
+from armd.daemon.bridges.export.qif import as_qif
+from armd.daemon.bridges.export.source import Measured
+from armd.daemon.bridges.export.tables import as_csv, as_ply, as_xyz
+from armd.daemon.bridges.tips import Tips
+from armd.daemon.measurement_log import log_folder, logs_folder
+from armd.errors import BadInput
+from armd.files import write_whole
+
+SUFFIXES = (".csv", ".xyz", ".ply", ".qif")
+#: What a file without the arm's `info` says of its tip: the shaft is the last frame's own axis.
+NO_INFO = {
+    "arm": {"tip": {"offset_mm": [0.0, 0.0, 0.0], "radius_mm": 0.0}},
+    "configuration": {"tips": {}},
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "source",
+        nargs="?",
+        metavar="SERIAL|FILE",
+        help="an arm whose daemon runs, or its measurements as .jsonl, a log's folder, "
+        "a recording .mcap (the one arm that is there)",
+    )
+    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    parser.add_argument(
+        "--log",
+        action="store_true",
+        help="from this machine's measurement log: every one since the daemon was installed",
+    )
+    parser.add_argument(
+        "--since", metavar="TIME", help="only later ones: 2026-03-01T09:00 (UTC), or Unix seconds"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, required=True, help=" ".join(SUFFIXES)
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    suffix = args.output.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise BadInput(args.output, "the suffix", repr(suffix), f"one of {' '.join(SUFFIXES)}")
+    since_ns = _instant_ns(args.since) if args.since else None
+    found = _find(args)
+    chosen = [m for m in found.measurements if since_ns is None or m.stamp_ns >= since_ns]
+    tips = Tips(found.info or NO_INFO)
+    match suffix:
+        case ".csv":
+            text = as_csv(chosen, tips)
+        case ".xyz":
+            text = as_xyz(chosen, tips)
+        case ".ply":
+            text = as_ply(chosen, tips)
+        case _:
+            text = as_qif(chosen, tips, found.serial)
+    write_whole(args.output, text)
+    without = sum(m.position_mm is None for m in chosen)
+    left_out = "their fields empty" if suffix == ".csv" else "left out"
+    remark = f", {without} of them without a position: {left_out}" if without else ""
+    print(f"armd: {args.output}: {len(chosen)} measurements{remark}")
+    for torn in found.torn:
+        print(f"armd: {torn}: cut short, left out")
+    return 0
+
+
+def _find(args: argparse.Namespace) -> Measured:
+    if args.log:
+        return source.from_path(_own_log(args.source))
+    path = Path(args.source or "")
+    if args.source and (path.exists() or path.suffix in (".jsonl", source.RECORDING)):
+        return source.from_path(path)
+    with armd.connect(args.source, args.endpoint) as arm:
+        return source.from_arm(arm)
+
+
+def _own_log(serial: str | None) -> Path:
+    if serial:
+        return log_folder(serial)
+    folders = logs_folder()
+    there = sorted(path for path in folders.glob("*") if path.is_dir())
+    if len(there) == 1:
+        return there[0]
+    found = ", ".join(path.name for path in there) or "no log"
+    raise BadInput(folders, "the folder", found, "SERIAL to say which" if there else "a log")
+
+
+def _instant_ns(text: str) -> int:
+    """Without an offset it is UTC, as armd writes all its times."""
+    try:
+        return round(float(text) * 1e9)
+    except ValueError:
+        pass
+    try:
+        instant = datetime.datetime.fromisoformat(text)
+    except ValueError as error:
+        expected = "a time as 2026-03-01T09:00:00Z, or Unix seconds"
+        raise BadInput("the command line", "--since", repr(text), expected) from error
+    if instant.tzinfo is None:
+        instant = instant.replace(tzinfo=datetime.UTC)
+    return round(instant.timestamp() * 1e9)
