@@ -56,6 +56,8 @@ class Measurement(Strict):
     trigger: Literal["button", "rest"] = "button"
     #: The longest stretch of rest that is averaged.
     average_s: Annotated[float, Field(gt=0, le=5)] = 0.5
+    #: Whether measurements are kept on this machine's disk, in the state folder.
+    log: bool = True
 
 
 class Commands(Strict):

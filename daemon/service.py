@@ -21,6 +21,7 @@ from armd.daemon.config import Config
 from armd.daemon.info import describe
 from armd.daemon.log import Log
 from armd.daemon.measurement import Averager, Press, Trigger, known
+from armd.daemon.measurement_log import MeasurementLog, log_folder
 from armd.daemon.pipeline import Joints, PointArray
 from armd.daemon.priority import sender_goes_first
 from armd.daemon.publisher import Publisher
@@ -69,6 +70,9 @@ class Service:
         )
         self._averager = Averager(config.file.measurement.average_s, config.arm.n_joints)
         self._log = Log()
+        # What is played again was logged when it was measured.
+        logged = config.file.measurement.log and config.driver.kind != "replay"
+        self._measured = MeasurementLog(log_folder(serial)) if logged else None
         self._systemd = Systemd()
         self._awake = Awake()
         now_ns = time.monotonic_ns()
@@ -117,6 +121,8 @@ class Service:
         self._awake.keep(False)
         self._systemd.close()
         self._publisher.close()
+        if self._measured is not None:
+            self._measured.close()
         self._log.close()
 
     # --- the stream ----------------------------------------------------------------------
@@ -143,7 +149,7 @@ class Service:
     def _measure(self, trigger: Trigger, row: int, points: PointArray, joints: Joints) -> None:
         still_since_ns = int(joints.still_since_ns[row])
         measurement = self._averager.average(trigger, points[row], still_since_ns)
-        self._publisher.measurements.put(
+        line = self._publisher.measurements.put(
             measurement.as_json()
             | {
                 "rates_rad_s": known(joints.rate[row]),
@@ -152,6 +158,8 @@ class Service:
                 "tip": self._arm.tip,
             }
         )
+        if self._measured is not None:
+            self._measured.add(line)
 
     # --- events --------------------------------------------------------------------------
 
@@ -188,6 +196,9 @@ class Service:
         second_over = self._supervisor.close_second(now_ns)
         for event in self._supervisor.assess(now_ns):
             self._tell(event)
+        if self._measured is not None:
+            for event in self._measured.take_events():
+                self._tell(event)
         if second_over:
             self._log.tell_rest()
             self._sender_settled = self._sender_settled or sender_goes_first()

@@ -34,6 +34,9 @@ temperature_rate_k_per_h = 1e5  # this arm warms up in seconds: sensors and link
 
 [health]
 steady_k_per_h = 360.0
+
+[measurement]
+log = false  # a demonstration leaves nothing behind
 """
 
 

@@ -7,18 +7,16 @@ was never there before is accepted as it is; later only `armd accept` changes th
 from __future__ import annotations
 
 import json
-import os
-from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
 
-import platformdirs
 from pydantic import Field
 
 from armd.drivers.poll.servo import Servo, differences
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.schema import Strict, load_json
+from armd.state_folder import state_folder
 
 Geometries = dict[int, dict[str, Any]]  # by servo id, as `Servo.geometry` has them
 
@@ -28,12 +26,6 @@ class _File(Strict):
     serial_number: str
     accepted: Geometries = {}
     found: Geometries = {}
-
-
-def state_folder() -> Path:
-    """`$STATE_DIRECTORY` (systemd's), else `$XDG_STATE_HOME/armd`, else what the system has."""
-    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
-    return Path(given) if given else Path(platformdirs.user_state_dir("armd"))
 
 
 class Memory:

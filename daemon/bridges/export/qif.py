@@ -51,9 +51,7 @@ def as_qif(measurements: Sequence[Measurement], tips: Tips, serial: str) -> str:
 
 
 def _units(document: Element) -> None:
-    unit = SubElement(
-        SubElement(SubElement(document, "FileUnits"), "PrimaryUnits"), "LinearUnit"
-    )
+    unit = SubElement(SubElement(SubElement(document, "FileUnits"), "PrimaryUnits"), "LinearUnit")
     _text(unit, "SIUnitName", "meter")
     _text(unit, "UnitName", "mm")
     _text(SubElement(unit, "UnitConversion"), "Factor", "0.001")
