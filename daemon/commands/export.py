@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+from collections.abc import Callable
 from pathlib import Path
 
 import armd
@@ -15,8 +16,16 @@ from armd.daemon.bridges.tips import Tips
 from armd.daemon.measurement_log import log_folder, logs_folder
 from armd.errors import BadInput
 from armd.files import write_whole
+from armd.outputs import Kind, add_force, check_outputs
 
-SUFFIXES = (".csv", ".xyz", ".ply", ".qif")
+#: The formats, and how a file of each is known that was written before.
+WRITTEN_BEFORE: dict[str, Callable[[bytes], bool]] = {
+    ".csv": lambda head: head.startswith(b"stamp_ns,x_mm,y_mm,z_mm,"),
+    ".xyz": lambda head: len(head.split(b"\n")[0].split()) == 6,
+    ".ply": lambda head: head.startswith(b"ply\nformat ascii 1.0\ncomment measured points"),
+    ".qif": lambda head: b"<QIFDocument" in head and b"<Name>armd " in head,
+}
+SUFFIXES = tuple(WRITTEN_BEFORE)
 #: What a file without the arm's `info` says of its tip: the shaft is the last frame's own axis.
 NO_INFO = {
     "arm": {"tip": {"offset_mm": [0.0, 0.0, 0.0], "radius_mm": 0.0}},
@@ -44,12 +53,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, required=True, help=" ".join(SUFFIXES)
     )
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     suffix = args.output.suffix.lower()
     if suffix not in SUFFIXES:
         raise BadInput(args.output, "the suffix", repr(suffix), f"one of {' '.join(SUFFIXES)}")
+    kind = Kind("points of armd", WRITTEN_BEFORE[suffix])
+    check_outputs({"-o": (args.output, kind)}, [args.source], args.force)
     since_ns = _instant_ns(args.since) if args.since else None
     found = _find(args)
     chosen = [m for m in found.measurements if since_ns is None or m.stamp_ns >= since_ns]
@@ -68,8 +80,8 @@ def run(args: argparse.Namespace) -> int:
     left_out = "their fields empty" if suffix == ".csv" else "left out"
     remark = f", {without} of them without a position: {left_out}" if without else ""
     print(f"armd: {args.output}: {len(chosen)} measurements{remark}")
-    for torn in found.torn:
-        print(f"armd: {torn}: cut short, left out")
+    for sentence in found.left_out:
+        print(f"armd: {sentence}")
     return 0
 
 

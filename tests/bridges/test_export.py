@@ -45,7 +45,8 @@ def written(path: Path, *measurements: dict[str, Any]) -> Path:
 
 def export(tmp_path: Path, suffix: str, *measurements: dict[str, Any]) -> str:
     path = written(tmp_path / "m.jsonl", *measurements)
-    assert main(["export", str(path), "-o", str(tmp_path / f"out{suffix}")]) == 0
+    for _ in range(2):  # the second time over the first one's file
+        assert main(["export", str(path), "-o", str(tmp_path / f"out{suffix}")]) == 0
     return (tmp_path / f"out{suffix}").read_text()
 
 
@@ -196,7 +197,8 @@ def test_bad_lines_are_named(
         (["m.jsonl", "-o", "a.txt"], ["a.txt", "suffix", ".qif"]),
         (["none.jsonl", "-o", "a.csv"], ["none.jsonl", "nothing"]),
         (["m.jsonl", "--since", "yesterday", "-o", "a.csv"], ["--since", "'yesterday'"]),
-        (["m.mcap", "-o", "a.csv"], ["m.mcap", "the recording"]),
+        (["m.mcap", "-o", "a.csv"], ["m.mcap"]),
+        (["m.jsonl", "-o", "notes.csv"], ["notes.csv", "a file of another kind", "--force"]),
         (["empty", "-o", "a.csv"], ["empty", "a measurement log"]),
     ],
 )
@@ -210,6 +212,7 @@ def test_bad_usage(
     monkeypatch.chdir(tmp_path)
     written(tmp_path / "m.jsonl", MEASUREMENT)
     (tmp_path / "m.mcap").write_text("no recording")
+    (tmp_path / "notes.csv").write_text("what,a,person\nwrote,by,hand\n")
     (tmp_path / "empty").mkdir()
     assert main(["export", *arguments]) == 2
     told = capsys.readouterr().err

@@ -8,16 +8,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd import Arm, keys
 from armd.daemon.measurement_log import SUFFIX, log_files
 from armd.daemon.recorder import TOPICS
-from armd.drivers.recording import INFO_ATTACHMENT
+from armd.drivers.recording import Recording
 from armd.errors import BadInput
-from armd.inputs import check_input, open_input
+from armd.inputs import open_input
+from armd.schema import json_data
 
 RECORDING = ".mcap"
 Vector = tuple[float, float, float]
@@ -57,8 +56,8 @@ class Measured:
     """Empty: the source does not say whose they are."""
     info: dict[str, Any] | None = None
     """The arm's, where the source has it."""
-    torn: list[str] = field(default_factory=list)
-    """Lines cut short by a kill or a power cut, left out: `FILE: line N`."""
+    left_out: list[str] = field(default_factory=list)
+    """What a kill or a power cut took from the source: a sentence each."""
 
 
 def from_path(path: Path) -> Measured:
@@ -93,7 +92,7 @@ def _from_lines(files: Iterable[Path], serial: str) -> Measured:
                 if whole and not line.startswith(b"{"):
                     expected = "a measurement as JSON"
                     raise BadInput(path, f"line {number}", str(error), expected) from error
-                found.torn.append(f"{path}: line {number}")
+                found.left_out.append(f"{path}: line {number}: cut short, left out")
     found.measurements = _in_order(found.measurements)
     return found
 
@@ -107,24 +106,15 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes, bool]]:
 
 
 def _from_recording(path: Path) -> Measured:
-    found = Measured()
-    check_input(path)
-    with path.open("rb") as file:
-        try:
-            reader = make_reader(file)
-            for attachment in reader.iter_attachments():
-                if attachment.name == INFO_ATTACHMENT:
-                    found.info = json.loads(attachment.data)
-            topic = TOPICS[keys.MEASUREMENT]
-            found.measurements = _in_order(
-                _measurement(path, topic, json.loads(message.data))
-                for _, _, message in reader.iter_messages(topics=[topic])
-            )
-        except (McapError, ValueError, EOFError) as error:
-            raise BadInput(path, "the recording", str(error) or "damage", "MCAP") from error
-    if found.info is not None:
-        found.serial = found.info["arm"]["serial_number"]
-    return found
+    recording = Recording(path)
+    topic = TOPICS[keys.MEASUREMENT]
+    found = _in_order(
+        _measurement(path, topic, json_data(path, message.data))
+        for message in recording.messages({topic})
+    )
+    serial = recording.info["arm"]["serial_number"]
+    left_out = [] if recording.missing is None else [recording.missing]
+    return Measured(found, serial, recording.info, left_out)
 
 
 def _measurement(path: str | Path, where: str, data: Any) -> Measurement:
