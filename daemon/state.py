@@ -9,6 +9,8 @@ from armd import Flag
 
 #: Without a sample for this long the arm is not ready.
 SILENCE_S = 0.5
+#: Points that come later than this are no live measurement.
+LATE_S = 0.25
 
 # Bits as plain integers: 20 times a second an operation of `Flag` is worth avoiding, at 2 µs.
 CLOCK = int(Flag.CLOCK)
@@ -42,6 +44,7 @@ class Seen(NamedTuple):
     warning_joints: tuple[int, ...] = ()
     missing_sensors: tuple[str, ...] = ()
     outside_sensors: tuple[str, ...] = ()
+    late_s: float = 0.0  # from latch to put, half the points
     held: str = ""  # the period in which a term was identified that is held now, outside it
     drift: str = ""  # why the temperatures are not called steady; "" if they are
 
@@ -67,9 +70,12 @@ def assess(seen: Seen) -> tuple[State, str]:
     if seen.warning_joints:
         return State.DEGRADED, "warning of " + ", ".join(f"joint {k}" for k in seen.warning_joints)
     if seen.flags & CLOCK:
-        return State.DEGRADED, "the device's clock is not yet mapped"
+        return State.DEGRADED, "the device's clock is not mapped: stamps are arrival times"
     if seen.lossy:
         return State.DEGRADED, "samples are being lost before the daemon"
+    if seen.late_s > LATE_S:
+        late = f"points come {seen.late_s:.1f} s late: more arrives than can be read"
+        return State.DEGRADED, late
     if seen.outside_sensors:
         outside = ", ".join(seen.outside_sensors)
         return State.INACCURATE, f"outside the identified temperature range: {outside}"

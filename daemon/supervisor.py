@@ -28,6 +28,7 @@ class Supervisor:
         self._driver = driver
         self._arm = arm
         self._started_ns = now_ns
+        self._replays = config.driver.kind == "replay"  # of the past: stamps are the recording's
         self._came_ns: int | None = None  # when the last sample came, not when it was latched
         self._trouble = ""
         self._tally = Tally(now_ns)
@@ -127,6 +128,7 @@ class Supervisor:
             warning_joints=second.warning_joints,
             missing_sensors=self._missing,
             outside_sensors=temperature.outside,
+            late_s=0.0 if self._replays else second.latency_ms.get("p50", 0.0) * 1e-3,
             held=_period(self._arm.pipeline.outside_period),
             drift=temperature.unsteady(self._config.file.health.steady_k_per_h),
         )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from armd.drivers.clock import DeviceClock, host_ns
+from armd.drivers.clock import DeviceClock, holds, host_ns
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, SampleArray, sample_dtype
 from armd.drivers.sequence import Rows, Run, SequenceExtender, goes_on
@@ -132,9 +132,9 @@ def _assemble(
         row, sample = rows[i], out[i]
         seq, t_us = epoch << 32 | np.int64(row.seq), np.int64(row.t_us)
         device_ns = t_us * 1000
-        if line[0].mapped:
-            monotonic_ns = host_ns(device_ns, line)
-        else:
+        monotonic_ns = host_ns(device_ns, line)
+        mapped = holds(device_ns, monotonic_ns, arrival_ns, line)
+        if not mapped:
             monotonic_ns = arrival_ns - (last_ns - device_ns)
         status = np.uint16(row.joint_status)
         jumps = unwrap(row.count, t_us, status, memory, sample.count)
@@ -145,7 +145,7 @@ def _assemble(
         sample.joint_invalid = status | jumps
         sample.joint_warning = 0
         sample.buttons = row.buttons
-        sample.clock_mapped = line[0].mapped
+        sample.clock_mapped = mapped
         sample.lost_before = next_seq[0] != NONE and seq != next_seq[0]
         next_seq[0] = seq + 1
         jumped[i] = jumps

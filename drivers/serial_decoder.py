@@ -13,7 +13,7 @@ from cobs import cobs
 
 from armd.drivers import serial_wire as wire
 from armd.drivers.assembler import SampleAssembler
-from armd.drivers.clock import WINDOW, DeviceClock
+from armd.drivers.clock import PROMISED_NS, WINDOW, DeviceClock
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures
 from armd.drivers.sequence import Rows, SequenceExtender
@@ -22,7 +22,10 @@ from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 EPOCH = b"epoch "  # a "link" frame that says in which epoch a recording begins
 HELD_SAMPLES = 8192  # kept while nobody has said whose arm this is
 PINGS_REMEMBERED = 64
-COUNTED = ("bad_crc", "bad_cobs", "malformed", "unknown", "foreign", "unidentified")
+COUNTED = (
+    *("bad_crc", "bad_cobs", "malformed", "unknown", "foreign", "unidentified"),
+    "clock_contradictions",
+)
 
 
 class SerialDecoder:
@@ -153,9 +156,28 @@ class SerialDecoder:
     def _exchange(self, ping: RawFrame | None, pong: wire.Pong, frame: RawFrame) -> None:
         if ping is None:
             return
-        self.clock.add(ping.monotonic_ns, frame.monotonic_ns, pong.t_us * 1000)
+        if not self._is_samples_clock(ping, pong, frame):
+            self._counted["clock_contradictions"] += 1
+            self._forget_clock()
+            return
+        if not self.clock.add(ping.monotonic_ns, frame.monotonic_ns, pong.t_us * 1000):
+            self._counted["clock_contradictions"] += 1
+            self._exchanges.clear()  # as the clock has done
         alone = frame._replace(data=wire.encode_pong(pong.nonce, pong.t_us))
         self._exchanges.append((ping, alone))
+
+    def _is_samples_clock(self, ping: RawFrame, pong: wire.Pong, frame: RawFrame) -> bool:
+        """Whether a PONG's time fits the last sample's before it on the line, which cannot have been
+        under way for longer than the PONG itself and the time since. Only a sample that came after
+        the last exchange tells of the clock as it is now."""
+        kept = self._sequence.memory[0]
+        last_ns = self._exchanges[-1][1].monotonic_ns if self._exchanges else frame.monotonic_ns
+        if kept["seq"] < 0 or kept["arrival_ns"] <= last_ns:
+            return True
+        ahead_ns = 1000 * (pong.t_us - int(kept["t_us"]))
+        since_ns = frame.monotonic_ns - int(kept["arrival_ns"])
+        under_way_ns = frame.monotonic_ns - ping.monotonic_ns
+        return -PROMISED_NS <= ahead_ns <= since_ns + under_way_ns + PROMISED_NS
 
     def _samples(self, run: list[bytes], frame: RawFrame) -> list[Item]:
         if not run:
@@ -300,10 +322,10 @@ class SerialDecoder:
         n = min(len(celsius), len(reading.celsius))
         celsius[:n] = reading.celsius[:n]
         device_ns = reading.t_us * 1000
-        if self.clock.mapped:
-            arrival_ns = self.clock.to_host(device_ns)
-        stamp_ns = arrival_ns + unix_minus_monotonic_ns
-        return Temperatures(celsius, device_ns, arrival_ns, stamp_ns)
+        instant_ns = arrival_ns
+        if self.clock.mapped:  # one from the future would never grow old
+            instant_ns = min(self.clock.to_host(device_ns), arrival_ns)
+        return Temperatures(celsius, device_ns, instant_ns, instant_ns + unix_minus_monotonic_ns)
 
 
 def _weight(what: Rows | wire.TemperatureReading) -> int:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armd.drivers.clock import ENOUGH, DeviceClock
+from armd.drivers.clock import ENOUGH, DeviceClock, holds
 
 BOOT_NS = 5_000_000_000_000  # host instant of the device's zero
 
@@ -87,3 +87,53 @@ def test_a_reset_forgets_the_mapping():
     run(clock, 2, lambda: (30_000, 30_000))
     clock.reset()
     assert not clock.mapped and clock.line["drift"][0] == 0.0
+
+
+def test_a_clock_that_jumps_is_flagged_with_the_next_answer_and_mapped_anew():
+    clock = DeviceClock()
+    now = run(clock, 5, lambda: (30_000, 30_000))
+    jump_ns = 3_600_000_000_000
+    for answer in range(ENOUGH):
+        assert clock.mapped is (answer == 0)
+        stamped_ns = now + 30_000 - BOOT_NS + jump_ns
+        assert clock.add(now, now + 60_000, stamped_ns) is (answer > 0)
+        now += clock.ping_interval_ns
+    assert clock.mapped
+    assert abs(clock.to_host(now - BOOT_NS + jump_ns) - now) < 100_000
+
+
+def test_a_false_answer_among_true_ones_is_flagged():
+    clock = DeviceClock()
+    now = run(clock, 5, lambda: (30_000, 30_000))
+    assert not clock.add(now, now + 60_000, now - BOOT_NS + 20_000_000)
+    assert not clock.mapped
+    run(clock, 1, lambda: (30_000, 30_000), start_ns=now + 50_000_000)
+    assert clock.mapped
+
+
+@pytest.mark.parametrize("drift", [0.01, -0.01, 2e-3])
+def test_what_drifts_like_no_crystal_is_never_mapped_for_long(drift):
+    clock, now = DeviceClock(), BOOT_NS + 3_000_000_000
+    worst = 0.0
+    for _ in range(200):
+        exchange(clock, now, 30_000, 30_000, drift)
+        if clock.mapped:
+            worst = max(worst, abs(error_ns(clock, now + clock.ping_interval_ns, drift)))
+        now += clock.ping_interval_ns
+    assert worst < 5_000_000
+
+
+def test_answers_that_take_too_long_map_nothing():
+    clock = DeviceClock()
+    run(clock, 5, lambda: (6_000_000, 6_000_000))
+    assert not clock.mapped
+
+
+def test_a_sample_from_the_future_or_long_after_the_last_answer_is_not_promised():
+    clock = DeviceClock()
+    now = run(clock, 5, lambda: (30_000, 30_000))
+    device_ns = now - BOOT_NS
+    assert holds(device_ns, clock.to_host(device_ns), now + 1_000_000, clock.line)
+    assert not holds(device_ns, clock.to_host(device_ns), now - 6_000_000, clock.line)
+    later = device_ns + 31_000_000_000
+    assert not holds(later, clock.to_host(later), now + 32_000_000_000, clock.line)

@@ -31,6 +31,7 @@ class Line:
         self.decoder = SerialDecoder(EXPECTED)
         self.items = []
         self.now_ns = 10**12
+        self.latched_ns = []  # by `stream`
 
     def rx(self, *packets, after_ns=MS):
         self.now_ns += after_ns
@@ -195,6 +196,52 @@ def test_once_mapped_stamps_come_from_the_device(line):
     last = line.samples[-1]
     assert last["clock_mapped"]
     assert abs(int(last["monotonic_ns"]) - (boot_ns + t_us * 1000)) < 10_000
+
+
+def stream(line, boot_ns, seconds, pong_ahead_us=0, jump_us=0):
+    """1 kHz with an exchange every 50 ms, PONGs *pong_ahead_us* before the samples' clock."""
+    for i in range(round(seconds * 1000)):
+        line.now_ns += MS
+        t_us = (line.now_ns - boot_ns) // 1000 - 100 + jump_us
+        line.latched_ns.append(line.now_ns - 100_000)
+        seq = len(line.latched_ns)
+        line.rx(sample(seq, t_us=t_us), after_ns=0)
+        if i % 50 == 0:
+            line.tx(wire.encode_ping(seq))
+            line.now_ns += MS // 2
+            line.rx(wire.encode_pong(seq, t_us + 300 + pong_ahead_us), after_ns=0)
+    return line.samples[-1]
+
+
+@pytest.mark.parametrize("pong_ahead_s", [-3600, -0.02, 0.02, 2, 3600])
+def test_answers_of_another_clock_than_the_samples_map_nothing(line, pong_ahead_s):
+    line.rx(hello())
+    last = stream(line, line.now_ns - 5000 * 10**9, 2.0, round(pong_ahead_s * 1e6))
+    assert not last["clock_mapped"]
+    assert abs(line.now_ns - int(last["monotonic_ns"])) < 5 * MS
+    assert line.decoder.counters["clock_contradictions"]
+
+
+def test_a_clock_that_jumps_ahead_is_flagged_at_once_and_mapped_anew(line):
+    line.rx(hello())
+    boot_ns = line.now_ns - 10**9
+    assert stream(line, boot_ns, 1.0)["clock_mapped"]
+    known = len(line.samples)
+    assert stream(line, boot_ns, 1.0, jump_us=3600 * 10**6)["clock_mapped"]
+    assert not line.samples[known]["clock_mapped"]
+    # None is off by more than was promised without saying so.
+    off_ns = np.abs(line.samples["monotonic_ns"] - np.array(line.latched_ns))
+    assert off_ns[line.samples["clock_mapped"]].max() < 5 * MS
+
+
+@pytest.mark.parametrize("t_us", [0, 2**40, 2**53 - 1])
+def test_a_temperature_is_never_stamped_in_the_future(line, t_us):
+    line.rx(hello())
+    stream(line, line.now_ns - 10**9, 1.0)
+    assert line.decoder.clock.mapped
+    line.rx(wire.encode_temperature(t_us, [20.0, 21.0]))
+    (reading,) = [item for item in line.items if isinstance(item, Temperatures)]
+    assert reading.monotonic_ns <= line.now_ns
 
 
 def test_a_reboot_forgets_the_clock(line):
