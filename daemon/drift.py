@@ -57,7 +57,12 @@ class History:
         return self._end - self._first
 
     def append(self, celsius: Sequence[float], monotonic_ns: int) -> None:
-        """One reading of all sensors (S,), NaN before a sensor's first value."""
+        """One reading of all sensors (S,), NaN before a sensor's first value.
+
+        One that says it is older than the last is taken for as old as that.
+        """
+        if len(self):
+            monotonic_ns = max(monotonic_ns, int(self._times_ns[self._end - 1]))
         if self._end == len(self._times_ns):
             self._make_room()
         self._times_ns[self._end] = monotonic_ns

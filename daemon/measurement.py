@@ -19,6 +19,9 @@ from armd.jit import jit
 Trigger: TypeAlias = Literal["button", "rest"]
 F64 = npt.NDArray[np.float64]
 
+#: A contact bounces for some milliseconds: a button that was let go for less was not let go. No
+#: finger presses twice in so short a time.
+BOUNCE_NS = 30_000_000
 #: Points remembered: `average_s` at the highest rate any wire carries.
 REMEMBERED = 1 << 15
 
@@ -69,25 +72,26 @@ class Averager:
         self._past = np.zeros(REMEMBERED, POINT)
         self._angles = np.zeros((REMEMBERED, n_joints))
         self._written = 0
-        self._buttons = 0
+        self._buttons = np.zeros(1, _BUTTONS)
+        self._buttons["down_ns"] = -(1 << 62)  # long ago
+        self._risen = np.zeros(0, np.uint32)
         self._resting = False
 
     def remember(self, points: npt.NDArray[np.void], angles: F64) -> list[Press]:
         """Keep a batch of points (n,) with angles (m ≥ n, N) rad; returns the presses in it."""
-        before = self._buttons
-        pressed, self._buttons = _keep(
-            points, angles, self._past, self._angles, self._written, before
+        if len(points) > len(self._risen):
+            self._risen = np.zeros(2 * len(points), np.uint32)
+        pressed = _keep(
+            points, angles, self._past, self._angles, self._written, self._buttons, self._risen
         )
         self._written += len(points)
         if not pressed:
             return []
-        presses = []
-        for row, now in enumerate(points["buttons"].tolist()):
-            risen = now & ~before
-            if risen:
-                presses.append(Press([bit for bit in range(32) if risen >> bit & 1], row))
-            before = now
-        return presses
+        return [
+            Press([bit for bit in range(32) if risen >> bit & 1], row)
+            for row, risen in enumerate(self._risen[: len(points)].tolist())
+            if risen
+        ]
 
     def rests(self, points: npt.NDArray[np.void]) -> list[int]:
         """Rows of a batch at which a rest begins to count as one (flag 9 rises)."""
@@ -142,22 +146,36 @@ class Averager:
         return np.arange(low, self._written) % REMEMBERED
 
 
+#: Which buttons were down at the last point, and when each was so last (monotonic).
+_BUTTONS = np.dtype([("down", "i8"), ("down_ns", "i8", (32,))])
+
+
 @jit
 def _keep(
-    points: Any, angles: Any, past: Any, past_angles: Any, written: int, buttons: Any
-) -> tuple[bool, int]:
-    """Points (n,) and angles (≥ n, N) into the ring after the *written* ones; whether a button went
-    down meanwhile, and those that are down in the end."""
+    points: Any, angles: Any, past: Any, past_angles: Any, written: int, buttons: Any, risen: Any
+) -> bool:
+    """Points (n,) and angles (≥ n, N) into the ring after the *written* ones; into *risen* (≥ n,)
+    the bits of the buttons that were pressed at each, and whether any was."""
+    kept = buttons[0]
     pressed = False
     for i in range(len(points)):
         place = (written + i) % len(past)
         past[place] = points[i]
         for k in range(angles.shape[1]):
             past_angles[place, k] = angles[i, k]
-        now = np.int64(points[i].buttons)
-        pressed = pressed or (now & ~buttons) != 0
-        buttons = now
-    return pressed, buttons
+        now, now_ns = np.int64(points[i].buttons), points[i].monotonic_ns
+        fresh = np.int64(0)
+        if now | kept.down:
+            for bit in range(32):
+                if now >> bit & 1:
+                    since_ns = now_ns - kept.down_ns[bit]
+                    if not kept.down >> bit & 1 and not 0 <= since_ns < BOUNCE_NS:
+                        fresh |= np.int64(1) << bit
+                    kept.down_ns[bit] = now_ns
+        kept.down = now
+        risen[i] = fresh
+        pressed = pressed or fresh != 0
+    return pressed
 
 
 def known(values: npt.NDArray[np.floating[Any]]) -> list[float] | None:

@@ -18,8 +18,11 @@ REST_AFTER_NS = 500_000_000
 MOVING_MM_S = 8.0
 #: A hand that presses a probe into a seat trembles by this much.
 TREMOR_MM = 0.01
-#: After a longer gap nobody knows what the tip did meanwhile: rates and rests start anew.
+#: Where samples are missing for longer nobody knows what the tip did meanwhile: rates and rests
+#: start anew. An arm that sends fewer than ten a second misses none …
 GAP_NS = 100_000_000
+#: … but of less than one a second a rest cannot be told.
+LONG_GAP_NS = 1_000_000_000
 #: A joint has turned back when it comes back by this much; less is noise.
 SIDE_PLAY_RAD = 4e-5
 #: Carries a joint's side while it rests.
@@ -55,6 +58,7 @@ def _memory(n_joints: int) -> np.dtype[np.void]:
             ("variance", "f8"),  # mm²: noise of the position
             ("seen", "i8"),  # samples since the last gap
             ("last_ns", "i8"),
+            ("last_seq", "i8"),
             ("still_ns", "i8"),
             ("last_q", "f8", (n_joints,)),  # rad
             ("turned_q", "f8", (n_joints,)),  # rad: the farthest point reached on this side
@@ -87,7 +91,9 @@ def follow(
                 approach[i, axis] = math.nan
             continue
         dt_ns = now - kept.last_ns
-        if kept.seen == 0 or dt_ns > GAP_NS or dt_ns <= 0:
+        missed = np.int64(samples[i].seq) != kept.last_seq + 1
+        gap_ns = GAP_NS if missed else LONG_GAP_NS
+        if kept.seen == 0 or dt_ns > gap_ns or dt_ns <= 0:
             kept.seen = 0
             kept.still_ns = now
             kept.count = 0.0
@@ -133,6 +139,7 @@ def follow(
             approach[i, axis] = kept.direction[axis]
         kept.seen = seen + 1
         kept.last_ns = now
+        kept.last_seq = samples[i].seq
 
 
 @jit

@@ -75,6 +75,8 @@ class SessionFolder:
         columns = {name: [row[name] for row in self._rows] for name in self._rows[0]}
         write_session(self._path, content, columns)
         taken, self.target = self.target, next(self._targets)
+        if measurement["standard_deviation_mm"] is None:
+            return f"{taken}: one point, whose scatter nobody knows"
         spread_um = 1000 * math.hypot(*measurement["standard_deviation_mm"])
         return f"{taken}: {measurement['count']} points, scatter {spread_um:.1f} µm"
 

@@ -16,6 +16,9 @@ from armd.daemon.drift import History
 F64 = npt.NDArray[np.float64]
 
 STALE_AFTER_NS = 5_000_000_000
+#: Readings a second that are taken on, beside a few in a row (modules that answer one after the
+#: other): links take minutes, and each reading costs a fold and a minute's slopes.
+MOST_HZ, IN_A_ROW = 20.0, 8.0
 NEVER_NS = np.iinfo(np.int64).max
 
 
@@ -35,6 +38,7 @@ class TemperatureWatch:
         self._good_ns = [-1] * n
         self._begun_ns: int | None = None
         self._history = History(self.sensors)
+        self._allowed, self._allowed_ns = IN_A_ROW, 0  # readings, as of an instant
         self.use(arm, None)
 
     def use(self, arm: Arm, calibration: Calibration | None) -> None:
@@ -56,9 +60,24 @@ class TemperatureWatch:
         self._good_ns = [monotonic_ns if good_ns < 0 else good_ns for good_ns in self._good_ns]
         self._judge()
 
-    def update(self, celsius: F64, monotonic_ns: int) -> None:
-        """One reading of all channels (S,), NaN where invalid."""
-        self._current_c = celsius.tolist()
+    def update(self, celsius: F64, monotonic_ns: int) -> bool:
+        """One reading of all channels (S,), NaN where invalid.
+
+        False, and nothing done, if too many come; a channel that has just become invalid is always
+        heard of.
+        """
+        current_c = celsius.tolist()
+        passed_s = max(0, monotonic_ns - self._allowed_ns) * 1e-9
+        self._allowed = min(self._allowed + passed_s * MOST_HZ, IN_A_ROW)
+        self._allowed_ns = max(monotonic_ns, self._allowed_ns)
+        if self._allowed >= 1.0:
+            self._allowed -= 1.0
+        elif not any(
+            math.isnan(new) and not math.isnan(old)
+            for new, old in zip(current_c, self._current_c, strict=True)
+        ):
+            return False
+        self._current_c = current_c
         self.held_c = self.held_c.copy()
         for i, value in enumerate(self._current_c):
             if math.isfinite(value):
@@ -66,6 +85,7 @@ class TemperatureWatch:
                 self._good_ns[i] = monotonic_ns
         self._history.append(self._heard_c, monotonic_ns)
         self._judge()
+        return True
 
     @property
     def known(self) -> bool:

@@ -5,10 +5,10 @@ the PONG; by how much a round trip exceeds the shortest one, so much was somebod
 drift are the least-squares line through the last exchanges, each weighed by that lateness: the
 quickest decide, the others hardly count.
 
-No line is better than what it rests on. An exchange bounds the device's clock on both sides, so two
-of them can contradict each other by more than any crystal drifts: the clock jumped, or an answer was
-false, and all begins anew. What is mapped holds for samples that did not arrive before their own
-instant, and for a while after the last exchange.
+No line is better than what it rests on. An exchange bounds the device's clock on both sides, so
+two of them can contradict each other by more than any crystal drifts: the clock jumped, or an
+answer was false, and all begins anew. What is mapped holds for samples that did not arrive before
+their own instant, and for a while after the last exchange.
 """
 
 from __future__ import annotations
@@ -119,8 +119,8 @@ def host_ns(device_ns: Any, line: Any) -> Any:
 
 @jit
 def holds(device_ns: Any, instant_ns: Any, arrival_ns: Any, line: Any) -> Any:
-    """Whether *instant_ns*, the host's of *device_ns* by the line, can be promised for a sample that
-    arrived at *arrival_ns*."""
+    """Whether *instant_ns*, the host's of *device_ns* by the line, can be promised for a sample
+    that arrived at *arrival_ns*."""
     return (
         line[0].mapped
         and instant_ns <= arrival_ns + PROMISED_NS

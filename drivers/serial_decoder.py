@@ -167,9 +167,9 @@ class SerialDecoder:
         self._exchanges.append((ping, alone))
 
     def _is_samples_clock(self, ping: RawFrame, pong: wire.Pong, frame: RawFrame) -> bool:
-        """Whether a PONG's time fits the last sample's before it on the line, which cannot have been
-        under way for longer than the PONG itself and the time since. Only a sample that came after
-        the last exchange tells of the clock as it is now."""
+        """Whether a PONG's time fits the last sample's before it on the line, which cannot have
+        been under way for longer than the PONG itself and the time since. Only a sample that came
+        after the last exchange tells of the clock as it is now."""
         kept = self._sequence.memory[0]
         last_ns = self._exchanges[-1][1].monotonic_ns if self._exchanges else frame.monotonic_ns
         if kept["seq"] < 0 or kept["arrival_ns"] <= last_ns:

@@ -94,3 +94,28 @@ def test_memory_is_bounded_and_the_last_points_are_kept():
     measured = averager.average("rest", points[-1], 0)
     np.testing.assert_allclose(measured.position_mm, points["position_mm"][-501:].mean(axis=0))
     np.testing.assert_allclose(measured.angles_rad, angles_of(points)[-501:].mean(axis=0))
+
+
+def test_a_contact_that_bounces_is_one_press():
+    points = points_of(400)
+    for start in (50, 200):  # pressed at 50 and 200 ms, let go 100 ms later; 5 ms of bounce each
+        for on in (0, 2, 4, 100, 103):
+            points["buttons"][start + on : start + on + 1] = 1
+        points["buttons"][start + 5 : start + 98] = 1
+    points["buttons"][330:] = 1  # 27 ms after the last: still the same; 60 ms later a new one
+    points["buttons"][331:391] = 0
+    pressed = []
+    averager = Averager(0.5, 2)
+    for row in range(0, 400, 7):
+        batch = points[row : row + 7]
+        pressed += [row + press.row for press in averager.remember(batch, angles_of(batch))]
+    assert pressed == [50, 200, 391]
+
+
+def test_buttons_that_bounce_on_their_own():
+    points = points_of(100)
+    points["buttons"][10:50] = 1
+    points["buttons"][20:60] |= 4
+    points["buttons"][30] = 1
+    presses = Averager(0.5, 2).remember(points, angles_of(points))
+    assert [(press.row, press.buttons) for press in presses] == [(10, [0]), (20, [2])]

@@ -147,3 +147,20 @@ def test_batches_do_not_matter(cuts, seed):
         parts.append(go_on(followed, samples[rows], q[rows], tip[rows]))
     for one, cut in zip(whole, zip(*parts, strict=True), strict=True):
         np.testing.assert_array_equal(one, np.concatenate(cut))
+
+
+@pytest.mark.parametrize("rate_hz", [9, 5, 2])
+def test_below_ten_samples_a_second_it_rests_too(rate_hz):
+    n = 3 * rate_hz
+    time_ns = np.arange(2 * n) * (10**9 // rate_hz)
+    samples = samples_at(time_ns)
+    samples["seq"] = 7 + np.arange(2 * n)
+    x_mm = np.concatenate([np.zeros(n), 20.0 / rate_hz * np.arange(n)])  # still, then 20 mm/s
+    followed = Motion(COUNTS, REACH_MM)
+    _, _, still_ns = go_on(followed, samples, np.zeros((2 * n, 3)), along_x(x_mm))
+    rests = time_ns - still_ns >= REST_AFTER_NS
+    assert rests[rate_hz : n + 1].all()
+    assert not rests[n + 1 :].any()
+    samples["seq"][n - 2 :] += 1  # one is missing: nobody knows what the tip did then
+    _, _, still_ns = go_on(Motion(COUNTS, REACH_MM), samples, np.zeros((2 * n, 3)), along_x(x_mm))
+    assert still_ns[n - 2] == time_ns[n - 2]

@@ -340,3 +340,32 @@ def test_a_lag_starts_with_the_first_measured_temperature():
     pipeline.take_temperatures(reading([20.0, math.nan, 20.0], 0.5))
     pipeline.take_temperatures(reading([20.0, 30.0, 20.0], 1.0))
     assert correction_x(pipeline, 1.1)[0] == pytest.approx(0.1 + 0.005, rel=1e-3)
+
+
+def test_temperatures_at_a_kilohertz_are_thinned_out_and_a_lost_channel_is_not():
+    pipeline = calibrated()
+    watch = pipeline.temperature
+    for k in range(70_000):
+        pipeline.take_temperatures(reading([20.0, 20.0 + k * 1e-4, 20.0], k * 1e-3))
+    assert 1190 <= len(watch._history) <= 1210  # a minute at 20 Hz
+    assert watch.held_c[1] == pytest.approx(27.0, abs=0.01)
+    assert watch.drift.k_per_h == pytest.approx(360.0, rel=1e-3)
+    pipeline.take_temperatures(reading([20.0, math.nan, 20.0], 70.0001))
+    assert flagged(pipeline.correct(still(1, 70_001))[0], Flag.TEMPERATURE_STALE)
+
+
+def test_readings_whose_time_stands_still_or_runs_back_do_not_pile_up():
+    watch = calibrated().temperature
+    for k in range(5000):
+        again = reading(WARM, 3600.0 - k % 7)
+        watch.update(again.celsius, again.monotonic_ns)
+    assert len(watch._history) <= 16
+
+
+def test_modules_that_answer_one_after_the_other_are_all_heard():
+    watch = calibrated().temperature
+    for k in range(20):
+        for late_s, celsius in ((0.0, [20.0, math.nan, 20.0]), (0.01, [20.0, 21.0 + k, 20.0])):
+            module = reading(celsius, k / 2 + late_s)
+            assert watch.update(module.celsius, module.monotonic_ns)
+        assert watch.held_c[1] == 21.0 + k

@@ -91,6 +91,12 @@ def recorded(path, *measurements, targets=("A", "B")):
     return load_session(path, small_arm()), told
 
 
+def test_a_rest_of_one_sample_is_a_reading_whose_scatter_nobody_knows(tmp_path):
+    session, told = recorded(tmp_path / "session", reading(count=1, standard_deviation_mm=None))
+    assert session.n == 1
+    assert told == ["A: one point, whose scatter nobody knows"]
+
+
 def test_what_is_no_rest_is_left_out_and_its_target_stays_the_next(tmp_path):
     session, told = recorded(
         tmp_path / "session",
