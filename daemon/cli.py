@@ -36,6 +36,7 @@ COMMANDS = {
     "diagnose": "what the model gets wrong, why, and the gain of mending it",
     "design": "the poses to measure next",
     "check": "validate any armd file",
+    "doctor": "what is on this machine's ports, and what stands in the way",
     "arm": "nominal geometry of arms that people own, as an arm.toml to start from",
 }
 

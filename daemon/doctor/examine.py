@@ -1,0 +1,92 @@
+"""One port after the other: may it be opened, and who is on it?"""
+
+from __future__ import annotations
+
+import termios
+import time
+from pathlib import Path
+
+from cobs import cobs
+
+from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.line import Line
+from armd.daemon.doctor.machine import Machine
+from armd.daemon.doctor.servos import find_servos
+from armd.drivers import serial_wire
+from armd.drivers.microscribe import wire as microscribe
+
+OWN_BAUDS = (2_000_000, 1_000_000, 921_600, 115_200)
+HELLO_S = 0.25
+SYNC_EVERY_S, SYNC_S = 0.03, 0.4
+
+
+def examine_port(port: str, machine: Machine) -> Patient:
+    """What is on *port* and what stands in the way; nothing on it is changed."""
+    patient = Patient(port)
+    if not machine.examine(Path(port), patient):
+        return patient
+    try:
+        with Line(port, OWN_BAUDS[0]) as line:
+            if not (_own(line, patient) or find_servos(line, patient) or _scribe(line, patient)):
+                patient.find(
+                    "no_answer",
+                    "nobody answers: no servo (Feetech, Dynamixel 2.0), no MicroScribe, no arm "
+                    "that speaks armd's own wire",
+                    "switch the arm's supply on, check the cable and that the adapter is a bus "
+                    "adapter; then `armd doctor --port " + port + "` again",
+                )
+    except (OSError, ValueError, termios.error) as error:
+        patient.find("port", f"{port} cannot be opened: {error}", f"ls -l {port}")
+    return patient
+
+
+def _own(line: Line, patient: Patient) -> bool:
+    """An arm that speaks armd's own wire streams unasked, and says who it is if asked."""
+    for baud in OWN_BAUDS:
+        if not line.set_baud(baud):
+            continue
+        splitter, deadline = serial_wire.Splitter(), time.monotonic() + HELLO_S
+        line.send(serial_wire.encode_identify())
+        while heard := line.hear(deadline - time.monotonic()):
+            for packet in splitter.push(heard):
+                hello = _hello(packet)
+                if hello is not None:
+                    patient.protocol, patient.baud = "serial", baud
+                    patient.say(
+                        f"arm {hello.serial_number} at {baud} baud: {hello.n_joints} joints, "
+                        f"{hello.n_sensors} sensors, {hello.rate_hz} samples a second"
+                    )
+                    return True
+            if time.monotonic() > deadline:
+                break
+    return False
+
+
+def _hello(packet: bytes) -> serial_wire.Hello | None:
+    try:
+        data = serial_wire.unpack(packet)
+    except cobs.DecodeError:
+        return None
+    if data is None or data[0] != serial_wire.Type.HELLO:
+        return None
+    return serial_wire.decode_hello(data)
+
+
+def _scribe(line: Line, patient: Patient) -> bool:
+    for baud in microscribe.BAUDS:
+        if not line.set_baud(baud):
+            continue
+        line.send(bytes([microscribe.END]))
+        line.hear(0.015)
+        deadline, heard = time.monotonic() + SYNC_S, b""
+        while time.monotonic() < deadline:
+            line.send(microscribe.SYNC)
+            heard = (heard + line.hear(SYNC_EVERY_S))[-64:]
+            if microscribe.SYNC in heard:
+                patient.protocol, patient.baud = "microscribe", baud
+                patient.say(
+                    f"a MicroScribe at {baud} baud; `armd arm microscribe --port {patient.name} "
+                    "-o arm.toml` reads its geometry"
+                )
+                return True
+    return False

@@ -1,0 +1,38 @@
+"""What the doctor says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that stands in the way."""
+
+    kind: str  # "permission", "latency_timer", "missing_id", …: docs/doctor.md
+    text: str  # a sentence
+    mend: str  # the command, or what to do where no command does it
+
+
+@dataclass
+class Patient:
+    """A port or a bus of this machine: what is on it, and what is wrong with it."""
+
+    name: str
+    facts: list[str] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    servos: Sequence[dict[str, Any]] = ()  # as armd.drivers.poll.servo.Servo, with "id"
+    protocol: str = ""  # who answers: a `kind` of [driver], or ""
+    baud: int | None = None
+    rate_hz: float | None = None  # cycles a second that were reached
+
+    def say(self, fact: str) -> None:
+        self.facts.append(fact)
+
+    def find(self, kind: str, text: str, mend: str) -> None:
+        self.findings.append(Finding(kind, text, mend))
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)

@@ -1,0 +1,142 @@
+"""This machine's side of a port: who may open it, who holds it, how late it hands bytes on."""
+
+from __future__ import annotations
+
+import grp
+import os
+import pwd
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from armd.daemon.doctor.finding import Patient
+
+#: The USB serial chips whose driver holds bytes back: 16 ms unless told otherwise.
+TIMER = "bus/usb-serial/devices/{name}/latency_timer"
+MODEM_MANAGER = "ModemManager"
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Where it keeps its knowledge; other places in tests."""
+
+    sys: Path = Path("/sys")
+    proc: Path = Path("/proc")
+    uid: int = field(default_factory=os.geteuid)
+    groups: Collection[int] = field(default_factory=lambda: {os.getegid(), *os.getgroups()})
+
+    def examine(self, port: Path, patient: Patient) -> bool:
+        """Say what there is to say of *port*; whether it can be opened."""
+        if not port.exists():
+            patient.find(
+                "no_port",
+                f"{port} is not there",
+                "plug the arm in; `ls -l /dev/serial/by-id` names what is plugged in",
+            )
+            return False
+        device = port.resolve()
+        if device != port:
+            patient.say(f"is {device}")
+        return (
+            self._permission(device, patient)
+            & self._latency(device, patient)
+            & self._holders(device, patient)
+        )
+
+    def _permission(self, device: Path, patient: Patient) -> bool:
+        status = device.stat()
+        owner_bits = status.st_mode >> (
+            6 if self.uid == status.st_uid else 3 if status.st_gid in self.groups else 0
+        )
+        if self.uid == 0 or owner_bits & 6 == 6:
+            return True
+        user, group = _user(self.uid), _group(status.st_gid)
+        mend = f"sudo usermod -aG {group} {user}, then log out and in again"
+        if user in _members(status.st_gid):
+            mend = f"log out and in again: {user} is in {group}, this session is not yet"
+        text = f"{user} may not read and write {device}, which belongs to group {group}"
+        patient.find("permission", text, mend)
+        return False
+
+    def _latency(self, device: Path, patient: Patient) -> bool:
+        timer = self.sys / TIMER.format(name=device.name)
+        try:
+            milliseconds = int(timer.read_text())
+        except (OSError, ValueError):
+            return True  # no such timer: a CDC-ACM adapter, a pty
+        patient.say(f"latency timer {milliseconds} ms")
+        if milliseconds > 1:
+            text = f"the adapter holds bytes back for up to {milliseconds} ms (latency timer)"
+            rule = 'ACTION=="add", SUBSYSTEM=="usb-serial", ATTR{latency_timer}="1"'
+            patient.find(
+                "latency_timer",
+                text,
+                f"echo 1 | sudo tee {timer}; for good: echo '{rule}' | "
+                "sudo tee /etc/udev/rules.d/99-latency-timer.rules",
+            )
+        return True
+
+    def _holders(self, device: Path, patient: Patient) -> bool:
+        if device.parent.name == "pts":  # the other end of a pty holds this end as well
+            return True
+        held = False
+        for process in self.proc.glob("[0-9]*"):
+            if process.name == str(os.getpid()):
+                continue
+            try:
+                links = [fd.readlink() for fd in (process / "fd").iterdir()]
+                name = (process / "comm").read_text().strip()
+            except OSError:
+                continue  # gone meanwhile, or not ours to see
+            if name == MODEM_MANAGER:
+                patient.say("ModemManager runs; it tries every new serial port for a modem")
+            if device not in links:
+                continue
+            held = True
+            if name == MODEM_MANAGER:
+                mend = "sudo systemctl disable --now ModemManager"
+                patient.find("modem_manager", f"ModemManager holds {device}", mend)
+            else:
+                text = f"{name} (process {process.name}) holds {device}"
+                patient.find("port_held", text, f"end it: kill {process.name}")
+        return not held
+
+
+def can_buses(sys: Path = Path("/sys")) -> list[Patient]:
+    """The CAN interfaces of this machine."""
+    patients = []
+    for interface in sorted((sys / "class/net").glob("*")):
+        try:
+            if int((interface / "type").read_text()) != 280:  # ARPHRD_CAN
+                continue
+            up = int((interface / "flags").read_text(), 16) & 1
+        except (OSError, ValueError):
+            continue
+        patient = Patient(interface.name)
+        patient.say("a CAN bus, up" if up else "a CAN bus")
+        if not up:
+            mend = f"sudo ip link set {interface.name} up type can bitrate 1000000"
+            patient.find("bus_down", f"{interface.name} is down", mend)
+        patients.append(patient)
+    return patients
+
+
+def _user(uid: int) -> str:
+    try:
+        return pwd.getpwuid(uid).pw_name
+    except KeyError:
+        return str(uid)
+
+
+def _group(gid: int) -> str:
+    try:
+        return grp.getgrgid(gid).gr_name
+    except KeyError:
+        return str(gid)
+
+
+def _members(gid: int) -> list[str]:
+    try:
+        return grp.getgrgid(gid).gr_mem
+    except KeyError:
+        return []

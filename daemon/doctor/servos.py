@@ -1,0 +1,184 @@
+"""Servos on a line: who answers at which rate, what they say of themselves, how fast it goes."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.line import Line
+from armd.drivers.poll import dynamixel, feetech
+from armd.drivers.poll.family import FAMILIES, Family
+from armd.drivers.poll.packet import Status
+from armd.drivers.poll.servo import Servo, model_name
+
+#: Rates that servos can be set to, the usual ones first.
+BAUDS = {
+    "feetech": (1_000_000, 500_000, 250_000, 115_200, 57_600, 38_400),
+    "dynamixel": (1_000_000, 57_600, 2_000_000, 3_000_000, 4_000_000, 115_200, 9_600),
+}
+#: Asked at every rate. Where one answers, all ids are asked.
+LIKELY_IDS, ALL_IDS = range(1, 17), range(253)
+#: A servo answers within 0.5 ms; an adapter may hold that back for 16 ms, and a Python fake longer.
+ANSWER_S = 0.025
+RATE_S = 0.5
+SLOW_US = 100  # a return delay beyond this costs more than the answer itself
+
+
+def find_servos(line: Line, patient: Patient) -> bool:
+    """Look for servos of both kinds at all rates; whether some are there."""
+    for name, bauds in BAUDS.items():
+        family = FAMILIES[name]
+        for baud in bauds:
+            if not line.set_baud(baud):
+                continue
+            likely = _answering(line, family, LIKELY_IDS, ANSWER_S)
+            if likely:
+                others = [i for i in ALL_IDS if i not in LIKELY_IDS]
+                wait_s = min(ANSWER_S, max(3 * likely[min(likely)], 0.003))
+                ids = sorted([*likely, *_answering(line, family, others, wait_s)])
+                patient.protocol, patient.baud = name, baud
+                _examine(line, family, ids, patient)
+                return True
+    return False
+
+
+def _answering(line: Line, family: Family, ids: Iterable[int], wait_s: float) -> dict[int, float]:
+    """Ids that answer a ping, and after how many seconds."""
+    ping = feetech.ping if family.name == "feetech" else dynamixel.ping
+    found = {}
+    for servo in ids:
+        began = time.monotonic()
+        packets = line.ask(family, ping(servo), 1, wait_s)
+        if any(packet.id == servo for packet in packets):
+            found[servo] = time.monotonic() - began
+    return found
+
+
+def _examine(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
+    patient.say(f"{family.name} servos at {line.baud} baud: ids {', '.join(map(str, ids))}")
+    servos = {}
+    for i in ids:
+        data = read(line, family, i, 0, family.identity_bytes)
+        if data is not None:
+            servos[i] = family.identity(data)
+    patient.servos = [{"id": i} | servo.as_json() for i, servo in servos.items()]
+    for i, servo in servos.items():
+        patient.say(
+            f"servo {i}: {model_name(servo.model, family.models)}, firmware {servo.firmware}, "
+            f"homing offset {servo.homing_offset}, return delay {servo.return_delay_us} µs, "
+            f"torque {'on' if servo.torque else 'off'}"
+        )
+    _missing(line, family, ids, patient)
+    for i in ids:
+        if i not in servos:
+            text = f"servo {i} answers a ping, but not what it is"
+            patient.find("unreadable", text, "check its cable, and that no id is there twice")
+    _judge(servos, family, patient)
+    _rate(line, family, ids, patient)
+
+
+def read(line: Line, family: Family, servo: int, address: int, length: int) -> bytes | None:
+    """Registers of one servo; by a read, or by a sync read where that is not answered."""
+    build = feetech.read if family.name == "feetech" else dynamixel.read
+    for request in (build(servo, address, length), family.sync_read([servo], address, length)) * 2:
+        for packet in line.ask(family, request, 1, ANSWER_S + 10 * length / line.baud):
+            for status in family.statuses(packet, length):
+                if status.id == servo and len(status.data) == length:
+                    return status.data
+    return None
+
+
+def _missing(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
+    """Gaps in the row of ids: perhaps such a servo speaks at another rate."""
+    baud = line.baud
+    first = min(ids) if min(ids) > 10 else 1  # some makers begin at 11
+    missing = [i for i in range(first, max(ids)) if i not in ids]
+    for other in BAUDS[family.name]:
+        if other == baud or not missing or not line.set_baud(other):
+            continue
+        for servo in _answering(line, family, missing, ANSWER_S):
+            missing.remove(servo)
+            text = f"servo {servo} speaks at {other} baud, the others at {baud}"
+            patient.find("other_baud", text, f"set its rate to {baud} with the maker's tool")
+    line.set_baud(baud)
+    for servo in missing:
+        patient.find(
+            "missing_id",
+            f"servo {servo} does not answer, and {max(ids)} is the last that does",
+            "check the cable before it and its power; a servo with the factory's id is set anew "
+            "with the maker's tool or lerobot-setup-motors",
+        )
+
+
+def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
+    by_model: dict[int, Counter[str]] = {}
+    for servo in servos.values():
+        by_model.setdefault(servo.model, Counter())[servo.firmware] += 1
+    for model, firmwares in by_model.items():
+        if len(firmwares) > 1:
+            usual = firmwares.most_common(1)[0][0]
+            odd = [
+                f"servo {i} has {servo.firmware}"
+                for i, servo in servos.items()
+                if servo.model == model and servo.firmware != usual
+            ]
+            text = f"mixed firmware: {', '.join(odd)}, the other "
+            text += f"{model_name(model, family.models)} {usual}"
+            patient.find(
+                "mixed_firmware", text, f"bring all to one version with {TOOL[family.name]}"
+            )
+    on = [i for i, servo in servos.items() if servo.torque]
+    if on:
+        text = f"torque is on at {_ids(on)}: it holds the joint, or pushes it"
+        mend = "torque_off = true under [driver] of armd.toml, or switch the supply off and on"
+        patient.find("torque_on", text, mend)
+    slow = {i: s.return_delay_us for i, s in servos.items() if s.return_delay_us > SLOW_US}
+    if slow:
+        lost_ms = sum(slow.values()) / 1000
+        waits = "wait" if len(slow) > 1 else "waits"
+        text = f"{_ids(list(slow))} {waits} {max(slow.values())} µs before each answer: "
+        text += f"{lost_ms:.1f} ms a cycle"
+        mend = "return_delay_us = 0 under [driver] of armd.toml, and armd run"
+        patient.find("return_delay", text, mend)
+
+
+def _rate(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
+    """Cycles a second, of position and temperature, as the driver reads them when it is quick."""
+    length = family.warm_bytes
+    request = family.sync_read(ids, family.position, length)
+    bytes_each = len(feetech.status(1, 0, bytes(length)))
+    if family.name == "dynamixel":
+        bytes_each = dynamixel.status_size(length)
+    line_s = 10 * (len(request) + len(ids) * bytes_each) / line.baud
+    whole, cycles, began = 0, 0, time.monotonic()
+    answered: Counter[int] = Counter()
+    while time.monotonic() - began < RATE_S:
+        heard: set[int] = set()
+        for packet in line.ask(family, request, len(ids), line_s + ANSWER_S):
+            heard |= {status.id for status in _whole(family.statuses(packet, length), length)}
+        answered.update(heard)
+        whole += len(heard & set(ids)) == len(ids)
+        cycles += 1
+    seconds = time.monotonic() - began
+    patient.rate_hz = round(whole / seconds, 1)
+    patient.say(
+        f"{whole / seconds:.0f} whole cycles a second of {len(ids)} servos, position and "
+        f"temperature; the line alone would allow {1 / line_s:.0f}"
+    )
+    for servo in ids:
+        if answered[servo] < 0.95 * cycles:
+            text = f"servo {servo} answered {answered[servo]} of {cycles} cycles"
+            patient.find("lost_answers", text, "check its cable and its supply voltage")
+
+
+def _whole(statuses: list[Status], length: int) -> list[Status]:
+    return [status for status in statuses if len(status.data) == length]
+
+
+def _ids(ids: Sequence[int]) -> str:
+    return f"servo{'s' * (len(ids) > 1)} {', '.join(map(str, ids))}"
+
+
+TOOL = {"feetech": "Feetech's FD", "dynamixel": "ROBOTIS's DYNAMIXEL Wizard"}
