@@ -157,9 +157,9 @@ def _calibrate(
     by = "temperature"
     if not per_temperature:
         folds, by = placement_folds(observations)
-        columns = final.unknowns.columns(final.at, final.terms)
+        columns = final.unknowns.columns(final.at.jacobian, final.at.basis, final.terms)
         scale = final.solution.scale
-        heldout = HeldOut(final, columns, scale, final.at.residual_mm, folds)
+        heldout = HeldOut(final, columns, scale, final.at.residual_mm, -final.departure, folds)
         heldout_rms_um = heldout.rms_um(np.arange(len(scale)))
     terms, reference_c = final.terms, final.reference_c
     evaluation = evaluate_model(observations, final.constants, terms, reference_c)

@@ -52,15 +52,12 @@ class Descent:
         """Step until what a step would gain is nothing beside the noise."""
         scale = self.unknowns.plausible(self.terms, self.basis)
 
-        def cost(elimination: Elimination, x: F64) -> float:
-            return elimination.cost + held * float(np.sum(((x - self.start) / scale) ** 2))
-
         at, elimination = self._linearise(x, poses, floor_mm, held)
         damping = 0.0
         steps = 0
         while steps < MOST_STEPS:
             steps += 1
-            columns = self.unknowns.columns(at, self.terms)
+            columns = self.unknowns.columns(at.jacobian, at.basis, self.terms)
             clear = np.column_stack([elimination.columns(columns * scale), elimination.residual()])
             triangle = np.asarray(np.linalg.qr(clear, mode="r"))
             solution = solve(triangle, scale, self.start - x, held=held)
@@ -72,7 +69,9 @@ class Descent:
                 twist, shift = elimination.back_substitute(columns @ damped.step)
                 moved = at.poses.moved(at.centre_mm, twist, shift)
                 trial = self._linearise(x + damped.step, moved, floor_mm, held)
-                better = cost(trial[1], x + damped.step) <= cost(elimination, x)
+                there = x + damped.step
+                before = elimination.cost + solution.off_drawing(x - self.start)
+                better = trial[1].cost + solution.off_drawing(there - self.start) <= before
                 if better or damping > 1e3:
                     break
                 damping = max(10.0 * damping, 1e-6)

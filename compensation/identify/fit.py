@@ -19,6 +19,7 @@ import numpy.typing as npt
 from armd.compensation.basis import basis_values, parameter_rows
 from armd.compensation.identify.descent import Descent
 from armd.compensation.identify.elimination import Elimination
+from armd.compensation.identify.gauge import gauge
 from armd.compensation.identify.linearise import Linearisation, linearise
 from armd.compensation.identify.noise import (
     LEAST_MM,
@@ -34,13 +35,15 @@ from armd.compensation.identify.observations import Observations
 from armd.compensation.identify.poses import fit_poses
 from armd.compensation.identify.solution import Solution
 from armd.compensation.identify.unknowns import Unknowns
-from armd.compensation.kinematics import forward
+from armd.compensation.kinematics import forward, jacobian
 from armd.compensation.terms import Term
 
 F64 = npt.NDArray[np.float64]
 Progress = Callable[[str], None]
 
 MOST_ROUNDS = 10
+#: Postures all over the turn: several times more equations than an arm has unknowns.
+GAUGE_POSTURES = 200
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,9 @@ class Fit:
     elimination: Elimination  # with the last round's weights
     noise: ReadingNoise
     distance2: F64  # (n,) squared Mahalanobis distances of the readings
-    covariance: F64  # (C, C) of the unknowns; zero along directions not identifiable
+    departure: F64  # (C,) of the unknowns from the drawing
+    covariance: F64  # (C, C) of the unknowns; zero along directions that move no point
+    variance_factor: float  # χ² per degree of freedom, contained in the covariance
     steps: int
     converged: bool
 
@@ -122,7 +127,7 @@ def fit(
         stands = np.array_equal(end.x, x)
         x, poses, steps = end.x, end.at.poses, steps + end.steps
         constants, terms = unknowns.put(x, constants, terms)
-        fitted = end.elimination.rank + end.solution.rank
+        fitted = end.elimination.rank + end.solution.told
         joints = end.at.joints
         before, weighing = weighing, estimate(end.at.residual_mm, joints, fitted)
         distance2 = mahalanobis2(end.at.residual_mm, weighing.covariance(joints))
@@ -144,14 +149,29 @@ def fit(
         held = held and not settled and not repeats and round_ < rounds // 2
     # The last weights are those of the round before: what is left of the difference is a factor.
     left = max(3 * float(weight.sum()) + end.elimination.n_certified - fitted, 1.0)
-    covariance = end.solution.covariance() * end.elimination.cost / left
+    free = gauge_of(unknowns, constants, terms, basis, end.solution.scale)
+    factor = end.elimination.cost / left
+    covariance = end.solution.covariance(free) * factor
     deviation = np.sqrt(np.diag(covariance))[len(unknowns.constants) :]
     for i, u in zip(unknowns.terms, deviation, strict=True):
         terms[i] = terms[i].model_copy(update={"standard_uncertainty": float(u)})
     return Fit(
         observations, reference_c, constants, terms, unknowns, end.solution, end.at,
-        end.elimination, weighing, distance2, covariance, steps, end.converged,
+        end.elimination, weighing, distance2, x - start, covariance, factor,
+        steps, end.converged,
     )  # fmt: skip
+
+
+def gauge_of(
+    unknowns: Unknowns, constants: F64, terms: Sequence[Term], basis: F64, scale: F64
+) -> F64:
+    """(C, k) directions, in unknowns over *scale* (C,), that move no point wherever the joints
+    stand; *basis* (n, T): the terms' values in the readings."""
+    n_joints = (len(constants) - 9) // 5
+    values = basis[np.arange(GAUGE_POSTURES) % len(basis)]
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (GAUGE_POSTURES, n_joints))
+    columns = jacobian(q, parameter_rows(constants, terms, values))[1]
+    return gauge(unknowns.columns(columns, values, terms), scale)
 
 
 def _alike(residual_mm: F64) -> ReadingNoise:

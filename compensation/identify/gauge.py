@@ -11,6 +11,7 @@ from scipy.linalg import qr
 
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
+from armd.compensation.identify.solution import ROUNDING
 
 F64 = npt.NDArray[np.float64]
 
@@ -44,6 +45,19 @@ def free_constants(arm: Arm) -> list[str]:
         length = f"beta_{k}" if k in hayati else f"d_{k}"
         names += [f"theta_{k}", length, f"a_{k}", f"alpha_{k}"]
     return [*names, *parameters.TIP_PARAMETERS]
+
+
+def gauge(columns: F64, scale: F64) -> F64:
+    """(C, k) directions, in scaled unknowns, that move no point.
+
+    *columns* (m, 3, C): d tip / d unknown in postures all over the arm's reach. What moves no
+    point there is a choice of coordinates: nothing hangs on it, and it is not uncertain.
+    """
+    flat = columns.reshape(-1, columns.shape[2]) * scale
+    _, s, vt = np.linalg.svd(np.linalg.qr(flat, mode="r"))
+    largest = s.max(initial=0.0)
+    directions: F64 = vt[np.r_[s <= ROUNDING * largest, np.ones(len(vt) - len(s), dtype=bool)]].T
+    return directions
 
 
 def unidentifiable(null: F64, names: Sequence[str], arm: Arm) -> list[str]:
@@ -92,7 +106,7 @@ def _reason(vector: F64, names: Sequence[str], together: Sequence[str], arm: Arm
     drawn = dict(zip(parameters.names(arm.n_joints), arm.nominal().tolist(), strict=True))
     lengths = np.array([drawn.get(name, 0.0) * (parameters.unit(name) == "mm") for name in names])
     if abs(vector @ lengths) > ALL_LENGTHS * np.linalg.norm(vector) * np.linalg.norm(lengths):
-        return "no certified length tells the scale of the arm"
+        return "no certified length tells the scale of the arm well enough"
     if any("ΔT" in name for name in together):
         return "these temperatures and poses do not tell them apart"
     return "these poses do not tell them apart"

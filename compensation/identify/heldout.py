@@ -31,17 +31,24 @@ class HeldOut:
     """A linear model around a fit, fitted without a fold's readings and tried on these.
 
     *columns* (n, 3, C) mm and *scale* (C,): the unknowns any of the models to compare may use;
-    *residual* (n, 3) mm where all of these stand at their start.
+    *residual* (n, 3) mm where all of these stand at their start, and *pull* (C,) from there to the
+    drawing, which keeps what a fold's other readings do not know.
     """
 
     def __init__(
-        self, fit: Fit, columns: F64, scale: F64, residual: F64, folds: Sequence[Mask]
+        self,
+        fit: Fit,
+        columns: F64,
+        scale: F64,
+        residual: F64,
+        pull: F64,
+        folds: Sequence[Mask],
     ) -> None:
         joints = fit.at.joints
         whiten = whitening(fit.noise.covariance(joints), robust_weights(fit.distance2))
         good = np.ones(fit.observations.n, dtype=bool)
         good[fit.outliers] = False
-        self.scale = scale
+        self.scale, self.pull = scale, pull
         # Rows the robust loss set aside say nothing about the model's error: never a test.
         base = replace(fit.at, residual_mm=residual)
         self.folds = [
@@ -53,7 +60,7 @@ class HeldOut:
         triangle = self.folds[fold].triangle[:, [*chosen, -1]]
         scale = self.scale[chosen]
         triangle = np.asarray(np.linalg.qr(triangle * [*scale, 1.0], mode="r"))
-        return solve(triangle, scale, np.zeros(len(chosen)))
+        return solve(triangle, scale, self.pull[chosen])
 
     def residuals(self, chosen: I64) -> list[F64]:
         """Residuals (m, 3) mm of each fold's readings, of a fit of *chosen* without them."""

@@ -87,7 +87,7 @@ def robust_weights(distance2: F64) -> F64:
     return np.minimum(1.0, OUTLIER_D2 / np.maximum(distance2, 1e-300))
 
 
-def estimate(residual_mm: F64, joint_columns: F64, fitted: int) -> ReadingNoise:
+def estimate(residual_mm: F64, joint_columns: F64, fitted: float) -> ReadingNoise:
     """Most likely noise for residuals (n, 3), outliers set aside; *fitted* unknowns took part.
 
     The ratio of the two variances by maximum likelihood, their size by the median first (to tell
@@ -114,7 +114,7 @@ def estimate(residual_mm: F64, joint_columns: F64, fitted: int) -> ReadingNoise:
     log_ratio = float(minimize_scalar(unlikely, bounds=(-12.0, 12.0), method="bounded").x)
     variance = scaled(log_ratio)
     inliers = _inliers((turned2 / variance).sum(axis=1))
-    left = max(3 * int(inliers.sum()) - fitted, 1)
+    left = max(3 * int(inliers.sum()) - fitted, 1.0)
     size = float(np.sum(turned2[inliers] / variance[inliers])) / left
     share = 1.0 / (1.0 + np.exp(-log_ratio))
     return ReadingNoise(

@@ -52,15 +52,18 @@ def regressed(
     is the mean over the sensors that *weights* names.
     """
     from_c, linear = regression(temperature_c, order, offset, around.reference_c)
-    polynomial = linear @ np.array([solution.step for solution in identified])
+    polynomial = linear @ np.array([solution.known_step for solution in identified])
     names = list(around.unknowns.constants)
     # θ₁ and d₁ move every placement alike: no reading tells them.
     moving = [i for i, name in enumerate(names) if name not in ("theta_1", "d_1")]
-    each = np.array([solution.covariance() for solution in identified])
+    each = np.array([solution.known_covariance() for solution in identified])
     covariance = np.einsum("rg,sg,gij->risj", linear, linear, each)
     places = [(m, i) for m in range(1, order + 1) for i in moving]
     chosen = [*range(len(names)), *(len(names) * m + i for m, i in places)]
     covariance = covariance.reshape(2 * [len(names) * (order + 1)])[np.ix_(chosen, chosen)]
+    # What no temperature knows stays as the fit of all together has it, and as uncertain.
+    unsure = around.covariance - around.solution.known_covariance() * around.variance_factor
+    covariance[: len(names), : len(names)] += unsure[: len(names), : len(names)]
     deviation = np.sqrt(np.diag(covariance))[len(names) :]
     terms = [
         Term(
@@ -89,7 +92,7 @@ def _standing(around: Fit, constants: F64, terms: list[Term]) -> Fit:
     elimination = Elimination(at, whitening(covariance, robust_weights(distance2)))
     unknowns = Unknowns(around.unknowns.constants, range(len(terms)))
     scale = unknowns.plausible(terms, at.basis)
-    columns = elimination.columns(unknowns.columns(at, terms) * scale)
+    columns = elimination.columns(unknowns.columns(at.jacobian, at.basis, terms) * scale)
     clear = np.column_stack([columns, elimination.residual()])
     triangle = np.asarray(np.linalg.qr(clear, mode="r"))
     return replace(

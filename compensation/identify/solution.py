@@ -22,6 +22,7 @@ class Solution:
     step: F64  # (C,) in the unknowns' own units
     singular_values: F64  # (C,)
     known: npt.NDArray[np.bool_]  # (C,) which directions are known
+    prior: npt.NDArray[np.bool_]  # (C,) along which the drawing counts as one more reading
     directions: F64  # (C, C) columns: directions in scaled unknowns
     scale: F64  # (C,) plausible departures
     gain: float  # by how much the sum of squares falls, to first order
@@ -32,13 +33,43 @@ class Solution:
 
     @property
     def null(self) -> F64:
-        """(C, C − rank) directions the readings say nothing about, in plausible departures."""
+        """(C, C − rank) directions the readings do not know, in plausible departures."""
         return self.directions[:, ~self.known]
 
-    def covariance(self) -> F64:
-        """(C, C) covariance of what is known, in the unknowns' own units."""
-        root = self.scale[:, None] * self.directions[:, self.known]
-        root = root / self.singular_values[self.known]
+    @property
+    def told(self) -> float:
+        """How many unknowns the readings told, by the share they had in each beside the drawing."""
+        curvature = self.singular_values**2
+        told = curvature[curvature > 0] / (curvature + self.prior)[curvature > 0]
+        return float(told.sum())
+
+    def off_drawing(self, departure: F64) -> float:
+        """What a *departure* (C,) from the drawing costs along directions that lean on it."""
+        along = self.directions[:, self.prior].T @ (departure / self.scale)
+        return float(along @ along)
+
+    @property
+    def known_step(self) -> F64:
+        """(C,) the step along what is known, nothing beside it."""
+        known = self.directions[:, self.known]
+        step: F64 = self.scale * (known @ (known.T @ (self.step / self.scale)))
+        return step
+
+    def known_covariance(self) -> F64:
+        """(C, C) covariance of what is known alone, in the unknowns' own units."""
+        return self._covariance(self.directions[:, self.known], self.known)
+
+    def covariance(self, gauge: F64) -> F64:
+        """(C, C) in the unknowns' own units; zero along *gauge* (C, k), which moves no point.
+
+        What the readings do not know is as uncertain as a plausible departure, not certain.
+        """
+        clear = self.directions - gauge @ (gauge.T @ self.directions)
+        return self._covariance(clear, np.ones_like(self.known))
+
+    def _covariance(self, directions: F64, chosen: npt.NDArray[np.bool_]) -> F64:
+        root = directions / np.sqrt((self.singular_values**2 + self.prior)[chosen])
+        root = self.scale[:, None] * root
         covariance: F64 = root @ root.T
         return covariance
 
@@ -48,8 +79,8 @@ def solve(
 ) -> Solution:
     """Minimise |A δ + r| from the triangular factor (·, C+1) of [A·scale, r].
 
-    Along directions the readings say nothing about, δ is *pull* (C,); along those they hardly
-    know, 0. *held*: δ near *pull* counts as one more reading, and all are known. *damping* is
+    Along directions that the readings do not know, δ near *pull* (C,), where the drawing lies,
+    counts as one more reading, good to a plausible departure; *held*: along all. *damping* is
     relative to the largest singular value squared.
     """
     c = len(scale)
@@ -57,12 +88,11 @@ def solve(
     square[: min(c, len(triangle))] = triangle[:c]
     u, s, vt = np.linalg.svd(square[:, :c])
     largest = s[0] if c else 0.0
-    touched = s > ROUNDING * largest
-    known = touched & (held | (s > LEAST_KNOWN))
-    wanted = vt @ (pull / scale)
-    slope = s * (u.T @ square[:, c]) - held * wanted
-    curvature = s**2 + held
-    step = np.where(touched, 0.0, wanted)
-    step[known] = (-slope / (curvature + damping * largest**2 + ~known))[known]
-    gain = float(np.sum(slope[known] ** 2 / curvature[known]))
-    return Solution(scale * (vt.T @ step), s, known, vt.T, scale, gain)
+    s = np.where(s > ROUNDING * largest, s, 0.0)
+    known = s > LEAST_KNOWN
+    prior = ~known | held
+    slope = s * (u.T @ square[:, c]) - prior * (vt @ (pull / scale))
+    curvature = s**2 + prior
+    step = -slope / (curvature + damping * largest**2)
+    gain = float(np.sum(slope**2 / curvature))
+    return Solution(scale * (vt.T @ step), s, known, prior, vt.T, scale, gain)

@@ -159,6 +159,8 @@ class Comparison:
         coefficients = np.array([term.coefficient for term in fit.terms])
         self._residual = fit.at.residual_mm - fitted @ coefficients
         self._columns = columns
+        self._pull = np.zeros(columns.shape[2])
+        self._pull[: self._n_constants] = -fit.departure[: self._n_constants]
         typical = np.sqrt(np.mean(basis**2, axis=0))
         sizes = [0.1 * (1.0 if parameters.unit(t.parameter) == "mm" else 0.002) for t in everything]
         scale = np.concatenate(
@@ -169,7 +171,7 @@ class Comparison:
         # temperatures cannot spare one: then placements are left out.
         self._out = list(groups[1:-1])
         folds = [mask for _, mask in self._out] or placement_folds(observations)[0]
-        self._heldout = HeldOut(fit, columns, scale, self._residual, folds)
+        self._heldout = HeldOut(fit, columns, scale, self._residual, self._pull, folds)
 
     def heldout_rms_um(self, terms: Sequence[Term]) -> float:
         """3-D RMS at temperatures left out, all coefficients fitted at once."""
@@ -248,7 +250,7 @@ class Comparison:
     def _regression_rms_um(self, order: int, offset: bool) -> float:
         """The paper's way: constants at each temperature, then a polynomial through each."""
         constants = np.arange(self._n_constants)
-        identified = np.array([solution.step for solution in self._identified_alone])
+        identified = np.array([solution.known_step for solution in self._identified_alone])
         rows = []
         for fold, (temperature, _) in zip(self._heldout.folds, self._out, strict=True):
             kept = self._temperature_c != temperature
@@ -269,7 +271,7 @@ class Comparison:
         constants = np.arange(self._n_constants)
         alone = HeldOut(
             self.fit, self._columns[:, :, constants], self._heldout.scale[constants],
-            self._residual, [~mask for _, mask in self.groups],
+            self._residual, self._pull[constants], [~mask for _, mask in self.groups],
         )  # fmt: skip
         return [alone.solve(i, constants) for i in range(len(self.groups))]
 

@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from armd.compensation import parameters
 from armd.compensation.identify.gauge import PLAUSIBLE
-from armd.compensation.identify.linearise import Linearisation
 from armd.compensation.terms import Temperature, Term
 
 F64 = npt.NDArray[np.float64]
@@ -49,14 +48,15 @@ class Unknowns:
             terms[i] = terms[i].model_copy(update={"coefficient": float(coefficient)})
         return constants, terms
 
-    def columns(self, at: Linearisation, terms: Sequence[Term]) -> F64:
-        """d residual / d unknown (n, 3, C).
+    def columns(self, jacobian: F64, basis: F64, terms: Sequence[Term]) -> F64:
+        """d tip / d unknown (n, 3, C), from d tip / d parameter (n, 3, P) and basis values (n, T).
 
         Zero for θ₁ and d₁: moving the whole arm about its first axis moves every placement alike.
         """
-        asked = [terms[i] for i in self.terms]
-        by_term = at.term_columns(asked, at.basis[:, list(self.terms)])
-        by_constant = at.constant_columns(self.constants)
+        n_joints = (jacobian.shape[2] - 9) // 5
+        asked = [parameters.index(terms[i].parameter, n_joints) for i in self.terms]
+        by_term = jacobian[:, :, asked] * basis[:, None, list(self.terms)]
+        by_constant = jacobian[:, :, [parameters.index(name, n_joints) for name in self.constants]]
         by_constant[:, :, [name in ("theta_1", "d_1") for name in self.constants]] = 0.0
         return np.concatenate([by_constant, by_term], axis=2)
 

@@ -78,7 +78,10 @@ def _summary(page: Page, result: Result) -> None:
             ],
         )  # fmt: skip
     page.heading("Not identifiable from these sessions")
-    page.text("These combinations stay as near the drawing as they can; no point depends on them.")
+    page.text(
+        "The drawing counts as one more reading of these combinations, good to a plausible"
+        " departure, and their uncertainty says so; what moves no point has none."
+    )
     page.items(result.unidentifiable)
 
 
