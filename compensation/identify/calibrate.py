@@ -18,7 +18,7 @@ from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
 from armd.compensation.identify.gauge import free_constants
-from armd.compensation.identify.heldout import HeldOut, placement_folds
+from armd.compensation.identify.heldout import Errors, HeldOut, placement_folds
 from armd.compensation.identify.lengths import Length
 from armd.compensation.identify.observations import Observations, gather
 from armd.compensation.identify.requirements import (
@@ -54,7 +54,7 @@ class Result:
     calibration: Calibration
     fit: Fit
     rms_um: float  # 3-D RMS of all readings at their best placements, as `armd evaluate` has it
-    heldout_rms_um: float
+    heldout: Errors
     heldout_by: str  # "placement", "reading" or "temperature"
     thermal_order: int
     thermal_method: str
@@ -64,6 +64,11 @@ class Result:
     lengths: list[Length]  # certified, beside what the calibrated arm makes of them
     notes: list[str] = field(default_factory=list)
 
+    @property
+    def heldout_rms_um(self) -> float:
+        """3-D RMS over all readings left out in turn."""
+        return self.heldout.rms_um
+
     def as_json(self) -> dict[str, Any]:
         """As `armd calibrate --json` writes it."""
         observations = self.fit.observations
@@ -72,6 +77,7 @@ class Result:
             "rms_um": self.rms_um,
             "heldout_rms_um": self.heldout_rms_um,
             "heldout_by": self.heldout_by,
+            "heldout_without_outliers_um": self.heldout.without_outliers_um,
             "certificate": asdict(self.certificate),
             "lengths": [length.as_json() for length in self.lengths],
             "rank": self.fit.solution.rank,
@@ -146,7 +152,7 @@ def _calibrate(
         if per_temperature:
             for _, group in groups:
                 require_enough(observations.rows(group), unknown, files)
-            order, final, heldout_rms_um = comparison.regressed(
+            order, final, heldout = comparison.regressed(
                 trials, options.thermal_order, options.offset
             )
         else:
@@ -159,15 +165,17 @@ def _calibrate(
         folds, by = placement_folds(observations)
         columns = final.unknowns.columns(final.at.jacobian, final.at.basis, final.terms)
         scale = final.solution.scale
-        heldout = HeldOut(final, columns, scale, final.at.residual_mm, -final.departure, folds)
-        heldout_rms_um = heldout.rms_um(np.arange(len(scale)))
+        left_out = HeldOut(final, columns, scale, final.at.residual_mm, -final.departure, folds)
+        heldout = left_out.errors(np.arange(len(scale)))
     terms, reference_c = final.terms, final.reference_c
     evaluation = evaluate_model(observations, final.constants, terms, reference_c)
     rms_um = residual_rms_um(evaluation.residual_mm)
     drawn = evaluate_model(observations, arm.nominal(), [], reference_c)
     lengths = evaluation.lengths
     drawn_rms_um = residual_rms_um(drawn.residual_mm)
-    certificate = judge(first, drawn_rms_um, heldout_rms_um, by, lengths)
+    certificate = judge(
+        first, first.converged and final.converged, drawn_rms_um, heldout, by, lengths
+    )
     provenance = {
         "command": options.command,
         "version": __version__,
@@ -177,7 +185,8 @@ def _calibrate(
         ],
         "readings": observations.n,
         "rms_um": rms_um,
-        "heldout_rms_um": heldout_rms_um,
+        "heldout_rms_um": heldout.rms_um,
+        "heldout_without_outliers_um": heldout.without_outliers_um,
         "heldout_by": by,
         "thermal_order": order,
         "certificate": asdict(certificate),
@@ -191,7 +200,7 @@ def _calibrate(
         calibration=as_calibration(final, provenance),
         fit=final,
         rms_um=rms_um,
-        heldout_rms_um=heldout_rms_um,
+        heldout=heldout,
         heldout_by=by,
         thermal_order=order,
         thermal_method=options.thermal_method if order else "none",

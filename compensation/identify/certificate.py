@@ -1,21 +1,36 @@
-"""Whether a calibration deserves to be vouched for, judged by readings that took no part."""
+"""Whether an identification deserves to be vouched for, judged by readings that took no part."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from armd.compensation.identify.fit import Fit
 from armd.compensation.identify.gauge import PLAUSIBLE
+from armd.compensation.identify.heldout import Errors
 from armd.compensation.identify.lengths import MOST_OFF, Length
+from armd.compensation.identify.observations import Observations
+from armd.compensation.identify.requirements import readings_needed
 from armd.compensation.identify.solution import LEAST_KNOWN
 
+#: What a granted one is, and what it is not.
+KIND = "identification record, not an ISO 17025 certificate"
 #: Readings left out must lose at least half of the error they have under the drawing.
 MOST_LEFT = 0.5
 #: Readings left out that miss by more than this are as unsure as a direction counted not known.
 MOST_HELDOUT_MM = PLAUSIBLE["mm"] / LEAST_KNOWN
 #: Least rank, as a share of what ideal readings would give, to vouch for other postures.
 LEAST_RANK = 0.75
+#: One placement left out must leave two to tell where the arm is wrong and where the artefact lay.
+LEAST_PLACEMENTS = 3
+#: Readings, as a multiple of those without which the unknowns have no answer at all.
+LEAST_TIMES = 3
+#: No room that people measure in is colder or warmer.
+POSSIBLE_C = (-10.0, 60.0)
+#: Nor do one arm's readings, or one reading's sensors, lie farther apart: 20 °C and 68 °F do.
+MOST_APART_K = 30.0
 
 
 @dataclass(frozen=True)
@@ -24,12 +39,17 @@ class Certificate:
 
     granted: bool
     reason: str
+    kind: str = KIND
+
+    def in_words(self) -> str:
+        return f"{self.kind}: {'granted' if self.granted else 'refused'}: {self.reason}"
 
 
 def judge(
     found: Fit,
+    converged: bool,
     drawn_rms_um: float,
-    heldout_rms_um: float,
+    heldout: Errors,
     heldout_by: str,
     lengths: Sequence[Length],
 ) -> Certificate:
@@ -37,27 +57,76 @@ def judge(
 
     *found* tells what is known: all constants, and the lengths' linear growth where thermal.
     """
-    drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout_rms_um / 1e3
-    share = heldout_rms_um / drawn_rms_um
+    drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout.rms_um / 1e3
+    share = heldout.rms_um / drawn_rms_um
     left = (
         f"each {heldout_by} left out misses by {heldout_mm:.4g} mm RMS,"
         f" {100 * share:.2g}% of the {drawn_mm:.4g} mm under the drawing"
     )
     faults = []
+    if not converged:
+        faults.append("the fit did not settle")
     if share > MOST_LEFT:
         faults.append(f"more than the {MOST_LEFT:.0%} that shows a calibration to help")
     if heldout_mm > MOST_HELDOUT_MM:
         faults.append(
             f"more than {MOST_HELDOUT_MM:g} mm: no set of constants describes this arm"
-            " (play in a joint, a loose artefact, readings mixed up?)"
+            " (another arm than arm.toml draws, play in a joint, a loose artefact, readings"
+            " mixed up?)"
         )
     ideal = 4 * found.observations.arm.n_joints - 3 + len(found.unknowns.terms)
     rank = found.solution.rank
     if rank < LEAST_RANK * ideal:
         faults.append(f"only {rank} of {ideal} combinations of the unknowns are known beside it")
+    faults += _too_few(found.observations)
+    faults += _impossible_temperatures(found.observations)
     faults += [
         f"a certified length contradicts the arm: {length.in_words()}"
         for length in lengths
         if abs(length.off) > MOST_OFF
     ]
     return Certificate(not faults, "; ".join([left, *faults]))
+
+
+def _too_few(observations: Observations) -> list[str]:
+    """Placements and readings. A tracker sees the arm everywhere: it needs no second placement."""
+    faults = []
+    placements = len(np.unique(observations.placement))
+    if placements < LEAST_PLACEMENTS and not observations.has_truth.all():
+        faults.append(
+            f"{placements} placement{'s' * (placements > 1)}, expected at least {LEAST_PLACEMENTS}:"
+            " another place may miss by any amount"
+        )
+    needed = LEAST_TIMES * readings_needed(observations)
+    if observations.n < needed:
+        faults.append(
+            f"{observations.n} readings, expected at least {needed}: {LEAST_TIMES} times what the"
+            " unknowns take"
+        )
+    return faults
+
+
+def _impossible_temperatures(observations: Observations) -> list[str]:
+    """Sensors whose values no arm can have had, or not both: another unit, another arm."""
+    celsius, sensors = observations.states.temperature_c, observations.arm.sensors
+    if not np.isfinite(celsius).any():
+        return []
+    faults = []
+    for name, column in zip(sensors, celsius.T, strict=True):
+        if not np.isfinite(column).any():
+            continue
+        low, high = float(np.nanmin(column)), float(np.nanmax(column))
+        if high - low > MOST_APART_K or low < POSSIBLE_C[0] or high > POSSIBLE_C[1]:
+            warmest = observations.session_names[observations.session[int(np.nanargmax(column))]]
+            faults.append(
+                f"{name} reads {low:.1f} to {high:.1f} °C (session {warmest}), expected at most"
+                f" {MOST_APART_K:g} K apart within {POSSIBLE_C[0]:g} to {POSSIBLE_C[1]:g} °C"
+                " (degrees Fahrenheit?)"
+            )
+    rows = celsius[np.isfinite(celsius).any(axis=1)]
+    apart = float(np.max(np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1)))
+    if not faults and apart > MOST_APART_K:
+        faults.append(
+            f"sensors of one reading {apart:.1f} K apart, expected at most {MOST_APART_K:g} K"
+        )
+    return faults

@@ -21,6 +21,10 @@ from armd.compensation.terms import Term
 F64 = npt.NDArray[np.float64]
 
 MOST_STEPS = 40
+#: Where a step promises less than this share of the cost, columns and cost need not agree to the
+#: last: columns are taken where the angles have been adjusted, and how they change is left out of
+#: the cost. There the step is right, which `converged` tells by what a next one would gain.
+NEAR = 0.01
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,15 @@ class End:
     solution: Solution
     steps: int
     converged: bool
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a descent stands."""
+
+    x: F64
+    at: Linearisation
+    elimination: Elimination
 
 
 @dataclass(frozen=True)
@@ -52,36 +65,54 @@ class Descent:
         """Step until what a step would gain is nothing beside the noise."""
         scale = self.unknowns.plausible(self.terms, self.basis)
 
-        at, elimination = self._linearise(x, poses, floor_mm, held)
+        here = _Place(x, *self._linearise(x, poses, floor_mm, held))
         damping = 0.0
         steps = 0
         while steps < MOST_STEPS:
             steps += 1
-            columns = self.unknowns.columns(at.jacobian, at.basis, self.terms)
-            clear = np.column_stack([elimination.columns(columns * scale), elimination.residual()])
-            triangle = np.asarray(np.linalg.qr(clear, mode="r"))
-            solution = solve(triangle, scale, self.start - x, held=held)
-            converged = solution.gain < 1e-6 + 1e-8 * elimination.cost
+            triangle = self._triangle(here, scale)
+            solution = solve(triangle, scale, self.start - here.x, held=held)
+            converged = solution.gain < 1e-6 + 1e-8 * here.elimination.cost
             if converged:
                 break
+
+            def cost(place: _Place, solution: Solution = solution) -> float:
+                return place.elimination.cost + solution.off_drawing(place.x - self.start)
+
+            most = cost(here) + (solution.gain if solution.gain < NEAR * cost(here) else 0.0)
             while True:
-                damped = solve(triangle, scale, self.start - x, damping, held)
-                twist, shift = elimination.back_substitute(columns @ damped.step)
-                moved = at.poses.moved(at.centre_mm, twist, shift)
-                trial = self._linearise(x + damped.step, moved, floor_mm, held)
-                there = x + damped.step
-                before = elimination.cost + solution.off_drawing(x - self.start)
-                better = trial[1].cost + solution.off_drawing(there - self.start) <= before
+                damped = solve(triangle, scale, self.start - here.x, damping, held)
+                there = self._moved(here, damped.step, floor_mm, held)
+                if cost(there) > most:
+                    # The way may bend, where a link turns with what hangs on it: a second step
+                    # from there comes back to the valley's floor.
+                    pull = self.start - there.x
+                    second = solve(self._triangle(there, scale), scale, pull, damping, held)
+                    there = self._moved(there, second.step, floor_mm, held)
+                better = cost(there) <= most
                 if better or damping > 1e3:
                     break
                 damping = max(10.0 * damping, 1e-6)
             if not better:  # no step gains anything
                 converged = solution.gain < 1e-3
                 break
-            x = x + damped.step
-            at, elimination = trial
+            here = there
             damping = damping / 10.0 if damping > 1e-8 else 0.0
-        return End(x, at, elimination, solution, steps, converged)
+        return End(here.x, here.at, here.elimination, solution, steps, converged)
+
+    def _triangle(self, here: _Place, scale: F64) -> F64:
+        """Triangular factor (·, C+1) of the scaled columns and the residual, clear of nuisances."""
+        columns = self.unknowns.columns(here.at.jacobian, here.at.basis, self.terms)
+        elimination = here.elimination
+        clear = np.column_stack([elimination.columns(columns * scale), elimination.residual()])
+        return np.asarray(np.linalg.qr(clear, mode="r"))
+
+    def _moved(self, here: _Place, step: F64, floor_mm: float, held: bool) -> _Place:
+        """After a step (C,) of the unknowns, placements and targets following."""
+        columns = self.unknowns.columns(here.at.jacobian, here.at.basis, self.terms)
+        twist, shift = here.elimination.back_substitute(columns @ step)
+        poses = here.at.poses.moved(here.at.centre_mm, twist, shift)
+        return _Place(here.x + step, *self._linearise(here.x + step, poses, floor_mm, held))
 
     def _linearise(
         self, x: F64, poses: Poses, floor_mm: float, held: bool

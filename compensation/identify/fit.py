@@ -25,6 +25,7 @@ from armd.compensation.identify.noise import (
     LEAST_MM,
     MEDIAN_D2,
     OUTLIER_D2,
+    Mask,
     ReadingNoise,
     Weighting,
     estimate,
@@ -33,6 +34,7 @@ from armd.compensation.identify.noise import (
 )
 from armd.compensation.identify.observations import Observations
 from armd.compensation.identify.poses import fit_poses
+from armd.compensation.identify.regions import in_region
 from armd.compensation.identify.solution import Solution
 from armd.compensation.identify.unknowns import Unknowns
 from armd.compensation.kinematics import forward, jacobian
@@ -60,6 +62,7 @@ class Fit:
     elimination: Elimination  # with the last round's weights
     noise: ReadingNoise
     distance2: F64  # (n,) squared Mahalanobis distances of the readings
+    region: Mask  # (n,) readings far off like their neighbours in posture: no outliers
     departure: F64  # (C,) of the unknowns from the drawing
     covariance: F64  # (C, C) of the unknowns; zero along directions that move no point
     variance_factor: float  # χ² per degree of freedom, contained in the covariance
@@ -69,7 +72,7 @@ class Fit:
     @property
     def outliers(self) -> npt.NDArray[np.int64]:
         """Rows that the robust loss weighs down."""
-        return np.flatnonzero(self.distance2 > OUTLIER_D2)
+        return np.flatnonzero((self.distance2 > OUTLIER_D2) & ~self.region)
 
     @property
     def rms_um(self) -> float:
@@ -111,10 +114,11 @@ def fit(
     poses = fit_poses(observations, position)
     weighing = noise or _alike(poses.residual(observations, position))
     distance2 = np.zeros(observations.n)
+    region = np.zeros(observations.n, dtype=bool)
     steps, held = 0, noise is None
     for round_ in range(1, rounds + 1):
         joints = linearise(observations, constants, terms, poses, reference_c, basis).joints
-        weight = robust_weights(distance2)
+        weight = robust_weights(distance2, region)
         if held:
             weighing = ReadingNoise(0.0, weighing.typical_mm(joints))
         weighting = Weighting(weighing, joints, weight)
@@ -129,12 +133,14 @@ def fit(
         constants, terms = unknowns.put(x, constants, terms)
         fitted = end.elimination.rank + end.solution.told
         joints = end.at.joints
-        before, weighing = weighing, estimate(end.at.residual_mm, joints, fitted)
+        before, weighing = weighing, estimate(end.at.residual_mm, joints, fitted, region)
         distance2 = mahalanobis2(end.at.residual_mm, weighing.covariance(joints))
+        if not held:  # far off, everything is
+            region = region | in_region(distance2 > OUTLIER_D2, states.q)
         basis = basis_values(terms, states, observations.arm, reference_c, constants)
         if progress:
             progress(f"round {round_}: {rms_um(end.at.residual_mm):.2f} µm RMS, {steps} steps")
-        weight_after = robust_weights(distance2)
+        weight_after = robust_weights(distance2, region)
         settled = _settled(before, weighing, joints) and np.allclose(
             weight, weight_after, atol=0.05
         )
@@ -157,7 +163,7 @@ def fit(
         terms[i] = terms[i].model_copy(update={"standard_uncertainty": float(u)})
     return Fit(
         observations, reference_c, constants, terms, unknowns, end.solution, end.at,
-        end.elimination, weighing, distance2, x - start, covariance, factor,
+        end.elimination, weighing, distance2, region, x - start, covariance, factor,
         steps, end.converged,
     )  # fmt: skip
 

@@ -1,13 +1,14 @@
 """Errors on readings that took no part: placements or temperatures left out, one set at a time.
 
 About the solution the model is linear far beyond the noise, so a fit without some readings is one
-small linear problem. Of the readings left out only placements and seats are fitted.
+small linear problem. Of the readings left out only the placements are fitted, and seats that no
+other reading touched.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,7 +29,7 @@ MOST_FOLDS = 8
 
 
 class HeldOut:
-    """A linear model around a fit, fitted without a fold's readings and tried on these.
+    """A linear model around a fit, fitted without a fold's readings and tried on all of these.
 
     *columns* (n, 3, C) mm and *scale* (C,): the unknowns any of the models to compare may use;
     *residual* (n, 3) mm where all of these stand at their start, and *pull* (C,) from there to the
@@ -44,16 +45,12 @@ class HeldOut:
         pull: F64,
         folds: Sequence[Mask],
     ) -> None:
-        joints = fit.at.joints
-        whiten = whitening(fit.noise.covariance(joints), robust_weights(fit.distance2))
-        good = np.ones(fit.observations.n, dtype=bool)
-        good[fit.outliers] = False
+        weight = robust_weights(fit.distance2, fit.region)
+        whiten = whitening(fit.noise.covariance(fit.at.joints), weight)
         self.scale, self.pull = scale, pull
-        # Rows the robust loss set aside say nothing about the model's error: never a test.
         base = replace(fit.at, residual_mm=residual)
-        self.folds = [
-            _Fold(base, whiten, columns, ~out, out & good) for out in folds if (out & good).any()
-        ]
+        self.folds = [_Fold(base, whiten, weight, columns, out) for out in folds if out.any()]
+        self._kept = [~np.isin(np.flatnonzero(out), fit.outliers) for out in folds if out.any()]
 
     def solve(self, fold: int, chosen: I64) -> Solution:
         """The chosen unknowns' changes (len(chosen),), fitted without the fold."""
@@ -62,46 +59,92 @@ class HeldOut:
         triangle = np.asarray(np.linalg.qr(triangle * [*scale, 1.0], mode="r"))
         return solve(triangle, scale, self.pull[chosen])
 
-    def residuals(self, chosen: I64) -> list[F64]:
-        """Residuals (m, 3) mm of each fold's readings, of a fit of *chosen* without them."""
-        return [fold.tried(chosen, self.solve(i, chosen).step) for i, fold in enumerate(self.folds)]
+    def errors(self, chosen: I64) -> Errors:
+        """Of fits of *chosen* without each fold, on the fold."""
+        tried = [
+            fold.tried(chosen, self.solve(i, chosen).step) for i, fold in enumerate(self.folds)
+        ]
+        return self.of(tried)
 
-    def rms_um(self, chosen: I64) -> float:
-        """3-D RMS over all folds."""
-        return rms_um(np.concatenate(self.residuals(chosen)))
+    def of(self, tried: Sequence[F64]) -> Errors:
+        """Of residuals (m, 3) mm, fold by fold."""
+        residual, kept = np.concatenate(tried), np.concatenate(self._kept)
+        return Errors(rms_um(residual), rms_um(residual[kept]), int((~kept).sum()))
+
+
+@dataclass(frozen=True)
+class Errors:
+    """3-D RMS of all readings left out in turn, and without those the fit calls outliers."""
+
+    rms_um: float
+    without_outliers_um: float
+    n_outliers: int
+
+    def in_words(self) -> str:
+        """Both figures where they differ, in one line."""
+        beside = f" ({self.without_outliers_um:.2f} without the {self.n_outliers} outliers)"
+        return f"{self.rms_um:.2f} µm" + beside * (self.n_outliers > 0)
 
 
 class _Fold:
-    """One set of readings left out; *kept* and *test* are rows, *base* stands at the start."""
+    """One set of readings left out; *base* stands at the start."""
 
     def __init__(
-        self, base: Linearisation, whiten: F64, columns: F64, kept: Mask, test: Mask
+        self, base: Linearisation, whiten: F64, weight: F64, columns: F64, out: Mask
     ) -> None:
-        self._base, self._all_columns, self._test = base, columns, test
-        training = Elimination(base.rows(kept), whiten[kept])
-        clear = np.column_stack([training.columns(columns[kept]), training.residual()])
+        self._base, self._columns, self._out = base, columns, out
+        self._weight = weight[out]  # a reading gone wrong does not move its placement
+        self._training = Elimination(base.rows(~out), whiten[~out])
+        clear = np.column_stack([self._training.columns(columns[~out]), self._training.residual()])
         self.triangle = np.asarray(np.linalg.qr(clear, mode="r"))
 
     @cached_property
-    def _trial(self) -> tuple[F64, F64]:
-        """Columns (3 m, C) and residuals (3 m,) of the test readings, at their best poses."""
-        at = self._base.rows(self._test)
-        alike = np.tile(np.eye(3), (at.observations.n, 1, 1))
-        trial = Elimination(at, alike, length_floor_mm=np.inf)
-        columns = trial.columns(self._all_columns[self._test])
-        return columns[trial.reading_rows], trial.residual()[trial.reading_rows]
+    def _trial(self) -> Elimination | None:
+        """What is fitted to the readings left out: poses that no other reading tells, and seats."""
+        own = self._base.rows(self._out)
+        placement, target = own.observations.placement, own.observations.target
+        others = self._training.at.observations
+        told = np.isin(placement, others.placement)
+        if told.all():
+            return None
+        pose_columns = np.where(told[:, None, None], 0.0, own.pose_columns)
+        seats = np.setdiff1d(own.free_targets, self._training.at.free_targets)
+        shifting = np.isin(target, seats)[:, None, None]
+        alone = replace(
+            own,
+            pose_columns=pose_columns,
+            target_columns=np.where(shifting, own.target_columns, 0.0),
+            free_targets=seats,
+        )
+        alike = np.sqrt(self._weight)[:, None, None] * np.eye(3)
+        return Elimination(alone, alike, length_floor_mm=np.inf)
 
     def tried(self, chosen: I64, change: F64) -> F64:
-        """Residuals (m, 3) mm of the test readings after a change of the chosen unknowns."""
-        columns, residual = self._trial
-        return (residual + columns[:, chosen] @ change).reshape(-1, 3)
+        """Residuals (m, 3) mm of the readings left out after a change of the chosen unknowns.
+
+        Their poses and seats are those that the other readings tell, where these do: a seat lies
+        where it lies in the artefact, whatever stands in the fold.
+        """
+        own = self._base.rows(self._out)
+        moved = self._columns[:, :, chosen] @ change
+        twist, shift = self._training.back_substitute(moved[~self._out])
+        residual = own.residual_mm + moved[self._out]
+        residual += np.einsum("nij,nj->ni", own.target_columns, shift[own.observations.target])
+        residual += np.einsum("nij,nj->ni", own.pose_columns, twist[own.observations.placement])
+        if self._trial is None:
+            return residual
+        twist, shift = self._trial.back_substitute(residual - own.residual_mm)
+        at = self._trial.at
+        residual += np.einsum("nij,nj->ni", at.pose_columns, twist[own.observations.placement])
+        residual += np.einsum("nij,nj->ni", at.target_columns, shift[own.observations.target])
+        return residual
 
 
 def placement_folds(observations: Observations) -> tuple[list[Mask], str]:
     """Sets of whole placements to leave out, and by what they are told apart.
 
-    With one placement only, every eighth reading is left out instead, its pose being fitted to
-    these: weaker, and said so.
+    With one placement only, every eighth reading is left out instead, at the pose that the others
+    tell: weaker, and said so.
     """
     used = np.unique(observations.placement)
     if len(used) > 1:

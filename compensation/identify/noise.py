@@ -5,7 +5,7 @@ angle. The encoders' share grows with reach, so readings far out count for less.
 
 Robust loss: a reading whose Mahalanobis distance d exceeds c (a Gaussian one does so once in
 10 000) counts with weight (c/d)², so its pull falls off as 1/d; all others count fully, so clean
-data are fitted by plain least squares.
+data are fitted by plain least squares, and so is a whole region of postures (`regions`).
 """
 
 from __future__ import annotations
@@ -82,13 +82,16 @@ def mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
     return distance
 
 
-def robust_weights(distance2: F64) -> F64:
-    """Weights (n,) of the robust loss, from squared Mahalanobis distances."""
-    return np.minimum(1.0, OUTLIER_D2 / np.maximum(distance2, 1e-300))
+def robust_weights(distance2: F64, region: Mask) -> F64:
+    """Weights (n,) of the robust loss, from squared Mahalanobis distances; *region* counts fully,
+    however far off."""
+    weight = np.minimum(1.0, OUTLIER_D2 / np.maximum(distance2, 1e-300))
+    return np.where(region, 1.0, weight)
 
 
-def estimate(residual_mm: F64, joint_columns: F64, fitted: float) -> ReadingNoise:
-    """Most likely noise for residuals (n, 3), outliers set aside; *fitted* unknowns took part.
+def estimate(residual_mm: F64, joint_columns: F64, fitted: float, region: Mask) -> ReadingNoise:
+    """Most likely noise for residuals (n, 3), outliers set aside but those of a *region* (n,);
+    *fitted* unknowns took part.
 
     The ratio of the two variances by maximum likelihood, their size by the median first (to tell
     outliers) and then by the mean square over the degrees of freedom left.
@@ -98,7 +101,7 @@ def estimate(residual_mm: F64, joint_columns: F64, fitted: float) -> ReadingNois
     value = np.maximum(value, 0.0)
     turned2 = np.einsum("nij,ni->nj", vector, residual_mm) ** 2
     typical = float(value.mean()) or 1.0
-    inliers = _inliers(turned2.sum(axis=1))
+    inliers = _inliers(turned2.sum(axis=1)) | region
 
     def scaled(log_ratio: float) -> F64:
         """Variances (n, 3) up to one common factor; encoders' share of it = ratio / (1+ratio)."""
@@ -113,7 +116,7 @@ def estimate(residual_mm: F64, joint_columns: F64, fitted: float) -> ReadingNois
 
     log_ratio = float(minimize_scalar(unlikely, bounds=(-12.0, 12.0), method="bounded").x)
     variance = scaled(log_ratio)
-    inliers = _inliers((turned2 / variance).sum(axis=1))
+    inliers = _inliers((turned2 / variance).sum(axis=1)) | region
     left = max(3 * int(inliers.sum()) - fitted, 1.0)
     size = float(np.sum(turned2[inliers] / variance[inliers])) / left
     share = 1.0 / (1.0 + np.exp(-log_ratio))

@@ -86,10 +86,12 @@ def _standing(around: Fit, constants: F64, terms: list[Term]) -> Fit:
     poses = evaluate_model(observations, constants, terms, reference_c).poses
     at = linearise(observations, constants, terms, poses, reference_c)
     joints = at.joints
-    noise = estimate(at.residual_mm, joints, around.elimination.rank + around.solution.rank)
+    noise = estimate(
+        at.residual_mm, joints, around.elimination.rank + around.solution.rank, around.region
+    )
     covariance = noise.covariance(joints)
     distance2 = mahalanobis2(at.residual_mm, covariance)
-    elimination = Elimination(at, whitening(covariance, robust_weights(distance2)))
+    elimination = Elimination(at, whitening(covariance, robust_weights(distance2, around.region)))
     unknowns = Unknowns(around.unknowns.constants, range(len(terms)))
     scale = unknowns.plausible(terms, at.basis)
     columns = elimination.columns(unknowns.columns(at.jacobian, at.basis, terms) * scale)

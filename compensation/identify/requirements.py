@@ -56,17 +56,30 @@ def choose_readings(
 
 def require_enough(observations: Observations, unknown: Sequence[str], files: str) -> None:
     """Refuse readings that are fewer than the unknowns, whatever their poses."""
-    placements = len(np.unique(observations.placement))
-    touched = np.unique(observations.target[~observations.has_truth])
-    seats = int(observations.unknown[touched].sum())
-    identifiable = 4 * observations.arm.n_joints - 3
-    needed = -(-(identifiable + 6 * placements + 3 * seats) // 3) + 1
+    needed = readings_needed(observations)
     if observations.n < needed:
+        placements, seats = _placements(observations), _seats(observations)
         expected = (
             f"at least {needed} for {len(unknown)} constants, {placements} placements"
             f" and {seats} unknown points"
         )
         raise BadInput(files, "readings", f"{observations.n} poses", expected)
+
+
+def readings_needed(observations: Observations) -> int:
+    """Readings below which the unknowns have no one answer, whatever their poses."""
+    identifiable = 4 * observations.arm.n_joints - 3
+    unknown = identifiable + 6 * _placements(observations) + 3 * _seats(observations)
+    return -(-unknown // 3) + 1
+
+
+def _placements(observations: Observations) -> int:
+    return len(np.unique(observations.placement))
+
+
+def _seats(observations: Observations) -> int:
+    touched = np.unique(observations.target[~observations.has_truth])
+    return int(observations.unknown[touched].sum())
 
 
 def require_plausible(found: Fit, files: str) -> None:

@@ -21,8 +21,8 @@ from scipy.spatial.transform import Rotation
 from armd.compensation import parameters
 from armd.compensation.arm import Arm
 from armd.compensation.basis import basis_values
-from armd.compensation.identify.fit import Fit, rms_um
-from armd.compensation.identify.heldout import HeldOut, placement_folds
+from armd.compensation.identify.fit import Fit
+from armd.compensation.identify.heldout import Errors, HeldOut, placement_folds
 from armd.compensation.identify.observations import Observations
 from armd.compensation.identify.per_temperature import regressed, regression
 from armd.compensation.identify.solution import Solution
@@ -50,7 +50,12 @@ class Trial:
 
     name: str
     terms: list[Term]
-    heldout_rms_um: float
+    errors: Errors
+
+    @property
+    def heldout_rms_um(self) -> float:
+        """Over all readings left out; models are compared without the outliers among them."""
+        return self.errors.rms_um
 
 
 def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
@@ -173,16 +178,16 @@ class Comparison:
         folds = [mask for _, mask in self._out] or placement_folds(observations)[0]
         self._heldout = HeldOut(fit, columns, scale, self._residual, self._pull, folds)
 
-    def heldout_rms_um(self, terms: Sequence[Term]) -> float:
-        """3-D RMS at temperatures left out, all coefficients fitted at once."""
-        return self._heldout.rms_um(self._chosen(terms))
+    def errors(self, terms: Sequence[Term]) -> Errors:
+        """At temperatures left out, all coefficients fitted at once."""
+        return self._heldout.errors(self._chosen(terms))
 
     def trials(self) -> list[Trial]:
         """Every model on the same data, the one without temperature first."""
-        rows = [Trial("no thermal model", [], self.heldout_rms_um([]))]
-        rows += [Trial(n, terms, self.heldout_rms_um(terms)) for n, terms in self.models.items()]
+        rows = [Trial("no thermal model", [], self.errors([]))]
+        rows += [Trial(n, terms, self.errors(terms)) for n, terms in self.models.items()]
         rows += [
-            Trial(_regression_name(m, offset), [], self._regression_rms_um(m, offset))
+            Trial(_regression_name(m, offset), [], self._regression_errors(m, offset))
             for offset in (False, True)
             for m in self._regression_orders
         ]
@@ -190,7 +195,7 @@ class Comparison:
 
     def best_order(self, trials: Sequence[Trial]) -> int:
         """The lowest order that a higher one does not clearly beat."""
-        by_name = {trial.name: trial.heldout_rms_um for trial in trials}
+        by_name = {trial.name: trial.errors.without_outliers_um for trial in trials}
         best, chosen = by_name["no thermal model"], 0
         for m in range(1, self.most_order + 1):
             error = by_name[f"all at once, order {m}"]
@@ -200,23 +205,23 @@ class Comparison:
 
     def extended(self, terms: Sequence[Term]) -> list[Trial]:
         """Angles that move with temperature, added where they lower the held-out error."""
-        chosen, best = list(terms), self.heldout_rms_um(terms)
+        chosen, best = list(terms), self.errors(terms).without_outliers_um
         accepted = []
         for name, more in self.extensions.items():
-            error = self.heldout_rms_um([*chosen, *more])
-            if error < WORTH * best:
-                chosen, best = [*chosen, *more], error
-                accepted.append(Trial(name, chosen, best))
+            errors = self.errors([*chosen, *more])
+            if errors.without_outliers_um < WORTH * best:
+                chosen, best = [*chosen, *more], errors.without_outliers_um
+                accepted.append(Trial(name, chosen, errors))
         return accepted
 
     def regressed(
         self, trials: Sequence[Trial], wanted: int | None, offset: bool
-    ) -> tuple[int, Fit, float]:
-        """The paper's way: order, fit, and its error at temperatures left out (µm).
+    ) -> tuple[int, Fit, Errors]:
+        """The paper's way: order, fit, and its errors at temperatures left out.
 
         Raises `ArmdError` where the temperatures are too few for the order.
         """
-        errors = {trial.name: trial.heldout_rms_um for trial in trials}
+        errors = {trial.name: trial.errors for trial in trials}
         orders = [wanted] if wanted else self._regression_orders
         if not orders or max(orders) not in self._regression_orders:
             needed = (wanted or 1) + 2
@@ -227,8 +232,8 @@ class Comparison:
         order = orders[0]
         for m in orders[1:]:
             if (
-                errors[_regression_name(m, offset)]
-                < WORTH * errors[_regression_name(order, offset)]
+                errors[_regression_name(m, offset)].without_outliers_um
+                < WORTH * errors[_regression_name(order, offset)].without_outliers_um
             ):
                 order = m
         arm = self.fit.observations.arm
@@ -247,7 +252,7 @@ class Comparison:
     def _regression_orders(self) -> range:
         return range(1, min(MOST_ORDER, len(self.groups) - 2) + 1)
 
-    def _regression_rms_um(self, order: int, offset: bool) -> float:
+    def _regression_errors(self, order: int, offset: bool) -> Errors:
         """The paper's way: constants at each temperature, then a polynomial through each."""
         constants = np.arange(self._n_constants)
         identified = np.array([solution.known_step for solution in self._identified_alone])
@@ -259,7 +264,7 @@ class Comparison:
             )
             powers = np.vander([temperature - from_c], order + 1, increasing=True)[0]
             rows.append(fold.tried(constants, powers @ linear @ identified[kept]))
-        return rms_um(np.concatenate(rows))
+        return self._heldout.of(rows)
 
     @property
     def _temperature_c(self) -> F64:

@@ -48,7 +48,7 @@ def _summary(page: Page, result: Result) -> None:
         ["", "value", "unit"],
         [
             ["residual, 3-D RMS", f"{result.rms_um:.2f}", "µm"],
-            [f"each {result.heldout_by} left out, 3-D RMS", f"{result.heldout_rms_um:.2f}", "µm"],
+            [f"each {result.heldout_by} left out, 3-D RMS", result.heldout.in_words(), ""],
             ["readings", found.observations.n, ""],
             ["placements", len(np.unique(found.observations.placement)), ""],
             ["rank", f"{found.solution.rank} of {len(found.unknowns.names)} unknowns", ""],
@@ -57,8 +57,7 @@ def _summary(page: Page, result: Result) -> None:
             ["thermal order", result.thermal_order, ""],
         ],
     )
-    verdict = "granted" if result.certificate.granted else "refused"
-    page.text(f"Certificate {verdict}: {result.certificate.reason}.")
+    page.text(f"This is an {result.certificate.in_words()}.")
     if result.notes:
         page.items(result.notes)
     if result.lengths:
@@ -231,8 +230,8 @@ def _thermal_trials(page: Page, result: Result) -> None:
         " and the highest in turn; 3-D RMS over all."
     )
     page.table(
-        ["model", "held out, µm"],
-        [[trial.name, f"{trial.heldout_rms_um:.2f}"] for trial in result.trials],
+        ["model", "held out"],
+        [[trial.name, trial.errors.in_words()] for trial in result.trials],
     )
 
 

@@ -89,15 +89,15 @@ def _print(result: Result, output: str) -> None:
     found = result.fit
     console.print(
         f"{found.observations.n} readings, {result.rms_um:.2f} µm 3-D RMS,"
-        f" {result.heldout_rms_um:.2f} µm by leaving out each {result.heldout_by};"
+        f" {result.heldout.in_words()} by leaving out each {result.heldout_by};"
         f" rank {found.solution.rank} of {len(found.unknowns.names)}"
     )
     for length in result.lengths:
         console.print(f"certified length {length.in_words()}")
     if result.trials:
-        table = Table("thermal model", "µm at temperatures left out")
+        table = Table("thermal model", "at temperatures left out")
         for trial in result.trials:
-            table.add_row(trial.name, f"{trial.heldout_rms_um:.2f}")
+            table.add_row(trial.name, trial.errors.in_words())
         console.print(table)
         console.print(f"thermal order {result.thermal_order}")
     for line in result.unidentifiable:
@@ -106,6 +106,5 @@ def _print(result: Result, output: str) -> None:
         console.print(f"{len(found.outliers)} outliers weighed down")
     for note in result.notes:
         console.print(note)
-    verdict = "granted" if result.certificate.granted else "refused"
-    console.print(f"certificate {verdict}: {result.certificate.reason}")
+    console.print(result.certificate.in_words())
     console.print(f"written: {output}")

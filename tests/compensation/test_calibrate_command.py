@@ -63,7 +63,7 @@ def test_calibrate_then_evaluate(measured: Path, tmp_path: Path) -> None:
     assert "<script src" not in page  # opens offline
     for words in (
         "Before and after",
-        "Certificate granted: each placement left out",
+        "identification record, not an ISO 17025 certificate: granted: each placement left out",
         "Residual vectors",
         "Parameters",
         "SHA-256",

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import synthetic
 
 from armd.compensation.identify.calibrate import Options, calibrate
+from armd.compensation.identify.certificate import judge
+from armd.compensation.session import Session
 
 ARM = synthetic.arm()
+OPTIONS = Options(thermal_order=0)
 ARCSEC = np.pi / 180 / 3600
 
 
@@ -16,7 +21,7 @@ ARCSEC = np.pi / 180 / 3600
     ("size", "encoder_arcsec", "placements", "words"),
     [
         (1.0, 5.0, 3, ""),
-        (1.0, 5.0, 1, ""),  # readings are left out instead of placements
+        (1.0, 5.0, 1, "1 placement, expected at least 3: another place may miss by any amount"),
         (0.0, 5.0, 3, "more than the 50% that shows a calibration to help"),
         (3.0, 900.0, 3, "more than 1 mm: no set of constants describes this arm"),
     ],
@@ -27,7 +32,7 @@ def test_certificate(size: float, encoder_arcsec: float, placements: int, words:
     session = synthetic.session(
         ARM, truth, rng, placements=placements, encoder_rad=encoder_arcsec * ARCSEC
     )
-    result = calibrate([session], ARM, Options(thermal_order=0))
+    result = calibrate([session], ARM, OPTIONS)
     certificate = result.certificate
     assert certificate.granted == (words == ""), certificate.reason
     assert words in certificate.reason
@@ -36,4 +41,70 @@ def test_certificate(size: float, encoder_arcsec: float, placements: int, words:
     assert result.calibration.provenance["certificate"] == {
         "granted": certificate.granted,
         "reason": certificate.reason,
+        "kind": "identification record, not an ISO 17025 certificate",
     }
+
+
+def seats(rng: np.random.Generator, **changes: object) -> Session:
+    truth = synthetic.disturbed(ARM, rng)
+    settings: dict[str, object] = {"encoder_rad": 5 * ARCSEC, **changes}
+    return synthetic.session(ARM, truth, rng, **settings)  # type: ignore[arg-type]
+
+
+def test_a_tracker_needs_no_second_placement() -> None:
+    rng = np.random.default_rng(4)
+    seen = synthetic.tracked(ARM, synthetic.disturbed(ARM, rng), rng)
+    seen.states.q[:] += ARCSEC * rng.normal(size=seen.states.q.shape)
+    certificate = calibrate([seen], ARM, OPTIONS).certificate
+    assert certificate.granted, certificate.reason
+
+
+def test_hardly_more_readings_than_unknowns_get_none() -> None:
+    session = seats(np.random.default_rng(5), readings=36)
+    certificate = calibrate([session], ARM, OPTIONS).certificate
+    assert not certificate.granted
+    assert "36 readings, expected at least 42" in certificate.reason
+
+
+def test_a_fit_that_did_not_settle_gets_none() -> None:
+    result = calibrate([seats(np.random.default_rng(6))], ARM, OPTIONS)
+    assert result.certificate.granted
+    again = judge(result.fit, False, 1e4, result.heldout, result.heldout_by, result.lengths)
+    assert "the fit did not settle" in again.reason
+    assert not again.granted
+
+
+def test_temperatures_that_cannot_be_together_get_none() -> None:
+    """One session of two in degrees Fahrenheit: no value is impossible, both together are."""
+    rng = np.random.default_rng(7)
+    truth = synthetic.disturbed(ARM, rng)
+    celsius, fahrenheit = (
+        synthetic.session(
+            ARM, truth, rng, readings=90, temperature_c=20.0, encoder_rad=5 * ARCSEC, name=name
+        )
+        for name in ("C", "F")
+    )
+    fahrenheit.states.temperature_c[:] = fahrenheit.states.temperature_c * 1.8 + 32.0
+    certificate = calibrate([celsius, fahrenheit], ARM, OPTIONS).certificate
+    assert not certificate.granted
+    assert "t1 reads 19." in certificate.reason
+    assert "(session F), expected at most 30 K apart" in certificate.reason
+
+
+def test_a_certified_length_that_contradicts_the_arm_gets_none() -> None:
+    rng = np.random.default_rng(8)
+    session = seats(rng, known=False, distances=[(0, 1), (1, 2), (2, 3)])
+    good = calibrate([session], ARM, OPTIONS)
+    assert good.certificate.granted, good.certificate.reason
+    assert max(abs(length.off) for length in good.lengths) < 3
+    wrong = [
+        distance.model_copy(update={"length_mm": distance.length_mm + 0.5 * (i == 0)})
+        for i, distance in enumerate(session.artefact.distances)
+    ]
+    artefact = session.artefact.model_copy(update={"distances": wrong})
+    result = calibrate([replace(session, artefact=artefact)], ARM, OPTIONS)
+    assert not result.certificate.granted
+    assert "a certified length contradicts the arm: " in result.certificate.reason
+    written = result.as_json()["lengths"]
+    assert max(abs(length["off"]) for length in written) > 3
+    assert written[0]["certified_mm"] == pytest.approx(wrong[0].length_mm)
