@@ -21,6 +21,7 @@ from armd.compensation.effects.unknown import SHAPE_OF
 from armd.compensation.terms import Temperature, Term
 
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
 
 #: Functions of more columns than this have amplitudes that share one likely size.
 MOST_FREE_COLUMNS = 6
@@ -104,6 +105,23 @@ def with_other_findings(
         slice(layout.mount.start + more, layout.mount.stop + more),
         layout.shared + more,
         slice(layout.drift.start + more, layout.drift.stop + more),
+        layout.gauge,
+    )
+
+
+def with_some_findings(layout: Layout, some: Sequence[int], b: int) -> tuple[I64, Layout]:
+    """Which of *b* absorbing columns stay with *some* of the findings, and their layout."""
+    first, stop = layout.identified.stop, layout.mount.start
+    own = [np.arange(layout.findings[i].start, layout.findings[i].stop) for i in some]
+    kept = np.concatenate([np.arange(first), *own, np.arange(stop, b)])
+    edges = np.cumsum([first, *(len(columns) for columns in own)])
+    less = stop - int(edges[-1])
+    return kept, Layout(
+        layout.identified,
+        tuple(slice(low, high) for low, high in itertools.pairwise(edges)),
+        slice(layout.mount.start - less, layout.mount.stop - less),
+        layout.shared - less,
+        slice(layout.drift.start - less, layout.drift.stop - less),
         layout.gauge,
     )
 

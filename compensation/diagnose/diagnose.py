@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +13,11 @@ from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration
 from armd.compensation.diagnose.account import Found
 from armd.compensation.diagnose.baseline import Baseline, from_calibration
+from armd.compensation.diagnose.borne_out import by_placement, by_session
 from armd.compensation.diagnose.extend import extended
-from armd.compensation.diagnose.fit import Fit
-from armd.compensation.diagnose.gain import Gain, cross_validate, gains, groups_of
+from armd.compensation.diagnose.fit import Fit, fit
+from armd.compensation.diagnose.gain import Gain, cross_validate, gain, gains, groups_of
+from armd.compensation.diagnose.neighbourhood import scale_kept
 from armd.compensation.diagnose.outliers import find_outliers
 from armd.compensation.diagnose.problem import Rests, gather_rests
 from armd.compensation.diagnose.search import Progress, Result, Search
@@ -53,6 +55,8 @@ class Diagnosis:
     outliers: tuple[Outlier, ...]
     outlier_p: float
     outlier_gain: Gain | None
+    written: tuple[int, ...]  # findings in the extended calibration, by number
+    written_rms_um: float  # held out, with these
     extended: Calibration
 
     @property
@@ -101,19 +105,26 @@ def _diagnose(
     last = result.last
     outlying, outlier_p = find_outliers(last)
     outliers = _named(outlying, rests, last)
-    extension = extended(baseline, last, arm, sessions, command)
-    kept = np.ones(rests.n, dtype=bool)
-    kept[outlying] = False
-    if holdout:
-        squares, groups, within = _held_out(result, baseline, arm, sessions, holdout)
-        kept = within if outliers else np.ones(len(groups), dtype=bool)
+    if holdout:  # in which no reading was named: none is left out
+        squares, groups = _held_out(result, baseline, arm, sessions, holdout)
+        kept = np.ones(len(groups), dtype=bool)
     else:
         checked = cross_validate(result, arm, progress)
         squares, groups = checked.squares, checked.groups
-    if outliers:
-        squares = [*squares, squares[-1]]
-    measured = gains(squares, groups, kept)
+        kept = np.ones(rests.n, dtype=bool)
+        kept[outlying] = False
     found = len(result.found)
+    measured = gains(squares, groups, np.ones_like(kept))
+    progress("held out", 0.95)
+    written = (
+        by_session(result, baseline, arm, sessions, holdout)
+        if holdout
+        else by_placement(result, arm, measured)
+    )
+    measured = [replace(g, shown=i in written.some) for i, g in enumerate(measured)]
+    extension = _extension(written.some, result, rests, arm, sessions, command)
+    if len(written.some) == found:
+        written = replace(written, squares=squares[-1])  # of a search repeated, where there is one
     return Diagnosis(
         arm,
         tuple(sessions),
@@ -124,12 +135,40 @@ def _diagnose(
         1e3 * float(np.sqrt(squares[0].mean())),
         noise_floor_um(last),
         _rms_um(evaluate(sessions, arm, extension)),
-        tuple(measured[:found]),
+        tuple(measured),
         outliers,
         outlier_p,
-        measured[found] if outliers else None,
+        gain(squares[-1], squares[-1], groups, kept) if outliers else None,
+        written.some,
+        1e3 * float(np.sqrt(written.squares.mean())),
         extension,
     )
+
+
+def _extension(
+    some: Sequence[int],
+    result: Result,
+    rests: Rests,
+    arm: Arm,
+    sessions: Sequence[Session],
+    command: str,
+) -> Calibration:
+    """The calibration with *some* of the findings; with none, it predicts what the one under test
+    does."""
+    last = result.last
+    model = last
+    if len(some) < len(last.findings):
+        model = fit(
+            rests,
+            arm,
+            last.baseline,
+            last.model,
+            [last.findings[i] for i in some],
+            [last.amplitudes[i] for i in some],
+            noise=last.noise,
+        )
+    left_out = [c for i, c in enumerate(last.findings) if i not in some]
+    return extended(last.baseline, model, arm, sessions, command, left_out)
 
 
 def model_under_test(
@@ -163,21 +202,14 @@ def _held_out(
     arm: Arm,
     sessions: Sequence[Session],
     holdout: Sequence[Session],
-) -> tuple[list[F64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-    """Squared residuals of the held-out readings under the models of the search's steps."""
+) -> tuple[list[F64], npt.NDArray[np.int64]]:
+    """Squared residuals of all held-out readings under the models of the search's steps."""
     squares = []
-    for fit in (*result.steps,):
-        model = extended(baseline, fit, arm, sessions) if fit.findings else baseline.calibration
+    for step in result.steps:
+        model = extended(baseline, step, arm, sessions) if step.findings else baseline.calibration
         found = evaluate(holdout, arm, model)
-        squares.append((found.residual_mm**2).sum(axis=1))
-    return squares, groups_of(found.observations), _within_noise(result.last, found)
-
-
-def _within_noise(last: Fit, found: Evaluation) -> npt.NDArray[np.bool_]:
-    """Held-out readings that are no outliers themselves: within six times the noise's RMS."""
-    square = (found.residual_mm**2).sum(axis=1)
-    kept: npt.NDArray[np.bool_] = square < (6e-3 * noise_floor_um(last)) ** 2
-    return kept
+        squares.append((found.residual_mm**2).sum(axis=1) * scale_kept(step, arm) ** 2)
+    return squares, groups_of(found.observations)
 
 
 def noise_floor_um(last: Fit) -> float:

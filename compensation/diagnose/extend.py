@@ -15,16 +15,14 @@ from armd.compensation.arm import Arm
 from armd.compensation.calibration import ArtefactCorrection, Calibration, constants_of
 from armd.compensation.diagnose.absorbing import is_curve, mount_term
 from armd.compensation.diagnose.baseline import Baseline, moved
+from armd.compensation.diagnose.curves import as_curve
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.session import Session
-from armd.compensation.terms import Curve, Harmonic, Term
+from armd.compensation.terms import Term
 
 F64 = npt.NDArray[np.float64]
 
-#: Points of a curve over the turn: over ten to the shortest period there is.
-CURVE_POINTS = 360
-SEEN_POINTS = 3  # to either side of an angle measured
 NEGLIGIBLE = 1e-9  # of an effect's largest term
 #: The first link's growth joins the model where it is known so many times better than its size:
 #: the findings were fitted beside it, and without it would stand in for it.
@@ -32,15 +30,26 @@ GROWTH_KNOWN = 5.0
 
 
 def extended(
-    baseline: Baseline, last: Fit, arm: Arm, sessions: Sequence[Session], command: str = ""
+    baseline: Baseline,
+    last: Fit,
+    arm: Arm,
+    sessions: Sequence[Session],
+    command: str = "",
+    left_out: Sequence[Candidate] = (),
 ) -> Calibration:
-    """The calibration under test with the findings' terms, all identified together.
+    """The calibration under test with the findings' terms, all identified together; *left_out*:
+    findings that held-out readings do not bear out, told in the provenance.
 
     A constant that shifted is a constant again; what is wrong with the artefact stands in
     `artefact`, which `evaluate` applies and `correct` does not.
     """
     if not last.findings:
-        return baseline.calibration
+        if not left_out:
+            return baseline.calibration
+        provenance = _provenance(baseline, last, sessions, command, left_out)
+        return baseline.calibration.model_copy(
+            update={"provenance": provenance, "content_sha256": ""}
+        )
     own = -last.solution[last.layout.identified]
     directions = baseline.root @ own if baseline.held else own
     model = moved(last.model, baseline, directions)
@@ -53,7 +62,7 @@ def extended(
         last.findings, last.amplitudes, last.layout.findings, strict=True
     ):
         if is_curve(candidate):
-            terms.append(_curve(candidate, values, last.linear.rests.observations.states.q))
+            terms.append(as_curve(candidate, values, last.linear.rests.observations.states.q))
             continue
         label = f"{candidate.cause} {candidate.location}"
         for j, column in enumerate(candidate.columns):
@@ -95,7 +104,7 @@ def extended(
             "covariance_of": [name for name, _ in rows],
             "covariance": ((covariance + covariance.T) / 2).tolist(),
             "artefact": _artefact(baseline, last, sessions),
-            "provenance": _provenance(baseline, last, sessions, command),
+            "provenance": _provenance(baseline, last, sessions, command, left_out),
             "content_sha256": "",
         }
     )
@@ -137,42 +146,6 @@ def _also_moves(
     rows.append((parameter, row))
 
 
-def _curve(candidate: Candidate, values: F64, q: F64) -> Term:
-    """Many harmonics of one joint as one curve over the turn: one factor for the live path.
-
-    Where the joint never stood (angles *q* (n, N) of the rests), nothing is known: the curve is
-    its own mean there, not what the harmonics happen to do.
-    """
-    turn = np.linspace(0.0, 2 * np.pi, CURVE_POINTS, endpoint=False)
-    heights = np.zeros(CURVE_POINTS)
-    joint, parameter = 1, ""
-    for column, value in zip(candidate.columns, values, strict=True):
-        term = column.terms[0]
-        factor = term.basis[0]
-        assert isinstance(factor, Harmonic)
-        wave = np.sin if factor.kind == "sin" else np.cos
-        heights += term.coefficient * float(value) * wave(factor.order * turn)
-        joint, parameter = factor.joint, term.parameter
-    seen = _seen(q[:, joint - 1])
-    heights[~seen] = heights[seen].mean()
-    return Term(
-        parameter=parameter,
-        basis=[Curve(joint=joint, values=heights.tolist())],
-        coefficient=1.0,
-        effect=f"{candidate.cause} {candidate.location}",
-    )
-
-
-def _seen(angle: F64) -> npt.NDArray[np.bool_]:
-    """Points of the curve near which a joint stood."""
-    step = 2 * np.pi / CURVE_POINTS
-    at = np.round(angle / step).astype(int)
-    seen = np.zeros(CURVE_POINTS, dtype=bool)
-    for shift in range(-SEEN_POINTS, SEEN_POINTS + 1):
-        seen[(at + shift) % CURVE_POINTS] = True
-    return seen
-
-
 def _artefact(
     baseline: Baseline, last: Fit, sessions: Sequence[Session]
 ) -> ArtefactCorrection | None:
@@ -207,7 +180,11 @@ def _artefact(
 
 
 def _provenance(
-    baseline: Baseline, last: Fit, sessions: Sequence[Session], command: str
+    baseline: Baseline,
+    last: Fit,
+    sessions: Sequence[Session],
+    command: str,
+    left_out: Sequence[Candidate],
 ) -> dict[str, Any]:
     before = baseline.calibration.provenance
     diagnosis: dict[str, Any] = {
@@ -215,6 +192,7 @@ def _provenance(
         "version": __version__,
         "sessions": [{"name": s.name, "sha256": s.fingerprint()} for s in sessions],
         "findings": [f"{c.cause} {c.location}" for c in last.findings],
+        "not_borne_out": [f"{c.cause} {c.location}" for c in left_out],
     }
     if "diagnosis" in before:  # the model under test was itself an extended one
         diagnosis["earlier"] = before["diagnosis"]

@@ -19,6 +19,7 @@ from armd.compensation.diagnose.absorbing import (
     is_sized,
     with_gauge,
     with_other_findings,
+    with_some_findings,
 )
 from armd.compensation.diagnose.baseline import Baseline, moved, scaled
 from armd.compensation.diagnose.blocks import Blocks, in_blocks
@@ -207,6 +208,40 @@ def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Ar
         solution=solution,
         inverse=inverse,
     )
+
+
+class Refits:
+    """One fit's linear problem with some of its findings only, for one whitener: the rows are
+    summed once."""
+
+    def __init__(self, known: Fit, noise: Noise) -> None:
+        self._known, self._noise = known, noise
+        blocks = in_blocks(known.absorbing.columns, known.linear)
+        self._normal = _normal(blocks, len(known.solution), noise, known.residual)
+
+    def with_some(self, some: Sequence[int]) -> Fit:
+        """The fit with *some* of the findings, by number."""
+        known, whole = self._known, self._normal
+        kept, layout = with_some_findings(known.layout, some, len(known.solution))
+        normal = _Normal(whole.gram[np.ix_(kept, kept)], whole.side[kept], whole.scale[kept])
+        columns = known.absorbing.columns[:, kept]
+        findings = tuple(known.findings[i] for i in some)
+        absorbing = Absorbing(columns, known.absorbing.variance[kept])
+        sizes = [CURVE_SCALE] * len(findings)
+        absorbing, _ = _sized(absorbing, layout, findings, sizes, normal)
+        solution, inverse = normal.solved(with_gauge(absorbing.variance, layout))
+        return replace(
+            known,
+            findings=findings,
+            amplitudes=tuple(-solution[at] for at in layout.findings),
+            covariances=tuple(inverse[at, at] for at in layout.findings),
+            noise=self._noise,
+            absorbing=absorbing,
+            layout=layout,
+            fitted=columns @ solution,
+            solution=solution,
+            inverse=inverse,
+        )
 
 
 def _kinematic_part(

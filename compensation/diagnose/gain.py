@@ -17,6 +17,7 @@ from scipy.special import bdtrc
 
 from armd.compensation.arm import Arm
 from armd.compensation.diagnose.choice import joined, next_finding
+from armd.compensation.diagnose.curves import as_written
 from armd.compensation.diagnose.evidence import Sums, total
 from armd.compensation.diagnose.fit import Fit, solve_again
 from armd.compensation.diagnose.ground import Ground, make_ground
@@ -35,6 +36,8 @@ BLOCKS = 5  # of readings, where there is one placement only
 TRUTH_BLOCKS = 40
 RESAMPLES = 1000
 SIGN_P = 0.01
+#: Less than this share of the error is rounding, no gain.
+LEAST_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -47,30 +50,35 @@ class Gain:
     shown: bool  # held-out readings improve beyond doubt
 
 
-def gains(squares: Sequence[F64], groups: I64, kept: Mask, seed: int = 1) -> list[Gain]:
+def gains(squares: Sequence[F64], groups: I64, kept: Mask) -> list[Gain]:
     """Gains from step to step of squared residuals (n,) mm², resampled by *groups* (n,).
 
     *kept* (n,): rows of the last figure; the others are what an outlier finding names.
     """
-    found = []
-    rng = np.random.default_rng(seed)
-    names, index = np.unique(groups, return_inverse=True)
-    draws = rng.integers(len(names), size=(RESAMPLES, len(names)))
     last = len(squares) - 1
-    for j in range(1, len(squares)):
-        use = kept if j == last else np.ones(len(groups), dtype=bool)
-        before, after = squares[j - 1], squares[j]
-        sums = [
-            np.bincount(index, values, len(names))
-            for values in (before, np.ones(len(groups)), after * use, use.astype(float))
-        ]
-        drawn = [total[draws].sum(axis=1) for total in sums]
-        change = np.sqrt(drawn[0] / drawn[1]) - np.sqrt(drawn[2] / np.maximum(drawn[3], 1.0))
-        low, high = np.quantile(1e3 * change, [0.025, 0.975])
-        rms = _rms(before), _rms(after[use])
-        shown = low > 0 or (rms[1] < rms[0] and _most_improve(index, before, after))
-        found.append(Gain(*rms, (float(low), float(high)), bool(shown)))
-    return found
+    every = np.ones(len(groups), dtype=bool)
+    return [
+        gain(squares[j - 1], squares[j], groups, kept if j == last else every)
+        for j in range(1, len(squares))
+    ]
+
+
+def gain(before: F64, after: F64, groups: I64, use: Mask | None = None, seed: int = 1) -> Gain:
+    """From squared residuals *before* to those *after* (n,) mm², of *use* (n,) only."""
+    use = np.ones(len(groups), dtype=bool) if use is None else use
+    names, index = np.unique(groups, return_inverse=True)
+    draws = np.random.default_rng(seed).integers(len(names), size=(RESAMPLES, len(names)))
+    sums = [
+        np.bincount(index, values, len(names))
+        for values in (before, np.ones(len(groups)), after * use, use.astype(float))
+    ]
+    drawn = [total[draws].sum(axis=1) for total in sums]
+    change = np.sqrt(drawn[0] / drawn[1]) - np.sqrt(drawn[2] / np.maximum(drawn[3], 1.0))
+    low, high = np.quantile(1e3 * change, [0.025, 0.975])
+    rms = _rms(before), _rms(after[use])
+    better = rms[1] < (1.0 - LEAST_SHARE) * rms[0]
+    shown = better and (low > 0 or _most_improve(index, before, after))
+    return Gain(*rms, (float(low), float(high)), bool(shown))
 
 
 def _most_improve(index: I64, before: F64, after: F64) -> bool:
@@ -101,7 +109,7 @@ def cross_validate(result: Result, arm: Arm, progress: Progress) -> CrossValidat
     the point about which the model is linear. Where it finds less, nothing is gained there.
     """
     last = result.last
-    folds = _folds(last)
+    folds = folds_of(last)
     squares = [np.zeros(last.linear.rests.n) for _ in range(len(result.found) + 1)]
     whole = make_ground(solve_again(last, [], last.noise, arm), arm, folds)
     by_part = whole.sums_by_part(result.signatures)
@@ -124,7 +132,7 @@ def _without(
     whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
     noise = replace(last.noise, whitener=whitener)
     current = solve_again(last, [], noise, arm)
-    squares = [_left_out(current, out, last.baseline.held) * scale_kept(current, arm) ** 2]
+    squares = [left_out(current, out, last.baseline.held) * scale_kept(current, arm) ** 2]
     first = survey = Survey(
         whole.without(part, current),
         total([sums for i, sums in enumerate(by_part) if i != part]),
@@ -139,7 +147,7 @@ def _without(
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break
         current = tried
-        squares.append(_left_out(current, out) * scale_kept(current, arm) ** 2)
+        squares.append(left_out(current, out) * scale_kept(current, arm) ** 2)
         if len(squares) <= len(result.found):
             ground = first.ground.with_findings_of(current)
             survey = Survey(ground, ground.sums_with(first.sums))
@@ -156,7 +164,7 @@ def groups_of(observations: Observations) -> I64:
     return groups
 
 
-def _left_out(current: Fit, out: Mask, as_given: bool = False) -> F64:
+def left_out(current: Fit, out: Mask, as_given: bool = False) -> F64:
     """Squared residuals mm² of the rests left *out*, under the model of the others; or with the
     constants and terms *as_given* by the calibration under test, not moved within its covariance.
 
@@ -167,8 +175,11 @@ def _left_out(current: Fit, out: Mask, as_given: bool = False) -> F64:
     arm = _of_the_arm(current)
     if as_given:
         arm = arm[arm >= current.layout.identified.stop]
-    left = current.raw_residual[:n][rows]
-    left = left - current.absorbing.columns[np.ix_(rows, arm)] @ current.solution[arm]
+    taken = current.absorbing.columns[:n, arm] @ current.solution[arm]
+    for at, strange, columns in as_written(current, out):
+        known = current.absorbing.columns[strange, at]
+        taken[strange] += (columns - known) @ current.solution[at]
+    left = (current.raw_residual[:n] - taken)[rows]
     own = current.linear.nuisance[rows]
     own = own[:, np.abs(own).max(axis=0) > 0]
     left = left - own @ np.linalg.lstsq(own, left, rcond=1e-9)[0]
@@ -189,7 +200,7 @@ def _of_the_arm(last: Fit) -> I64:
     )
 
 
-def _folds(last: Fit) -> I64:
+def folds_of(last: Fit) -> I64:
     """Fold of each rest: whole placements, dealt in turn; blocks of time for a single one."""
     observations = last.linear.rests.observations
     names, placement = np.unique(observations.placement, return_inverse=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -46,6 +46,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "heldout_rms_um": diagnosis.heldout_rms_um,
             "noise_floor_um": diagnosis.noise_floor_um,
             "calibration_given": diagnosis.baseline.held,
+            "heldout_rms_um_extended": diagnosis.written_rms_um,
             "heldout_by": "session" if diagnosis.holdout else "placement, in turn",
         },
         "findings": findings,
@@ -72,20 +73,25 @@ def verdict(diagnosis: Diagnosis) -> str:
     sentences = []
     refused, moved = _refused(diagnosis), _moved(diagnosis)
     gains = diagnosis.gains
-    doubtful = ", ".join(str(i) for i, gain in enumerate(gains, 1) if not gain.shown)
+    doubtful = _numbers(i for i, gain in enumerate(gains) if not gain.shown)
     if not gains:
         sentences.append("No cause was found.")
     else:
-        before, after = gains[0].before_um, gains[-1].after_um
-        better = after < before and any(gain.shown for gain in gains)
-        sentences.append(
-            f"{len(gains)} finding{'' if len(gains) == 1 else 's'}; with the extended model "
-            f"held-out readings err by {um(after)} µm instead of {um(before)} µm (3-D RMS)."
-        )
-        if not better:
-            sentences.append("That is no reason yet to run the extended calibration.")
+        count = f"{len(gains)} finding{'' if len(gains) == 1 else 's'}"
+        if diagnosis.written:
+            borne_out = f", {_numbers(diagnosis.written)} in it," if doubtful else ""
+            sentences.append(
+                f"{count}; with the extended model{borne_out} held-out readings err by "
+                f"{um(diagnosis.written_rms_um)} µm instead of {um(diagnosis.heldout_rms_um)} µm "
+                "(3-D RMS)."
+            )
         if doubtful:
             sentences.append(f"Held-out readings do not bear out {doubtful}: leads, not facts.")
+        if not diagnosis.written:
+            sentences.append(
+                f"{count}, none of them borne out: the extended calibration predicts what the "
+                f"model under test does, {um(diagnosis.heldout_rms_um)} µm held out."
+            )
     if diagnosis.significant_rest:
         on = ", ".join(diagnosis.search.remaining_depends_on) or "nothing that was recorded"
         sentences.append(f"Something significant is left; it goes with {on}.")
@@ -104,6 +110,11 @@ def verdict(diagnosis: Diagnosis) -> str:
     elif not gains and not diagnosis.outliers:
         sentences.append(_nothing_found(diagnosis, refused or moved))
     return " ".join(text for text in [*sentences, *refused, *moved] if text)
+
+
+def _numbers(of: Iterable[int]) -> str:
+    """Findings as they are counted for a person, from 1."""
+    return ", ".join(str(i + 1) for i in of)
 
 
 def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
@@ -175,6 +186,7 @@ def _finding(diagnosis: Diagnosis, index: int, found: Found, gain: Gain) -> dict
             for rival in found.rivals
         ],
         "gain": _gain(gain),
+        "in_extended_calibration": index in diagnosis.written,
         "depends_on": list(candidate.depends_on),
         "signal_to_noise": float(np.sqrt(found.statistic)),
         "tip_rms_um": tip_rms_um(diagnosis, index),

@@ -95,6 +95,8 @@ def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
         for number, finding in enumerate(findings, 1):
             gain = finding["gain"]
             doubt = "" if gain["shown"] else " (not borne out)"
+            if finding["cause"] == "outliers":
+                doubt = "" if diagnosis.holdout else " (without the rows named)"
             table.add_row(
                 str(number),
                 finding["cause"],

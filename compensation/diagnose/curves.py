@@ -1,0 +1,86 @@
+"""Many harmonics of one joint's angle as the curve that the calibration file has.
+
+Where the joint never stood nothing is known: the curve is its own mean there, not what the
+harmonics happen to do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation import parameters
+from armd.compensation.diagnose.absorbing import is_curve
+from armd.compensation.diagnose.fit import Fit
+from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.terms import Curve, Harmonic, Term
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+#: Points of a curve over the turn: over ten to the shortest period there is.
+CURVE_POINTS = 360
+SEEN_POINTS = 3  # to either side of an angle measured
+TURN = np.linspace(0.0, 2 * np.pi, CURVE_POINTS, endpoint=False)
+
+
+def as_curve(candidate: Candidate, values: F64, q: F64) -> Term:
+    """One factor for the live path; *q* (n, N): angles of the rests at which it was learnt."""
+    heights = np.zeros(CURVE_POINTS)
+    joint, parameter = 1, ""
+    for column, value in zip(candidate.columns, values, strict=True):
+        joint, parameter, wave = _wave(column)
+        heights += float(value) * wave
+    seen = _seen(q[:, joint - 1])
+    heights[~seen] = heights[seen].mean()
+    return Term(
+        parameter=parameter,
+        basis=[Curve(joint=joint, values=heights.tolist())],
+        coefficient=1.0,
+        effect=f"{candidate.cause} {candidate.location}",
+    )
+
+
+def as_written(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
+    """For each curve among the findings, its absorbing columns (m,), rows (r,) of rests *out*
+    where a curve learnt at the others knows nothing, and what the columns (r, m) are there."""
+    linear = current.linear
+    q = linear.rests.observations.states.q
+    for candidate, at in zip(current.findings, current.layout.findings, strict=True):
+        if not is_curve(candidate):
+            continue
+        waves = [_wave(column) for column in candidate.columns]
+        joint, parameter, _ = waves[0]
+        seen = _seen(q[~out, joint - 1])
+        strange = np.flatnonzero(out & ~seen[_nearest(q[:, joint - 1])])
+        rows = (3 * strange[:, None] + np.arange(3)).ravel()
+        index = parameters.index(parameter, q.shape[1])
+        means = np.array([wave[seen].mean() for _, _, wave in waves])
+        yield at, rows, linear.jacobian[index, rows][:, None] * means
+
+
+def _wave(column: Column) -> tuple[int, str, F64]:
+    """Joint, parameter, and a harmonic's column over the turn (CURVE_POINTS,)."""
+    (term,) = column.terms
+    factor = term.basis[0]
+    assert isinstance(factor, Harmonic)
+    wave = np.sin if factor.kind == "sin" else np.cos
+    return factor.joint, term.parameter, term.coefficient * wave(factor.order * TURN)
+
+
+def _nearest(angle: F64) -> I64:
+    """Points of the curve (n,) nearest to angles."""
+    nearest: I64 = np.round(angle / (2 * np.pi / CURVE_POINTS)).astype(np.int64) % CURVE_POINTS
+    return nearest
+
+
+def _seen(angle: F64) -> Mask:
+    """Points of the curve near which a joint stood."""
+    at = _nearest(angle)
+    seen = np.zeros(CURVE_POINTS, dtype=bool)
+    for shift in range(-SEEN_POINTS, SEEN_POINTS + 1):
+        seen[(at + shift) % CURVE_POINTS] = True
+    return seen

@@ -1,0 +1,135 @@
+"""What the extended calibration gets: findings that held-out readings bear out, and no others."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from planting import planted, rms_um, wave
+
+from armd.compensation.arm import load_arm
+from armd.compensation.diagnose.borne_out import choose
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.fit import Refits, solve_again
+from armd.compensation.diagnose.gain import gain
+from armd.compensation.diagnose.result import as_json, um, verdict
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.session import load_session
+from armd.simulator.campaigns.hidden import Design
+from armd.simulator.hidden import generate_case
+from armd.simulator.plants.plant import Plant
+
+GROUPS = np.repeat(np.arange(40), 5)
+
+
+def search_of(*findings: Candidate) -> Any:
+    return SimpleNamespace(last=SimpleNamespace(findings=findings), found=findings)
+
+
+def cause(k: int) -> Candidate:
+    return Candidate("encoder_scale", f"joint {k}", (), ())
+
+
+def squares_of(worth: dict[tuple[int, ...], float]) -> Any:
+    """Squared residuals held out by findings in the model, readings with a common pattern."""
+    pattern = 1.0 + 0.2 * np.random.default_rng(4).normal(size=len(GROUPS))
+
+    def squares(some: Sequence[int]) -> Any:
+        return worth[tuple(some)] * pattern
+
+    return squares
+
+
+def test_a_harmful_finding_is_not_written_though_the_one_after_it_helps() -> None:
+    worth = {(): 4.0, (0,): 3.0, (1,): 4.4, (2,): 3.5, (0, 1): 3.3, (0, 2): 2.0, (0, 1, 2): 2.2}
+    chosen = choose(search_of(cause(1), cause(2), cause(3)), squares_of(worth), GROUPS, [True] * 3)
+    assert chosen.some == (0, 2)
+
+
+def test_what_helps_beside_a_later_one_only_gets_its_turn_again() -> None:
+    worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 2.0}
+    chosen = choose(search_of(cause(1), cause(2)), squares_of(worth), GROUPS, [True] * 2)
+    assert chosen.some == (0, 1)
+
+
+def test_nothing_is_written_that_could_not_be_found_again() -> None:
+    chosen = choose(search_of(cause(1)), squares_of({(): 4.0, (0,): 3.0}), GROUPS, [False])
+    assert chosen.some == ()
+
+
+def test_a_shape_is_not_written_without_its_cause() -> None:
+    shape = Candidate("unknown", "shape of encoder_scale joint 1", (), ("q1",))
+    worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 4.4}
+    chosen = choose(search_of(cause(1), shape), squares_of(worth), GROUPS, [True, True])
+    assert chosen.some == ()
+
+
+def test_rounding_is_no_gain() -> None:
+    before = np.full(len(GROUPS), 1e-2)
+    assert not gain(before, before * (1.0 - 1e-13), GROUPS).shown
+
+
+@pytest.fixture(scope="module")
+def disturbed() -> Any:
+    """Four sessions with bad readings and an eccentricity; two held out, with a bad one too."""
+    with tempfile.TemporaryDirectory() as folder:
+        design = Design(sessions=5, articulations=3, holdout=2)
+        case = generate_case(Path(folder), 611, [Plant("outliers", "rows", 150.0)], design)
+        arm = load_arm(case.arm)
+        sessions = planted([load_session(p, arm) for p in case.sessions], wave(2, 8.0))
+        holdout = planted([load_session(p, arm) for p in case.holdout], wave(2, 8.0))
+        q = holdout[0].states.q.copy()
+        q[7] += 3e-4  # 60 arc seconds in every joint
+        holdout[0] = replace(holdout[0], states=replace(holdout[0].states, q=q))
+        return arm, sessions, holdout
+
+
+def test_every_held_out_reading_counts(disturbed: Any) -> None:
+    """A bad reading held out that nobody named was left out of the figure beside it."""
+    arm, sessions, holdout = disturbed
+    found = diagnose(sessions, arm, holdout=holdout)
+    assert found.outliers
+    assert found.outlier_gain is not None
+    told = found.outlier_gain
+    assert told.after_um == pytest.approx(rms_um(holdout, arm, found.extended))
+    assert found.written_rms_um == pytest.approx(rms_um(holdout, arm, found.extended))
+    assert found.heldout_rms_um == pytest.approx(rms_um(holdout, arm, found.baseline.calibration))
+    assert told.before_um == told.after_um
+    assert f"{um(found.written_rms_um)} µm instead" in verdict(found)
+
+
+def test_with_nothing_borne_out_the_file_predicts_what_the_model_under_test_does(
+    disturbed: Any,
+) -> None:
+    """The eccentricity is gone in the sessions held out: mending it only does harm there."""
+    arm, sessions, holdout = disturbed
+    healthy = planted(holdout, wave(2, -8.0))
+    found = diagnose(sessions, arm, holdout=healthy)
+    given, written = found.baseline.calibration, found.extended
+    assert len(found.found) == 1
+    assert found.written == ()
+    assert not found.gains[0].shown
+    assert (written.constants, written.terms) == (given.constants, given.terms)
+    assert written.provenance["diagnosis"]["not_borne_out"] == ["encoder_eccentricity joint 2"]
+    result = as_json(found, "ext.json")
+    assert not result["findings"][0]["in_extended_calibration"]
+    assert "predicts what the model under test does" in result["verdict"]
+
+
+def test_some_of_the_findings_are_fitted_as_if_there_were_no_others(disturbed: Any) -> None:
+    """Taken out of sums that were made once, and made anew."""
+    arm, sessions, _ = disturbed
+    last = diagnose(planted(sessions, wave(4, 8.0, 2)), arm).search.last
+    assert len(last.findings) == 2
+    for some in ((), (0,), (1,), (0, 1)):
+        short = Refits(last, last.noise).with_some(some)
+        anew = solve_again(last, [last.findings[i] for i in some], last.noise, arm)
+        assert short.fitted == pytest.approx(anew.fitted, abs=1e-7)
+        for one, other in zip(short.amplitudes, anew.amplitudes, strict=True):
+            assert one == pytest.approx(other, rel=1e-4)
