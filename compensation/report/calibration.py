@@ -88,13 +88,10 @@ def _before_and_after(page: Page, result: Result) -> None:
     found = result.fit
     observations, arm = found.observations, found.observations.arm
     groups = temperature_groups(observations) or [(np.nan, np.ones(observations.n, dtype=bool))]
-    models = {
-        "as drawn": (arm.nominal(), []),
-        "identified, at the reference temperature": (found.constants, []),
-        "identified, with temperature": (found.constants, found.terms),
-    }
-    if not found.terms:
-        del models["identified, at the reference temperature"]
+    models = {"as drawn": (arm.nominal(), []), "identified": (found.constants, found.terms)}
+    if found.terms:
+        models["identified, at the reference temperature"] = (found.constants, [])
+        models["identified, with temperature"] = models.pop("identified")
     figure = go.Figure()
     rows = []
     labels = [f"{mean:.1f} °C" if np.isfinite(mean) else "all" for mean, _ in groups]

@@ -3,13 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
 from armd.schema import Strict, load_toml
 
-Limit = Annotated[float, Field(gt=0)] | None
+#: No articulated arm is specified so loosely: a larger number was typed in µm.
+LARGEST_MM = 5.0
+
+
+def _in_mm(value: float) -> float:
+    if value > LARGEST_MM:
+        raise ValueError(f"mm, {LARGEST_MM:g} at most ({value:g} µm are {value / 1e3:g} mm)")
+    return value
+
+
+Limit = Annotated[float, Field(gt=0), AfterValidator(_in_mm)] | None
 
 
 class Mpe(Strict):
@@ -20,13 +30,23 @@ class Mpe(Strict):
     l_dia_mm: Limit = None
     e_uni_mm: Limit = None
     #: added to `e_uni_mm` for every metre measured: MPE = A + L·this
-    e_uni_mm_per_m: Annotated[float, Field(ge=0)] = 0.0
+    e_uni_mm_per_m: Annotated[float, Field(ge=0), AfterValidator(_in_mm)] = 0.0
     effective_diameter_mm: Limit = None
     spat_max_mm: Limit = None
     spat_2s_mm: Limit = None
     volumetric_max_mm: Limit = None
     volumetric_2rms_mm: Limit = None
     volumetric_range_mm: Limit = None
+
+    @model_validator(mode="after")
+    def _limits_something(self) -> Self:
+        """A file without a limit would let everything pass."""
+        fixed = [name for name in type(self).model_fields if name != "e_uni_mm_per_m"]
+        if all(getattr(self, name) is None for name in fixed):
+            raise ValueError(f"a limit at least, of {', '.join(fixed)}")
+        if self.e_uni_mm_per_m and self.e_uni_mm is None:
+            raise ValueError("e_uni_mm beside e_uni_mm_per_m: MPE = A + L times this")
+        return self
 
     def of(self, figure: str, length_mm: float) -> float | None:
         """The limit of a figure (its key without ``_mm``), for a length where it depends on it."""
@@ -56,8 +76,8 @@ class Limits(Strict):
     schema_: Literal["armd.mpe/1"] = Field(default="armd.mpe/1", alias="schema")
     decision: Literal["guarded", "simple"] = "guarded"
     #: diameter of the space the arm measures in; the longest length of E_Uni is held against it
-    measuring_range_mm: Limit = None
-    mpe: Mpe = Mpe()
+    measuring_range_mm: Annotated[float, Field(gt=0)] | None = None
+    mpe: Mpe
     uncertainty: TestUncertainty = TestUncertainty()
 
 

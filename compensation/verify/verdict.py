@@ -11,6 +11,8 @@ from armd.compensation.verify.limits import Limits
 COVERAGE_FACTOR = 2.0
 #: The longest length of E_Uni is at least this part of the measuring range.
 LONGEST_SHARE = 0.66
+#: A limit so many times what was found tells nothing, or was typed in another unit.
+LOOSE = 100.0
 
 Outcome = Literal["conforms", "does not conform", "not proven", "not judged", "not tested"]
 
@@ -23,7 +25,11 @@ RULES = {
 
 @dataclass(frozen=True)
 class Judged:
-    """A figure and what became of it; `limit_mm` and U belong to the deciding deviation."""
+    """A figure and what became of it.
+
+    Deciding is what lies nearest its limit, or farthest beyond; it need not be the largest, where
+    limits or uncertainties differ. `limit_mm` and U belong to it.
+    """
 
     figure: Figure
     outcome: Outcome
@@ -37,7 +43,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Passed: everything that has a limit was tested and conforms."""
+    """Passed: everything that has a limit, and something has, was tested and conforms."""
 
     verification: Verification
     limits: Limits | None
@@ -45,10 +51,34 @@ class Verdict:
     not_tested: dict[str, str]  # figures with a limit that the session does not support
 
     @property
+    def covered(self) -> list[str]:
+        """Names of the figures that were judged: the verdict speaks of no other."""
+        return [item.figure.name for item in self.judged if item.outcome != "not judged"]
+
+    @property
     def passed(self) -> bool:
-        return not self.not_tested and all(
-            item.outcome in ("conforms", "not judged") for item in self.judged
-        )
+        """What was not judged is not passed: something must have been."""
+        outcomes = {item.outcome for item in self.judged} - {"not judged"}
+        return not self.not_tested and outcomes == {"conforms"}
+
+    @property
+    def in_words(self) -> str:
+        """The verdict, what it covers, and why where it is no."""
+        if self.limits is None:
+            return "none: no limits given"
+        silent = [item.figure.name for item in self.judged if item.outcome == "not judged"]
+        beside = f"; not judged, having no limit: {', '.join(silent)}" if silent else ""
+        if self.passed:
+            return f"PASSED for {', '.join(self.covered)}{beside}"
+        reasons = [
+            f"{item.figure.name}: {item.outcome} ({1e3 * item.deciding.value_mm:+.1f} µm at"
+            f" {item.deciding.where}, MPE {1e3 * (item.limit_mm or 0.0):.1f} µm,"
+            f" U {1e3 * item.expanded_uncertainty_mm:.1f} µm)"
+            for item in self.judged
+            if item.outcome not in ("conforms", "not judged")
+        ]
+        reasons += [f"{key}: not tested, {reason}" for key, reason in self.not_tested.items()]
+        return f"FAILED: {'; '.join(reasons)}{beside}"
 
     @property
     def rule(self) -> str:
@@ -65,6 +95,13 @@ class Verdict:
                     f"E_Uni: the longest length, {longest:.0f} mm, is less than 66 % of the "
                     f"measuring range of {range_mm:.0f} mm"
                 )
+        for item in self.judged:
+            largest = abs(item.figure.worst.value_mm)
+            if item.limit_mm is not None and item.limit_mm > LOOSE * largest > 0:
+                remarks.append(
+                    f"{item.figure.name}: the limit is {item.limit_mm / largest:.0f} times the"
+                    " largest found; limits are in mm"
+                )
         return remarks
 
     def as_json(self) -> dict[str, Any]:
@@ -73,13 +110,18 @@ class Verdict:
         return {
             "schema": "armd.verification/1",
             "passed": self.passed if self.limits else None,
+            "verdict": self.in_words,
+            "covers": [item.figure.key for item in self.judged if item.outcome != "not judged"],
+            "not_judged": [item.figure.key for item in self.judged if item.outcome == "not judged"],
             "decision_rule": self.rule,
             "figures": {
                 item.figure.key: {
                     "name": item.figure.name,
                     "standard": item.figure.standard,
-                    "value_mm": item.deciding.value_mm,
-                    "at": item.deciding.where,
+                    "value_mm": item.figure.worst.value_mm,
+                    "at": item.figure.worst.where,
+                    "deciding_mm": item.deciding.value_mm,
+                    "deciding_at": item.deciding.where,
                     "mpe_mm": item.limit_mm,
                     "expanded_uncertainty_mm": item.expanded_uncertainty_mm,
                     "outcome": item.outcome,

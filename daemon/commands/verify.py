@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     if args.report:
         write_whole(args.report, verification_report(verdict, session, arm, calibration))
     _print(verdict, limits)
-    return 0 if verdict.passed else 1
+    return 0 if limits is None or verdict.passed else 1
 
 
 def _print(verdict: Verdict, limits: Limits | None) -> None:
@@ -63,13 +63,14 @@ def _print(verdict: Verdict, limits: Limits | None) -> None:
     table = Table(box=None, pad_edge=False)
     for heading in ("Figure", "Standard"):
         table.add_column(heading)
-    for heading in ("worst, µm", "MPE, µm", "U, µm", "n"):
+    for heading in ("largest, µm", "deciding, µm", "MPE, µm", "U, µm", "n"):
         table.add_column(heading, justify="right")
     table.add_column("")
     for item in verdict.judged:
         table.add_row(
             item.figure.name,
             item.figure.standard,
+            f"{1e3 * item.figure.worst.value_mm:+.1f}",
             f"{1e3 * item.deciding.value_mm:+.1f}",
             "" if item.limit_mm is None else f"{1e3 * item.limit_mm:.1f}",
             f"{1e3 * item.expanded_uncertainty_mm:.1f}",
@@ -84,4 +85,4 @@ def _print(verdict: Verdict, limits: Limits | None) -> None:
         console.print(f"remark: {remark}")
     console.print(f"decision rule: {verdict.rule}")
     if limits is not None:
-        console.print("verdict: " + ("PASSED" if verdict.passed else "FAILED"))
+        console.print(f"verdict: {verdict.in_words}")

@@ -15,9 +15,11 @@ from armd.compensation.session import Session
 from armd.compensation.session_format import Artefact
 from armd.compensation.state import States
 from armd.compensation.verify.figures import Figure, Verification, figures_of
-from armd.compensation.verify.limits import Limits, TestUncertainty
+from armd.compensation.verify.limits import Limits, TestUncertainty, load_limits
+from armd.compensation.verify.report import verification_report
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
-from armd.compensation.verify.verdict import judge
+from armd.compensation.verify.verdict import Verdict, judge
+from armd.errors import BadInput
 
 TIP_RADIUS_MM, DIAMETER_MM = 3.0, 25.0
 ARM = Arm.model_validate(
@@ -48,6 +50,10 @@ class Measured:
         )
 
     def figures(self, test: TestUncertainty = EXACT) -> Verification:
+        points = np.array([point for _, _, point in self.rows])
+        return figures_of(self.session(), ARM, points, test)
+
+    def session(self) -> Session:
         targets = dict.fromkeys([target for _, target, _ in self.rows])
         targets |= {name: None for length in self.lengths for name in length["between"]}
         placements = list(dict.fromkeys(placement for placement, _, _ in self.rows))
@@ -62,7 +68,7 @@ class Measured:
         n = len(self.rows)
         none = np.zeros((n, 3))
         names = list(targets)
-        session = Session(
+        return Session(
             path=Path("session"),
             name="session",
             arm="TEST",
@@ -76,7 +82,6 @@ class Measured:
             artefact_c=np.full(n, self.artefact_c),
             unused_columns=[],
         )
-        return figures_of(session, ARM, np.array([point for _, _, point in self.rows]), test)
 
 
 def only(verification: Verification, *keys: str) -> list[Figure]:
@@ -241,6 +246,83 @@ def test_decision_rule(decision: str, error_mm: float, outcome: str) -> None:
     assert verdict.passed == (outcome == "conforms")
     assert item.expanded_uncertainty_mm == pytest.approx(0.004)
     assert verdict.as_json()["figures"]["effective_diameter"]["outcome"] == outcome
+
+
+def test_the_largest_is_told_beside_what_decides() -> None:
+    """Bar ends 20 times 1.2 m apart; one is certified worse, so it decides with less error."""
+    measured = Measured()
+    measured.certify("BARS.a", "BARS.b", 300.0, 0.0)
+    measured.certify("BARL.a", "BARL.b", 1200.0, 0.004)
+    for i in range(20):
+        bar, length, error = ("BARS", 300.0, -0.0051) if i < 10 else ("BARL", 1200.0, 0.0041)
+        measured.add(f"P{i}", f"{bar}.a", (0, 0, 0))
+        measured.add(f"P{i}", f"{bar}.b", (length + error * (i % 10 == 3), 0, 0))
+    limits = Limits.model_validate(
+        {
+            "schema": "armd.mpe/1",
+            "mpe": {"volumetric_max_mm": 0.02},
+            "uncertainty": {"artefact_temperature_c": 0.0},
+        }
+    )
+    verdict = judge(measured.figures(limits.uncertainty), limits)
+    told = verdict.as_json()["figures"]["volumetric_max"]
+    assert told["value_mm"] == pytest.approx(-0.0051)
+    assert told["at"] == "P3"
+    assert told["deciding_mm"] == pytest.approx(0.0041)
+    assert told["deciding_at"] == "P13"
+    assert told["expanded_uncertainty_mm"] == pytest.approx(0.008)
+    page = verification_report(verdict, measured.session(), ARM, None)
+    assert "-5.10" in page
+    assert "+4.10" in page
+
+
+def test_a_verdict_names_what_it_covers_and_why_it_fails() -> None:
+    measured = Measured()
+    for seat in ("SPAT1", "SPAT2", "SPAT3"):
+        measured.add(seat, seat, *[(0.001 * i, 0, 0) for i in range(10)])
+
+    def verdict(**mpe: float) -> Verdict:
+        return judge(
+            measured.figures(), Limits.model_validate({"schema": "armd.mpe/1", "mpe": mpe})
+        )
+
+    passed = verdict(spat_max_mm=0.02)
+    assert passed.passed
+    assert passed.in_words == "PASSED for SPAT max δ; not judged, having no limit: SPAT 2s"
+    assert passed.as_json()["covers"] == ["spat_max"]
+    assert passed.as_json()["not_judged"] == ["spat_2s"]
+    failed = verdict(spat_max_mm=0.002, p_size_mm=0.01)
+    assert failed.in_words.startswith("FAILED: SPAT max δ: does not conform (+4.5 µm at SPAT1, MPE")
+    assert "p_size: not tested, no certified length between" in failed.in_words
+    page = verification_report(failed, measured.session(), ARM, None)
+    assert "Verdict: FAILED: SPAT max δ: does not conform" in page
+    assert "p_size: though it has a limit: no certified length" in page
+    unlimited = judge(measured.figures(), None)
+    assert not unlimited.passed
+    assert any("limits are in mm" in remark for remark in verdict(spat_max_mm=4.5).remarks)
+
+
+@pytest.mark.parametrize(
+    ("mpe", "words"),
+    [
+        ({}, "a limit at least, of p_size_mm"),
+        ({"e_uni_mm_per_m": 0.01}, "a limit at least, of p_size_mm"),
+        ({"p_size_mm": 0.02, "e_uni_mm_per_m": 0.01}, "e_uni_mm beside e_uni_mm_per_m"),
+        ({"p_size_mm": 20}, "mm, 5 at most (20 µm are 0.02 mm)"),
+    ],
+)
+def test_limits_that_would_let_everything_pass_are_refused(
+    mpe: dict[str, float], words: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "mpe.toml"
+    lines = [f"{key} = {value}" for key, value in mpe.items()]
+    file.write_text("\n".join(['schema = "armd.mpe/1"', "[mpe]", *lines]))
+    with pytest.raises(BadInput) as refused:
+        load_limits(file)
+    assert words in str(refused.value)
+    file.write_text('schema = "armd.mpe/1"')
+    with pytest.raises(BadInput, match="mpe: found nothing"):
+        load_limits(file)
 
 
 def test_the_limit_of_a_length_grows_with_it() -> None:
