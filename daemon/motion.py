@@ -25,6 +25,9 @@ GAP_NS = 100_000_000
 LONG_GAP_NS = 1_000_000_000
 #: A joint has turned back when it comes back by this much; less is noise.
 SIDE_PLAY_RAD = 4e-5
+#: Of an encoder whose single count moves the tip by tenths of a millimetre, a reading so many
+#: counts from a rest's mean is a motion: it may flicker by one to either side, never by two.
+COARSE_BELOW_PER_TURN, COARSE_COUNTS = 1 << 15, 1.6
 #: Carries a joint's side while it rests.
 NO_RATE_RAD_S = 1e-12
 #: The tip drags its direction of travel behind it on a string of this length.
@@ -42,6 +45,11 @@ class Motion:
         resolution_mm = reach_mm * 2 * math.pi / min(counts_per_turn)
         self.memory = np.zeros(1, _memory(len(counts_per_turn)))
         self.memory["floor_mm"] = 1.5 * resolution_mm  # one count to and fro is not a motion
+        count_rad = 2 * math.pi / np.array(counts_per_turn)
+        coarse = np.array(counts_per_turn) < COARSE_BELOW_PER_TURN
+        self.memory["coarse"] = coarse.any()
+        self.memory["away_rad"] = np.where(coarse, COARSE_COUNTS * count_rad, math.inf)
+        self.memory["play_rad"] = np.maximum(SIDE_PLAY_RAD, 1.5 * count_rad)
 
 
 def _memory(n_joints: int) -> np.dtype[np.void]:
@@ -63,6 +71,10 @@ def _memory(n_joints: int) -> np.dtype[np.void]:
             ("last_q", "f8", (n_joints,)),  # rad
             ("turned_q", "f8", (n_joints,)),  # rad: the farthest point reached on this side
             ("sides", "f8", (n_joints,)),  # ±1, 0 unknown
+            ("play_rad", "f8", (n_joints,)),  # less than this to and fro is noise
+            ("coarse", "?"),  # any encoder is
+            ("away_rad", "f8", (n_joints,)),  # from `mean_q`: a motion
+            ("mean_q", "f8", (n_joints,)),  # rad: of coarse encoders at rest, as `mean`
         ]
     )
 
@@ -126,12 +138,18 @@ def follow(
         moved = seen > 0 and (
             math.sqrt(step) > MOVING_MM_S * dt + 1.4 * noise or math.sqrt(away) > TREMOR_MM + noise
         )
+        if kept.coarse and not moved and kept.count > 0.0:
+            for k in range(joints):
+                moved |= abs(q[i, k] - kept.mean_q[k]) > kept.away_rad[k]
         if moved:
             kept.still_ns = now
             kept.count = 0.0
         kept.count = min(kept.count + 1.0, MEAN_SAMPLES)
         for axis in range(3):
             mean[axis] += (position[i, axis] - mean[axis]) / kept.count
+        if kept.coarse:
+            for k in range(joints):
+                kept.mean_q[k] += (q[i, k] - kept.mean_q[k]) / kept.count
         still_since[i] = kept.still_ns
 
         _drag(position[i], kept)
@@ -148,12 +166,12 @@ def _turn(k: int, q: float, kept: Any) -> None:
     sides, turned_q = kept.sides, kept.turned_q
     beyond = q - turned_q[k]
     if sides[k] == 0.0:
-        if abs(beyond) > SIDE_PLAY_RAD:
+        if abs(beyond) > kept.play_rad[k]:
             sides[k] = math.copysign(1.0, beyond)
             turned_q[k] = q
     elif beyond * sides[k] > 0.0:
         turned_q[k] = q
-    elif beyond * sides[k] < -SIDE_PLAY_RAD:
+    elif beyond * sides[k] < -kept.play_rad[k]:
         sides[k] = -sides[k]
         turned_q[k] = q
 

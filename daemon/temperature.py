@@ -10,6 +10,7 @@ import numpy.typing as npt
 from armd import Flag
 from armd.compensation.arm import Arm
 from armd.compensation.calibration import Calibration, used_sensors
+from armd.daemon.coarse_drift import CoarseHistory
 from armd.daemon.config import Limits
 from armd.daemon.drift import History
 
@@ -37,8 +38,9 @@ class TemperatureWatch:
         self._heard_c = [math.nan] * n  # the last good value, NaN before the first
         self._good_ns = [-1] * n
         self._begun_ns: int | None = None
-        self._history = History(self.sensors)
+        self._history: History | CoarseHistory = History(self.sensors)
         self._allowed, self._allowed_ns = IN_A_ROW, 0  # readings, as of an instant
+        self._resolution_c = 0.0
         self.use(arm, None)
 
     def use(self, arm: Arm, calibration: Calibration | None) -> None:
@@ -60,12 +62,15 @@ class TemperatureWatch:
         self._good_ns = [monotonic_ns if good_ns < 0 else good_ns for good_ns in self._good_ns]
         self._judge()
 
-    def update(self, celsius: F64, monotonic_ns: int) -> bool:
-        """One reading of all channels (S,), NaN where invalid.
+    def update(self, celsius: F64, monotonic_ns: int, resolution_c: float = 0.0) -> bool:
+        """One reading of all channels (S,), NaN where invalid, in steps of *resolution_c*.
 
         False, and nothing done, if too many come; a channel that has just become invalid is always
         heard of.
         """
+        if resolution_c != self._resolution_c:
+            self._resolution_c = resolution_c
+            self._history = CoarseHistory(self.sensors, resolution_c)
         current_c = celsius.tolist()
         passed_s = max(0, monotonic_ns - self._allowed_ns) * 1e-9
         self._allowed = min(self._allowed + passed_s * MOST_HZ, IN_A_ROW)

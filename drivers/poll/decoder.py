@@ -59,11 +59,13 @@ class ServoDecoder:
         self._warmth = Warmth(sensors)
         self._splitter = family.splitter()
         self._own = family.splitter()  # of what we say
+        self._sizes = range(0)  # of answers to the last request
         self._number = -1  # of the present cycle
         self._settled = False  # it is known whose arm this is
         self._counted: Counter[str] = Counter()
         self._missed: Counter[int] = Counter()
-        self._any: RawFrame | None = None  # some frame, for its clocks
+        self._under_way: list[RawFrame] = []  # frames of the exchange that is open
+        self._before = (-1, False)  # number and broken chain when it began
 
     @property
     def counters(self) -> dict[str, int]:
@@ -89,22 +91,26 @@ class ServoDecoder:
 
     def preamble(self) -> list[RawFrame]:
         """What a fresh decoder must be fed to go on from here."""
-        if self._any is None or not self._settled:
+        if not self._under_way or not self._settled:
             return []
+        number, broken = self._before if self.exchange else (self._number, self.chain_broken)
         state = note(
             note="state",
-            number=self._number,
+            number=number,
+            broken=broken,
+            heard=self.roster.heard_ns,
             servos={servo: found.as_json() for servo, found in self.roster.servos.items()},
             changed=self.roster.changed,
             warmth=self._warmth.state(),
             sampler=self._sampler.state(),
         )
-        return [self._any._replace(direction="link", data=state)]
+        began = self._under_way[0]._replace(direction="link", data=state)
+        return [began, *(self._under_way if self.exchange else ())]
 
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes."""
-        self._any = frame
         if frame.direction == "rx":
+            self._under_way.append(frame)
             return self._receive(frame)
         if frame.direction == "tx":
             return self._send(frame)
@@ -116,6 +122,8 @@ class ServoDecoder:
 
     def _send(self, frame: RawFrame) -> list[Item]:
         items = self._close(frame)
+        self._before = self._number, self.chain_broken
+        self._under_way = [frame]
         (packet,) = self._own.push(frame.data)
         request = self.family.request(packet)
         if request is None:  # a write: its answers say nothing that is not read again
@@ -124,7 +132,8 @@ class ServoDecoder:
         if request.address == self.family.position and not retry:
             self._number += 1
         self.exchange = Exchange(request, frame, self.family, self._counted)
-        self._splitter.sizes = {len(frame.data), *self.family.sizes(request)}
+        before, self._sizes = self._sizes, self.family.sizes(request)
+        self._splitter.sizes = {len(frame.data), *self._sizes, *before}  # a late one is known
         return items
 
     def _receive(self, frame: RawFrame) -> list[Item]:
@@ -264,8 +273,10 @@ class ServoDecoder:
                 return [Event(note["kind"], note["text"], now_ns, note["severity"])]
             case "state":  # a recording begins in the middle
                 self._number, self._settled = note["number"], True
+                self.chain_broken = note["broken"]
                 for servo, found in note["servos"].items():
                     self.roster.identify(int(servo), Servo(**found), now_ns)
+                self.roster.heard_ns = {int(s): at_ns for s, at_ns in note["heard"].items()}
                 self.roster.changed = {int(s): phrases for s, phrases in note["changed"].items()}
                 self._warmth.restore(note["warmth"])
                 self._sampler.restore(note["sampler"])

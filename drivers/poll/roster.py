@@ -30,7 +30,7 @@ class Roster:
         self.servos: dict[int, Servo] = {}  # identified since they were last absent
         self.changed: dict[int, list[str]] = {}  # what their geometry differs in
         self.foreign = ""  # why this is not our arm, if it is not
-        self._heard_ns: dict[int, int] = {}
+        self.heard_ns: dict[int, int] = {}  # when each was heard last
         self._alerts: dict[int, tuple[int, int, str]] = {}  # bits, last seen, words
         self._announced: dict[int, Servo] = {}
         self._torque: set[int] = set()
@@ -53,7 +53,7 @@ class Roster:
     def forget(self) -> None:
         """Another connection: whoever answers there must say anew who he is."""
         self.servos.clear()
-        self._heard_ns.clear()
+        self.heard_ns.clear()
         self._alerts.clear()
         self.changed.clear()
         self.foreign = ""
@@ -64,7 +64,7 @@ class Roster:
         """A servo has told its registers."""
         before = self._announced.get(servo)
         self.servos[servo] = self._announced[servo] = found
-        self._heard_ns[servo] = now_ns
+        self.heard_ns[servo] = now_ns
         events = []
         if before is None or before.geometry != found.geometry or before.firmware != found.firmware:
             known = found.model in self._family.models
@@ -105,7 +105,7 @@ class Roster:
     # --- how they do -----------------------------------------------------------------------
 
     def heard(self, servo: int, now_ns: int) -> None:
-        self._heard_ns[servo] = now_ns
+        self.heard_ns[servo] = now_ns
 
     def silent(self, servo: int, now_ns: int) -> None:
         """No answer: after a while whoever comes back must say anew who he is."""
@@ -115,12 +115,12 @@ class Roster:
 
     def _absent(self, servo: int, now_ns: int) -> bool:
         patience_ns = ABSENT_AFTER_NS if servo in self._often else ABSENT_AT_LEISURE_NS
-        return now_ns - self._heard_ns.get(servo, 0) > patience_ns
+        return now_ns - self.heard_ns.get(servo, 0) > patience_ns
 
     @property
     def strangers(self) -> list[int]:
         """Those that answer and have not said who they are."""
-        return [servo for servo in self._heard_ns if servo not in self.servos]
+        return [servo for servo in self.heard_ns if servo not in self.servos]
 
     def alert(self, servo: int, bits: int, now_ns: int) -> list[Event]:
         """The error byte of an answer: an event as trouble begins, and as it has gone for 0.5 s."""

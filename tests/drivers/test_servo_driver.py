@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from fake_servos import Dynamixel, FakeServos, Feetech
 
-from armd.drivers.config import ServoConfig
+from armd.drivers.config import ServoConfig, Trigger
 from armd.drivers.identity import Expectation
+from armd.drivers.poll.decoder import ServoDecoder
+from armd.drivers.poll.memory import Memory
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
 
@@ -89,3 +91,312 @@ def test_positions_temperatures_and_numbers(tmp_path, family):
     assert driver.counters["lost"] == driver.counters["missed"] == 0
     assert not servos.writes
     assert [event.kind for event in taken.events] == ["servo", "servo", "servo", "identified"]
+
+
+@BOTH
+def test_a_silent_servo_marks_its_own_joint_for_that_cycle(tmp_path, family):
+    with (
+        FakeServos(family, tmp_path) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        taken = Taken(driver)
+        taken.rows(50)
+        quiet = []
+
+        def leave_out(cycle, statuses):
+            if cycle % 20 == 7:
+                quiet.append(cycle)
+                return [statuses[0], *statuses[2:]]
+            return statuses
+
+        servos.before_answers = leave_out
+        servos.knows_fast = False
+        rows = taken.rows(200)
+        servos.before_answers = None
+    missed = rows["joint_invalid"] != 0
+    assert missed.sum() >= 5 and (rows["joint_invalid"][missed] == 0b010).all()
+    assert set(rows["seq"][missed].tolist()) <= set(quiet)
+    assert not rows["lost_before"].any()
+    good = rows[~missed]
+    assert (good["count"] == 0).all()
+    assert len(taken.told("joint_invalid")) == 1  # however it flickers
+    assert "servo 2" in taken.told("joint_invalid")[0].text
+    assert driver.counters["servo_2_missed"] == driver.counters["missed"] == len(quiet)
+    blank = [t for t in taken.temperatures if np.isnan(t.celsius[1])]
+    assert blank and all(np.isfinite(t.celsius[[0, 2]]).all() for t in blank)
+
+
+@BOTH
+def test_an_answer_late_by_a_cycle_is_never_taken_for_the_next(tmp_path, family):
+    """Servo 2's answers come one cycle late now and then: before, or after, its next one."""
+    with (
+        FakeServos(family, tmp_path) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        taken = Taken(driver)
+        taken.rows(20)
+        kept = []
+        truth = {}
+
+        def move(cycle):
+            servos.move(2, 2048 + cycle % 900)  # every cycle another position
+
+        def late(cycle, statuses):
+            truth[cycle] = cycle % 900
+            if cycle % 10 == 3:
+                kept.append(statuses[1])
+                return [statuses[0], statuses[2]]
+            if kept:
+                stale = kept.pop()
+                where = 1 if cycle % 20 < 10 else 2
+                return [*statuses[:where], stale, *statuses[where:]]
+            return statuses
+
+        servos.before_reading, servos.before_answers = move, late
+        rows = taken.rows(300)
+        counters = driver.counters
+        servos.before_answers = None
+    valid = rows[2:][rows["joint_invalid"][2:] == 0]  # at first it starts with a jerk
+    assert len(valid) > 200
+    # 1200 °/s allow no more than 13 counts a cycle at 1 kHz: a count of motion is moved by < 1.
+    apart = [abs(row["count"][1] - truth[int(row["seq"])]) for row in valid if row["seq"] in truth]
+    assert max(apart) < 1.0
+    assert counters["late"] > 10
+
+
+@BOTH
+def test_stale_bytes_echo_and_noise_are_no_answers(tmp_path, family):
+    with (
+        FakeServos(family, tmp_path) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        servos.echo = True
+        taken = Taken(driver)
+        taken.rows(20)
+
+        def dirty(cycle, statuses):
+            if cycle % 5 == 1:  # noise that looks like a header, claims much, or is cut
+                return [b"\xff\xff\xff", statuses[0], b"\xff\xff\xfd\x00\x01\xff", *statuses[1:]]
+            if cycle % 5 == 3:  # one bit, with the length as it was
+                spoilt = bytearray(statuses[1])
+                spoilt[-3] ^= 0x10
+                return [statuses[0], bytes(spoilt), statuses[2]]
+            return statuses
+
+        servos.before_answers = dirty
+        rows = taken.rows(200)
+        counters = driver.counters
+        servos.before_answers = None
+    bad = rows["joint_invalid"] != 0
+    assert (rows["joint_invalid"][bad] == 0b010).all()
+    assert 0.1 < bad.mean() < 0.3
+    assert (rows["count"][~bad] == 0).all()
+    assert counters["echoes"] > 200 and counters["bad_sum"] > 20 and counters["junk"] > 0
+
+
+@BOTH
+def test_the_seam_and_many_turns(tmp_path, family):
+    with (
+        FakeServos(family, tmp_path) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        position = {"now": 4000}
+
+        def turn(cycle):
+            position["now"] += 2
+            servos.move(1, position["now"] % 4096)  # folds: one turn
+            servos.move(2, position["now"] - 4096)  # runs on, from below nothing
+            servos.move(3, -position["now"] % 4096)  # backwards over the seam
+
+        servos.before_reading = turn
+        taken = Taken(driver)
+        rows = taken.rows(300)
+        servos.before_reading = None
+    assert (rows["joint_invalid"] == 0).all()
+    steps = np.diff(rows["count"], axis=0)
+    assert (steps[5:, :2] > 0).all() and (steps[5:, 2] < 0).all()  # moved by nobody backwards
+    assert np.abs(steps).max() < 5
+    assert rows["count"][-1, 0] > 2047  # ran on across the seam
+    assert rows["count"][0].min() >= -2048 and rows["count"][0].max() < 2048
+
+
+def test_a_cycle_in_which_nobody_answers_was_never_there(tmp_path):
+    with (
+        FakeServos(Feetech, tmp_path) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        taken = Taken(driver)
+        taken.rows(20)
+        empty = []
+
+        def nothing(cycle, statuses):
+            if cycle % 25 == 10:
+                empty.append(cycle)
+                return []
+            return statuses
+
+        servos.before_answers = nothing
+        rows = taken.rows(100)
+        servos.before_answers = None
+        counters = driver.counters
+    assert empty and not set(rows["seq"].tolist()) & set(empty)
+    after = rows[np.isin(rows["seq"], np.array(empty) + 1)]
+    assert after["lost_before"].all() and rows["lost_before"].sum() == len(after)
+    assert counters["lost"] == len(set(range(int(rows["seq"][-1]))) & set(empty))
+
+
+def test_fast_sync_read_is_used_and_fallen_back_from(tmp_path):
+    with (
+        FakeServos(Dynamixel, tmp_path, knows_fast=True) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        taken = Taken(driver)
+        rows = taken.rows(100)
+        asked = [instruction for instruction, _, _ in servos.requests]
+        assert asked.count(0x8A) >= 100 and asked.count(0x82) < 10
+        servos.break_chain_at = 2  # from now on the chain ends with servo 1
+        servos.requests.clear()
+        rows = taken.rows(100)
+        asked = [instruction for instruction, _, _ in servos.requests]
+    # A broken chain takes nobody's answer away: the same cycle is asked once more, in the old way.
+    assert (rows["joint_invalid"] == 0).all() and not rows["lost_before"].any()
+    assert (np.diff(rows["seq"].astype(int)) == 1).all()
+    assert asked.count(0x8A) <= 3  # and then no more
+
+
+@BOTH
+def test_silence_reboot_and_replug(tmp_path, family):
+    with (
+        FakeServos(family, tmp_path) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        taken = Taken(driver)
+        taken.rows(50)
+        servos.deaf = True
+        taken.take(0.8)
+        assert taken.told("silence") and not driver.connected
+        servos.deaf = False
+        back_ns = time.monotonic_ns()
+        rows = taken.rows(5)
+        assert rows["monotonic_ns"][0] - back_ns < 1.0 * S and rows["lost_before"][0]
+        assert taken.told("recovered")
+        servos.unplug()
+        taken.take(0.3)
+        assert taken.told("unplugged")
+        servos.plug()
+        back_ns = time.monotonic_ns()
+        rows = taken.rows(5)
+        assert rows["monotonic_ns"][0] - back_ns < 2.0 * S
+        assert (rows["joint_invalid"] == 0).all() and driver.connected
+        # One servo starts anew, silent for a while: whoever comes back must say who he is.
+        servos.silent.add(2)
+        taken.take(0.7)
+        family.put_homing(servos.registers[2], 33)
+        servos.silent.clear()
+        taken.take(2.0, lambda: taken.told("offsets_changed"))
+        assert "servo 2 (joint 2)" in taken.told("offsets_changed")[0].text
+        rows = taken.rows(20)
+    during = taken.samples[taken.samples["monotonic_ns"] > back_ns]
+    assert (rows["joint_invalid"] == 0b010).all()
+    came_back = np.flatnonzero(during["joint_invalid"] == 0)[-1]
+    assert (during["joint_invalid"][came_back + 1 :] == 0b010).all()  # never valid in between
+
+
+@BOTH
+def test_only_what_the_configuration_names_is_written(tmp_path, family):
+    with FakeServos(family, tmp_path) as servos:
+        servos.registers[1][family.torque] = servos.registers[3][family.torque] = 1
+        servos.registers[2][family.delay] = 250
+        wanted = {"torque_off": True, "return_delay_us": 0}
+        with closing(open_driver(config(servos, **wanted), expected())) as driver:
+            taken = Taken(driver)
+            taken.take(5.0, lambda: len(taken.told("torque_off")) == 2)
+            taken.rows(50)
+            assert driver.hindrance == ""
+    assert {(s, a) for s, a, _ in servos.writes} >= {(1, family.torque), (3, family.torque)}
+    assert {a for _, a, _ in servos.writes} == {family.torque, family.delay}
+    assert all(data == b"\0" for _, _, data in servos.writes)
+    assert len(servos.writes) == len(set(servos.writes))
+
+
+@BOTH
+def test_button_and_temperatures_of_other_servos(tmp_path, family):
+    with FakeServos(family, tmp_path, (1, 2, 3, 6)) as servos:
+        servos.registers[6][family.temperature] = 52
+        more = {
+            "temperature_ids": [2, 3, 6],
+            "trigger": Trigger(id=6, pressed_below=1900),
+        }
+        with closing(open_driver(config(servos, **more), expected())) as driver:
+            taken = Taken(driver)
+            assert (taken.rows(50)["buttons"] == 0).all()
+            assert taken.temperatures[-1].celsius.tolist() == [25, 25, 52]
+            servos.move(6, 1200)
+            taken.rows(10)
+            assert (taken.rows(10)["buttons"] == 1).all()
+            servos.silent.add(6)  # a button is no joint
+            rows = taken.rows(20)
+            assert (rows["joint_invalid"] == 0).all()
+            taken.take(1.5)
+            assert "servo 6 does not answer" in driver.hindrance
+            servos.registers[2][family.temperature] = 26
+            servos.silent.clear()
+            start_ns = time.monotonic_ns()
+            taken.take(5.0, lambda: taken.temperatures[-1].celsius.tolist() == [26, 25, 52])
+            assert time.monotonic_ns() - start_ns < 1.3 * S
+
+
+@BOTH
+def test_a_replay_of_the_frames_is_bit_identical(tmp_path, family):
+    with (
+        FakeServos(family, tmp_path, knows_fast=True) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        servos.before_reading = lambda cycle: servos.move(2, 2048 + 2 * cycle)
+        taken = Taken(driver)
+        taken.rows(50)
+        servos.before_answers = lambda cycle, statuses: statuses[: 2 + (cycle % 9 > 0)]
+        taken.rows(50)
+        preamble, began = driver.preamble(), len(taken.items)
+        taken.frames += driver.take_raw()
+        middle = len(taken.frames)
+        taken.rows(100)
+        servos.before_answers = None
+    whole = ServoDecoder(config(servos), expected())
+    again = [item for frame in taken.frames for item in whole.feed(frame)]
+    late = ServoDecoder(config(servos), expected())
+    for frame in preamble:
+        late.feed(frame)
+    rest = [item for frame in taken.frames[middle:] for item in late.feed(frame)]
+
+    def arrays(items):
+        return np.concatenate([item for item in items if isinstance(item, np.ndarray)])
+
+    live = arrays(taken.items)
+    assert arrays(again).tobytes()[: live.nbytes] == live.tobytes()
+    after = arrays(taken.items[began:])
+    assert arrays(rest).tobytes()[: after.nbytes] == after.tobytes()
+
+
+def test_a_foreign_adapter_is_nobodys_arm(tmp_path):
+    with (
+        FakeServos(Feetech, tmp_path) as servos,
+        closing(open_driver(config(servos, adapter_serial="A1B2"), expected())) as driver,
+    ):
+        rows = Taken(driver).rows(20)
+        assert (rows["joint_invalid"] == 0b111).all()
+        assert "serial number: found none, expected A1B2" in driver.hindrance
+
+
+def test_a_damaged_memory_is_told_and_nothing_is_valid(tmp_path):
+    memory = Memory("SERVO-1", {})
+    memory.path.parent.mkdir()
+    memory.path.write_text("{")
+    with (
+        FakeServos(Feetech, tmp_path) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        rows = Taken(driver).rows(20)
+        assert (rows["joint_invalid"] == 0b111).all()
+        assert str(memory.path) in driver.hindrance
+    assert memory.path.read_text() == "{"
