@@ -10,10 +10,10 @@ RECHECK_EVERY_NS = 500_000_000  # one servo after the other says again who it is
 EXPLAIN_EVERY_NS = 1_000_000_000
 STRANGER_EVERY_NS = 50_000_000
 #: Nothing has come at all: a busy host, or a line that is silent.
-FIRST_BYTE_NS = 30_000_000
+FIRST_BYTE_NS = 50_000_000
 #: Answers have begun to come, then no more: three times what they were ever late, within these.
-PAUSE_LEAST_NS, PAUSE_MOST_NS = 3_000_000, 30_000_000
-EXCESS_KEPT = 0.99  # of what answers were late, from cycle to cycle
+PAUSE_LEAST_NS, PAUSE_MOST_NS = 5_000_000, 30_000_000
+EXCESS_KEPT = 0.998  # of what answers were late, from cycle to cycle
 FAST_AGAIN_NS = 10_000_000_000
 CALM_CYCLES = 4  # complete ones, after which an answer can only be late by one
 
