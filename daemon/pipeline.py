@@ -96,9 +96,7 @@ class Pipeline:
 
     def take_temperatures(self, reading: Temperatures) -> None:
         """Everything after this reading is corrected with it, unless too many come."""
-        if not self.temperature.update(
-            reading.celsius, reading.monotonic_ns, reading.resolution_c
-        ):
+        if not self.temperature.update(reading.celsius, reading.monotonic_ns, reading.resolution_c):
             return
         self._stamp_ns = reading.stamp_ns
         long_ago = not self._past or self._stamp_ns - self._past[-1][1] >= MEMORY_STEP_S * 1e9
