@@ -27,6 +27,7 @@ COMMANDS = {
     "replay": "play a recording back through decoder and kernel",
     "ippdme": "an I++ DME server for inspection software",
     "ros2": "native ROS 2 topics, without ROS on the controller",
+    "fleet": "all arms that can be heard: state, rate, lost, temperatures, calibration",
     "stream": "text lines over TCP: one per measurement, or per point",
     "export": "measurements to .csv, .xyz, .ply or .qif",
     "correct": "correct readings offline, same kernel",

@@ -26,6 +26,7 @@ from armd.daemon.pipeline import Joints, PointArray
 from armd.daemon.priority import sender_goes_first
 from armd.daemon.publisher import Publisher
 from armd.daemon.queries import Queries
+from armd.daemon.rival import Rival
 from armd.daemon.supervisor import Supervisor
 from armd.daemon.systemd import Systemd
 from armd.drivers.sample import Driver, Event, SampleArray, Temperatures
@@ -68,6 +69,7 @@ class Service:
             if config.file.commands.enabled
             else None,
         )
+        self._rival = Rival(session, serial)
         self._averager = Averager(config.file.measurement.average_s, config.arm.n_joints)
         self._log = Log()
         # What is played again was logged when it was measured.
@@ -194,7 +196,7 @@ class Service:
             self._changes.reload(lambda *_: self._systemd.ready())  # it is told as an event
         self._changes.take()
         second_over = self._supervisor.close_second(now_ns)
-        for event in self._supervisor.assess(now_ns):
+        for event in [*self._supervisor.assess(now_ns), *self._rival.look(now_ns)]:
             self._tell(event)
         if self._measured is not None:
             for event in self._measured.take_events():

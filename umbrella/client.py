@@ -208,15 +208,23 @@ def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: floa
     Raises `ArmdError` if no arm (or none of that serial number) shows up in *timeout_s*, or if
     there are several and none was named.
     """
-    try:
-        session = zenoh.open(_settings(endpoint, timeout_s))
-    except zenoh.ZError as error:
-        raise ArmdError(f"{endpoint}: no daemon answers within {timeout_s:g} s") from error
+    session = open_session(endpoint, timeout_s)
     try:
         return Arm(session, _find(session, serial, endpoint, timeout_s))
     except BaseException:
         session.close()  # type: ignore[no-untyped-call]
         raise
+
+
+def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Session:
+    """A Zenoh session with a daemon or a router, for a program that listens to many arms.
+
+    Raises `ArmdError` if nobody answers there.
+    """
+    try:
+        return zenoh.open(_settings(endpoint, timeout_s))
+    except zenoh.ZError as error:
+        raise ArmdError(f"{endpoint}: no daemon answers within {timeout_s:g} s") from error
 
 
 def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:

@@ -80,7 +80,7 @@ def _serve_metrics(config: Config, service: Service) -> MetricsServer:
     assert config.file.metrics is not None
     port = config.file.metrics.port
     try:
-        return MetricsServer(port, service.health)
+        return MetricsServer(port, lambda: [service.health()])
     except OSError as error:
         found = f"{port}: {error.strerror}"
         raise BadInput(config.path, "metrics.port", found, "a free port") from error

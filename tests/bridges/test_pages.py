@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ["stream.md", "ippdme.md", "pc-dmis.md", "verisurf.md", "ros2.md"]
+PAGES = ["stream.md", "ippdme.md", "pc-dmis.md", "verisurf.md", "ros2.md", "fleet.md"]
 
 
 def commands(page: str) -> list[list[str]]:

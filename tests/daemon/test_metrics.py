@@ -21,7 +21,7 @@ HEALTH = {
 
 
 def test_a_scrape():
-    with closing(MetricsServer(0, lambda: HEALTH)) as server:
+    with closing(MetricsServer(0, lambda: [HEALTH])) as server:
         url = f"http://127.0.0.1:{server.port}/metrics"
         with urllib.request.urlopen(url, timeout=10) as reply:
             assert reply.headers["Content-Type"].startswith("application/openmetrics-text")

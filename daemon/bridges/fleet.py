@@ -1,0 +1,124 @@
+"""All arms that can be heard at one endpoint, by their tokens and their health."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+
+from armd import keys
+from armd.daemon.state import State
+
+#: Health comes once a second. A daemon that is frozen keeps its token for four.
+SILENT_S = 3.0
+EVENTS_KEPT = 50
+
+
+class Fleet:
+    """What is known of each arm; knows no network. Written to by Zenoh's threads."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._alive: set[str] = set()
+        self._health: dict[str, tuple[dict[str, Any], float]] = {}
+        self.events: deque[tuple[str, str]] = deque(maxlen=EVENTS_KEPT)
+        """Serial and text of what went wrong, or of one serial with two daemons."""
+
+    def note_token(self, serial: str, alive: bool) -> None:
+        with self._lock:
+            if alive:
+                self._alive.add(serial)
+            else:
+                self._alive.discard(serial)
+                self._health.pop(serial, None)
+
+    def note_health(self, serial: str, health: dict[str, Any]) -> None:
+        with self._lock:
+            self._health[serial] = health, self._clock()
+
+    def note_event(self, serial: str, event: dict[str, Any]) -> None:
+        if event.get("severity") in ("warning", "error"):
+            self.events.append((serial, event["text"]))
+
+    def healths(self) -> list[dict[str, Any]]:
+        """The last message of each arm that is alive, by serial number."""
+        with self._lock:
+            known = sorted(self._alive & self._health.keys())
+            return [self._health[serial][0] for serial in known]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One for each arm that is alive and has been heard."""
+        now_s = self._clock()
+        with self._lock:
+            known = sorted(self._alive & self._health.keys())
+            return [_row(serial, *self._health[serial], now_s) for serial in known]
+
+
+def _row(serial: str, health: dict[str, Any], heard_s: float, now_s: float) -> dict[str, Any]:
+    silent = now_s - heard_s > SILENT_S
+    return {
+        "serial": serial,
+        "state": State.NOT_READY if silent else health["state"],
+        "reason": "its daemon is silent" if silent else health["reason"],
+        "points_hz": 0.0 if silent else health["rates"]["points_hz"],
+        "lost": health["drops"].get("lost", 0),
+        "temperatures": health["temperatures"],
+        "calibration": health["calibration"],
+        "tip": health["tip"],
+        "stamp_ns": health["stamp_ns"],
+    }
+
+
+class Listening:
+    """Feeds a fleet from a session, from construction to `close`."""
+
+    def __init__(self, session: zenoh.Session, fleet: Fleet, serial: str | None) -> None:
+        """*serial* None: all of them."""
+        name = serial or "*"
+
+        def token(sample: zenoh.Sample) -> None:
+            fleet.note_token(_serial(sample), sample.kind == zenoh.SampleKind.PUT)
+
+        def health(sample: zenoh.Sample) -> None:
+            fleet.note_health(_serial(sample), json.loads(sample.payload.to_bytes()))
+
+        def event(sample: zenoh.Sample) -> None:
+            fleet.note_event(_serial(sample), json.loads(sample.payload.to_bytes()))
+
+        # Known at once, not with the next message of each.
+        for reply in session.get(keys.key(name, keys.HEALTH)):
+            if reply.ok is not None:
+                health(reply.ok)
+        self._subscribers = [
+            session.declare_subscriber(keys.key(name, keys.HEALTH), health),
+            session.declare_subscriber(keys.key(name, keys.EVENT), event),
+            session.liveliness().declare_subscriber(
+                keys.key(name, keys.ALIVE), token, history=True
+            ),
+        ]
+
+    def close(self) -> None:
+        for subscriber in self._subscribers:
+            subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+
+def _serial(sample: zenoh.Sample) -> str:
+    return str(sample.key_expr).split("/")[1]
+
+
+async def tell(
+    fleet: Fleet, show: Callable[[Fleet], None], every_s: float, seconds: float | None
+) -> None:
+    """*show* again and again, until *seconds* are over or for ever."""
+    start_s = next_s = time.monotonic()
+    while seconds is None or next_s - start_s < seconds:
+        next_s += every_s
+        await asyncio.sleep(max(0.0, next_s - time.monotonic()))
+        show(fleet)
