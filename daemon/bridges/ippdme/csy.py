@@ -7,18 +7,17 @@ R = Rφ·Rθ·Rψ about z, x', z'' (1.4.3, 6.3.3 and A.4.2).
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import platformdirs
 from pydantic import Field
 
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.files import write_whole
 from armd.schema import Strict, load_json
+from armd.state_folder import state_folder
 
 F64 = npt.NDArray[np.float64]
 MACHINE = "MachineCsy"
@@ -75,10 +74,8 @@ class Saved(Strict):
 
 
 def state_file(serial: str) -> Path:
-    """In `$STATE_DIRECTORY`, else `$XDG_STATE_HOME/armd`."""
-    folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
-    base = Path(folder) if folder else Path(platformdirs.user_state_dir("armd"))
-    return base / f"ippdme-{serial}.json"
+    """Of the arm that is served."""
+    return state_folder() / f"ippdme-{serial}.json"
 
 
 class CoordinateSystems:
