@@ -71,9 +71,11 @@ class ArmInUse:
 
     def _change(self, to: InUse) -> Change:
         moved_mm = math.dist(self._offset_mm(self.in_use), self._offset_mm(to))
-        offset_mm = None if to.tip is None else self._offset_mm(to)
+        arm, calibration = self._config.arm, to.calibration
+        if to.tip is not None:
+            arm, calibration = with_offset(arm, calibration, self._offset_mm(to))
         try:
-            prepared = self.pipeline.prepare(*self._with_tip(to.calibration, offset_mm))
+            prepared = self.pipeline.prepare(arm, calibration)
         except (ArithmeticError, MemoryError, ValueError) as error:  # numbers beyond all reason
             path = self._config.calibration or self._config.path
             found = f"numbers no model can be made of ({error})"
@@ -91,18 +93,16 @@ class ArmInUse:
         x, y, z = (calibration.content.constants[name] for name in TIP_PARAMETERS)
         return x, y, z
 
-    def _with_tip(
-        self, calibration: LoadedCalibration | None, offset_mm: Vector3 | None
-    ) -> tuple[Arm, LoadedCalibration | None]:
-        """Arm and calibration with another tip's offset in place of their own."""
-        arm = self._config.arm
-        if offset_mm is None:
-            return arm, calibration
-        tip = arm.tip.model_copy(update={"offset_mm": offset_mm})
-        arm = arm.model_copy(update={"tip": tip})
-        if calibration is None:
-            return arm, None
-        offsets = dict(zip(TIP_PARAMETERS, offset_mm, strict=True))
-        constants = {**calibration.content.constants, **offsets}
-        content = calibration.content.model_copy(update={"constants": constants})
-        return arm, replace(calibration, content=content)
+
+def with_offset(
+    arm: Arm, calibration: LoadedCalibration | None, offset_mm: Vector3
+) -> tuple[Arm, LoadedCalibration | None]:
+    """Arm and calibration with another tip's offset in place of their own."""
+    tip = arm.tip.model_copy(update={"offset_mm": offset_mm})
+    arm = arm.model_copy(update={"tip": tip})
+    if calibration is None:
+        return arm, None
+    offsets = dict(zip(TIP_PARAMETERS, offset_mm, strict=True))
+    constants = {**calibration.content.constants, **offsets}
+    content = calibration.content.model_copy(update={"constants": constants})
+    return arm, replace(calibration, content=content)

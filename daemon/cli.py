@@ -31,6 +31,7 @@ COMMANDS = {
     "stream": "text lines over TCP: one per measurement, or per point",
     "export": "measurements to .csv, .xyz, .ply or .qif",
     "correct": "correct readings offline, same kernel",
+    "recorrect": "measurements corrected again by a later calibration",
     "calibrate": "identify geometry and thermal model from sessions",
     "evaluate": "residuals of sessions under a model",
     "verify": "ISO 10360-12 and ASME B89.4.22 results with a verdict",

@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(args.output, "the suffix", repr(suffix), f"one of {' '.join(SUFFIXES)}")
     kind = Kind("points of armd", WRITTEN_BEFORE[suffix])
     check_outputs({"-o": (args.output, kind)}, [args.source], args.force)
-    since_ns = _instant_ns(args.since) if args.since else None
+    since_ns = instant_ns(args.since) if args.since else None
     found = _find(args)
     chosen = [m for m in found.measurements if since_ns is None or m.stamp_ns >= since_ns]
     tips = Tips(found.info or NO_INFO)
@@ -106,7 +106,7 @@ def _own_log(serial: str | None) -> Path:
     raise BadInput(folders, "the folder", found, "SERIAL to say which" if there else "a log")
 
 
-def _instant_ns(text: str) -> int:
+def instant_ns(text: str) -> int:
     """Without an offset it is UTC, as armd writes all its times."""
     try:
         return round(float(text) * 1e9)

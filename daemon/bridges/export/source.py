@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -11,6 +13,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd import Arm, keys
+from armd.compensation.session import APPROACH
 from armd.daemon.measurement_log import SUFFIX, log_files
 from armd.daemon.recorder import TOPICS
 from armd.drivers.recording import Recording
@@ -19,6 +22,15 @@ from armd.inputs import open_input
 from armd.schema import json_data
 
 RECORDING = ".mcap"
+TABLE = ".csv"
+#: Columns of every table; the joints' angles and rates and the sensors' temperatures follow.
+COLUMNS = (
+    "stamp_ns", "x_mm", "y_mm", "z_mm", "i", "j", "k", "u_x_mm", "u_y_mm", "u_z_mm",
+    "sd_x_mm", "sd_y_mm", "sd_z_mm", "count", "duration_s", "flags", "flag_names", "seq",
+    "buttons", "trigger", "tip", "calibration",
+)  # fmt: skip
+#: Before the name of a sensor that is called like one of the columns.
+CLASH = "temperature_"
 Vector = tuple[float, float, float]
 
 
@@ -61,7 +73,8 @@ class Measured:
 
 
 def from_path(path: Path) -> Measured:
-    """A file of JSON lines, a measurement log's folder, or a recording; raises `BadInput`."""
+    """A file of JSON lines, a measurement log's folder, a recording, or a table that `armd export`
+    wrote; raises `BadInput`."""
     if path.is_dir():
         files = log_files(path)
         if not files:
@@ -69,8 +82,11 @@ def from_path(path: Path) -> Measured:
         return _from_lines(files, path.name)
     if path.suffix == RECORDING:
         return _from_recording(path)
+    if path.suffix == TABLE:
+        return _from_table(path)
     if path.suffix != SUFFIX:
-        raise BadInput(path, "the suffix", repr(path.suffix), f"{SUFFIX} or {RECORDING}")
+        expected = f"{SUFFIX}, {RECORDING} or {TABLE}"
+        raise BadInput(path, "the suffix", repr(path.suffix), expected)
     return _from_lines([path], "")
 
 
@@ -115,6 +131,54 @@ def _from_recording(path: Path) -> Measured:
     serial = recording.info["arm"]["serial_number"]
     left_out = [] if recording.missing is None else [recording.missing]
     return Measured(found, serial, recording.info, left_out)
+
+
+def _from_table(path: Path) -> Measured:
+    """Of what `tables.as_csv` wrote; covariances have lost what is off their diagonal."""
+    with open_input(path) as file:
+        rows = csv.DictReader(io.TextIOWrapper(file, encoding="utf-8-sig", newline=""))
+        try:
+            names = rows.fieldnames or []
+            for name in ("stamp_ns", "x_mm", "y_mm", "z_mm", "seq", "flags"):
+                if name not in names:
+                    expected = "a table of `armd export`"
+                    raise BadInput(path, f"column {name}", "nothing", expected)
+            found = [_measurement(path, f"row {n}", _of_row(row)) for n, row in enumerate(rows, 1)]
+        except (ValueError, csv.Error) as error:
+            raise BadInput(path, "the table", str(error), "a table of `armd export`") from error
+    return Measured(_in_order(found))
+
+
+def _of_row(row: dict[str, str]) -> dict[str, Any]:
+    """A row of a table as its measurement; raises `ValueError` for what is no number."""
+
+    def numbers(names: Iterable[str]) -> list[float] | None:
+        """None unless all of them are known."""
+        texts = [row.get(name) or "" for name in names]
+        return [float(text) for text in texts] if texts and all(texts) else None
+
+    def joints(letter: str) -> list[str]:
+        return [name for name in row if name[:1] == letter and name[1:].isdecimal()]
+
+    deviation = numbers(f"u_{axis}_mm" for axis in "xyz")
+    taken = {*COLUMNS, *APPROACH, *joints("q"), *joints("w")}
+    sensors = {name.removeprefix(CLASH): row[name] for name in row if name and name not in taken}
+    return {
+        "position_mm": numbers(f"{axis}_mm" for axis in "xyz"),
+        "standard_deviation_mm": numbers(f"sd_{axis}_mm" for axis in "xyz"),
+        "covariance_mm2": deviation
+        and [deviation[0] ** 2, 0.0, 0.0, deviation[1] ** 2, 0.0, deviation[2] ** 2],
+        "approach": numbers(APPROACH),
+        "angles_rad": numbers(joints("q")),
+        "rates_rad_s": numbers(joints("w")),
+        "temperatures_c": {name: float(text) if text else None for name, text in sensors.items()},
+        "flag_names": (row.get("flag_names") or "").split(),
+        "tip": row.get("tip") or None,
+        "calibration": row.get("calibration") or None,
+        "trigger": row.get("trigger") or "",
+        **{name: int(row[name]) for name in ("stamp_ns", "seq", "flags")},
+        **{name: int(row[name]) for name in ("count", "buttons") if row.get(name)},
+    }
 
 
 def _measurement(path: str | Path, where: str, data: Any) -> Measurement:

@@ -8,15 +8,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from armd.daemon.bridges.export.source import Measurement
+from armd.compensation.session import APPROACH
+from armd.daemon.bridges.export.source import CLASH, COLUMNS, Measurement
 from armd.daemon.bridges.tips import Tips
 
-#: Columns of every CSV; the joints' angles and rates and the sensors' temperatures follow.
-COLUMNS = (
-    "stamp_ns", "x_mm", "y_mm", "z_mm", "i", "j", "k", "u_x_mm", "u_y_mm", "u_z_mm",
-    "sd_x_mm", "sd_y_mm", "sd_z_mm", "count", "duration_s", "flags", "flag_names", "seq",
-    "buttons", "trigger", "tip", "calibration",
-)  # fmt: skip
 UNKNOWN = (math.nan,) * 3
 
 
@@ -28,11 +23,11 @@ def as_csv(measurements: Sequence[Measurement], tips: Tips) -> str:
     joints = max((len(m.angles_rad or ()) for m in measurements), default=0)
     sensors = list(dict.fromkeys(name for m in measurements for name in m.temperatures_c))
     q, w = ([f"{letter}{k}" for k in range(1, joints + 1)] for letter in "qw")
-    taken = {*COLUMNS, *q, *w}
-    columns = [f"temperature_{name}" if name in taken else name for name in sensors]
+    taken = {*COLUMNS, *q, *w, *APPROACH}
+    columns = [f"{CLASH}{name}" if name in taken else name for name in sensors]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*COLUMNS, *q, *w, *columns])
+    writer.writerow([*COLUMNS, *q, *w, *APPROACH, *columns])
     for m in measurements:
         unknown = [None] * joints
         writer.writerow(
@@ -53,6 +48,7 @@ def as_csv(measurements: Sequence[Measurement], tips: Tips) -> str:
                 m.calibration or "",
                 *(m.angles_rad or unknown),
                 *(m.rates_rad_s or unknown),
+                *(m.approach or (None,) * 3),
                 *(m.temperatures_c.get(name) for name in sensors),
             ]
         )
