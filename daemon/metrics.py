@@ -1,53 +1,91 @@
-"""Health as OpenMetrics over HTTP on loopback, for Prometheus and its like."""
+"""Health as OpenMetrics over HTTP on loopback, for Prometheus and its like.
+
+One thread serves all, a few at a time and none for long: whoever connects, however often and
+however slowly, takes nothing from the stream but that thread's turns. (prometheus_client's own
+server has a thread for each connection and waits for each without end.)
+"""
 
 from __future__ import annotations
 
+import asyncio
+import socket
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from armd.daemon.state import State
 
 CONTENT_TYPE = "application/openmetrics-text; version=1.0.0; charset=utf-8"
-
+#: Connections served together; more are hung up on. A scraper needs one.
+MOST_OPEN = 8
+#: From connecting to the last byte of the answer.
+PATIENCE_S = 3.0
+MOST_REQUEST_BYTES = 8192
 
 Health = dict[str, Any]
 
 
 class MetricsServer:
-    """Answers `GET /metrics` in threads of its own, from the health messages last published."""
+    """Answers `GET /metrics` in a thread of its own, from the health messages last published."""
 
     def __init__(
         self, port: int, healths: Callable[[], Sequence[Health]], host: str = "127.0.0.1"
     ) -> None:
         """Raises `OSError` if the port is taken. 0 takes a free one."""
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:
-                if self.path != "/metrics":
-                    self.send_error(404)
-                    return
-                body = render(healths()).encode()
-                self.send_response(200)
-                self.send_header("Content-Type", CONTENT_TYPE)
-                self.send_header("Content-Length", str(len(body)))
-                self.end_headers()
-                self.wfile.write(body)
-
-            def log_message(self, format: str, *args: Any) -> None:
-                """A scrape is not worth a line."""
-
-        self._server = ThreadingHTTPServer((host, port), Handler)
-        self._server.daemon_threads = True
-        self.port: int = self._server.server_address[1]
-        self._thread = threading.Thread(target=self._server.serve_forever, name="metrics")
+        self._healths = healths
+        self._open = 0
+        listener = socket.create_server((host, port), backlog=MOST_OPEN)
+        self.port: int = listener.getsockname()[1]
+        self._loop = asyncio.new_event_loop()
+        self._closed = asyncio.Event()
+        self._thread = threading.Thread(
+            target=self._serve, args=(listener,), name="metrics", daemon=True
+        )
         self._thread.start()
 
     def close(self) -> None:
-        self._server.shutdown()
-        self._thread.join()
-        self._server.server_close()
+        self._loop.call_soon_threadsafe(self._closed.set)
+        self._thread.join(PATIENCE_S)
+
+    def _serve(self, listener: socket.socket) -> None:
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:  # cancels what is open
+            runner.run(self._until_closed(listener))
+
+    async def _until_closed(self, listener: socket.socket) -> None:
+        server = await asyncio.start_server(self._answer, sock=listener, limit=MOST_REQUEST_BYTES)
+        await self._closed.wait()
+        server.close()
+
+    async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if self._open >= MOST_OPEN:
+            writer.transport.abort()
+            return
+        self._open += 1
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                request = await reader.readuntil(b"\r\n\r\n")
+                writer.write(self._reply(request))
+                await writer.drain()
+                writer.close()
+                await writer.wait_closed()
+        except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+            writer.transport.abort()
+        finally:
+            self._open -= 1
+
+    def _reply(self, request: bytes) -> bytes:
+        method, path, *_ = [*request.split(b"\r\n", 1)[0].split(b" "), b"", b""]
+        if path.partition(b"?")[0] != b"/metrics":
+            status, kind, body = "404 Not Found", "text/plain", b"only /metrics\n"
+        elif method != b"GET":
+            status, kind, body = "405 Method Not Allowed", "text/plain", b"only GET\n"
+        else:
+            status, kind, body = "200 OK", CONTENT_TYPE, render(self._healths()).encode()
+        head = (
+            f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
+            "Connection: close\r\n\r\n"
+        )
+        return head.encode() + body
 
 
 def render(healths: Sequence[Health]) -> str:
@@ -67,23 +105,28 @@ def _lines(healths: Sequence[Health]) -> Iterator[str]:
     yield "# TYPE armd_flagged_points counter"
     for serial, health in _by_label(healths):
         for flag, count in health["points"]["flagged"].items():
-            yield f'armd_flagged_points_total{{{serial},flag="{flag}"}} {count}'
+            yield f'armd_flagged_points_total{{{serial},flag="{_escaped(flag)}"}} {count}'
     yield "# TYPE armd_wire counter"
     for serial, health in _by_label(healths):
         for what, count in health["drops"].items():
-            yield f'armd_wire_total{{{serial},what="{what}"}} {count}'
+            yield f'armd_wire_total{{{serial},what="{_escaped(what)}"}} {count}'
     yield "# TYPE armd_latency_seconds gauge"
     yield "# UNIT armd_latency_seconds seconds"
     for serial, health in _by_label(healths):
         for name, value_ms in health["latency"].items():
-            yield f'armd_latency_seconds{{{serial},of="{name}"}} {value_ms / 1000:g}'
+            yield f'armd_latency_seconds{{{serial},of="{_escaped(name)}"}} {value_ms / 1000:g}'
     yield "# TYPE armd_temperature_celsius gauge"
     yield "# UNIT armd_temperature_celsius celsius"
     for serial, health in _by_label(healths):
         for sensor, value_c in health["temperatures"].items():
             if value_c is not None:
-                yield f'armd_temperature_celsius{{{serial},sensor="{sensor}"}} {value_c}'
+                yield f'armd_temperature_celsius{{{serial},sensor="{_escaped(sensor)}"}} {value_c}'
 
 
 def _by_label(healths: Sequence[Health]) -> Iterator[tuple[str, Health]]:
-    return ((f'serial="{health["serial"]}"', health) for health in healths)
+    return ((f'serial="{_escaped(health["serial"])}"', health) for health in healths)
+
+
+def _escaped(label: str) -> str:
+    """A label's value, as OpenMetrics wants it between quotation marks."""
+    return label.replace("\\", r"\\").replace('"', r"\"").replace("\n", r"\n")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import socket
+import threading
 import urllib.error
 import urllib.request
-from contextlib import closing
+from contextlib import closing, suppress
 
 import pytest
 
-from armd.daemon.metrics import MetricsServer
+from armd.daemon.metrics import MOST_OPEN, MetricsServer, render
 
 HEALTH = {
     "serial": "SIM-1",
@@ -39,3 +41,48 @@ def test_a_scrape():
     assert 'armd_temperature_celsius{serial="SIM-1",sensor="t1"} 20.5' in lines
     assert not any('sensor="t2"' in line for line in lines)
     assert lines[-1] == "# EOF"
+
+
+def scrape(server: MetricsServer) -> str:
+    with urllib.request.urlopen(f"http://127.0.0.1:{server.port}/metrics", timeout=10) as reply:
+        return reply.read().decode()
+
+
+def test_a_name_with_quotes_stays_one_label():
+    name = 'a"} 1\\\n'
+    lines = render([HEALTH | {"temperatures": {name: 1.5}, "serial": name}]).splitlines()
+    escaped = r"a\"} 1\\\n"
+    assert f'armd_temperature_celsius{{serial="{escaped}",sensor="{escaped}"}} 1.5' in lines
+
+
+def test_slow_and_many_clients_take_neither_threads_nor_the_answers_of_others(monkeypatch):
+    monkeypatch.setattr("armd.daemon.metrics.PATIENCE_S", 0.3)
+    with closing(MetricsServer(0, lambda: [HEALTH])) as server:
+        threads = threading.active_count()
+        slow = []
+        for _ in range(20 * MOST_OPEN):
+            slow.append(socket.create_connection(("127.0.0.1", server.port)))
+            slow[-1].settimeout(10)
+        slow[0].sendall(b"GET /metrics HTTP/1.1\r\n")  # and never the end of it
+        assert threading.active_count() == threads
+        for connection in slow:  # hung up on at once, or when its time is over
+            with connection, suppress(ConnectionResetError):
+                assert connection.recv(1) == b""
+        assert scrape(server).endswith("# EOF\n")
+
+
+def test_what_is_no_request_is_no_trouble():
+    with closing(MetricsServer(0, lambda: [HEALTH])) as server:
+        for request, status in (
+            (b"\r\n\r\n", b"404"),
+            (b"POST /metrics HTTP/1.1\r\n\r\n", b"405"),
+            (b"\xff" * 20_000, b""),
+            (b"GET /metrics?a=b HTTP/1.0\r\n\r\n", b"200"),
+        ):
+            with socket.create_connection(("127.0.0.1", server.port), 10) as connection:
+                connection.sendall(request)
+                try:
+                    assert connection.recv(100)[9:12] == status
+                except ConnectionResetError:
+                    assert status == b""
+        assert scrape(server).endswith("# EOF\n")
