@@ -27,6 +27,7 @@ from armd.compensation.identify.requirements import (
     require_enough,
     require_plausible,
 )
+from armd.compensation.identify.sensor_noise import sensor_noise_c
 from armd.compensation.identify.thermal import Comparison, Trial, length_terms
 from armd.compensation.identify.unknowns import Unknowns
 from armd.compensation.session import Session
@@ -232,6 +233,7 @@ def as_calibration(found: Fit, provenance: dict[str, Any]) -> Calibration:
         noise=Noise(
             encoder_rad=[found.noise.encoder_rad] * arm.n_joints,
             reading_mm=found.noise.reading_mm,
+            temperature_c=sensor_noise_c(states, [arm.sensors.index(name) for name in ranges]),
         ),
         provenance=provenance,
     )

@@ -77,6 +77,7 @@ def test_calibrate_then_evaluate(measured: Path, tmp_path: Path) -> None:
     assert calibration.provenance["certificate"] == figures["certificate"]
     assert set(calibration.temperature_range_c) <= {f"t{k}" for k in range(1, 7)}
     assert calibration.noise.reading_mm > 0
+    assert 0.001 < calibration.noise.temperature_c < 0.05  # sensors of 0.01 °C
 
     evaluated = tmp_path / "evaluated.json"
     heldout = str(measured / "heldout-T22")

@@ -1,0 +1,53 @@
+"""How much a temperature sensor scatters from reading to reading, as the sessions show it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.state import States
+
+F64 = npt.NDArray[np.float64]
+
+#: Share of the residuals that counts: the rest may be steps of the true temperature (a table that
+#: has one value for each placement). Of a normal distribution it holds this share of the variance.
+KEPT, KEPT_VARIANCE = 0.9, 0.623
+#: Fewer residuals tell nothing.
+LEAST = 10
+#: Readings further apart than this say nothing of each other.
+SPAN_S = 1800.0
+
+
+def sensor_noise_c(states: States, sensors: Iterable[int]) -> float:
+    """Standard deviation of one reading in °C, of the worst of *sensors* (columns); 0 if the
+    readings do not show any.
+
+    A true temperature runs nearly straight over three readings in a row, so what the middle one is
+    off that line is noise, of variance (1 + w² + (1 − w)²) σ² for the weights w and 1 − w of its
+    neighbours.
+    """
+    return max((_noise_c(states, sensor) for sensor in sensors), default=0.0)
+
+
+def _noise_c(states: States, sensor: int) -> float:
+    squares: list[F64] = []
+    for series in np.unique(states.series):
+        rows = np.flatnonzero(states.series == series)
+        celsius, time_s = states.temperature_c[rows, sensor], states.time_s[rows]
+        known = np.isfinite(celsius) & np.isfinite(time_s)
+        order = np.argsort(time_s[known], kind="stable")
+        c, t = celsius[known][order], time_s[known][order]
+        if len(c) < 3:
+            continue
+        span = t[2:] - t[:-2]
+        close = (span > 0) & (span < SPAN_S)
+        w = (t[2:] - t[1:-1])[close] / span[close]
+        off = c[1:-1][close] - w * c[:-2][close] - (1 - w) * c[2:][close]
+        squares.append(off**2 / (1 + w**2 + (1 - w) ** 2))
+    found = np.sort(np.concatenate(squares)) if squares else np.zeros(0)
+    if len(found) < LEAST:
+        return 0.0
+    kept = found[: int(KEPT * len(found))]
+    return float(np.sqrt(kept.mean() / KEPT_VARIANCE))
