@@ -25,7 +25,9 @@ from armd.compensation.identify.requirements import (
     choose_readings,
     not_known,
     require_enough,
+    require_help,
     require_plausible,
+    require_some,
 )
 from armd.compensation.identify.sensor_noise import sensor_noise_c
 from armd.compensation.identify.thermal import Comparison, Trial, length_terms
@@ -139,7 +141,7 @@ def _calibrate(
     observations, groups = choose_readings(
         gather(sessions, arm), files, options.thermal_order, notes
     )
-    require_enough(observations, unknown, files)
+    require_some(observations, files)
     thermal = len(groups) > 1 and options.thermal_order != 0
     terms = length_terms(arm, [1]) if thermal else []
     first = _fit(observations, arm, unknown, terms, progress)
@@ -174,6 +176,7 @@ def _calibrate(
     drawn = evaluate_model(observations, arm.nominal(), [], reference_c)
     lengths = evaluation.lengths
     drawn_rms_um = residual_rms_um(drawn.residual_mm)
+    require_help(first, heldout.rms_um / drawn_rms_um, files, notes)
     certificate = judge(
         first, first.converged and final.converged, drawn_rms_um, heldout, by, lengths
     )

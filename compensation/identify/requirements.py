@@ -20,8 +20,13 @@ Mask = npt.NDArray[np.bool_]
 ABSURD_RMS_MM = 20.0
 #: A link that differs from its drawing by more than this is another link, or in another unit.
 ABSURD_CHANGE_MM = 100.0
-#: Least rank, as a share of what ideal readings would give, that is worth a calibration.
+#: So is one that lost or gained half of itself; short ones may be drawn carelessly.
+ABSURD_SHARE, SHORT_MM = 0.5, 30.0
+#: Least rank, as a share of what ideal readings would give, that is worth a calibration whatever
+#: readings left out say.
 LEAST_RANK = 0.5
+#: Too few readings help if those left out miss by less than under the drawing.
+MOST_SHARE = 1.0
 
 
 def choose_readings(
@@ -54,8 +59,54 @@ def choose_readings(
     return observations, groups
 
 
+def require_some(observations: Observations, files: str) -> None:
+    """Refuse readings of which placements and seats leave nothing that tells of the arm."""
+    placements, seats = _placements(observations), _seats(observations)
+    # An artefact of seats may stand anywhere in its own frame.
+    free = 6 * placements + 3 * seats - 6 * (seats > 0)
+    least = free // 3 + 1
+    if observations.n < least:
+        expected = f"at least {least} for {placements} placements and {seats} unknown points"
+        raise BadInput(files, "readings", f"{observations.n} poses", expected)
+
+
+def require_help(found: Fit, share: float, files: str, notes: list[str]) -> None:
+    """Of readings that cannot tell the arm apart from its drawing, refuse those that do not help.
+
+    *share*: what readings left out miss by, of what they miss by under the drawing. The drawing
+    counts as one more reading of every unknown, so a few readings may help much, and may not.
+    """
+    observations, arm = found.observations, found.observations.arm
+    needed, ideal = readings_needed(observations), 4 * arm.n_joints - 3
+    rank = found.solution.rank - len(found.unknowns.terms)
+    if observations.n >= needed and rank >= LEAST_RANK * ideal:
+        return
+    if share < MOST_SHARE and rank > 0:
+        notes.append(
+            f"{observations.n} readings (rank {rank} of {ideal}) are too few for the arm's"
+            f" {len(found.unknowns.constants)} constants: the drawing holds what they do not tell"
+        )
+        return
+    placements, seats = _placements(observations), _seats(observations)
+    missed = f"readings left out miss by {100 * share:.0f}% of what they do under the drawing"
+    if observations.n < needed:
+        expected = (
+            f"at least {needed} for {len(found.unknowns.constants)} constants, {placements}"
+            f" placements and {seats} unknown points, or readings that help all the same"
+        )
+        raise BadInput(files, "readings", f"{observations.n} poses, and {missed}", expected)
+    words = "; ".join(not_known(found)[:4])
+    known = f"rank {max(rank, 0)} of {len(found.unknowns.constants)} constants"
+    raise BadInput(
+        files,
+        "poses",
+        f"{known} ({words}; …), and {missed}",
+        f"poses that tell at least {int(LEAST_RANK * ideal) + 1} of {ideal} apart",
+    )
+
+
 def require_enough(observations: Observations, unknown: Sequence[str], files: str) -> None:
-    """Refuse readings that are fewer than the unknowns, whatever their poses."""
+    """Refuse readings that are fewer than the unknowns, where these are identified alone."""
     needed = readings_needed(observations)
     if observations.n < needed:
         placements, seats = _placements(observations), _seats(observations)
@@ -83,35 +134,31 @@ def _seats(observations: Observations) -> int:
 
 
 def require_plausible(found: Fit, files: str) -> None:
-    """Refuse a fit that is none: residuals beyond any arm's, or poses that say next to nothing."""
+    """Refuse a fit that is none: residuals beyond any arm's, or another arm than was drawn."""
     if found.rms_um > 1e3 * ABSURD_RMS_MM:
         raise BadInput(
             files,
             "readings",
             f"residuals of {found.rms_um / 1e3:.0f} mm after fitting",
-            "readings of this arm (units of angles and lengths, directions, targets?)",
+            "readings of this arm, and arm.toml the drawing of it (units of angles and lengths,"
+            " directions, offsets, targets?)",
         )
     arm = found.observations.arm
     links = slice(0, 5 * (arm.n_joints - 1))  # the last link and the tip may be anything
-    lengths = [parameters.unit(name) == "mm" for name in parameters.names(arm.n_joints)[links]]
-    change = np.abs(found.constants - arm.nominal())[links] * lengths
-    if change.max() > ABSURD_CHANGE_MM:
-        name = parameters.names(arm.n_joints)[int(np.argmax(change))]
+    names = parameters.names(arm.n_joints)[links]
+    lengths = np.array([parameters.unit(name) == "mm" for name in names])
+    drawn = arm.nominal()[links]
+    change = np.abs(found.constants[links] - drawn) * lengths
+    most = np.minimum(ABSURD_CHANGE_MM, np.maximum(ABSURD_SHARE * np.abs(drawn), SHORT_MM))
+    if np.any(change > most):
+        worst = int(np.argmax(change / most))
         raise BadInput(
             files,
             "readings",
-            f"{name} changed by {change.max():.0f} mm",
-            f"readings of this arm, lengths in mm (a change of {ABSURD_CHANGE_MM:g} mm at most)",
-        )
-    ideal = 4 * arm.n_joints - 3
-    rank = found.solution.rank - len(found.unknowns.terms)
-    if rank < LEAST_RANK * ideal:
-        words = "; ".join(not_known(found)[:4])
-        raise BadInput(
-            files,
-            "poses",
-            f"rank {max(rank, 0)} of {len(found.unknowns.constants)} constants ({words}; …)",
-            f"poses that tell at least {int(LEAST_RANK * ideal) + 1} of {ideal} apart",
+            f"{names[worst]} changed by {change[worst]:.0f} mm from the {drawn[worst]:.1f} mm of"
+            " the drawing",
+            "readings of this arm, and arm.toml the drawing of it, lengths in mm (a change of"
+            f" {most[worst]:.0f} mm at most)",
         )
 
 

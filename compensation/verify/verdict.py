@@ -11,6 +11,8 @@ from armd.compensation.verify.limits import Limits
 COVERAGE_FACTOR = 2.0
 #: The longest length of E_Uni is at least this part of the measuring range.
 LONGEST_SHARE = 0.66
+#: No arm errs so much: it is another.
+ABSURD_MM = 20.0
 #: A limit so many times what was found tells nothing, or was typed in another unit.
 LOOSE = 100.0
 
@@ -94,6 +96,11 @@ class Verdict:
                 remarks.append(
                     f"E_Uni: the longest length, {longest:.0f} mm, is less than 66 % of the "
                     f"measuring range of {range_mm:.0f} mm"
+                )
+            if abs(figure.worst.value_mm) > ABSURD_MM:
+                remarks.append(
+                    f"{figure.name}: {figure.worst.value_mm:.0f} mm: is arm.toml the drawing of"
+                    " this arm, and the session's unit of angles right?"
                 )
         for item in self.judged:
             largest = abs(item.figure.worst.value_mm)

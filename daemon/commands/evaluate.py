@@ -11,6 +11,7 @@ from rich.table import Table
 from armd.compensation.arm import load_arm
 from armd.compensation.calibration import load_calibration
 from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.requirements import ABSURD_RMS_MM
 from armd.compensation.session import load_sessions
 from armd.files import write_whole
 from armd.outputs import RESULT, add_force, check_outputs
@@ -46,6 +47,11 @@ def run(args: argparse.Namespace) -> int:
     console.print(table)
     for length in evaluation.lengths:
         console.print(f"certified length {length.in_words()}")
+    if result["rms_um"] > 1e3 * ABSURD_RMS_MM:
+        console.print(
+            f"residuals of {result['rms_um'] / 1e3:.0f} mm: {args.arm}: is it the drawing of this"
+            " arm? (units of angles and lengths, directions, offsets)"
+        )
     if result["n_unused"]:
         console.print(f"{result['n_unused']} readings lack a temperature the calibration needs")
     return 0

@@ -195,7 +195,7 @@ def test_a_thermal_model_of_one_temperature_is_refused(
         ({"session": ('angle_unit = "rad"', 'angle_unit = "deg"')}, "like radians"),
         ({"readings": (r"\A((?:.*\n){5}[^,]*,[^,]*),B\d+,", r"\1,NaN,")}, "column target"),
         ({"session": ('arm = "SIM-0001"', 'arm = "SIM-0002"')}, "'SIM-0001', as in arm.toml"),
-        ({"readings": (r"\A((?:.*\n){9})(?:.*\n)*", r"\1")}, "readings: found 8 poses"),
+        ({"readings": (r"\A((?:.*\n){3})(?:.*\n)*", r"\1")}, "readings: found 2 poses"),
         ({"readings": (r"\A((?:.*\n){3}[^,]*,[^,]*,[^,]*),[^,]*,", r"\1,x,")}, "row 3"),
     ],
 )
@@ -212,6 +212,39 @@ def test_bad_sessions_are_refused_with_exit_2(
     assert message.startswith("armd: ")
     assert words in message
     assert not (tmp_path / "cal.json").exists()
+
+
+def test_few_readings_help_and_get_no_certificate(measured: Path, tmp_path: Path) -> None:
+    """Eight readings of one placement: the drawing holds what they do not tell."""
+    few = changed(measured, tmp_path / "few", readings=(r"\A((?:.*\n){9})(?:.*\n)*", r"\1"))
+    result = tmp_path / "result.json"
+    assert calibrate(measured, tmp_path, few, more=("--json", str(result))) == 0
+    figures = json.loads(result.read_text())
+    assert not figures["certificate"]["granted"]
+    assert "8 readings, expected at least 30" in figures["certificate"]["reason"]
+    assert any("the drawing holds what they do not tell" in note for note in figures["notes"])
+    arm, heldout = str(measured / "arm.toml"), str(measured / "heldout-T20")
+    evaluated = tmp_path / "evaluated.json"
+    rms = []
+    for more in ([], ["--calibration", str(tmp_path / "cal.json")]):
+        assert armd(["evaluate", heldout, "--arm", arm, "--json", str(evaluated), *more]) == 0
+        rms.append(json.loads(evaluated.read_text())["rms_um"])
+    assert rms[1] < rms[0]
+
+
+def test_a_wrong_drawing_is_named_as_a_suspect(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = tmp_path / "arm.toml"
+    text = (measured / "arm.toml").read_text()
+    lengths = re.compile(r"^d_mm = ([3-9]\d\d\.\d+)", re.MULTILINE)
+    assert lengths.search(text)
+    arm.write_text(lengths.sub(lambda found: f"d_mm = {float(found[1]) / 3}", text))
+    out = str(tmp_path / "cal.json")
+    assert armd(["calibrate", str(measured / "T20"), "--arm", str(arm), "-o", out]) == 2
+    assert "arm.toml the drawing of it" in capsys.readouterr().err
+    assert armd(["evaluate", str(measured / "T20"), "--arm", str(arm)]) == 0
+    assert "is it the drawing of this arm?" in " ".join(capsys.readouterr().out.split())
 
 
 def test_poses_that_say_nothing_are_refused(
