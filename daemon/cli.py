@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from armd import __version__
 from armd.daemon.terminal import hush
 from armd.errors import ArmdError, BadInput
+from armd.printable import printable
 
 #: name (and module in `armd.daemon.commands`) → its line in `armd --help`
 COMMANDS = {
@@ -57,7 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
         return code
     except ArmdError as error:
-        print(f"armd: {error}", file=sys.stderr)
+        said = "\n".join(printable(line) for line in str(error).splitlines())
+        print(f"armd: {said}", file=sys.stderr)
         return 2
     except BrokenPipeError:
         hush()

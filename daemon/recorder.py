@@ -24,6 +24,7 @@ from armd.drivers.recording import (
     PREAMBLE_TOPIC,
     RAW_TOPIC,
 )
+from armd.errors import ArmdError
 
 CHUNK_BYTES = 1 << 16  # what a killed recorder may lose
 RAW_ENCODING = "armd.raw.v1"
@@ -61,6 +62,7 @@ class Recorder:
     def __init__(self, file: IO[bytes], info: dict[str, Any]) -> None:
         self.counts = dict.fromkeys([keys.RAW, *TOPICS], 0)
         self.lost_frames = 0
+        self.malformed = 0
         self._next_frame = 0
         self._writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         self._writer.start(profile="armd", library=f"armd {__version__}")
@@ -82,14 +84,21 @@ class Recorder:
         """*preamble*: payloads to stand before raw frame number *following*."""
         channel = self._writer.register_channel(PREAMBLE_TOPIC, RAW_ENCODING, schema_id=0)
         for payload in preamble:
-            unix_ns = raw.unpack(payload)[1].unix_ns
+            try:
+                unix_ns = raw.unpack(payload)[1].unix_ns
+            except ValueError as error:
+                raise ArmdError(f"the daemon's preamble holds no raw frame: {error}") from error
             self._writer.add_message(channel, unix_ns, payload, unix_ns)
         self._next_frame = following
 
     def take_frames(self, payloads: list[bytes]) -> None:
         """Payloads of the raw key, as published."""
         for payload in payloads:
-            number, frame = raw.unpack(payload)
+            try:
+                number, frame = raw.unpack(payload)
+            except ValueError:  # of somebody else
+                self.malformed += 1
+                continue
             if number < self._next_frame:  # the preamble knows what it told
                 continue
             self.lost_frames += number - self._next_frame

@@ -15,9 +15,11 @@ from rich.console import Console
 from rich.live import Live
 from rich.panel import Panel
 from rich.table import Table
+from rich.text import Text
 
 from armd import Arm, Flag, Point, keys
 from armd.daemon.state import State
+from armd.printable import printable
 
 COLOURS = {
     State.READY: "green",
@@ -62,7 +64,9 @@ class Screen:
             self._point = Point.from_array(points[-1:])[0]
         for payload in self._health_stream.take():
             self._health = json.loads(payload)
-        self._events += [json.loads(payload)["text"] for payload in self._event_stream.take()]
+        self._events += [
+            json.loads(payload).get("text", "") for payload in self._event_stream.take()
+        ]
         del self._events[:-EVENTS_SHOWN]
         self._live.update(self._panel(len(points) / elapsed_s), refresh=True)
 
@@ -77,14 +81,19 @@ class Screen:
             table.add_row("correction", f"{dx:10.1f} {dy:10.1f} {dz:10.1f} µm")
             table.add_row("flags", flag_names(self._point.flags) or "none")
         if self._health:
-            state = State(self._health["state"])
-            reason = self._health["reason"]
-            table.add_row("state", f"[{COLOURS[state]}]{state}[/] {reason}")
+            state = self._health.get("state", "")
+            line = Text(printable(state), COLOURS.get(state, ""))
+            line.append(f" {printable(self._health.get('reason', ''))}", "default")
+            table.add_row("state", line)
             table.add_row("sensors", temperatures(self._health) or "none")
-        table.add_row("stream", f"{rate_hz:.0f} points/s · {self._arm.lost.total} lost")
+        refused = self._arm.refused
+        odd = refused.malformed + refused.foreign
+        stream = f"{rate_hz:.0f} points/s · {self._arm.lost.total} lost"
+        table.add_row("stream", stream + (f" · {odd} of somebody else" if odd else ""))
         for event in self._events:
-            table.add_row("event", event)
-        return Panel(table, title=f"armd · {self._arm.serial}", title_align="left", width=WIDTH)
+            table.add_row("event", Text(printable(event)))  # "[/x]" is no markup of ours
+        title = Text(f"armd · {printable(self._arm.serial)}")
+        return Panel(table, title=title, title_align="left", width=WIDTH)
 
 
 def refreshes(seconds: float | None, every_s: float) -> Iterator[float]:
@@ -103,6 +112,8 @@ def flag_names(flags: int) -> str:
 
 def temperatures(health: dict[str, Any]) -> str:
     """All sensors of a health message in °C; a dash where one is invalid."""
-    values = health["temperatures"].values()
-    shown = "  ".join("  –  " if value is None else f"{value:.2f}" for value in values)
+    values = health.get("temperatures", {}).values()
+    shown = "  ".join(
+        f"{value:.2f}" if isinstance(value, int | float) else "  –  " for value in values
+    )
     return f"{shown} °C" if shown else ""

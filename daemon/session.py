@@ -6,6 +6,7 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import zenoh
 
@@ -18,6 +19,28 @@ CLOSE_S = 1.5
 #: Batches of 64 kB that may wait for one subscriber: six seconds of points at 1 kHz. With Zenoh's
 #: own two, a subscriber that the system lets stand for half a second loses points.
 WAITING_BATCHES = 16
+#: Nobody sends the daemon more than a question; Zenoh itself would take in a gigabyte.
+MOST_RECEIVED_BYTES = 1 << 16
+#: The daemon alone speaks: whatever is put, answered, offered or declared alive by others is
+#: dropped where it comes in, on every key, as `**` would reach the arm's too. `**` matches no
+#: chunk that begins with @, so those are named.
+ONLY_THE_DAEMON_SPEAKS = {
+    "enabled": True,
+    "default_permission": "allow",
+    "rules": [
+        {
+            "id": "speak",
+            "permission": "deny",
+            "flows": ["ingress"],
+            "messages": ["put", "delete", "reply", "declare_queryable", "liveliness_token"],
+            "key_exprs": ["**", "**/@raw", "**/@raw/**", "**/@adv/**", "@/**"],
+        }
+    ],
+    "subjects": [{"id": "everybody"}],
+    "policies": [{"rules": ["speak"], "subjects": ["everybody"]}],
+}
+UNIX_SOCKET = "unixsock-stream/"
+SOCKET_MODE = 0o660  # the daemon's user and group: who may connect
 RETRY = {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}
 
 
@@ -62,13 +85,19 @@ def open_session(config: Config) -> zenoh.Session:
             "scouting/gossip/enabled": False,
             "transport/link/tx/lease": LEASE_MS,
             "transport/link/tx/queue/size/data": WAITING_BATCHES,
+            "transport/link/rx/max_message_size": MOST_RECEIVED_BYTES,
+            "access_control": ONLY_THE_DAEMON_SPEAKS,
         }.items():
             settings.insert_json5(key, json.dumps(value))
     # The cache of measurements and events needs time stamps.
     settings.insert_json5("timestamping/enabled", "true")
     try:
-        return zenoh.open(settings)
+        session = zenoh.open(settings)
     except zenoh.ZError as error:
         where = "zenoh.config" if given.config else "zenoh.listen"
         found = str(error).split(" at /")[0]
         raise BadInput(config.path, where, found, "endpoints that can be opened") from error
+    for endpoint in json.loads(settings.get_json("listen/endpoints")):
+        if isinstance(endpoint, str) and endpoint.startswith(UNIX_SOCKET):
+            Path(endpoint.removeprefix(UNIX_SOCKET)).chmod(SOCKET_MODE)
+    return session

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from armd.client import ENDPOINT, Arm, connect
     from armd.joints import JOINTS_ENCODING, joints_dtype
     from armd.point import POINT, POINT_ENCODING, Flag, Lost, Point
+from armd.received import Refused
 
 __all__ = [
     "ENDPOINT",
@@ -27,6 +28,7 @@ __all__ = [
     "Flag",
     "Lost",
     "Point",
+    "Refused",
     "client",
     "connect",
     "joints",

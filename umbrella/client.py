@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -23,11 +23,13 @@ from zenoh import ext
 from armd import keys
 from armd.errors import ArmdError
 from armd.point import POINT, Lost, Point
+from armd.received import Gate, Refused
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 #: What waits for a slow reader; beyond that the oldest goes, and points count as lost.
 WAITING_POINTS = 1 << 14
 WAITING_MESSAGES = 1024
+MOST_RECEIVED_BYTES = 32 << 20  # the answer that holds a calibration file of the largest kind
 POLL_S = 0.002
 
 
@@ -51,10 +53,12 @@ class _Closing:
 
 class Stream(_Closing):
     """One subscription. A reader that stands still delays nobody else: what waits too long is
-    dropped here, the oldest first."""
+    dropped here, the oldest first. What *gate* does not let through is passed over."""
 
-    def __init__(self, session: zenoh.Session, serial: str, what: str) -> None:
+    def __init__(self, session: zenoh.Session, serial: str, what: str, gate: Gate) -> None:
         key = keys.key(serial, what)
+        self._what = what
+        self._gate = gate
         self._subscriber: zenoh.Subscriber[Any] | ext.AdvancedSubscriber[Any]
         if what in (keys.EVENT, keys.MEASUREMENT):
             self._subscriber = ext.declare_advanced_subscriber(
@@ -74,15 +78,20 @@ class Stream(_Closing):
         """The payloads that wait, maybe none."""
         payloads = []
         while (sample := self._subscriber.try_recv()) is not None:
-            payloads.append(sample.payload.to_bytes())
+            payload = self._gate.payload(self._what, sample)
+            if payload is not None:
+                payloads.append(payload)
         return payloads
 
     def follow(self, seconds: float | None) -> Iterator[list[bytes]]:
         """All that waits, again and again, for ever or for *seconds*."""
         if seconds is None:
             while True:
-                first = self._subscriber.recv().payload.to_bytes()
-                yield [first, *self.take()]
+                first = self._gate.payload(self._what, self._subscriber.recv())
+                waiting = self.take()
+                payloads = waiting if first is None else [first, *waiting]
+                if payloads:
+                    yield payloads
         end_s = time.monotonic() + seconds
         while time.monotonic() < end_s:
             if payloads := self.take():
@@ -101,6 +110,12 @@ class Arm(_Closing):
         self._session = session
         self.serial = serial
         self.lost = Lost()
+        self._gate = Gate()
+
+    @property
+    def refused(self) -> Refused:
+        """What came on the arm's keys and was passed over: malformed, or of another publisher."""
+        return self._gate.refused
 
     def close(self) -> None:
         self._session.close()  # type: ignore[no-untyped-call]
@@ -111,7 +126,11 @@ class Arm(_Closing):
             yield from Point.from_array(batch)
 
     def batches(self, seconds: float | None = None) -> Iterator[npt.NDArray[np.void]]:
-        """Arrays of `armd.POINT`: whatever has come since the last one, at least one point."""
+        """Arrays of `armd.POINT`: whatever has come since the last one, at least one point.
+
+        What passes between two iterations is not lost, only not asked for.
+        """
+        self.lost.begin()
         with self.stream(keys.POINT) as stream:
             for payloads in stream.follow(seconds):
                 yield self.decode(payloads)
@@ -148,7 +167,10 @@ class Arm(_Closing):
         """For a recorder of raw frames: the number of the next one, and the frames, as published,
         that a decoder must be fed before it."""
         reply = self._ask(keys.RAW)
-        return reply["next"], [base64.b64decode(frame) for frame in reply["frames"]]
+        try:
+            return int(reply["next"]), [base64.b64decode(frame) for frame in reply["frames"]]
+        except (KeyError, TypeError, ValueError) as error:
+            raise ArmdError(f"{keys.RAW}: the answer is none of armd's: {error!r}") from error
 
     def command(self, name: str, /, **parameters: str) -> str:
         """`command("reload")`, `command("tip", name="ruby 3")`; returns what was done.
@@ -160,11 +182,11 @@ class Arm(_Closing):
             if ";" in value:
                 raise ArmdError(f"{key}: found {value!r}, expected no semicolon")
         selector = ";".join(f"{key}={value}" for key, value in parameters.items())
-        return cast(str, self._ask(f"{keys.COMMAND}/{name}", selector)["done"])
+        return str(self._ask(f"{keys.COMMAND}/{name}", selector).get("done", ""))
 
     def stream(self, what: str) -> Stream:
         """A subscription to poll, for a program with a loop of its own."""
-        return Stream(self._session, self.serial, what)
+        return Stream(self._session, self.serial, what, self._gate)
 
     @contextmanager
     def calling(self, what: str, callback: Callable[[bytes], None]) -> Iterator[None]:
@@ -172,9 +194,13 @@ class Arm(_Closing):
         programs to which a fraction of a millisecond matters. It must be quick, must not call
         Zenoh, and must not be the reason that the `with` is never left.
         """
-        subscriber = self._session.declare_subscriber(
-            keys.key(self.serial, what), lambda sample: callback(sample.payload.to_bytes())
-        )
+
+        def pass_on(sample: zenoh.Sample) -> None:
+            payload = self._gate.payload(what, sample)
+            if payload is not None:
+                callback(payload)
+
+        subscriber = self._session.declare_subscriber(keys.key(self.serial, what), pass_on)
         try:
             yield
         finally:
@@ -195,10 +221,20 @@ class Arm(_Closing):
         key = keys.key(self.serial, what)
         for reply in self._session.get(f"{key}?{parameters}" if parameters else key):
             if reply.ok is not None:
-                return cast(dict[str, Any], json.loads(reply.ok.payload.to_bytes()))
+                return _answer(key, reply.ok.payload.to_bytes())
             if reply.err is not None:
                 raise ArmdError(f"{key}: {reply.err.payload.to_string()}")
         raise ArmdError(f"{key}: no answer; is the daemon running?")
+
+
+def _answer(key: str, payload: bytes) -> dict[str, Any]:
+    try:
+        content = json.loads(payload)
+    except (ValueError, RecursionError) as error:
+        raise ArmdError(f"{key}: the answer is no JSON: {payload[:40]!r}") from error
+    if not isinstance(content, dict):
+        raise ArmdError(f"{key}: the answer is none of armd's: {payload[:40]!r}")
+    return content
 
 
 def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Arm:
@@ -228,7 +264,10 @@ def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Ses
 
 
 def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
-    settings: dict[str, Any] = {"connect/timeout_ms": round(timeout_s * 1000)}
+    settings: dict[str, Any] = {
+        "connect/timeout_ms": round(timeout_s * 1000),
+        "transport/link/rx/max_message_size": MOST_RECEIVED_BYTES,
+    }
     if endpoint.endswith(".json5"):
         config = zenoh.Config.from_file(endpoint)
     else:

@@ -108,6 +108,10 @@ class Lost:
     def total(self) -> int:
         return self.upstream + self.here
 
+    def begin(self) -> None:
+        """The next point begins a stream anew: what lies between was not asked for."""
+        self._last_seq = None
+
     def count(self, points: npt.NDArray[np.void]) -> None:
         """Follow the next points (n,) of the stream by their `seq`."""
         if not len(points):

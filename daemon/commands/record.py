@@ -22,6 +22,7 @@ from armd.daemon.recorder import TOPICS, Recorder, default_path
 from armd.errors import BadInput
 from armd.files import told
 from armd.outputs import RECORDING, add_force, check_output_folder, check_outputs
+from armd.printable import printable
 
 POLL_S = 0.01
 WAIT_S = 60.0  # for an arm to show up
@@ -97,9 +98,12 @@ def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], b
             time.sleep(POLL_S)
             while heard:
                 measurement = json.loads(heard.popleft())
-                if measurement["trigger"] != trigger:
+                if measurement.get("trigger") != trigger:
                     continue  # a press in a rest that has been taken: not a second reading
-                told = folder.take(measurement)
+                try:
+                    told = folder.take(measurement)
+                except (KeyError, TypeError, ValueError) as error:
+                    told = f"passed over, no measurement of armd's: {printable(repr(error))}"
                 print(f"{folder.n:4d}  {told}; next {folder.target}", flush=True)
     print(f"armd: {args.session}: {folder.n} readings")
     return 0 if folder.n else 1

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import Any
 
 import armd
 from armd.daemon.root import WARNING
 from armd.daemon.screen import temperatures
 from armd.daemon.state import State
+from armd.errors import BadInput
+from armd.printable import printable
 
 GOOD = (State.READY, State.WARMING)
 
@@ -25,16 +28,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     with armd.connect(args.serial, args.endpoint, timeout_s=3.0) as arm:
         health = arm.health_now()
-    state = State(health["state"])
     if args.json:
         print(json.dumps(health))
     else:
-        print(f"{health['serial']}  {state}: {health['reason']}")
-        print(f"points       {health['rates']['points_hz']:g} Hz, {health['points']['published']}")
-        print(f"calibration  {health['calibration'] or 'none'}")
-        print(f"sensors      {temperatures(health) or 'none'}")
-        drops = {name: n for name, n in health["drops"].items() if n and name != "samples"}
-        print(f"drops        {', '.join(f'{n} {name}' for name, n in drops.items()) or 'none'}")
-        if health.get("as_root"):
-            print(f"warning      {WARNING}")
-    return 0 if state in GOOD else 1
+        try:
+            lines = _lines(health)
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            found = f"a message without {error!s}"
+            raise BadInput(arm.serial, "health", found, "one of armd's daemon") from error
+        print("\n".join(printable(line) for line in lines))
+    return 0 if health.get("state") in GOOD else 1
+
+
+def _lines(health: dict[str, Any]) -> list[str]:
+    drops = {name: n for name, n in health["drops"].items() if n and name != "samples"}
+    lines = [
+        f"{health['serial']}  {health['state']}: {health['reason']}",
+        f"points       {health['rates']['points_hz']:g} Hz, {health['points']['published']}",
+        f"calibration  {health['calibration'] or 'none'}",
+        f"sensors      {temperatures(health) or 'none'}",
+        f"drops        {', '.join(f'{n} {name}' for name, n in drops.items()) or 'none'}",
+    ]
+    return [*lines, *([f"warning      {WARNING}"] if health.get("as_root") else [])]

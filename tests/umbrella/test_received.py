@@ -1,0 +1,143 @@
+"""What a subscriber believes, and what reaches a person's terminal."""
+
+import json
+import threading
+import time
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+import zenoh
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+from running_daemon import free_endpoint
+
+import armd
+from armd import keys
+from armd.client import Arm
+from armd.daemon.screen import Screen
+from armd.printable import printable
+from armd.received import KEPT_S, is_sound
+
+
+def session(mode, endpoint, **more):
+    config = zenoh.Config()
+    settings = {"mode": mode, "scouting/multicast/enabled": False, "timestamping/enabled": True}
+    settings["listen/endpoints" if mode == "router" else "connect/endpoints"] = [endpoint]
+    for key, value in (settings | more).items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+
+
+@contextmanager
+def careless_network():
+    """A hub that lets everybody speak, a publisher behind it, somebody else, and an `Arm`."""
+    endpoint = free_endpoint()
+    with (
+        session("router", endpoint),
+        session("client", endpoint) as publisher,
+        session("client", endpoint) as other,
+        session("client", endpoint) as own,
+    ):
+        yield publisher, other, Arm(own, "SIM-0001")
+
+
+def points(first, n=1):
+    array = np.zeros(n, armd.POINT)
+    array["seq"] = np.arange(first, first + n)
+    return [row.tobytes() for row in array]
+
+
+def put(session, what, *payloads):
+    for payload in payloads:
+        session.put(f"armd/SIM-0001/{what}", payload)
+    time.sleep(0.1)
+
+
+BAD_POINTS = [b"", b"x", bytes(135), bytes(137), bytes(136 * 2)]
+BAD_MESSAGES = [
+    b"", b"x", b"\xff\xfe", b"[1]", b"3", b"null", b"{", b"[" * 5000, b'{"state": 3}',
+    b'{"text": null}', b'{"kind": []}', b'{"temperatures": "warm"}', b'{"seq": true}',
+]  # fmt: skip
+
+
+def test_what_is_malformed_is_passed_over_and_counted():
+    with careless_network() as (publisher, _, arm):
+        with arm.stream(keys.POINT) as stream, arm.stream(keys.HEALTH) as health:
+            time.sleep(0.2)
+            put(publisher, keys.POINT, *points(1), *BAD_POINTS, *points(2))
+            publisher.delete("armd/SIM-0001/point")
+            put(publisher, keys.HEALTH, *BAD_MESSAGES, b'{"state": "READY"}')
+            assert list(arm.decode(stream.take())["seq"]) == [1, 2]
+            assert health.take() == [b'{"state": "READY"}']
+        assert arm.refused.malformed == len(BAD_POINTS) + 1 + len(BAD_MESSAGES)
+        assert arm.lost.total == 0
+
+
+def test_a_client_keeps_to_the_publisher_it_met_first_until_that_is_silent():
+    with careless_network() as (publisher, other, arm), arm.stream(keys.POINT) as stream:
+        time.sleep(0.2)
+        put(publisher, keys.POINT, *points(1))
+        assert list(arm.decode(stream.take())["seq"]) == [1]
+        put(other, keys.POINT, *points(100, 5))
+        put(publisher, keys.POINT, *points(2))
+        assert list(arm.decode(stream.take())["seq"]) == [2]
+        assert arm.refused.foreign == 5
+        time.sleep(KEPT_S)  # as long as a daemon takes to start anew
+        put(other, keys.POINT, *points(7))
+        assert list(arm.decode(stream.take())["seq"]) == [7]
+
+
+def test_a_pause_between_two_iterations_is_no_loss():
+    over = threading.Event()
+
+    def publish(publisher):
+        seq = 0
+        while not over.wait(0.002):
+            seq += 1
+            publisher.put("armd/SIM-0001/point", points(seq)[0])
+
+    with careless_network() as (publisher, _, arm):
+        thread = threading.Thread(target=publish, args=(publisher,))
+        thread.start()
+        try:
+            last = []
+            for _ in range(2):
+                iteration = arm.points(10.0)
+                last += [next(iteration).seq for _ in range(5)]
+                iteration.close()
+                time.sleep(0.3)
+        finally:
+            over.set()
+            thread.join()
+    assert last[5] - last[4] > 50  # there was a pause
+    assert arm.lost.total == 0 and arm.lost.restarts == 0
+
+
+@given(st.binary(max_size=300), st.sampled_from([keys.EVENT, keys.HEALTH, keys.MEASUREMENT]))
+def test_no_payload_makes_the_check_itself_fail(payload, what):
+    is_sound(what, payload)
+    is_sound(keys.POINT, payload)
+
+
+@given(st.text())
+def test_nothing_that_a_terminal_obeys_gets_through(text):
+    assert printable(text).isprintable() or all(
+        letter.isspace() or letter.isprintable() or not letter.isascii()
+        for letter in printable(text)
+    )
+    assert "\x1b" not in printable(text) and "\n" not in printable(text)
+
+
+@pytest.mark.parametrize("text", ["[/x]", "[bold", "\x1b[2J\x07", "a\nb", "\u202egnp", "\\[red]"])
+def test_the_screen_shows_what_a_device_says_and_does_not_do_it(text):
+    with careless_network() as (publisher, _, arm):
+        arm.serial = f"SIM{text}"
+        console = Console(record=True, width=90, force_terminal=False)
+        with Screen(arm, console) as screen:
+            screen._health = {"state": text, "reason": text, "temperatures": {"t1": "warm"}}
+            screen._events = [text]
+            screen.show(np.zeros(0, armd.POINT), 0.1)
+        shown = console.export_text()
+    assert printable(text) in shown and "\x1b[2J" not in shown and "\x07" not in shown
