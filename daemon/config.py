@@ -16,7 +16,7 @@ from armd.errors import BadInput
 from armd.schema import Strict, load_toml
 
 Seconds = Annotated[float, Field(gt=0, le=3600)]
-Endpoint = Annotated[str, Field(pattern=r"^[a-z0-9]+/.+$", description="e.g. tcp/127.0.0.1:7447")]
+Endpoint = Annotated[str, Field(pattern=r"^[a-z0-9-]+/.+$", description="e.g. tcp/127.0.0.1:7447")]
 
 
 class Zenoh(Strict):

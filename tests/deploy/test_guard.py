@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
@@ -60,7 +63,7 @@ class Floor:
             write_certificate(authority, folder, name, f"{name}.example")
         write_certificate(trustme.CA(), folder, "intruder", "intruder.example")
         text = (EXAMPLES / "shop-floor.json5").read_text()
-        text = text.replace("0.0.0.0:7447", f"127.0.0.1:{self.tls}")
+        text = text.replace("0.0.0.0:7448", f"127.0.0.1:{self.tls}")
         text = text.replace("127.0.0.1:7447", f"127.0.0.1:{self.tcp}")
         text = text.replace("/etc/armd/tls", str(folder))
         (folder / "shop-floor.json5").write_text(text)
@@ -69,10 +72,11 @@ class Floor:
         session = cleanup.enter_context(open_session(load_config(folder / "armd.toml")))
         publisher = cleanup.enter_context(closing(Publisher(session, SERIAL)))
         publisher.events.put({"kind": "test"})
-        commands = {"reload": lambda _: "reloaded"}
-        info = {"arm": SERIAL}
+        commands = {"reload": lambda _, answer: answer("reloaded", True)}
+        info = json.dumps({"arm": SERIAL})
         frame = RawFrame(1, 2, "rx", b"bytes")
         queries = Queries(session, SERIAL, publisher, lambda: info, lambda: [frame], commands)
+        cleanup.callback(queries.close)
         over = threading.Event()
 
         def answer() -> None:
@@ -90,7 +94,7 @@ class Floor:
     def client(self, name: str) -> str:
         """The configuration file of the client *name*."""
         text = (EXAMPLES / "client.json5").read_text()
-        text = text.replace("controller.example:7447", f"localhost:{self.tls}")
+        text = text.replace("controller.example:7448", f"localhost:{self.tls}")
         text = text.replace("ca.pem", f"{self.folder}/ca.pem")
         text = text.replace('"inspection.', f'"{self.folder}/{name}.')
         file = self.folder / f"{name}.json5"
@@ -154,3 +158,55 @@ def test_only_the_controller_itself_may_record(floor: Floor) -> None:
             arm.preamble()
         with arm.stream(keys.RAW) as stream:
             assert list(stream.follow(1.0)) == []
+
+
+#: In a network and with an /etc of its own, in which the names of the examples mean this machine:
+#: files and ports are those that are shipped.
+VERBATIM = """\
+ip link set lo up 2>/dev/null || {python} -c "{up}"
+mount --bind "$1/etc" /etc
+cd "$1/client"
+{python} -m armd.daemon.cli run /etc/armd/armd.toml --allow-root >"$1/out" 2>&1 &
+daemon=$!
+trap 'kill $daemon; wait $daemon' EXIT
+for _ in $(seq 600); do
+    if grep -q "armd: ready" "$1/out"; then break; fi
+    if ! kill -0 $daemon 2>/dev/null; then cat "$1/out"; exit 1; fi
+    sleep 0.1
+done
+{python} -m armd.daemon.cli status --json >"$1/local.json" || [ $? = 1 ]
+{python} -m armd.daemon.cli status --json --endpoint client.json5 >"$1/remote.json" || [ $? = 1 ]
+"""
+UP = """\
+import fcntl, socket, struct
+with socket.socket() as s: fcntl.ioctl(s, 0x8914, struct.pack('16sh', b'lo', 0x49))"""
+
+
+def test_the_shipped_files_start_as_they_are_shipped(tmp_path: Path) -> None:
+    if subprocess.run(["unshare", "-Urmn", "true"], check=False).returncode:
+        pytest.skip("this machine lets nobody have a network of its own")
+    etc, client = tmp_path / "etc", tmp_path / "client"
+    tls = etc / "armd/tls"
+    tls.mkdir(parents=True)
+    client.mkdir()
+    for name in ("ld.so.cache", "ld.so.conf", "passwd", "group", "nsswitch.conf", "localtime"):
+        if (Path("/etc") / name).is_file():
+            (etc / name).write_bytes((Path("/etc") / name).read_bytes())
+    (etc / "hosts").write_text("127.0.0.1 localhost controller.example\n")
+    authority = trustme.CA()
+    for folder in (tls, client):
+        authority.cert_pem.write_to_path(folder / "ca.pem")
+    write_certificate(authority, tls, "controller", "controller.example")
+    write_certificate(authority, client, "inspection", "inspection.example")
+    (etc / "armd/shop-floor.json5").write_bytes((EXAMPLES / "shop-floor.json5").read_bytes())
+    (client / "client.json5").write_bytes((EXAMPLES / "client.json5").read_bytes())
+    (etc / "armd/arm.toml").write_text(arm_toml(SERIAL))
+    (etc / "armd/armd.toml").write_text(ARMD_TOML)
+    script = VERBATIM.format(python=sys.executable, up=UP.replace("\n", ";", 1).replace("\n", ""))
+    done = subprocess.run(
+        ["unshare", "-Urmn", "sh", "-euc", script, "sh", tmp_path],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, (done.stdout, done.stderr, (tmp_path / "out").read_text())
+    for who in ("local", "remote"):
+        assert json.loads((tmp_path / f"{who}.json").read_text())["serial"] == SERIAL

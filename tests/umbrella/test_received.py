@@ -132,7 +132,7 @@ def test_nothing_that_a_terminal_obeys_gets_through(text):
 
 @pytest.mark.parametrize("text", ["[/x]", "[bold", "\x1b[2J\x07", "a\nb", "\u202egnp", "\\[red]"])
 def test_the_screen_shows_what_a_device_says_and_does_not_do_it(text):
-    with careless_network() as (publisher, _, arm):
+    with careless_network() as (_, _, arm):
         arm.serial = f"SIM{text}"
         console = Console(record=True, width=90, force_terminal=False)
         with Screen(arm, console) as screen:

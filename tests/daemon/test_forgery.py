@@ -1,0 +1,107 @@
+"""Another program on the same machine cannot speak for the arm: not by points, health, events,
+tokens or answers, nor fill the daemon's memory; who may listen can be left to file permissions.
+
+The daemon is a process of its own, and so is the forger.
+"""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from running_daemon import running_daemon, session_with
+
+import armd
+from armd.simulator.truth.nominal import arm_toml
+
+SERIAL = "SIM-0001"
+FORGER = """
+import json, sys, time, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", json.dumps(sys.argv[2]))
+config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
+config.insert_json5("listen/endpoints", "[]")
+config.insert_json5("scouting/multicast/enabled", "false")
+arm = "armd/SIM-0001/"
+health = json.dumps({"state": "READY", "reason": "FORGED"})
+answer = lambda query: query.reply(arm + "info", json.dumps({"arm": "FORGED"}))
+with zenoh.open(config) as session:
+    tokens = [session.liveliness().declare_token(key) for key in (arm + "alive", "armd/TWIN/alive")]
+    offers = [session.declare_queryable(key, answer) for key in (arm + "info", "armd/**", "**")]
+    time.sleep(0.3)
+    print("forging", flush=True)
+    while True:
+        for key in (arm + "point", "armd/*/point", "armd/**", "**", arm + "@raw"):
+            session.put(key, bytes(136))
+        for key in (arm + "health", arm + "event", arm + "measurement", "*/*/health"):
+            session.put(key, health)
+        session.delete(arm + "event")
+        session.put(arm + "event/@adv/pub/x/1/_", health)
+        time.sleep(0.02)
+"""
+
+
+def tcp_ports(pid):
+    """Local addresses, as the kernel writes them, on which process *pid* listens."""
+    links = [path.readlink() for path in Path(f"/proc/{pid}/fd").iterdir() if path.is_symlink()]
+    own = {str(link)[8:-1] for link in links if str(link).startswith("socket:[")}
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    return [row[1] for row in rows if row[3] == "0A" and row[9] in own]
+
+
+@pytest.fixture(scope="module")
+def daemon(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("forgery")
+    (folder / "arm.toml").write_text(arm_toml(SERIAL))
+    with running_daemon(folder, str(folder / "no-port")) as running:
+        yield running
+
+
+@pytest.mark.parametrize("mode", ["client", "peer"])
+def test_whatever_another_program_says_reaches_nobody(daemon, mode):
+    command = [sys.executable, "-c", FORGER, daemon.endpoint, mode]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as forger:
+        try:
+            assert forger.stdout.readline() == "forging\n"
+            with daemon.listen() as heard, armd.connect(endpoint=daemon.endpoint) as arm:
+                assert arm.serial == SERIAL  # one arm, no twin
+                with arm.stream("event") as events, arm.stream("@raw") as raw:
+                    for _ in range(5):
+                        assert arm.info()["arm"]["serial_number"] == SERIAL
+                    time.sleep(1.0)
+                    assert raw.take() == []
+                    told = [json.loads(payload) for payload in events.take()]
+                assert told and all("text" in event for event in told)
+                assert not heard.payloads["point"]
+                states = heard.json("health")
+            assert states and all(state["reason"] != "FORGED" for state in states)
+            assert arm.refused.malformed == arm.refused.foreign == 0
+            assert forger.poll() is None
+        finally:
+            forger.kill()
+
+
+def test_a_message_of_200_mb_takes_no_memory(daemon):
+    def resident_mb():
+        status = Path(f"/proc/{daemon.process.pid}/status").read_text()
+        return max(int(line.split()[1]) for line in status.splitlines() if "VmHWM" in line) / 1024
+
+    before_mb = resident_mb()
+    with session_with(daemon.endpoint) as session:
+        session.put(f"armd/{SERIAL}/point", bytes(200 << 20))
+        list(session.get(f"armd/{SERIAL}/info", payload=bytes(100 << 20), timeout=2.0))
+    assert resident_mb() - before_mb < 50
+    assert daemon.get("health")[0]
+
+
+def test_a_unix_socket_lets_in_whom_its_file_lets_in(tmp_path):
+    (tmp_path / "arm.toml").write_text(arm_toml(SERIAL))
+    path = tmp_path / "armd.sock"
+    endpoint = f"unixsock-stream/{path}"
+    for _ in range(2):  # the first is killed and leaves its socket behind
+        with running_daemon(tmp_path, str(tmp_path / "no-port"), endpoint=endpoint):
+            assert path.stat().st_mode & 0o777 == 0o660
+            with armd.connect(endpoint=endpoint) as arm:
+                assert arm.info()["arm"]["serial_number"] == SERIAL
