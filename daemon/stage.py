@@ -14,8 +14,9 @@ from typing import IO, Self
 
 from armd.errors import ArmdError
 
-SIMULATOR = [sys.executable, "-m", "armd.simulator"]
-ARMD = [sys.executable, "-m", "armd.daemon.cli"]
+SIMULATOR = [sys.executable, "-P", "-m", "armd.simulator"]
+#: -P: nothing that lies in the present folder is imported.
+ARMD = [sys.executable, "-P", "-m", "armd.daemon.cli"]
 STOP_S = 5.0
 
 CONFIG = """\

@@ -7,12 +7,15 @@
 #   sudo deploy/install.sh --uninstall         removes it; configuration and recordings stay
 #   sudo deploy/install.sh --uninstall --purge removes those too
 #
-# Running it again upgrades: what is there already is left or replaced, never doubled. Where systemd
-# is not running, as when an image is being made, it is only enabled and starts with the machine.
+# Running it again upgrades: what is there already is left or replaced, never doubled. The new one is
+# built beside the old, which goes on running; if it cannot be built, or its service does not start,
+# the old one stays. Where systemd is not running, as when an image is being made, it is only enabled
+# and starts with the machine.
 set -eu
 
 here=$(cd "$(dirname "$0")" && pwd)
-venv=/opt/armd
+venv=/opt/armd # a link to the one in use
+a=$venv.a b=$venv.b
 pins=$here/../requirements.txt
 units=/usr/local/lib/systemd/system
 rules=/usr/local/lib/udev/rules.d
@@ -22,7 +25,7 @@ users=/usr/local/lib/sysusers.d
 say() { printf 'armd: %s\n' "$*"; }
 fail() { printf 'armd: %s\n' "$*" >&2; exit 2; }
 
-usage() { sed -n '2,12s/^# \{0,1\}//p' "$0"; }
+usage() { sed -n '2,14s/^# \{0,1\}//p' "$0"; }
 
 booted() { [ -d /run/systemd/system ]; }
 
@@ -46,7 +49,7 @@ uninstall() {
     systemctl disable --quiet armd.service 2>/dev/null || true
     rm -f "$units/armd.service" "$units/armd@.service" "$rules/70-armd.rules" \
         "$rules/71-armd-awake.rules" "$networks/80-armd-can.network" "$users/armd.conf" /usr/local/bin/armd
-    rm -rf "$venv" /var/cache/armd
+    rm -rf "$venv" "$a" "$b" "$venv.before" /var/cache/armd
     for folder in "$rules" "${rules%/*}" "$networks" "$units" "${units%/*}" "$users"; do
         rmdir "$folder" 2>/dev/null || true # only if nobody else has anything there
     done
@@ -65,10 +68,23 @@ uninstall() {
     fi
 }
 
-pip() { "$venv/bin/pip" --quiet --disable-pip-version-check "$@"; }
+# -I: root runs nothing that lies in the present folder or that the environment names.
+pip() { "$new/bin/python" -I -m pip --quiet --disable-pip-version-check "$@"; }
 
-install_program() {
-    "$python" -m venv "$venv"
+unfinished='' copy='' saved='' half_way=no
+clean_up() {
+    if [ $half_way = yes ]; then put_back; fi
+    for folder in "$unfinished" "$copy" "$saved"; do rm -rf ${folder:+"$folder"}; done
+}
+
+build() {
+    case $(readlink "$venv" || true) in
+        "$a") new=$b ;;
+        *) new=$a ;;
+    esac
+    unfinished=$new
+    rm -rf "$new"
+    "$python" -I -m venv "$new"
     if [ -n "$wheelhouse" ]; then
         # armd itself always anew: its version number need not have changed.
         pip install --no-index --find-links "$wheelhouse" --force-reinstall --no-deps armd
@@ -76,11 +92,44 @@ install_program() {
     else
         # From a copy: a build leaves files behind, which shall not lie in somebody's repository.
         copy=$(mktemp -d)
-        trap 'rm -rf "$copy"' EXIT
         tar -C "$here/.." --exclude='./.*' --exclude=./build -cf - . | tar -C "$copy" -xf -
         pip install --force-reinstall --no-deps "$copy"
         pip install --constraint "$pins" armd
     fi
+    pip check || fail "$new: found packages that do not fit each other; the old stay"
+    "$new/bin/python" -I -c 'import armd.daemon.commands.run' ||
+        fail "$new: found a program that does not load; the old one stays"
+}
+
+# What is installed beside the program, and is put back with it.
+system_files() {
+    printf '%s\n' "$units/armd.service" "$units/armd@.service" "$rules/70-armd.rules" \
+        "$rules/71-armd-awake.rules" "$networks/80-armd-can.network" "$users/armd.conf"
+}
+
+save() {
+    saved=$(mktemp -d) old=$(readlink "$venv" || true)
+    system_files | while read -r file; do
+        if [ -e "$file" ]; then cp -p "$file" "$saved/${file##*/}"; fi
+    done
+    half_way=yes
+}
+
+put_back() {
+    system_files | while read -r file; do
+        if [ -e "$saved/${file##*/}" ]; then cp -p "$saved/${file##*/}" "$file"; fi
+    done
+    half_way=no
+    reload
+}
+
+point_to() { # in one step: there is always a program
+    ln -sfn "$1" "$venv.link"
+    if [ -d "$venv" ] && [ ! -L "$venv" ]; then # of before there was a link
+        mv "$venv" "$venv.before"
+        old=$venv.before
+    fi
+    mv -T "$venv.link" "$venv"
     mkdir -p /usr/local/bin
     ln -sfn "$venv/bin/armd" /usr/local/bin/armd
 }
@@ -98,13 +147,27 @@ install_system() {
     systemctl enable --quiet armd.service
 }
 
+roll_back() {
+    say "the new one does not start; going back to the old one" >&2
+    point_to "$old"
+    put_back
+    for unit in $1; do systemctl restart "$unit" || true; done
+    fail "found a service that does not start ($2), expected it to; the old one runs again"
+}
+
 start() {
     if ! booted; then say "installed; it starts with the machine"; return; fi
     if [ ! -e /etc/armd/armd.toml ] && [ -z "$(running)" ]; then
         say "installed; describe the arm in /etc/armd/armd.toml, then: systemctl start armd"
         return
     fi
-    for unit in $(running) armd.service; do systemctl restart "$unit"; done
+    active=$(running)
+    for unit in $active armd.service; do
+        if ! systemctl restart "$unit"; then
+            if [ -n "$old" ] && [ -n "$active" ]; then roll_back "$active" "$unit"; fi
+            fail "$unit: found a service that does not start; see: journalctl -u $unit"
+        fi
+    done
     say "installed and started; see: armd status"
 }
 
@@ -125,12 +188,20 @@ command -v systemctl >/dev/null || fail "found no systemctl, expected a machine 
 if [ "$action" = uninstall ]; then uninstall; exit; fi
 [ -z "$wheelhouse" ] || [ -d "$wheelhouse" ] || fail "$wheelhouse: found no such folder"
 python=${PYTHON:-python3}
-"$python" -c 'import ensurepip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null ||
+"$python" -I -c 'import ensurepip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null ||
     fail "$python: expected Python 3.11 or newer with venv (Debian: apt install python3-venv)"
-"$python" -c 'import sys; sys.exit(sys.base_prefix.startswith(("/home/", "/root/")))' ||
+"$python" -I -c 'import sys; sys.exit(sys.base_prefix.startswith(("/home/", "/root/")))' ||
     fail "$python: found a Python in somebody's home, where the service sees nothing; expected" \
         "the system's: PYTHON=/usr/bin/python3 $0"
 umask 022
-install_program
+trap clean_up EXIT
+build
+save
 install_system
+point_to "$new"
+half_way=no
 start
+unfinished=''
+for spare in "$a" "$b" "$venv.before"; do
+    if [ "$spare" != "$new" ]; then rm -rf "$spare"; fi
+done

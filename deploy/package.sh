@@ -12,7 +12,7 @@ python=${PYTHON:-python3}
 
 fail() { printf 'armd: %s\n' "$*" >&2; exit 2; }
 
-wanted=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])') folder=''
+wanted=$("$python" -I -c 'import sys; print("%d.%d" % sys.version_info[:2])') folder=''
 while [ $# -gt 0 ]; do
     case $1 in
         --python) [ $# -gt 1 ] || fail "--python: found nothing, expected a version such as $wanted"

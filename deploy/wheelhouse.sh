@@ -11,9 +11,9 @@ python=${PYTHON:-python3}
 
 fail() { printf 'armd: %s\n' "$*" >&2; exit 2; }
 
-pip() { "$python" -m pip --quiet --disable-pip-version-check "$@"; }
+pip() { "$python" -I -m pip --quiet --disable-pip-version-check "$@"; }
 
-own=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+own=$("$python" -I -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 wanted=$own folder=''
 while [ $# -gt 0 ]; do
     case $1 in

@@ -133,7 +133,7 @@ def _mpe(path: Path, _: Arms) -> str:
 
 def _scenario(path: Path, _: Arms) -> str:
     """The simulator knows its own files, and is a program of its own."""
-    command = [sys.executable, "-m", "armd.simulator", "--check", str(path)]
+    command = [sys.executable, "-P", "-m", "armd.simulator", "--check", str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise _ScenarioFaults([line.removeprefix("armd: ") for line in done.stderr.splitlines()])

@@ -11,4 +11,4 @@ from typing import NoReturn
 def become(arguments: Sequence[str]) -> NoReturn:
     """Replace this process by `python -m armd.simulator ARGUMENTS`."""
     sys.stdout.flush()
-    os.execv(sys.executable, [sys.executable, "-m", "armd.simulator", *arguments])
+    os.execv(sys.executable, [sys.executable, "-P", "-m", "armd.simulator", *arguments])

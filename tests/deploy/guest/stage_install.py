@@ -19,7 +19,7 @@ def installs_from_a_wheelhouse() -> str:
 
 def installing_twice_changes_nothing() -> None:
     def files() -> set[str]:
-        return set(sh("find /usr/local /etc /opt/armd -not -name '*.pyc'").splitlines())
+        return set(sh("find /usr/local /etc /opt/armd/ -not -name '*.pyc'").splitlines())
 
     before = files()
     sh(INSTALL)
@@ -37,8 +37,8 @@ def has_a_user_of_its_own() -> str:
 
 def gives_least_permission() -> None:
     assert sh("stat -c '%U:%G %a' /etc/armd") == "root:armd 750"
-    assert sh("stat -c '%U:%G %a' /opt/armd") == "root:root 755"
-    unsafe = sh("find /opt/armd /usr/local/lib -not -type l '(' -perm /022 -o -not -user root ')'")
+    assert sh("stat -L -c '%U:%G %a' /opt/armd") == "root:root 755"
+    unsafe = sh("find /opt/armd/ /usr/local/lib -not -type l '(' -perm /022 -o -not -user root ')'")
     assert not unsafe, unsafe
 
 

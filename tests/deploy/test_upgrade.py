@@ -1,0 +1,147 @@
+"""An upgrade is whole or it is not there: `deploy/install.sh` with the system's programs replaced
+by ones that note what they are asked, in a file system of its own (test_install.py: the real)."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+PROJECT = Path(__file__).resolve().parents[2]
+
+#: Of this machine only what the script writes to is another.
+ENTER = """\
+for folder in opt usr/local etc/systemd; do
+    mkdir -p "/$folder" 2>/dev/null || true
+    mount --bind "$1/root/$folder" "/$folder"
+done
+mount -t tmpfs tmpfs /run; mkdir -p /run/systemd/system
+mount --bind "$1/root/armd" /etc/armd 2>/dev/null || true
+cd "$1/here"
+PATH="$1/bin:$PATH" PYTHON="$1/bin/python3" exec sh "$2/deploy/install.sh" --wheelhouse "$1/wheels"
+"""
+PYTHON = """\
+#!/bin/sh
+echo "$0 $*" >>{folder}/asked
+case "$*" in
+    "-I -m venv "*) mkdir -p "$4/bin"; cp "$0" "$4/bin/python"; : >"$4/bin/armd" ;;
+    "-I -m pip "*"--constraint"*)
+        [ ! -e {folder}/fail-pip ] && cp {folder}/version "${{0%/bin/*}}/" ;;
+    "-I -c import armd"*) [ ! -e {folder}/fail-load ] ;;
+    "-I "*) ;;
+    *) echo "not isolated: $*" >&2; exit 9 ;;
+esac
+"""
+SYSTEMCTL = """\
+#!/bin/sh
+case "$*" in
+    "list-units "*) if [ -e {folder}/running ]; then echo armd.service; fi ;;
+    "restart "*)
+        echo "restart $(cat /opt/armd/version)" >>{folder}/asked
+        [ "$(cat /opt/armd/version)" != broken ] ;;
+esac
+"""
+QUIET = "#!/bin/sh\nexit 0\n"
+
+
+class Machine:
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        for name in ("bin", "wheels", "here", "root/opt", "root/usr/local", "root/etc/systemd"):
+            (folder / name).mkdir(parents=True)
+        (folder / "root/armd").mkdir()
+        programs = {"python3": PYTHON, "systemctl": SYSTEMCTL}
+        programs |= dict.fromkeys(["systemd-sysusers", "udevadm", "setpriv", "chown"], QUIET)
+        # The group armd is not this machine's.
+        programs["install"] = (
+            '#!/bin/sh\ncase "$*" in *" -g "*) exit 0;; esac\nexec /usr/bin/install "$@"\n'
+        )
+        for name, text in programs.items():
+            (folder / "bin" / name).write_text(
+                text.replace("{folder}", str(folder)).replace("{{", "{").replace("}}", "}")
+            )
+            (folder / "bin" / name).chmod(0o755)
+
+    def install(self, version: str) -> subprocess.CompletedProcess[str]:
+        (self.folder / "version").write_text(version)
+        (self.folder / "asked").write_text("")
+        enter = ["unshare", "-Urm", "sh", "-euc", ENTER, "sh", self.folder, PROJECT]
+        return subprocess.run(enter, capture_output=True, text=True, timeout=60, check=False)
+
+    @property
+    def asked(self) -> str:
+        return (self.folder / "asked").read_text()
+
+    @property
+    def opt(self) -> Path:
+        return self.folder / "root/opt"
+
+    def version(self) -> str:
+        """Of the program that `/opt/armd` leads to."""
+        link = self.opt / "armd"
+        return (self.opt / link.readlink().name / "version").read_text()
+
+    def fail(self, what: str) -> None:
+        (self.folder / f"fail-{what}").touch()
+
+    def unit(self) -> Path:
+        return self.folder / "root/usr/local/lib/systemd/system/armd.service"
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    if subprocess.run(["unshare", "-Urm", "true"], check=False).returncode:
+        pytest.skip("this machine lets nobody have mounts of its own")
+    made = Machine(tmp_path)
+    done = made.install("1")
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "running").touch()
+    made.unit().write_text("unit of 1")
+    return made
+
+
+def test_an_upgrade_is_built_beside_and_leaves_nothing_of_the_old(machine: Machine) -> None:
+    done = machine.install("2")
+    assert done.returncode == 0, done.stderr
+    assert machine.version() == "2"
+    assert sorted(path.name for path in machine.opt.iterdir()) == ["armd", "armd.b"]
+    assert "restart 2" in machine.asked
+    assert machine.unit().read_text() != "unit of 1"
+
+
+@pytest.mark.parametrize("what", ["pip", "load"])
+def test_one_that_cannot_be_built_leaves_the_old_as_it_was(machine: Machine, what: str) -> None:
+    machine.fail(what)
+    done = machine.install("2")
+    assert done.returncode != 0
+    assert machine.version() == "1" and "restart" not in machine.asked
+    assert sorted(path.name for path in machine.opt.iterdir()) == ["armd", "armd.a"]
+    assert machine.unit().read_text() == "unit of 1"
+
+
+def test_one_that_does_not_start_is_taken_back(machine: Machine) -> None:
+    done = machine.install("broken")
+    assert done.returncode == 2
+    assert "found a service that does not start (armd.service)" in done.stderr
+    assert machine.version() == "1" and machine.asked.endswith("restart broken\nrestart 1\n")
+    assert sorted(path.name for path in machine.opt.iterdir()) == ["armd", "armd.a"]
+    assert machine.unit().read_text() == "unit of 1"
+
+
+def test_an_installation_of_before_becomes_one_of_now(machine: Machine) -> None:
+    link = machine.opt / "armd"
+    slot = machine.opt / link.readlink().name
+    link.unlink()
+    slot.rename(link)
+    done = machine.install("2")
+    assert done.returncode == 0, done.stderr
+    assert machine.version() == "2"
+    assert sorted(path.name for path in machine.opt.iterdir()) == ["armd", "armd.a"]
+
+
+def test_root_runs_no_python_of_the_present_folder(machine: Machine) -> None:
+    (machine.folder / "here/venv.py").write_text("raise SystemExit('taken over')")
+    assert machine.install("2").returncode == 0
+    lines = [line for line in machine.asked.splitlines() if "python" in line]
+    assert len(lines) >= 6 and all(" -I " in line for line in lines)
