@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from armd.client import ENDPOINT, Arm, connect
     from armd.joints import JOINTS_ENCODING, joints_dtype
     from armd.point import POINT, POINT_ENCODING, Flag, Lost, Point
-from armd.received import Refused
+    from armd.received import Refused
 
 __all__ = [
     "ENDPOINT",
@@ -44,6 +44,7 @@ _HOMES = {
     "client": ("ENDPOINT", "Arm", "connect"),
     "joints": ("JOINTS_ENCODING", "joints_dtype"),
     "point": ("POINT", "POINT_ENCODING", "Flag", "Lost", "Point"),
+    "received": ("Refused",),
 }
 
 if not TYPE_CHECKING:  # which would take every name for one that is there
