@@ -27,6 +27,8 @@ from armd.simulator.physics import Block, WarmUp, blocks
 from armd.simulator.pty_port import PtyPort
 from armd.simulator.scenario import Scenario
 from armd.simulator.serial_device import SerialDevice
+from armd.simulator.servobus.arm import arm_toml as servo_arm_toml
+from armd.simulator.servobus.device import ServoBus
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import arm_toml
 
@@ -64,6 +66,12 @@ def parser() -> argparse.ArgumentParser:
         help="as a MicroScribe on a pty; prints its path first",
     )
     mode.add_argument(
+        "--servo",
+        choices=["feetech", "dynamixel"],
+        help="as a printed arm of six servos on a pty, at the line's true pace; prints its path"
+        " first",
+    )
+    mode.add_argument(
         "--session", metavar="KIND", help="measured sessions instead: see --session KIND --help"
     )
     mode.add_argument(
@@ -94,7 +102,10 @@ def parser() -> argparse.ArgumentParser:
         help="on CAN: the arm sends SYNC itself, --rate times a second",
     )
     command.add_argument(
-        "--baud", metavar="N", type=int, help="of a MicroScribe: the only rate it hears (any)"
+        "--baud",
+        metavar="N",
+        type=int,
+        help="of a MicroScribe or servos: the only rate they hear (any)",
     )
     command.add_argument(
         "--fault",
@@ -134,6 +145,8 @@ def read_scenario(options: argparse.Namespace) -> Scenario:
     merged = file.model_dump(by_alias=True) | given
     scenario = validate("command line", merged, Scenario)
     wire: WireName = "serial" if options.serial else "microscribe" if options.microscribe else "can"
+    if options.servo:
+        wire = "servo"
     faults = [*scenario.fault, *(parse_fault(text) for text in options.fault)]
     if scenario.faults_per_minute:
         if scenario.seconds is None:
@@ -156,7 +169,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         scenario = read_scenario(options)
         check_places(options)
         if options.arm_out is not None:
-            text = arm_toml(scenario.serial_number)
+            drawn = servo_arm_toml if options.servo else arm_toml
+            text = drawn(scenario.serial_number)
             check_same(options.arm_out, text, ARM, options.force, [options.scenario])
             write_whole(options.arm_out, text)
         return run(scenario, options)
@@ -196,6 +210,12 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
             )
             print(port.path, flush=True)
             scribe.run()
+        elif options.servo:
+            port = cleanup.enter_context(closing(PtyPort(options.link)))
+            bus = ServoBus(options.servo, scenario, port, truth, log, options.baud)
+            cleanup.enter_context(closing(bus))
+            print(port.path, flush=True)
+            bus.run()
         elif options.serial:
             physics = cleanup.enter_context(closing(Ahead(life(scenario, scenario.rate_hz))))
             port = cleanup.enter_context(closing(PtyPort(options.link)))

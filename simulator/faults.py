@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 from armd.errors import BadInput
 from armd.schema import Strict, validate
 
-Wire = Literal["serial", "can", "microscribe"]
+Wire = Literal["serial", "can", "microscribe", "servo"]
 
 
 class Kind(NamedTuple):
@@ -28,9 +28,11 @@ class Kind(NamedTuple):
 
 SERIAL: tuple[Wire, ...] = ("serial",)
 CAN: tuple[Wire, ...] = ("can",)
-PORTS: tuple[Wire, ...] = ("serial", "microscribe")
+PORTS: tuple[Wire, ...] = ("serial", "microscribe", "servo")
 BOTH: tuple[Wire, ...] = ("serial", "can")
-ALL: tuple[Wire, ...] = ("serial", "can", "microscribe")
+ALL: tuple[Wire, ...] = ("serial", "can", "microscribe", "servo")
+JOINTS: tuple[Wire, ...] = ("serial", "can", "servo")
+SERVO: tuple[Wire, ...] = ("servo",)
 
 FAULTS = {
     "corrupted_byte": Kind("one byte of the SAMPLE packet changes on the wire", 0.0, SERIAL),
@@ -40,11 +42,13 @@ FAULTS = {
     "silence": Kind("nothing is sent or answered; the arm keeps its state", 0.8, ALL),
     "unplug": Kind("the port disappears, and comes back at the end", 1.0, PORTS),
     "reboot": Kind("the arm starts anew: counters, clock, boot_id, settings", 0.3, ALL),
-    "joint_invalid": Kind("the joint's status bit is set (CAN: an alarm)", 0.5, BOTH),
-    "count_jump": Kind("the joint's count is off by `amount` counts", 0.0, BOTH, 1 << 20),
+    "joint_invalid": Kind(
+        "the joint's status bit is set (CAN: an alarm; servo: no answer)", 0.5, JOINTS
+    ),
+    "count_jump": Kind("the joint's count is off by `amount` counts", 0.0, JOINTS, 1 << 20),
     "sensor_open": Kind("the channel is marked invalid", 3.0, BOTH),
     "sensor_silent": Kind("no temperatures are sent", 6.0, BOTH),
-    "temperature_step": Kind("the channel reads `amount` kelvin more", 5.0, BOTH, 5.0),
+    "temperature_step": Kind("the channel reads `amount` kelvin more", 5.0, JOINTS, 5.0),
     "joint_warning": Kind("the joint's node reports a warning (6505)", 0.5, CAN),
     "emcy": Kind("the joint's node sends an emergency, and takes it back at the end", 0.5, CAN),
     "heartbeat_loss": Kind("the joint's node sends its TPDOs, but no heartbeat", 2.0, CAN),
@@ -52,6 +56,18 @@ FAULTS = {
     "node_reboot": Kind("the joint's node starts anew with factory settings", 0.3, CAN),
     "missing_tpdo": Kind("the joint's node does not answer a SYNC", 0.0, CAN),
     "bus_down": Kind("the bus is gone, and comes back at the end", 1.0, CAN),
+    "missing_answer": Kind("the joint's servo does not answer one request", 0.0, SERVO),
+    "late_answer": Kind("the joint's servo answers in the cycle after", 0.0, SERVO),
+    "flipped_bit": Kind("one bit of the servo's answer changes, its length does not", 0.0, SERVO),
+    "stale_bytes": Kind("bytes that are no answer come before the answers", 0.0, SERVO),
+    "echo": Kind("the adapter hears what the host says", 1.0, SERVO),
+    "servo_silent": Kind("the joint's servo starts anew, and is silent till then", 1.2, SERVO),
+    "multi_turn": Kind("the servo's positions run on over the turns, below 0", 1.0, SERVO),
+    "torque_on": Kind("the servo's torque is on", 2.0, SERVO),
+    "servo_alert": Kind("the servo complains of overload; its data hold", 1.0, SERVO),
+    "homing_changed": Kind(
+        "another tool changed the servo's homing offset by `amount` counts", 2.0, SERVO, 120
+    ),
 }
 
 

@@ -1,0 +1,253 @@
+"""The servos' side of the line: who answers what, each in its slot, at the line's true pace."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from armd.drivers.poll import dynamixel, feetech
+from armd.drivers.poll.packet import BROADCAST, Packet, Status
+from armd.simulator.books import FaultLog, TruthFile
+from armd.simulator.faults import Fault, Schedule
+from armd.simulator.pty_port import PtyPort
+from armd.simulator.scenario import Scenario
+from armd.simulator.servobus.arm import F64, IDS, PrintedArm
+from armd.simulator.servobus.servo import SimulatedServo
+
+SCHEDULE_HZ = 1000
+TRUTH_HZ = 500
+TURN_ROUND_NS = {"feetech": 50_000, "dynamixel": 40_000}  # before each answer, at the least
+LATE_NS = 100_000  # by how much a write may be late, and its slot still count as kept
+MUTE = ("silence", "reboot")
+GARBAGE = b"\xff\xff\x01\xff\xff\xfd\x00\x02\xff"
+
+
+class ServoBus:
+    """Six servos on one port, from power-up until `run` returns.
+
+    Rows of truth are numbered by their instant (CLOCK_MONOTONIC, ns), as a servo line has no
+    number of its own.
+    """
+
+    def __init__(
+        self, family: str, scenario: Scenario, port: PtyPort, truth: TruthFile, log: FaultLog,
+        baud: int | None,
+    ) -> None:  # fmt: skip
+        self._feetech = family == "feetech"
+        self._codec = feetech if self._feetech else dynamixel
+        self._turn_round_ns = TURN_ROUND_NS[family]
+        self._scenario = scenario
+        self._schedule = Schedule(scenario.fault, SCHEDULE_HZ)
+        self._port, self._truth, self._log, self._baud = port, truth, log, baud
+        within_s = scenario.warm_up_s or scenario.seconds or 20.0
+        self._arm = PrintedArm(scenario.seed, scenario.ambient_c, scenario.warm_up_k, within_s)
+        self._rng = np.random.default_rng([scenario.seed, 0x5EB0])
+        self._servos = {n: SimulatedServo(n, self._feetech) for n in IDS}
+        self._splitter = self._codec.splitter()
+        self._once: list[Fault] = []  # faults of one cycle that have not been yet
+        self._kept = b""  # an answer that comes a cycle late
+        self._byte_ns = 0.0
+        self._began_ns = time.monotonic_ns()
+        self._warm_step, self._warm = -1, np.empty(0)
+        self._told_s = 0.0  # truth has been written up to here
+
+    def run(self) -> None:
+        """Live for the scenario's seconds, or until interrupted."""
+        self._began_ns = time.monotonic_ns()
+        self._log.write("boot", monotonic_ns=self._began_ns, servos=list(IDS))
+        seconds = self._scenario.seconds
+        while seconds is None or self._now_s() < seconds:
+            if round(self._now_s() * SCHEDULE_HZ) >= self._schedule.next_change:
+                self._change_faults()
+            if not self._port.plugged:
+                time.sleep(0.001)
+                continue
+            received = self._port.read(0.005)
+            if not received:
+                continue
+            arrived_ns = time.monotonic_ns()
+            baud = self._port.baud
+            if self._baud is not None and baud != self._baud:
+                self._splitter.flush()  # gibberish
+                continue
+            self._byte_ns = 1e10 / baud
+            if self._schedule.is_on("echo"):
+                self._port.write(received)
+            for packet in self._splitter.push(received):
+                if not any(self._schedule.is_on(name) for name in MUTE):
+                    self._obey(packet, arrived_ns + len(packet.raw) * self._byte_ns)
+
+    def close(self) -> None:
+        """Bring the books up to now."""
+        until_s = min(self._now_s(), self._scenario.seconds or float("inf"))
+        time_s = np.arange(self._told_s, until_s, 1 / TRUTH_HZ)
+        for part in np.array_split(time_s, max(1, len(time_s) // 2000)):
+            if len(part):
+                instants = self._began_ns + np.round(part * 1e9).astype(np.uint64)
+                self._truth.append(instants.astype(np.uint64), self._arm.tips_mm(part))
+        self._told_s = until_s
+        self._log.write("stop", **self._when())
+
+    # --- answers ------------------------------------------------------------------------------
+
+    def _obey(self, packet: Packet, heard_ns: float) -> None:
+        """A packet whose last bit came at *heard_ns*."""
+        codec = self._codec
+        request = codec.read_request(packet)
+        if request is not None:
+            self._read(request.ids, request.address, request.length, request.fast, heard_ns,
+                       alone=packet.id in self._servos)  # fmt: skip
+        elif packet.code == codec.PING:
+            asked = IDS if packet.id == BROADCAST else (packet.id,)
+            for n in asked:
+                if n in self._servos:
+                    heard_ns = self._say(self._pong(n), heard_ns, n)
+        elif packet.code == codec.WRITE and packet.id in self._servos:
+            address, data = packet.params[0], packet.params[1:]
+            if not self._feetech:
+                address, data = address | packet.params[1] << 8, packet.params[2:]
+            error = self._servos[packet.id].write(address, data)
+            self._log.write("write", servo=packet.id, address=address, data=list(data))
+            self._say(codec.status(packet.id, error), heard_ns, packet.id)
+
+    def _pong(self, n: int) -> bytes:
+        servo = self._servos[n]
+        data = b"" if self._feetech else servo.read(0, 2) + servo.read(6, 1)
+        status: bytes = self._codec.status(n, servo.error, data)
+        return status
+
+    def _read(
+        self, ids: tuple[int, ...], address: int, length: int, fast: bool, heard_ns: float,
+        alone: bool,
+    ) -> None:  # fmt: skip
+        is_cycle = address == self._servos[IDS[0]].where.position and not alone
+        once = []
+        if is_cycle:
+            once, self._once = self._once, []
+        faults = [*self._schedule.active, *once]
+        if any(fault.name == "stale_bytes" for fault in faults):
+            self._port.write(GARBAGE)
+        if fast:
+            self._answer_fast(ids, address, length, heard_ns, faults)
+            return
+        end_ns = heard_ns
+        for n in ids:
+            servo = self._servos.get(n)
+            if servo is None or _silent(n, faults):
+                continue
+            end_ns = max(end_ns, time.monotonic_ns() - self._gap_ns(servo))  # no stall of ours
+            begin_ns = end_ns + self._gap_ns(servo)
+            self._feel(servo, begin_ns, faults)
+            status = self._codec.status(n, servo.error, servo.read(address, length))
+            if is_cycle and any(f.name == "late_answer" and f.joint == n for f in once):
+                self._kept = status
+                continue
+            if any(f.name == "flipped_bit" and f.joint == n for f in faults):
+                spoilt = bytearray(status)
+                spoilt[-3] ^= 1 << int(self._rng.integers(8))
+                status = bytes(spoilt)
+            end_ns = self._say(status, end_ns, n)
+            if self._kept and is_cycle and not once:
+                self._port.write(self._kept)
+                self._kept = b""
+
+    def _answer_fast(
+        self, ids: tuple[int, ...], address: int, length: int, heard_ns: float, faults: list[Fault]
+    ) -> None:
+        """One packet of all; who is silent ends it."""
+        answers: list[Status | None] = []
+        heard_ns = max(heard_ns, time.monotonic_ns() - self._turn_round_ns)
+        at_ns = heard_ns + self._turn_round_ns + 8 * self._byte_ns
+        for n in ids:
+            servo = self._servos.get(n)
+            if servo is None or _silent(n, faults):
+                answers.append(None)
+                continue
+            self._feel(servo, at_ns, faults)
+            answers.append(Status(n, servo.error, servo.read(address, length)))
+            at_ns += (4 + length) * self._byte_ns
+        there = answers[: answers.index(None)] if None in answers else answers
+        whole = [a or Status(n, 0, bytes(length)) for a, n in zip(answers, ids, strict=True)]
+        blocks = dynamixel.fast_status_blocks(whole)[: len(there)]
+        if blocks:
+            data = b"".join(blocks)
+            self._say(data, heard_ns, ids[0])
+
+    def _gap_ns(self, servo: SimulatedServo) -> float:
+        return max(self._turn_round_ns, 2000 * servo.table[servo.where.return_delay])
+
+    def _say(self, status: bytes, free_ns: float, n: int) -> float:
+        """A status once the line is free, its last bit at its true instant; when that is."""
+        end_ns = free_ns + self._gap_ns(self._servos[n]) + len(status) * self._byte_ns
+        wait_ns = end_ns - time.monotonic_ns()
+        if wait_ns > 0:
+            time.sleep(wait_ns * 1e-9)
+        self._port.write(status)
+        return max(end_ns, time.monotonic_ns() - LATE_NS)
+
+    def _feel(self, servo: SimulatedServo, at_ns: float, faults: list[Fault]) -> None:
+        """The servo samples."""
+        time_s = (at_ns - self._began_ns) * 1e-9
+        raw = self._arm.raw(servo.id, time_s)
+        celsius = float(self._celsius(time_s)[servo.id - 1])
+        runs_on = False
+        for fault in faults:
+            if fault.joint == servo.id:
+                raw += round(fault.size) if fault.name == "count_jump" else 0
+                celsius += fault.size if fault.name == "temperature_step" else 0.0
+                runs_on |= fault.name == "multi_turn"
+        servo.feel(raw - 4096 if runs_on else raw, celsius, time_s, runs_on)
+
+    def _celsius(self, time_s: float) -> F64:
+        """Of all servos; computed ten times a second, as it changes in minutes."""
+        step = int(time_s * 10)
+        if step != self._warm_step:
+            self._warm_step = step
+            self._warm = self._arm.warmth.at(np.array([time_s]))[0]
+        return self._warm
+
+    # --- faults -------------------------------------------------------------------------------
+
+    def _change_faults(self) -> None:
+        ended, begun = self._schedule.advance(round(self._now_s() * SCHEDULE_HZ))
+        for fault in ended:
+            self._lasting(fault, False)
+            self._log.write("end", fault=fault.name, **self._when())
+        for fault in begun:
+            self._lasting(fault, True)
+            if fault.seconds == 0.0:
+                self._once.append(fault)
+            self._log.write(
+                "begin", fault=fault.name, joint=fault.joint, channel=fault.channel,
+                amount=fault.size, **self._when(),
+            )  # fmt: skip
+        self._schedule.active = [fault for fault in self._schedule.active if fault.seconds > 0.0]
+
+    def _lasting(self, fault: Fault, on: bool) -> None:
+        servo = self._servos[min(fault.joint, len(IDS))]
+        match fault.name:
+            case "unplug" if on:
+                self._port.unplug()
+            case "unplug":
+                before = self._port.path
+                self._port.plug()
+                if self._port.path != before:
+                    print(self._port.path, flush=True)
+            case "torque_on":
+                servo.table[servo.where.torque] = int(on)
+            case "servo_alert":
+                servo.alert(on)
+            case "homing_changed":
+                servo.set_homing(round(fault.size) if on else 0)
+
+    def _now_s(self) -> float:
+        return (time.monotonic_ns() - self._began_ns) * 1e-9
+
+    def _when(self) -> dict[str, int | float]:
+        return {"at_s": self._now_s(), "monotonic_ns": time.monotonic_ns()}
+
+
+def _silent(servo: int, faults: list[Fault]) -> bool:
+    names = ("joint_invalid", "servo_silent", "missing_answer")
+    return any(fault.name in names and fault.joint == servo for fault in faults)

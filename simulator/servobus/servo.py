@@ -1,0 +1,94 @@
+"""One servo: a table of registers, filled as it is read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from armd.drivers.poll.feetech import ERRORS as FEETECH_ERRORS
+
+SIGN = 0x8000
+
+
+@dataclass
+class Registers:
+    """Where a family of servos keeps what, and how."""
+
+    size: int
+    position: int
+    temperature: int
+    torque: int
+    return_delay: int
+    homing: int
+    eeprom_end: int  # below it a write is refused while the torque is on (Dynamixel)
+
+
+FEETECH = Registers(128, 56, 63, 40, 7, 31, 0)
+DYNAMIXEL = Registers(1024, 132, 146, 64, 9, 20, 64)
+
+
+@dataclass
+class SimulatedServo:
+    """Answers for itself; the bus says when."""
+
+    id: int
+    feetech: bool
+    firmware: int = 10
+    table: bytearray = field(init=False)
+    error: int = 0  # of its statuses
+    offset: int = 0  # counts, by which somebody has changed its homing offset
+
+    def __post_init__(self) -> None:
+        self.where = FEETECH if self.feetech else DYNAMIXEL
+        self.table = table = bytearray(self.where.size)
+        if self.feetech:
+            table[0:2] = bytes([3, self.firmware])
+            table[3:9] = bytes([0x09, 0x03, self.id, 0, 0, 1])
+            table[9:14] = bytes([0, 0, 0xFF, 0x0F, 70])
+            table[18], table[55], table[62] = 12, 1, 121
+        else:
+            table[0:2] = (1060).to_bytes(2, "little")
+            table[6:10] = bytes([self.firmware + 35, self.id, 3, 0])
+            table[11], table[12], table[13], table[31] = 3, 255, 2, 72
+            table[48:52] = (4095).to_bytes(4, "little")
+            table[68], table[144] = 2, 121
+
+    def feel(self, raw: int, celsius: float, time_s: float, runs_on: bool) -> None:
+        """Where the shaft stands and how warm it is. *runs_on*: over the turns, unfolded."""
+        table, where = self.table, self.where
+        shown = raw - self.offset if self.feetech else raw + self.offset
+        position = shown if runs_on else shown % 4096
+        if self.feetech:
+            word = (SIGN | -position) if position < 0 else position
+            table[56:58] = word.to_bytes(2, "little")
+        else:
+            table[132:136] = position.to_bytes(4, "little", signed=True)
+            table[120:122] = (int(time_s * 1000) & 0x7FFF).to_bytes(2, "little")
+        table[where.temperature] = max(0, min(255, round(celsius)))
+
+    def set_homing(self, counts: int) -> None:
+        """As another tool would: the register, and from then on every position."""
+        at = self.where.homing
+        if self.feetech:
+            word = abs(counts) | (0x800 if counts < 0 else 0)
+            self.table[at : at + 2] = word.to_bytes(2, "little")
+        else:
+            self.table[at : at + 4] = counts.to_bytes(4, "little", signed=True)
+        self.offset = counts
+
+    def alert(self, on: bool) -> None:
+        """Overload, told as the family does."""
+        bit = next(bit for bit, name in FEETECH_ERRORS.items() if name == "overload")
+        if self.feetech:
+            self.error = 1 << bit if on else 0
+        else:
+            self.error, self.table[70] = (0x80, 1 << bit) if on else (0, 0)
+
+    def read(self, address: int, length: int) -> bytes:
+        return bytes(self.table[address : address + length])
+
+    def write(self, address: int, data: bytes) -> int:
+        """The status's error: 0 done."""
+        if address < self.where.eeprom_end and self.table[self.where.torque]:
+            return 7  # access error
+        self.table[address : address + len(data)] = data
+        return 0

@@ -1,0 +1,159 @@
+"""The makers' own libraries, unmodified, on the simulated servos: they and armd agree joint for
+joint. And the simulator keeps to the line's pace."""
+
+import time
+from contextlib import closing, contextmanager
+from functools import partial
+
+import numpy as np
+import pytest
+from simulated_arm import simulated_arm
+
+from armd.drivers.config import ServoConfig
+from armd.drivers.identity import Expectation
+from armd.drivers.poll import dynamixel, feetech
+from armd.drivers.table import open_driver
+from armd.simulator.servobus.arm import COUNTS_PER_TURN, IDS, PrintedArm
+
+JOINTS = list(IDS[:5])
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path, monkeypatch):
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+
+
+def armd_counts(kind, port):
+    """(instants ns, counts (n, 5)) of a second of armd's own reading."""
+    config = ServoConfig(
+        kind=kind, port=port, ids=JOINTS, temperature_ids=[2, 3, 4, 5, 6],
+        trigger={"id": 6, "pressed_below": 1900},
+    )  # fmt: skip
+    rows = []
+    with closing(open_driver(config, Expectation("SERVO", 5, 5, (4096,) * 5))) as driver:
+        end = time.monotonic() + 20.0
+        while time.monotonic() < end and len(rows) < 100:
+            rows += [item for item in driver.read(0.05) if isinstance(item, np.ndarray)]
+    rows = np.concatenate(rows)
+    assert (rows["joint_invalid"] == 0).mean() > 0.95
+    return rows["monotonic_ns"], rows["count"]
+
+
+class Truth:
+    """What the encoders showed between two instants, each joint by itself."""
+
+    def __init__(self, arm):
+        self._began_ns = arm.events("boot")[0]["monotonic_ns"]
+        self._arm = PrintedArm(1, 20.0)
+
+    def raw(self, instant_ns):
+        return [self._arm.raw(k, (instant_ns - self._began_ns) * 1e-9) for k in JOINTS]
+
+    def agrees(self, raw, before_ns, after_ns):
+        """Whether *raw* (5,) were shown within a call of a client's, to a count."""
+        shown = np.array([self.raw(t) for t in np.linspace(before_ns, after_ns, 40)])
+        raw = np.array(raw)
+        return ((raw >= shown.min(axis=0) - 1) & (raw <= shown.max(axis=0) + 1)).all()
+
+
+def timed(call):
+    before_ns = time.monotonic_ns()
+    result = call()
+    return result, before_ns, time.monotonic_ns()
+
+
+def test_dynamixel_sdk_reads_what_is_true(tmp_path):
+    sdk = pytest.importorskip("dynamixel_sdk")
+    with simulated_arm(tmp_path, wire=("--servo", "dynamixel")) as arm:
+        truth = Truth(arm)
+        port, packets = sdk.PortHandler(arm.port), sdk.PacketHandler(2.0)
+        assert port.openPort() and port.setBaudRate(1_000_000)
+        found, _ = packets.broadcastPing(port)
+        assert sorted(found) == list(IDS) and found[1][0] == 1060
+        sync, fast = (sdk.GroupSyncRead(port, packets, 132, 15) for _ in range(2))
+        for reader in (sync, fast):
+            for servo in IDS:
+                assert reader.addParam(servo)
+        for _ in range(20):
+            for reader, read in ((sync, sync.txRxPacket), (fast, fast.fastSyncRead)):
+                result, before, after = timed(read)
+                assert result == sdk.COMM_SUCCESS
+                told = [reader.getData(servo, 132, 4) for servo in JOINTS]
+                assert truth.agrees(told, before, after)
+                assert all(18 <= reader.getData(servo, 146, 1) <= 45 for servo in IDS)
+            time.sleep(0.1)
+        port.closePort()
+
+
+def test_feetech_sdk_reads_what_is_true(tmp_path):
+    sdk = pytest.importorskip("scservo_sdk")
+    with simulated_arm(tmp_path, wire=("--servo", "feetech")) as arm:
+        truth = Truth(arm)
+        port, packets = sdk.PortHandler(arm.port), sdk.PacketHandler(0)
+        assert port.openPort() and port.setBaudRate(1_000_000)
+        for servo in IDS:
+            assert packets.ping(port, servo)[:2] == (777, sdk.COMM_SUCCESS)
+        reader = sdk.GroupSyncRead(port, packets, 56, 8)
+        for servo in IDS:
+            assert reader.addParam(servo)
+        for _ in range(20):
+            result, before, after = timed(reader.txRxPacket)
+            assert result == sdk.COMM_SUCCESS
+            told = [reader.getData(servo, 56, 2) for servo in JOINTS]
+            assert truth.agrees(told, before, after)
+            assert all(18 <= reader.getData(servo, 63, 1) <= 45 for servo in IDS)
+            time.sleep(0.1)
+        port.closePort()
+
+
+@pytest.mark.parametrize("kind", ["feetech", "dynamixel"])
+def test_rustypot_reads_what_is_true(tmp_path, kind):
+    rustypot = pytest.importorskip("rustypot")
+    controller = {"feetech": "Sts3215PyController", "dynamixel": "Xl330PyController"}[kind]
+    with simulated_arm(tmp_path, wire=("--servo", kind)) as arm:
+        truth = Truth(arm)
+        bus = getattr(rustypot, controller)(arm.port, 1_000_000, 0.1)
+        for _ in range(20):
+            angles, before, after = timed(partial(bus.sync_read_present_position, JOINTS))
+            told = np.array(angles) / (2 * np.pi) * COUNTS_PER_TURN + 2048
+            assert truth.agrees(told, before, after)
+            time.sleep(0.1)
+
+
+@pytest.mark.parametrize("kind", ["feetech", "dynamixel"])
+def test_armd_reads_what_is_true(tmp_path, kind):
+    """Each joint where it truly was at the row's instant, though all were read one after the
+    other while the arm moved."""
+    with simulated_arm(tmp_path, wire=("--servo", kind)) as arm:
+        instants, counts = armd_counts(kind, arm.port)
+        time.sleep(2.0)  # the first move has begun by now
+        more_instants, more_counts = armd_counts(kind, arm.port)
+        truth = Truth(arm)
+    instants, counts = np.append(instants, more_instants), np.vstack([counts, more_counts])
+    true = np.array([truth.raw(instant) for instant in instants])
+    error = np.abs(counts - (true - 2048))
+    assert np.median(error.max(axis=1)) <= 1.0 and np.quantile(error, 0.95) < 2.0
+
+
+@contextmanager
+def raw_port(path):
+    import serial
+
+    with serial.Serial(path, 1_000_000, timeout=0.1) as port:
+        yield port
+
+
+@pytest.mark.parametrize(("kind", "codec"), [("feetech", feetech), ("dynamixel", dynamixel)])
+def test_the_line_is_as_slow_as_a_real_one(tmp_path, kind, codec):
+    address, length, gap_us = (56, 8, 50) if kind == "feetech" else (132, 15, 40)
+    request = codec.sync_read(IDS, address, length)
+    expected = len(IDS) * codec.status_size(length)
+    with simulated_arm(tmp_path, wire=("--servo", kind)) as arm, raw_port(arm.port) as port:
+        took = []
+        for _ in range(50):
+            began = time.perf_counter()
+            port.write(request)
+            assert len(port.read(expected)) == expected
+            took.append(time.perf_counter() - began)
+    line_s = (len(request) + expected) * 10e-6 + len(IDS) * gap_us * 1e-6
+    assert min(took) >= 0.98 * line_s
