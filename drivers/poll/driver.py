@@ -21,8 +21,9 @@ from armd.drivers.identity import Expectation
 from armd.drivers.line_health import SILENCE_NS, STALE_NS, LineHealth
 from armd.drivers.poll.acquaintance import Acquaintance
 from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, note
+from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.packet import ReadRequest
-from armd.drivers.poll.plan import FIRST_BYTE_NS, Pace, Plan
+from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, Pace, Plan
 from armd.drivers.sample import RAW_FRAMES_KEPT, Direction, Item, RawFrame
 
 READ_BYTES = 1 << 12
@@ -114,7 +115,7 @@ class ServoDriver:
             return items
         exchange = self._decoder.exchange
         if exchange is not None:
-            end_ns = self._end_ns(exchange.sent.monotonic_ns)
+            end_ns = self._end_ns(exchange)
             look_ns = exchange.sent.monotonic_ns + round(ASLEEP * self._needs_ns)
             if self._heard_ns == 0 and min(look_ns, deadline_ns) > now_ns:
                 time.sleep((min(look_ns, deadline_ns) - now_ns) / 1e9)
@@ -134,9 +135,12 @@ class ServoDriver:
             items += self._renew()
         return items
 
-    def _end_ns(self, sent_ns: int) -> int:
+    def _end_ns(self, exchange: Exchange) -> int:
         """When no more answers are waited for."""
-        due_ns = sent_ns + self._needs_ns
+        due_ns = exchange.sent.monotonic_ns + self._needs_ns
+        given_up = self._decoder.roster.given_up
+        if exchange.answers and all(map(given_up, exchange.missing)):
+            return round(max(due_ns, self._heard_ns) + ACCUSTOMED_NS)
         if self._heard_ns == 0:
             return round(due_ns) + FIRST_BYTE_NS
         return round(max(due_ns, self._heard_ns) + self._pace.pause_ns)

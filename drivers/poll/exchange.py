@@ -37,6 +37,10 @@ class Exchange:
     def complete(self) -> bool:
         return len(self.answers) == len(self.request.ids)
 
+    @property
+    def missing(self) -> list[int]:
+        return [servo for servo in self.request.ids if servo not in self.answers]
+
     def take(self, packets: list[Packet], arrived_ns: int) -> None:
         for packet in packets:
             if packet.raw == self.sent.data:  # some adapters hear what they say

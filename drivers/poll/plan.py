@@ -13,6 +13,8 @@ STRANGER_EVERY_NS = 50_000_000
 FIRST_BYTE_NS = 50_000_000
 #: Answers have begun to come, then no more: three times what they were ever late, within these.
 PAUSE_LEAST_NS, PAUSE_MOST_NS = 5_000_000, 30_000_000
+#: All but those that have not answered for some cycles have.
+ACCUSTOMED_NS = 1_000_000
 EXCESS_KEPT = 0.998  # of what answers were late, from cycle to cycle
 FAST_AGAIN_NS = 10_000_000_000
 CALM_CYCLES = 4  # complete ones, after which an answer can only be late by one

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ from armd.drivers.sample import Event
 #: A servo that was not heard for longer is absent: one that is asked in each cycle, and one that
 #: is asked for its temperature alone.
 ABSENT_AFTER_NS, ABSENT_AT_LEISURE_NS = 500_000_000, 1_600_000_000
+GIVEN_UP_AFTER = 3
 
 
 class Roster:
@@ -31,6 +33,7 @@ class Roster:
         self.changed: dict[int, list[str]] = {}  # what their geometry differs in
         self.foreign = ""  # why this is not our arm, if it is not
         self.heard_ns: dict[int, int] = {}  # when each was heard last
+        self._misses: Counter[int] = Counter()  # cycles in a row
         self._alerts: dict[int, tuple[int, int, str]] = {}  # bits, last seen, words
         self._announced: dict[int, Servo] = {}
         self._torque: set[int] = set()
@@ -54,6 +57,7 @@ class Roster:
         """Another connection: whoever answers there must say anew who he is."""
         self.servos.clear()
         self.heard_ns.clear()
+        self._misses.clear()
         self._alerts.clear()
         self.changed.clear()
         self.foreign = ""
@@ -106,12 +110,19 @@ class Roster:
 
     def heard(self, servo: int, now_ns: int) -> None:
         self.heard_ns[servo] = now_ns
+        self._misses[servo] = 0
 
     def silent(self, servo: int, now_ns: int) -> None:
         """No answer: after a while whoever comes back must say anew who he is."""
+        self._misses[servo] += 1
         if self._absent(servo, now_ns):
+            self.heard_ns.pop(servo, None)
             self.servos.pop(servo, None)
             self._alerts.pop(servo, None)
+
+    def given_up(self, servo: int) -> bool:
+        """It has not answered for some cycles: nobody waits for it longer than its slot."""
+        return self._misses[servo] >= GIVEN_UP_AFTER
 
     def _absent(self, servo: int, now_ns: int) -> bool:
         patience_ns = ABSENT_AFTER_NS if servo in self._often else ABSENT_AT_LEISURE_NS

@@ -15,11 +15,12 @@ import pytest
 from simulated_arm import simulated_arm
 from standstill import taken_while_it_ran
 
-from armd.drivers.config import CanConfig, SerialConfig
+from armd.drivers.config import CanConfig, SerialConfig, ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
 from armd.simulator.electronics import COUNTS_PER_TURN
+from armd.simulator.servobus.arm import PrintedArm
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.conditions import Conditions
 
@@ -87,6 +88,10 @@ class EveryWire:
         raise NotImplementedError
 
     @classmethod
+    def expected(cls):
+        return EXPECTED
+
+    @classmethod
     def instants(cls, arm, truth):
         """When each row of *truth* was latched, and when each fault began and ended."""
         return truth["seq"].astype(np.int64), windows(arm, lambda line: line["monotonic_ns"])
@@ -113,7 +118,7 @@ class EveryWire:
             simulated_arm(
                 folder, *options, wire=cls.wire, rate_hz=cls.rate_hz, seconds=seconds
             ) as arm,
-            closing(open_driver(cls.config(arm.port), EXPECTED)) as driver,
+            closing(open_driver(cls.config(arm.port), cls.expected())) as driver,
         ):
             while arm.process.poll() is None:
                 items += driver.read(0.05)
@@ -313,3 +318,103 @@ class TestVcan(EveryCan):
     @classmethod
     def config(cls, port):
         return CanConfig(kind="can", interface="socketcan", channel=port, rate_hz=cls.rate_hz)
+
+
+class EveryServoBus(EveryWire):
+    """Servos: the same contract less the device clock. A joint is invalid by its servo's silence,
+    a thermometer by the same; the arm is a printed one of five joints, and one count of it is half
+    a millimetre."""
+
+    kind: str
+    faults = {
+        "joint_invalid": (0.0, 0.4, 2),
+        "servo_silent": (0.9, 1.2, 3),
+        "count_jump": (2.8, 0.0, 1),
+        "flipped_bit": (3.1, 0.0, 4),
+        "late_answer": (3.3, 0.0, 2),
+        "stale_bytes": (3.5, 0.0, 1),
+        "echo": (3.6, 0.4, 1),
+        "multi_turn": (4.1, 0.4, 1),
+        "silence": (4.8, 0.8, 1),
+        "servo_alert": (6.9, 0.4, 5),
+        "reboot": (8.2, 0.3, 1),
+    }
+    last_s = 10.5
+
+    @pytest.fixture(scope="class", autouse=True)
+    @classmethod
+    def state(cls, tmp_path_factory):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("STATE_DIRECTORY", str(tmp_path_factory.mktemp("state")))
+            yield
+
+    @classmethod
+    def config(cls, port):
+        return ServoConfig(
+            kind=cls.kind, port=port, ids=[1, 2, 3, 4, 5], temperature_ids=[2, 3, 4, 5, 6],
+            trigger={"id": 6, "pressed_below": 1900},
+        )  # fmt: skip
+
+    @classmethod
+    def expected(cls):
+        return Expectation("SIM-0001", 5, 5, (4096,) * 5)
+
+    def test_the_points_are_where_the_tip_truly_was(self, run):
+        """Here: each joint where its encoder was; what the encoder does not see is the arm's."""
+        good = run.samples[run.samples["joint_invalid"] == 0][::7]
+        arm = PrintedArm(1, 20.0)
+        began_ns = int(run.truth_ns[0])
+        true = np.array(
+            [
+                [arm.raw(k, (int(t) - began_ns) * 1e-9) - 2048 for k in range(1, 6)]
+                for t in good["monotonic_ns"]
+            ]
+        )
+        counts = (good["count"] + 2048) % 4096 - 2048  # multi_turn begins another one
+        error = np.abs(counts - true).max(axis=1)
+        assert np.median(error) <= 1.0 and np.quantile(error, 0.95) < 3.0
+        assert error.max() < 60  # no neighbour's, no late, no damaged answer among them
+        assert run.samples["clock_mapped"].all()
+
+    def test_an_open_sensor_is_nan_and_the_others_are_not(self, run):
+        begin, end = run.windows["servo_silent"]
+        inside = [t for t in run.temperatures if begin + S * 0.1 < t.monotonic_ns < end - S * 0.1]
+        assert inside
+        for reading in inside:
+            assert np.isnan(reading.celsius[1]) and np.isfinite(np.delete(reading.celsius, 1)).all()
+
+    def test_a_servo_that_starts_anew_is_taken_back(self, run):
+        begin, end = run.windows["servo_silent"]
+        instant = run.samples["monotonic_ns"]
+        while_away = run.samples[(instant > begin + S * 0.05) & (instant < end - S * 0.05)]
+        assert len(while_away) > 50 and (while_away["joint_invalid"] == 0b100).all()
+        after = run.samples[(instant > end + S * 0.3) & (instant < end + S * 0.6)]
+        assert (after["joint_invalid"] == 0).all()
+
+    def test_damaged_late_and_foreign_bytes_cost_their_joint_one_cycle(self, run):
+        for fault, joints in (("flipped_bit", 0b1000), ("late_answer", 0b10), ("stale_bytes", 0)):
+            near = run.during(fault, margin_s=0.06)
+            bad = near[near["joint_invalid"] != 0]
+            assert len(bad) <= 2 and (bad["joint_invalid"] & (joints ^ 0xFFFF) == 0).all(), fault
+        assert run.counters["bad_sum"] >= 1 and run.counters["late"] >= 1
+        assert run.counters["echoes"] > 20
+
+    def test_positions_beyond_a_turn_are_the_same_positions(self, run):
+        during = run.during("multi_turn", margin_s=-0.05)
+        assert len(during) > 20 and (during["joint_invalid"] == 0).all()
+
+    def test_an_alert_warns_of_its_joint_while_it_stands(self, run):
+        during = run.during("servo_alert", margin_s=-0.05)
+        assert len(during) > 20 and (during["joint_warning"] == 0b10000).all()
+        assert any("servo 5 (joint 5)" in event.text for event in run.told("servo_warning"))
+        assert not run.samples["joint_warning"][-20:].any()
+
+
+class TestFeetech(EveryServoBus):
+    wire = ("--servo", "feetech")
+    kind = "feetech"
+
+
+class TestDynamixel(EveryServoBus):
+    wire = ("--servo", "dynamixel")
+    kind = "dynamixel"

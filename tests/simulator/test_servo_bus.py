@@ -43,6 +43,8 @@ class Truth:
     """What the encoders showed between two instants, each joint by itself."""
 
     def __init__(self, arm):
+        while not arm.events("boot"):
+            time.sleep(0.01)
         self._began_ns = arm.events("boot")[0]["monotonic_ns"]
         self._arm = PrintedArm(1, 20.0)
 
