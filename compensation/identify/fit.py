@@ -4,8 +4,8 @@ Gauss–Newton with Levenberg's damping where a step fails, on unknowns scaled b
 departure from the drawing. Between rounds the noise of a reading is found anew from the
 residuals, and readings are weighted by it and by the robust loss. While the noise is not yet
 known, the drawing counts as one more reading of every unknown, good to its plausible departure:
-so a start far off cannot run away along what the readings hardly tell. Then it is let go, and
-what the readings cannot tell stays as near the drawing as it can: the solution of minimum norm.
+so a start far off cannot run away along what the readings hardly tell. Then it is let go but for
+what the readings do not know (docs/decisions/0014).
 """
 
 from __future__ import annotations
