@@ -47,6 +47,9 @@ class Noise(Strict):
 class ArtefactCorrection(Strict):
     """What a diagnosis found wrong with the artefact; `evaluate` applies it, `correct` does not."""
 
+    #: names of the artefacts that it was found on; empty (older files): any
+    artefacts: list[str] = []
+
     expansion_per_k: float | None = None
     target_offset_mm: dict[str, Vector3] = {}
     scale: float = 1.0

@@ -23,6 +23,8 @@ LEAST_WORTH_EXCLUDING = 1e-4
 MOST_COMPARED = 20
 #: So is one that would leave the finding nothing significant to add.
 INDISTINGUISHABLE_P = 0.01
+#: The least p value told: less is what the arithmetic cannot hold, not nothing.
+LEAST_P = 1e-300
 #: Another name, or none, is clearly likelier when it is so many times as probable.
 CLEARLY = 10.0
 
@@ -49,8 +51,13 @@ class Found:
 
 
 def account(survey: Survey, tests: int) -> tuple[Found, ...]:
-    """Every finding, given all the others."""
-    return _honest([_found(survey, i, tests) for i in range(len(survey.fit.findings))])
+    """Every finding, given all the others, as it is told."""
+    return _honest(weighed(survey, tests))
+
+
+def weighed(survey: Survey, tests: int) -> list[Found]:
+    """Every finding, given all the others, under the name that it has in the fit."""
+    return [_found(survey, i, tests) for i in range(len(survey.fit.findings))]
 
 
 def _found(survey: Survey, index: int, tests: int) -> Found:
@@ -62,7 +69,7 @@ def _found(survey: Survey, index: int, tests: int) -> Found:
     probability = {place: weight / total for place, weight in weights.items()}
     return Found(
         candidate,
-        float(family_wise(own.log_p[index], tests)),
+        max(float(family_wise(own.log_p[index], tests)), LEAST_P),
         float(own.statistic[index]),
         probability[candidate.place],
         _rivals(candidate, probability, scores, survey),
@@ -128,8 +135,16 @@ def _at_the_instant_of(
     return min([nearest, *nearest.refine()], key=apart)
 
 
+def likelier_rival(found: Found) -> Candidate | None:
+    """The most probable alternative, where it is likelier than the cause told."""
+    best = max(found.rivals, key=lambda rival: rival.probability, default=None)
+    if best is None or found.candidate.cause == "unknown":
+        return None
+    return best.candidate if best.probability > found.probability else None
+
+
 def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
-    """No name for a part of what is unknown.
+    """No name for a part of what is unknown, nor one that is less likely than another.
 
     Where an unknown structure is clearly likelier, or one that was found is stronger in the same
     variables or at the same joint, the name only was the nearest one.
@@ -142,15 +157,26 @@ def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
             return finding
         likelier = [r for r in finding.rivals if r.candidate.cause == "unknown"]
         if sum(r.probability for r in likelier) > CLEARLY * finding.probability:
-            variables = likelier[0].candidate.depends_on
-            return replace(finding, candidate=replace(own, cause="unknown", depends_on=variables))
+            return _without_a_name(finding, likelier[:1], likelier[0].candidate.depends_on)
+        if likelier_rival(finding) is not None:
+            others = [r for r in finding.rivals if r.probability > finding.probability]
+            return _without_a_name(finding, others, own.depends_on)
         part = any(
             u.statistic > finding.statistic and _variables(u.candidate) & set(own.depends_on)
             for u in unknown
         )
-        return replace(finding, candidate=replace(own, cause="unknown")) if part else finding
+        return _without_a_name(finding, (), own.depends_on) if part else finding
 
     return tuple(told(f) for f in found)
+
+
+def _without_a_name(finding: Found, others: Sequence[Rival], variables: tuple[str, ...]) -> Found:
+    """What is told instead of a name: a structure in the variables of the cause and of *others*,
+    any of which it may be; so probable is it that it is one of them."""
+    names = dict.fromkeys([*variables, *(v for r in others for v in r.candidate.depends_on)])
+    candidate = replace(finding.candidate, cause="unknown", depends_on=tuple(names))
+    together = finding.probability + sum(rival.probability for rival in others)
+    return replace(finding, candidate=candidate, probability=min(together, 1.0))
 
 
 def _variables(unknown: Candidate) -> set[str]:

@@ -15,9 +15,10 @@ from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.diagnose.noise import LEVER_MM, Noise
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.kinematics import jacobian, joint_jacobian
+from armd.compensation.kinematics import frames, jacobian, joint_jacobian
 from armd.compensation.state import States
 from armd.compensation.terms import Term
+from armd.errors import BadInput
 
 F64 = npt.NDArray[np.float64]
 
@@ -56,15 +57,26 @@ def climates(diagnosis: Diagnosis) -> list[Climate]:
 
 
 def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
-    """Poses within the limits, each joint coming to rest from either side, at the reference."""
+    """Poses within the limits, or where arm.toml has none within the ranges seen, each joint coming
+    to rest from either side, at the reference; no part of the arm is lower than its base or, where
+    one was, than the lowest of the sessions.
+
+    Raises `BadInput` where no pose is so.
+    """
     arm, last = diagnosis.arm, diagnosis.search.last
     rng = np.random.default_rng(seed)
-    low = np.array([np.radians(j.min_deg) if j.min_deg is not None else -np.pi for j in arm.joint])
-    high = np.array([np.radians(j.max_deg) if j.max_deg is not None else np.pi for j in arm.joint])
+    seen = last.linear.rests.observations.states.q
+    low, high = _ranges(arm, seen)
     q = rng.uniform(low, high, (12 * POOL, arm.n_joints))
-    position = jacobian(q, last.model.constants)[0]
-    clear = (position[:, 2] > LOWEST_MM) & (np.hypot(*position[:, :2].T) > CLEAR_MM)
-    q = (q[clear] if clear.any() else q)[:POOL]
+    lowest = min(LOWEST_MM, float(_height(seen, last, arm).min()))
+    away = _from_the_column(q, last, arm) > min(
+        CLEAR_MM, float(_from_the_column(seen, last, arm).min())
+    )
+    q = q[away & (_height(q, last, arm) >= lowest)][:POOL]
+    if not len(q):
+        raise BadInput(
+            "arm.toml", "joint limits", "no pose above the base", "ranges that have some"
+        )
     approach = rng.normal(size=(len(q), 3))
     approach /= np.linalg.norm(approach, axis=1, keepdims=True)
     return States(
@@ -75,6 +87,33 @@ def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
         approach=approach,
         series=np.arange(len(q)),
     )
+
+
+def _ranges(arm: Arm, seen: F64) -> tuple[F64, F64]:
+    """Lowest and highest angles (N,) that a joint is known to reach, rad."""
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    for k, joint in enumerate(arm.joint):
+        if joint.min_deg is not None:
+            low[k] = np.radians(joint.min_deg)
+        if joint.max_deg is not None:
+            high[k] = np.radians(joint.max_deg)
+    return low, high
+
+
+def _height(q: F64, last: Fit, arm: Arm) -> F64:
+    """(n,) height over the base, against gravity, of the lowest of all joints and the tip, mm."""
+    up = -np.array(arm.gravity) / np.linalg.norm(arm.gravity)
+    origins = frames(q, last.model.constants)[0]
+    tip = jacobian(q, last.model.constants)[0]
+    points = np.concatenate([origins - origins[:, :1], (tip - origins[:, 0])[:, None]], axis=1)
+    height: F64 = (points @ up).min(axis=1)
+    return height
+
+
+def _from_the_column(q: F64, last: Fit, arm: Arm) -> F64:
+    """(n,) distance of the tip from the base's first axis, mm."""
+    distance: F64 = np.hypot(*jacobian(q, last.model.constants)[0][:, :2].T)
+    return distance
 
 
 def in_climate(poses: States, climate: Climate, diagnosis: Diagnosis) -> States:

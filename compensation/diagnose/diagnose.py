@@ -19,7 +19,7 @@ from armd.compensation.diagnose.fit import Fit, fit
 from armd.compensation.diagnose.gain import Gain, cross_validate, gain, gains, groups_of
 from armd.compensation.diagnose.neighbourhood import scale_kept
 from armd.compensation.diagnose.outliers import find_outliers
-from armd.compensation.diagnose.problem import Rests, gather_rests
+from armd.compensation.diagnose.problem import Rests, gather_rests, require_spare
 from armd.compensation.diagnose.search import Progress, Result, Search
 from armd.compensation.diagnose.threshold import ALPHA
 from armd.compensation.identify.calibrate import Options, calibrate
@@ -97,9 +97,11 @@ def _diagnose(
     command: str,
 ) -> Diagnosis:
     progress("model under test", 0.0)
+    rests = gather_rests(sessions, arm)
+    for some in (rests, *([gather_rests(holdout, arm)] if holdout else [])):
+        require_spare(some.observations, ", ".join(str(s.path) for s in some.sessions))
     baseline = model_under_test(sessions, arm, calibration)
     progress("search", 0.0)
-    rests = gather_rests(sessions, arm)
     result = Search(rests, arm, baseline, progress).run()
     progress("gain", 0.9)
     last = result.last

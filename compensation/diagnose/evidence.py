@@ -76,6 +76,7 @@ class Scores:
     freedom: I64  # (C,) rank after projection; 0: absorbed
     log_p: F64  # (C,)
     log_evidence: F64  # (C,) log Bayes factor against nothing, prior not included
+    typical_snr: F64  # (C,) noise units that one of the catalogue's typical size would show, clear
 
     @cached_property
     def _log_weight(self) -> F64:
@@ -97,6 +98,15 @@ class Scores:
         candidates = zip(self.signatures.candidates, self.freedom, strict=True)
         alive = {candidate.cause for candidate, freedom in candidates if freedom > 0}
         return tuple(sorted(set(causes) - alive))
+
+    def shown_at_typical_size(self) -> dict[str, float]:
+        """Per named cause, the noise units of its typical size where these data show it best."""
+        best: dict[str, float] = {}
+        candidates = zip(self.signatures.candidates, self.typical_snr, strict=True)
+        for candidate, snr in candidates:
+            if candidate.cause != "unknown":
+                best[candidate.cause] = max(best.get(candidate.cause, 0.0), float(snr))
+        return best
 
     def log_posterior(self) -> F64:
         """(C,) log of evidence × prior, normalised over the candidates: which one, if one."""
@@ -123,6 +133,7 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
     t, u = _clear(sums, np.setdiff1d(np.arange(len(sums.variance)), list(without)))
     n = len(sums.signatures.candidates)
     statistic, freedom, evidence = np.zeros(n), np.zeros(n, dtype=np.int64), np.zeros(n)
+    typical_snr = np.zeros(n)
     for m, (members, raw) in sums.xx.items():
         which = sums.signatures.first[members][:, None] + np.arange(m)
         size = np.sqrt(sums.length[which])
@@ -137,10 +148,12 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
         freedom[members] = kept.sum(axis=1)
         typical = sums.signatures.typical[which] * size
         reach = sums.signatures.reach[which]
+        square = (np.einsum("cii->ci", gram) * typical**2).mean(axis=1)
+        typical_snr[members] = np.where(kept.any(axis=1), np.sqrt(np.maximum(square, 0.0)), 0.0)
         evidence[members] = _evidence(gram, u[which] / size, typical, reach)
     log_p = np.where(freedom > 0, _log_tail(statistic, np.maximum(freedom, 1)), 0.0)
     evidence[freedom == 0] = -np.inf
-    return Scores(sums.signatures, statistic, freedom, log_p, evidence)
+    return Scores(sums.signatures, statistic, freedom, log_p, evidence, typical_snr)
 
 
 def estimates(sums: Sums) -> list[F64]:

@@ -153,6 +153,8 @@ def _artefact(
     before = baseline.model.artefact
     expansion, scale = before.expansion_per_k, before.scale
     offsets = {name: np.array(offset) for name, offset in before.target_offset_mm.items()}
+    certified = {s.artefact.name: s.artefact.expansion_per_k for s in sessions}
+    names = set(certified)
     found = False
     for candidate, values in zip(last.findings, last.amplitudes, strict=True):
         for column, value in zip(candidate.columns, values, strict=True):
@@ -160,9 +162,11 @@ def _artefact(
             if change is None or change.kind == "distance":
                 continue
             found = True
+            if change.artefact:
+                names &= {change.artefact}
             if change.kind == "expansion":
-                certified = sessions[0].artefact.expansion_per_k
-                expansion = (certified if expansion is None else expansion) + float(value)
+                own = certified[change.artefact or sessions[0].artefact.name]
+                expansion = (own if expansion is None else expansion) + float(value)
             elif change.kind == "scale":
                 scale *= 1.0 + float(value)
             else:
@@ -171,6 +175,7 @@ def _artefact(
     if not found:
         return baseline.calibration.artefact
     return ArtefactCorrection(
+        artefacts=sorted(names),
         expansion_per_k=expansion,
         target_offset_mm={
             name: (float(o[0]), float(o[1]), float(o[2])) for name, o in offsets.items()

@@ -97,6 +97,9 @@ class Linear:
             label = np.array(self.rests.target_label)[observations.target]
             move = np.zeros((self.rests.n, 3))
             move[(label == change.target) & ~observations.has_truth, change.axis] = 1.0
+        if change.artefact:
+            of = np.array([s.artefact.name == change.artefact for s in self.rests.sessions])
+            move = move * of[observations.session][:, None]
         rotation = self.poses.rotation[observations.placement]
         column[: 3 * self.rests.n] = -np.einsum("nij,nj->ni", rotation, move).ravel()
         return column
@@ -147,6 +150,28 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
         np.flatnonzero(used)[first],
         labels,
     )
+
+
+def spare_rows(observations: Observations) -> int:
+    """Numbers measured beyond those that placements and unknown seats take up."""
+    placements = len(np.unique(observations.placement))
+    seats = np.unique(observations.target[~observations.has_truth])
+    seats = seats[observations.unknown[seats]]
+    touched = np.isin(observations.distances.between, seats).all(axis=1)
+    return 3 * observations.n + int(touched.sum()) - 6 * placements - 3 * len(seats)
+
+
+def require_spare(observations: Observations, files: str) -> None:
+    """Raises `BadInput` where placements and unknown seats explain any reading whatever."""
+    if spare_rows(observations) <= 0:
+        placements = len(np.unique(observations.placement))
+        raise BadInput(
+            files,
+            "readings",
+            f"{observations.n} at rest in {placements} placement{'s' if placements > 1 else ''}",
+            "more than placements and seats take up (three certified targets in one placement, "
+            "or seats touched from many sides)",
+        )
 
 
 def _complete(raw: Observations, arm: Arm) -> npt.NDArray[np.bool_]:

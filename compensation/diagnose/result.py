@@ -15,6 +15,7 @@ from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.gain import Gain
 from armd.compensation.diagnose.leftover import Leftover, leftovers, steps
 from armd.compensation.diagnose.next import next_experiment
+from armd.compensation.diagnose.problem import spare_rows
 from armd.compensation.diagnose.search import MOST_FINDINGS
 from armd.compensation.effects import encoder_periodic
 from armd.compensation.effects.catalogue import CATALOGUE
@@ -26,6 +27,10 @@ F64 = npt.NDArray[np.float64]
 MOST_TARGETS = 40
 #: Residuals so many times the noise's RMS are more than noise.
 BEYOND_NOISE = 1.5
+#: Noise units from which on a cause is found mostly; fewer numbers to spare tell no noise.
+WOULD_SHOW, LEAST_SPARE = 5.0, 30
+#: A size is known when it is so many of its standard uncertainties.
+SIZE_SIGMAS = 2.0
 #: Causes whose amplitude is per weight carried.
 OF_WEIGHT = ("joint_compliance", "link_bending")
 
@@ -63,6 +68,10 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             {"cause": cause, "needs": needs_of(cause), "experiment": CATALOGUE[cause].experiment}
             for cause in diagnosis.search.untold
         ],
+        "would_show": [
+            {"cause": cause, "signal_to_noise_at_typical_size": snr}
+            for cause, snr in sorted(diagnosis.search.would_show.items())
+        ],
         "extended_calibration": extended_path,
         "next_experiment": next_experiment(diagnosis),
     }
@@ -87,6 +96,9 @@ def verdict(diagnosis: Diagnosis) -> str:
             )
         if doubtful:
             sentences.append(f"Held-out readings do not bear out {doubtful}: leads, not facts.")
+        unsized = _numbers(i for i in range(len(gains)) if not size_known(diagnosis, i))
+        if unsized:
+            sentences.append(f"The size of {unsized} is within its own uncertainty.")
         if not diagnosis.written:
             sentences.append(
                 f"{count}, none of them borne out: the extended calibration predicts what the "
@@ -125,7 +137,24 @@ def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
             f"Yet the residuals, {um(left)} µm, are not what noise of {um(floor)} µm makes: "
             "nothing in the catalogue, nor any smooth structure, explains them."
         )
-    return "" if but else "The residuals are what the noise makes of them."
+    if but:
+        return ""
+    return f"The residuals are what the noise makes of them. {_could_show(diagnosis)}"
+
+
+def _could_show(diagnosis: Diagnosis) -> str:
+    """What silence is worth: whether causes of ordinary size would have been found."""
+    observations = diagnosis.search.last.linear.rests.observations
+    spare = spare_rows(observations)
+    if spare < LEAST_SPARE:
+        return (
+            f"But {observations.n} readings at rest leave only {spare} numbers beyond what their "
+            "placements take up: hardly any cause could have shown."
+        )
+    hidden = sorted(c for c, snr in diagnosis.search.would_show.items() if snr < WOULD_SHOW)
+    if not hidden:
+        return "Any cause of its typical size would have shown."
+    return f"Of its typical size, these readings would not have shown: {', '.join(hidden)}."
 
 
 def _refused(diagnosis: Diagnosis) -> list[str]:
@@ -186,6 +215,7 @@ def _finding(diagnosis: Diagnosis, index: int, found: Found, gain: Gain) -> dict
             for rival in found.rivals
         ],
         "gain": _gain(gain),
+        "size_known": size_known(diagnosis, index),
         "in_extended_calibration": index in diagnosis.written,
         "depends_on": list(candidate.depends_on),
         "signal_to_noise": float(np.sqrt(found.statistic)),
@@ -211,7 +241,22 @@ def reading_of(diagnosis: Diagnosis, index: int) -> str:
     text = CATALOGUE[cause].reading(candidate, diagnosis.search.last.amplitudes[index])
     if cause in OF_WEIGHT and any(joint.mass_kg is None for joint in diagnosis.arm.joint):
         text += " (masses that arm.toml does not give are assumed)"
+    if not size_known(diagnosis, index):
+        text += "; this size is within its own uncertainty, and not to be relied on"
     return text
+
+
+def size_known(diagnosis: Diagnosis, index: int) -> bool:
+    """Whether a finding's amplitudes are larger than what is uncertain of them.
+
+    Something is significant; where several amplitudes do the same, none of them need be known.
+    """
+    last = diagnosis.search.last
+    typical = np.array([column.typical for column in last.findings[index].columns])
+    size = last.amplitudes[index] / typical
+    covariance = last.covariances[index] / np.outer(typical, typical)
+    square = float(size @ size)
+    return square**2 > SIZE_SIGMAS**2 * float(size @ covariance @ size)
 
 
 def parameters_of(diagnosis: Diagnosis, index: int) -> list[dict[str, str | float]]:

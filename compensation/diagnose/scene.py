@@ -44,6 +44,7 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
         rates=bool(rate.size and np.any(rate != 0.0)),
         approach=bool(np.isfinite(states.approach).all(axis=1).mean() > 0.5),
         artefact_c=bool(artefact_k > LEAST_SPAN_K),
+        artefacts=tuple(dict.fromkeys(s.artefact.name for s in rests.sessions)),
         targets=tuple(named) if len(named) > 3 else (),
         distances=_checked_distances(rests, baseline),
         start_unix_s=float(states.time_s.min()) if timed else 0.0,

@@ -7,13 +7,13 @@ then a look back whether every finding is still needed and still the best name.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.arm import Arm
-from armd.compensation.diagnose.account import CLEARLY, Found, account
+from armd.compensation.diagnose.account import CLEARLY, Found, account, likelier_rival, weighed
 from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.choice import choose, joined, next_finding, shape_wanted
 from armd.compensation.diagnose.fit import Fit, fit, solve_again
@@ -28,6 +28,7 @@ from armd.compensation.diagnose.threshold import family_wise, significant
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, Scene
 from armd.compensation.effects.mount_drift import steady_drift
+from armd.compensation.effects.unknown import without_a_name
 
 F64 = npt.NDArray[np.float64]
 
@@ -60,6 +61,7 @@ class Result:
     remaining_p: float  # family-wise p of the strongest candidate left out
     remaining_depends_on: tuple[str, ...]
     untold: tuple[str, ...]  # causes that these data could not show whatever their size
+    would_show: dict[str, float]  # noise units of each cause at its typical size, at best
     refused: tuple[Refused, ...]  # what the residuals would like, and cannot be
 
 
@@ -89,6 +91,7 @@ class Search:
         first = current = self._fit([])
         survey = self._survey(current)
         untold = survey.scores.silent(set(catalogue.CATALOGUE) - {"outliers", "unknown"})
+        would_show = survey.scores.shown_at_typical_size()
         seen: set[str] = set()
         for step in range(MOST_STEPS):
             self._progress(f"{len(current.findings)} found", step / MOST_STEPS)
@@ -114,24 +117,51 @@ class Search:
                 current, survey = self._swapped(current, survey)
                 if current is before:
                     break
+        current, survey = self._as_likely(current, survey, seen)
         scores = survey.scores
         remaining = float(family_wise(scores.log_p.min(initial=0.0), self._tests))
         found = account(survey, self._tests)
         steps = [first] if current.findings else []
         steps += [self._fit(current.findings[:i], current) for i in range(1, len(found))]
+        last = _as_told(current, found)
         return Result(
             self.scene,
             first,
-            current,
-            (*steps, current),
+            last,
+            (*steps, last),
             found,
             scores.signatures,
             self._tests,
             remaining,
             scores.signatures.candidates[int(np.argmin(scores.log_p))].depends_on,
             untold,
+            would_show,
             tuple(self._refused),
         )
+
+    def _as_likely(self, current: Fit, survey: Survey, seen: set[str]) -> tuple[Fit, Survey]:
+        """With each finding renamed that is less likely than one of its alternatives, all others
+        given, as long as that leads somewhere new."""
+        for _ in range(MOST_FINDINGS):
+            for found in weighed(survey, self._tests):
+                rival = likelier_rival(found)
+                if rival is None or rival.cause == "unknown":
+                    continue
+                others = [c for c in current.findings if c is not found.candidate]
+                findings = _with_their_causes(joined(others, rival))
+                if _key(findings) in seen:
+                    continue
+                seen.add(_key(findings))
+                renamed = self._fit(findings, current)
+                if refused(renamed, current, self.arm):
+                    continue
+                renamed = self._pruned(renamed)
+                if rival in renamed.findings:
+                    current, survey = renamed, self._survey(renamed)
+                    break
+            else:
+                return current, survey
+        return current, survey
 
     def _refuse(self, candidate: Candidate, reason: str) -> None:
         """Look for it no more."""
@@ -194,6 +224,18 @@ class Search:
         survey = take_survey(ground, self._signatures)
         self._tests = max(int((survey.scores.freedom > 0).sum()), 1)
         return survey
+
+
+def _as_told(fit: Fit, found: Sequence[Found]) -> Fit:
+    """The fit with what is told without a name nameless: no parameter of it, and no term of an
+    extended calibration, is called by a cause's name."""
+    named = tuple(
+        without_a_name(own, told.candidate) if told.candidate.cause == "unknown" else own
+        for own, told in zip(fit.findings, found, strict=True)
+    )
+    shapes = {shape_place(a): shape_place(b) for a, b in zip(fit.findings, named, strict=True)}
+    findings = tuple(replace(c, location=shapes.get(c.location, c.location)) for c in named)
+    return replace(fit, findings=findings)
 
 
 def _key(findings: Sequence[Candidate]) -> str:

@@ -15,15 +15,30 @@ from armd.compensation.effects.effect import (
 )
 
 
+def _each(scene: Scene) -> list[tuple[str, str]]:
+    """Each artefact by name, and how a column says so; one is not told from others."""
+    if len(scene.artefacts) < 2:
+        return [("", "")]
+    return [(name, f" of {name}") for name in scene.artefacts]
+
+
+def _told(candidate: Candidate) -> str:
+    change = candidate.columns[0].artefact
+    return f" of {change.artefact}" if change is not None and change.artefact else ""
+
+
 def expansion(scene: Scene) -> Iterator[Candidate]:
     if scene.artefact_c:
-        column = Column("per kelvin", "1/K", 2.5e-6, artefact=ArtefactChange("expansion"))
-        yield Candidate("artefact_expansion", "artefact", (column,), ("artefact_c",))
+        for name, of in _each(scene):
+            change = ArtefactChange("expansion", artefact=name)
+            column = Column(f"per kelvin{of}", "1/K", 2.5e-6, artefact=change)
+            yield Candidate("artefact_expansion", "artefact", (column,), ("artefact_c",))
 
 
 def length(scene: Scene) -> Iterator[Candidate]:
-    scale = Column("scale", "1", 20e-6, artefact=ArtefactChange("scale"))
-    yield Candidate("artefact_length", "artefact", (scale,), ("target",))
+    for name, of in _each(scene):
+        scale = Column(f"scale{of}", "1", 20e-6, artefact=ArtefactChange("scale", artefact=name))
+        yield Candidate("artefact_length", "artefact", (scale,), ("target",))
     for name in scene.targets:
         columns = tuple(
             Column("xyz"[axis], "mm", 10e-3, artefact=ArtefactChange("target", name, axis))
@@ -36,16 +51,17 @@ def length(scene: Scene) -> Iterator[Candidate]:
         yield Candidate("artefact_length", "artefact", (column,), ("target",))
 
 
-def read_expansion(_: Candidate, amplitudes: F64) -> str:
+def read_expansion(candidate: Candidate, amplitudes: F64) -> str:
     more = plain(amplitudes[0] * 1e6, sign="+")
-    return f"the artefact expands by {more} µm per metre and kelvin more"
+    change = candidate.columns[0].artefact
+    which = change.artefact if change is not None and change.artefact else "the artefact"
+    return f"{which} expands by {more} µm per metre and kelvin more"
 
 
 def read_length(candidate: Candidate, amplitudes: F64) -> str:
-    if candidate.columns[0].name == "scale":
-        return (
-            f"all certified positions are {plain(amplitudes[0] * 1e6, sign='+')} µm per metre off"
-        )
+    if candidate.columns[0].name.startswith("scale"):
+        off = plain(amplitudes[0] * 1e6, sign="+")
+        return f"all certified positions{_told(candidate)} are {off} µm per metre off"
     size = float(np.linalg.norm(amplitudes)) * 1e3
     what = candidate.location if len(amplitudes) == 3 else candidate.columns[0].name
     return f"{what} is {plain(size)} µm from its certificate"

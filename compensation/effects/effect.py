@@ -38,6 +38,7 @@ class ArtefactChange:
     target: str = ""
     axis: int = 0
     index: int = 0
+    artefact: str = ""  # name of the artefact, where the sessions have several; empty: all
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,7 @@ class Scene:
     rates: bool  # joint rates known
     approach: bool  # directions of approach known
     artefact_c: bool
+    artefacts: tuple[str, ...]  # names of those measured
     targets: tuple[str, ...]  # certified, and seen from several poses
     distances: tuple[str, ...]  # "S1, S2"
     start_unix_s: float

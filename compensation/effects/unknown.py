@@ -7,6 +7,7 @@ joints' angles. It competes with the catalogue on equal terms; where it wins, th
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 from armd.compensation.effects.effect import (
@@ -29,6 +30,8 @@ from armd.compensation.terms import (
     Time,
 )
 
+#: A named cause of more columns than this is a curve.
+MOST_NAMED = 6
 #: The location of what is a finding's own shape: this, then its cause and location.
 SHAPE_OF = "shape of "
 TYPICAL = {"mm": 5e-3, "rad": 10e-6}
@@ -181,6 +184,24 @@ def _waves(joint: int, order: int) -> list[_Function]:
         )
         for kind in ("sin", "cos")
     ]
+
+
+def without_a_name(own: Candidate, told: Candidate) -> Candidate:
+    """A candidate of a named cause, its columns called by the parameters that they move; a curve
+    over the turn and what has no name stay what they are."""
+    if own.cause == "unknown" or len(own.columns) > MOST_NAMED:
+        return own
+    columns = tuple(
+        replace(column, name=f"{_moved(column)} × function {i}")
+        for i, column in enumerate(own.columns, 1)
+    )
+    return replace(own, cause="unknown", columns=columns, depends_on=told.depends_on)
+
+
+def _moved(column: Column) -> str:
+    if column.artefact is not None:
+        return f"artefact {column.artefact.kind}"
+    return ", ".join(dict.fromkeys(term.parameter for term in column.terms))
 
 
 def reading(candidate: Candidate, _: F64) -> str:

@@ -104,7 +104,7 @@ def gather(
     sessions: Sequence[Session], arm: Arm, artefact: ArtefactCorrection | None = None
 ) -> Observations:
     """Join sessions; *artefact* corrects certified values by what a diagnosis found."""
-    correction = artefact or ArtefactCorrection()
+    corrections = [_correction_of(session, artefact) for session in sessions]
     counts = [len(session.placement_names) for session in sessions]
     first_placement = np.concatenate([[0], np.cumsum(counts)])
     sizes = [len(session.artefact.targets) for session in sessions]
@@ -132,8 +132,12 @@ def gather(
             [s.target + first for s, first in zip(sessions, first_target, strict=False)]
         ),
         truth_mm=np.concatenate([s.truth_mm for s in sessions]),
-        stretch=np.concatenate([_stretch(s, correction) for s in sessions]),
-        position_mm=np.concatenate([_positions(s, correction) for s in sessions]),
+        stretch=np.concatenate(
+            [_stretch(s, c) for s, c in zip(sessions, corrections, strict=True)]
+        ),
+        position_mm=np.concatenate(
+            [_positions(s, c) for s, c in zip(sessions, corrections, strict=True)]
+        ),
         uncertainty_mm=np.array(
             [t.standard_uncertainty_mm for s in sessions for t in s.artefact.targets]
         ),
@@ -148,6 +152,14 @@ def _names(sessions: Sequence[Session]) -> list[str]:
     names = [session.name for session in sessions]
     distinct = len(set(names)) == len(names)
     return names if distinct else [str(session.path) for session in sessions]
+
+
+def _correction_of(session: Session, correction: ArtefactCorrection | None) -> ArtefactCorrection:
+    """What was found on one artefact says nothing of another."""
+    if correction is None:
+        return ArtefactCorrection()
+    named = not correction.artefacts or session.artefact.name in correction.artefacts
+    return correction if named else ArtefactCorrection()
 
 
 def _stretch(session: Session, correction: ArtefactCorrection) -> F64:

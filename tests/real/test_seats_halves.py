@@ -17,7 +17,7 @@ from armd.compensation.arm import Arm, load_arm
 from armd.compensation.calibration import Calibration
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.neighbourhood import possible
-from armd.compensation.diagnose.result import verdict
+from armd.compensation.diagnose.result import as_json, verdict
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.identify.gauge import PLAUSIBLE
 from armd.compensation.session import Session, load_session
@@ -73,3 +73,18 @@ def test_a_cause_has_sizes_that_it_can_have() -> None:
     assert not possible(twist, np.array([2.3e-3]))
     blow = Candidate("encoder_slip", "joint 3", (Column("step", "rad", 7e-5),), ())
     assert possible(blow, np.array([0.5]))
+
+
+@pytest.mark.parametrize(("robot", "seed"), [("panda_1", 0), ("panda_1", 2), ("kuka_14", 0)])
+def test_no_cause_is_told_that_is_less_likely_than_another(
+    folder: Path, robot: str, seed: int
+) -> None:
+    arm = load_arm(folder / robot / "arm.toml")
+    whole = load_session(folder / robot / "seats", arm)
+    one = np.random.default_rng(seed).permutation(whole.n) < whole.n // 2
+    findings = as_json(diagnose([rows(whole, one)], arm), None)["findings"]
+    assert findings
+    for finding in findings:
+        if finding["cause"] != "unknown":
+            others = [rival["probability"] for rival in finding["alternatives"]]
+            assert finding["probability"] >= max(others, default=0.0)
