@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from pty_arm import PtyArm
 
+from armd.drivers import serial_wire as wire
 from armd.drivers.config import SerialConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event
@@ -163,3 +164,19 @@ def test_the_recorded_frames_give_the_same_samples_bit_by_bit(arm, reader):
     again = [item for frame in reader.raw for item in decoder.feed(frame)]
     arrays = [item for item in again if isinstance(item, np.ndarray)]
     assert np.concatenate(arrays).tobytes() == reader.samples.tobytes()
+
+
+def test_a_block_of_old_packets_played_again_is_published_once(arm, reader):
+    """Two hundred reads as they came, byte by byte: by a hub that hangs, or by somebody."""
+    reader.more_samples(300)
+    old = b"".join(frame.data for frame in reader.raw if frame.direction == "rx")
+    had = reader.driver.counters["samples"]
+    packets = [packet + b"\0" for packet in old.split(b"\0")[1:-1]]
+    samples = [p for p in packets if wire.unpack(p[:-1])[0] == wire.Type.SAMPLE]
+    assert len(samples) > 200
+    for _ in range(3):
+        arm.write(b"".join(samples[-120:]))
+        reader.more_samples(50)
+    assert reader.driver.counters["repeated"] > 200 and "reboot" not in reader.events
+    assert reader.seqs == sorted(set(reader.seqs)) and reader.seqs[-1] < 1 << 32
+    assert reader.driver.counters["samples"] >= had + 150
