@@ -9,17 +9,26 @@ import zenoh
 from armd import keys
 from armd.drivers.sample import Event
 
-#: A rival speaks once a second; one that was silent for so long is told of anew.
-SILENT_NS = 5_000_000_000
+#: How often a daemon says that it is there; a rival silent for so long is told of anew.
+SPEAK_NS, SILENT_NS = 1_000_000_000, 5_000_000_000
 
 
 class Rival:
-    """Hears health under this serial number that is not this daemon's own."""
+    """Says that this daemon is there, and hears whether another does under its serial number.
+
+    On a key of its own: it is the one on which the daemon's session lets others speak
+    (daemon/session.py), and whoever forges it gains an alarm.
+    """
 
     def __init__(self, session: zenoh.Session, serial: str) -> None:
         self._serial = serial
+        key = keys.key(serial, keys.DAEMON)
+        self._publisher = session.declare_publisher(
+            key, congestion_control=zenoh.CongestionControl.DROP
+        )
+        self._due_ns = 0
         self._subscriber: zenoh.Subscriber[Any] = session.declare_subscriber(
-            keys.key(serial, keys.HEALTH),
+            key,
             zenoh.handlers.RingChannel(1),
             allowed_origin=zenoh.Locality.REMOTE,
         )
@@ -27,6 +36,9 @@ class Rival:
 
     def look(self, now_ns: int) -> list[Event]:
         """Asked now and then: one event for each time that a rival shows up."""
+        if now_ns >= self._due_ns:
+            self._due_ns = now_ns + SPEAK_NS
+            self._publisher.put(b"")
         if self._subscriber.try_recv() is None:
             return []
         new = self._heard_ns is None or now_ns - self._heard_ns > SILENT_NS

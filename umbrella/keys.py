@@ -13,6 +13,8 @@ ALIVE = "alive"
 #: Bytes as they crossed the wire, for recorders. A chunk that starts with @ is not matched by
 #: wildcards, so that a subscriber to `armd/<serial>/**` does not pay for it unasked.
 RAW = "@raw"
+#: By which the daemons of one serial number notice each other.
+DAEMON = "@daemon"
 
 #: Characters with a meaning in Zenoh keys; a serial number with one of them cannot be published.
 FORBIDDEN = frozenset("/*$#?@")

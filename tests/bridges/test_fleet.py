@@ -185,7 +185,7 @@ def test_an_arm_speaks_for_itself_alone(tmp_path: Path) -> None:
         )
 
     text = (EXAMPLES / "client.json5").read_text(encoding="utf-8")
-    text = text.replace("controller.example:7447", f"localhost:{port}")
+    text = text.replace("controller.example:7448", f"localhost:{port}")
     text = text.replace("ca.pem", f"{tmp_path}/ca.pem")
     text = text.replace('"inspection.', f'"{tmp_path}/inspection.')
     (tmp_path / "viewer.json5").write_text(text, encoding="utf-8")
