@@ -24,7 +24,7 @@ from armd.drivers.unwrap import warm_up
 
 CHANNEL = "poll"
 COUNTED = ("missed", "late", "foreign", "repeated", "refused", "echoes", "unasked")
-OVER = b'{"note": "over"}'  # the time for the last request's answers is over
+OVER = b'{"note": "over"}'  # no more answers to the last request; another request says the same
 BITS = 10  # of a byte on the line: start, eight, stop
 
 
@@ -141,8 +141,8 @@ class ServoDecoder:
         if self.exchange is None:
             self._counted["unasked"] += len(packets)
             return []
-        self.exchange.take(packets, frame.monotonic_ns)
-        return self._close(frame) if self.exchange.complete else []
+        self.exchange.take(packets, frame.monotonic_ns)  # what it tells is said at its end
+        return []
 
     def _close(self, frame: RawFrame) -> list[Item]:
         """No further answer belongs to the exchange: what it has told."""

@@ -1,7 +1,7 @@
 """The servo driver: a port that may vanish, and one request at a time on it.
 
 One loop within `read`: ask, wait for the answers or for as long as they may take, ask again. The
-next request is on the line before what the last one brought is handed out.
+next request is on the line before anybody looks at what the last one brought.
 """
 
 from __future__ import annotations
@@ -161,7 +161,8 @@ class ServoDriver:
 
     def _ask_if_due(self, port: serial.Serial, now_ns: int) -> list[Item]:
         """Nothing is under way: the next request, or what is due instead; the items of that."""
-        if self._decoder.exchange is not None or now_ns < self._hold_ns:
+        exchange = self._decoder.exchange
+        if (exchange is not None and not exchange.complete) or now_ns < self._hold_ns:
             return []
         items: list[Item] = []
         for data in self._known.notes(now_ns):
@@ -245,24 +246,32 @@ class ServoDriver:
             return self._unplugged(str(error))
         if not data:
             return self._unplugged("end of file")
-        exchange = self._decoder.exchange
         items = self._feed("rx", data)
         self._heard_ns = now_ns = time.monotonic_ns()
-        if exchange is not None and self._decoder.exchange is None:
-            self._pace.took(now_ns - exchange.sent.monotonic_ns - self._needs_ns)
-            self._ended(exchange.complete, now_ns)
-            items = self._heard(items)
+        exchange = self._decoder.exchange
+        if exchange is None or not exchange.complete:
+            return items
+        self._pace.took(now_ns - exchange.sent.monotonic_ns - self._needs_ns)
+        self._ended(True, now_ns)
+        if self._is_cycle:
             items += self._ask_if_due(port, now_ns)
-        return items
+        if self._decoder.exchange is exchange:  # else the next request has ended it
+            items += self._feed("link", OVER)
+        return self._heard(items)
 
     def _send(self, port: serial.Serial, packet: bytes) -> list[Item]:
-        items = self._feed("tx", packet)
+        frame = self._frame("tx", packet)
         with suppress(OSError):  # a full or broken line shows itself when reading
             os.write(port.fileno(), packet)
-        return items
+        return self._take(frame)
 
     def _feed(self, direction: Direction, data: bytes) -> list[Item]:
+        return self._take(self._frame(direction, data))
+
+    def _frame(self, direction: Direction, data: bytes) -> RawFrame:
         monotonic_ns, unix_ns = self._time.now()
-        frame = RawFrame(monotonic_ns, unix_ns, direction, data, CHANNEL)
+        return RawFrame(monotonic_ns, unix_ns, direction, data, CHANNEL)
+
+    def _take(self, frame: RawFrame) -> list[Item]:
         self._raw.append(frame)
         return self._decoder.feed(frame)

@@ -18,7 +18,7 @@ from typing import Any
 from armd.files import write_whole
 
 #: Modules bench_NAME beside this file, each with run() → (nested) figures.
-NAMES = ["kernel", "wire", "daemon", "rate", "identify", "diagnose", "timing"]
+NAMES = ["kernel", "wire", "daemon", "rate", "identify", "diagnose", "timing", "servo"]
 
 #: figure → (least, most) that was aimed at
 MARKS: dict[str, tuple[float | None, float | None]] = {
@@ -34,6 +34,10 @@ MARKS: dict[str, tuple[float | None, float | None]] = {
     "daemon.5000_hz.cpu_percent_of_a_core": (None, 20.0),
     "identify.ratio": (20.0, None),
     "diagnose.seconds": (None, 10.0),
+    "servo.feetech.of_the_line": (0.9, None),
+    "servo.feetech.lost": (None, 0.0),
+    "servo.dynamixel.of_the_line": (0.9, None),
+    "servo.dynamixel.lost": (None, 0.0),
 }
 
 

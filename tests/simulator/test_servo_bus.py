@@ -24,19 +24,20 @@ def state(tmp_path, monkeypatch):
 
 
 def armd_counts(kind, port):
-    """(instants ns, counts (n, 5)) of a second of armd's own reading."""
+    """(instants ns, counts (n, 5)) of armd's own reading at 57600 baud, after the first rows."""
     config = ServoConfig(
-        kind=kind, port=port, ids=JOINTS, temperature_ids=[2, 3, 4, 5, 6],
+        kind=kind, port=port, baud=57_600, ids=JOINTS, temperature_ids=[2, 3, 4, 5, 6],
         trigger={"id": 6, "pressed_below": 1900},
     )  # fmt: skip
     rows = []
     with closing(open_driver(config, Expectation("SERVO", 5, 5, (4096,) * 5))) as driver:
         end = time.monotonic() + 20.0
-        while time.monotonic() < end and len(rows) < 100:
+        while time.monotonic() < end and len(rows) < 150:
             rows += [item for item in driver.read(0.05) if isinstance(item, np.ndarray)]
     rows = np.concatenate(rows)
     assert (rows["joint_invalid"] == 0).mean() > 0.95
-    return rows["monotonic_ns"], rows["count"]
+    good = rows[5:][rows["joint_invalid"][5:] == 0]
+    return good["monotonic_ns"], good["count"]
 
 
 class Truth:
@@ -123,18 +124,24 @@ def test_rustypot_reads_what_is_true(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["feetech", "dynamixel"])
-def test_armd_reads_what_is_true(tmp_path, kind):
-    """Each joint where it truly was at the row's instant, though all were read one after the
-    other while the arm moved."""
+def test_armd_brings_all_joints_to_the_instant_of_the_row(tmp_path, kind):
+    """On a slow line, where the last joint is read some 8 ms after the first, in motion."""
     with simulated_arm(tmp_path, wire=("--servo", kind)) as arm:
-        instants, counts = armd_counts(kind, arm.port)
-        time.sleep(2.0)  # the first move has begun by now
-        more_instants, more_counts = armd_counts(kind, arm.port)
         truth = Truth(arm)
-    instants, counts = np.append(instants, more_instants), np.vstack([counts, more_counts])
+        time.sleep(1.0)
+        instants, counts = armd_counts(kind, arm.port)
     true = np.array([truth.raw(instant) for instant in instants])
-    error = np.abs(counts - (true - 2048))
-    assert np.median(error.max(axis=1)) <= 1.0 and np.quantile(error, 0.95) < 2.0
+    soon = np.array([truth.raw(instant + 4_000_000) for instant in instants])
+    speed = (soon - true) / 4.0  # counts/ms
+    moving = np.abs(speed).max(axis=1) > 0.3
+    assert moving.sum() > 20
+    error, speed = (counts - (true - 2048))[moving], speed[moving]
+    # A stall of this machine shifts all joints by the same time: that is taken out, and small.
+    late_ms = (error * speed).sum(axis=1) / (speed**2).sum(axis=1)
+    apart = error - late_ms[:, None] * speed
+    assert np.median(np.abs(late_ms)) < 2.0
+    # Two roundings, one of them stretched by the interpolation, and a disc's ripple.
+    assert np.sqrt((apart**2).mean()) < 1.0
 
 
 @contextmanager

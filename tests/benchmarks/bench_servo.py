@@ -1,0 +1,92 @@
+"""Servo buses: cycles per second against what the line allows, and the processor they take.
+
+The simulator paces its answers as the line would; what the line allows is its own arithmetic: the
+bytes of request and answers, and the pause each servo needs before it answers.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from simulated_arm import simulated_arm
+
+from armd.drivers.config import ServoConfig
+from armd.drivers.identity import Expectation
+from armd.drivers.poll import dynamixel, feetech
+from armd.drivers.table import open_driver
+from armd.simulator.servobus.device import TURN_ROUND_NS
+
+SETTLING_S, SECONDS = 3.0, 60.0
+BAUD = 1_000_000
+SERVOS = 6
+BYTE_S = 10 / BAUD
+
+
+def run() -> dict[str, Any]:
+    """Of each family: six servos at 1 Mbaud for a minute."""
+    return {family: _measure(family) for family in ("feetech", "dynamixel")}
+
+
+def _line_hz(family: str) -> float:
+    """The mean of two cycles in a row, of which one asks for a byte more."""
+    pause_s = TURN_ROUND_NS[family] * 1e-9
+    if family == "feetech":
+        asked, answers = 8 + SERVOS, [SERVOS * feetech.status_size(n) for n in (2, 3)]
+        pauses_s = SERVOS * pause_s
+    else:  # by one fast read
+        asked = 14 + SERVOS
+        answers = [dynamixel.fast_status_size(SERVOS, n) for n in (4, 5)]
+        pauses_s = pause_s
+    return 1 / ((asked + sum(answers) / 2) * BYTE_S + pauses_s)
+
+
+def _measure(family: str) -> dict[str, float]:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        os.environ["STATE_DIRECTORY"] = str(folder)
+        seconds = SETTLING_S + SECONDS + 30.0
+        with simulated_arm(folder, wire=("--servo", family), seconds=seconds) as arm:
+            config = ServoConfig.model_validate(
+                {
+                    "kind": family, "port": arm.port, "baud": BAUD, "ids": [1, 2, 3, 4, 5],
+                    "temperature_ids": [2, 3, 4, 5, 6],
+                    "trigger": {"id": 6, "pressed_below": 1900},
+                }
+            )  # fmt: skip
+            expected = Expectation("SIM-0001", 5, 5, (4096,) * 5)
+            with closing(open_driver(config, expected)) as driver:
+                _take(driver, SETTLING_S)
+                before, cpu_s = driver.counters, time.process_time()
+                rows, took_s = _take(driver, SECONDS)
+                cpu_s = time.process_time() - cpu_s
+                after = driver.counters
+    hz, line_hz = len(rows) / took_s, _line_hz(family)
+    periods = np.diff(rows)
+    quick_ns = float(np.quantile(periods, 0.1))  # what it takes where nobody else runs
+    return {
+        "cycles_hz": hz,
+        "line_allows_hz": line_hz,
+        "of_the_line": hz / line_hz,
+        "quickest_tenth_of_the_line": 1e9 / quick_ns / line_hz,
+        "lost": float(after["lost"] - before["lost"]),
+        "answers_missed": float(after["missed"] - before["missed"]),
+        "cpu_s_per_1000_cycles": cpu_s / len(rows) * 1000,
+    }
+
+
+def _take(driver: Any, seconds: float) -> tuple[np.ndarray, float]:
+    """Instants of the rows (n,) ns, and how long it took."""
+    began = time.perf_counter()
+    instants: list[int] = []
+    while time.perf_counter() - began < seconds:
+        for item in driver.read(0.05):
+            if isinstance(item, np.ndarray):
+                instants += item["monotonic_ns"].tolist()
+        driver.take_raw()
+    return np.array(instants), time.perf_counter() - began
