@@ -75,17 +75,19 @@ class Averager:
         self._buttons = np.zeros(1, _BUTTONS)
         self._buttons["down_ns"] = -(1 << 62)  # long ago
         self._risen = np.zeros(0, np.uint32)
+        self._touched = False  # a button was down in the last batch
         self._resting = False
 
     def remember(self, points: npt.NDArray[np.void], angles: F64) -> list[Press]:
         """Keep a batch of points (n,) with angles (m ≥ n, N) rad; returns the presses in it."""
+        touched = _keep(points, angles, self._past, self._angles, self._written)
+        self._written += len(points)
+        before, self._touched = self._touched, touched
+        if not touched and not before:
+            return []
         if len(points) > len(self._risen):
             self._risen = np.zeros(2 * len(points), np.uint32)
-        pressed = _keep(
-            points, angles, self._past, self._angles, self._written, self._buttons, self._risen
-        )
-        self._written += len(points)
-        if not pressed:
+        if not _press(points, self._buttons, self._risen):
             return []
         return [
             Press([bit for bit in range(32) if risen >> bit & 1], row)
@@ -151,27 +153,34 @@ _BUTTONS = np.dtype([("down", "i8"), ("down_ns", "i8", (32,))])
 
 
 @jit
-def _keep(
-    points: Any, angles: Any, past: Any, past_angles: Any, written: int, buttons: Any, risen: Any
-) -> bool:
-    """Points (n,) and angles (≥ n, N) into the ring after the *written* ones; into *risen* (≥ n,)
-    the bits of the buttons that were pressed at each, and whether any was."""
-    kept = buttons[0]
-    pressed = False
+def _keep(points: Any, angles: Any, past: Any, past_angles: Any, written: int) -> bool:
+    """Points (n,) and angles (≥ n, N) into the ring after the *written* ones; whether a button was
+    down at any."""
+    touched = False
     for i in range(len(points)):
         place = (written + i) % len(past)
         past[place] = points[i]
         for k in range(angles.shape[1]):
             past_angles[place, k] = angles[i, k]
+        touched = touched or points[i].buttons != 0
+    return touched
+
+
+@jit
+def _press(points: Any, buttons: Any, risen: Any) -> bool:
+    """Into *risen* (≥ n,) the bits of the buttons that were pressed at each of the points (n,);
+    whether any was."""
+    kept = buttons[0]
+    pressed = False
+    for i in range(len(points)):
         now, now_ns = np.int64(points[i].buttons), points[i].monotonic_ns
         fresh = np.int64(0)
-        if now | kept.down:
-            for bit in range(32):
-                if now >> bit & 1:
-                    since_ns = now_ns - kept.down_ns[bit]
-                    if not kept.down >> bit & 1 and not 0 <= since_ns < BOUNCE_NS:
-                        fresh |= np.int64(1) << bit
-                    kept.down_ns[bit] = now_ns
+        for bit in range(32):
+            if now >> bit & 1:
+                since_ns = now_ns - kept.down_ns[bit]
+                if not kept.down >> bit & 1 and not 0 <= since_ns < BOUNCE_NS:
+                    fresh |= np.int64(1) << bit
+                kept.down_ns[bit] = now_ns
         kept.down = now
         risen[i] = fresh
         pressed = pressed or fresh != 0

@@ -19,6 +19,7 @@ def rehearse(config: Config, arm: ArmInUse) -> None:
     celsius = np.full(len(config.arm.sensors), config.arm.reference_temperature_c)
     pipeline.take_temperatures(Temperatures(celsius, 0, 0, 0))
     samples = np.zeros(1, sample_dtype(config.arm.n_joints))
+    samples["buttons"] = 1
     points, joints = pipeline.correct(samples)
     Averager(1.0, config.arm.n_joints).remember(points, joints.q)
     tally = Tally(0)
