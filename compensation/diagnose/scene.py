@@ -48,6 +48,7 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
         targets=tuple(named) if len(named) > 3 else (),
         distances=_checked_distances(rests, baseline),
         start_unix_s=float(states.time_s.min()) if timed else 0.0,
+        end_unix_s=float(states.time_s.max()) if timed else 0.0,
         instants_unix_s=_grid(moments),
         all_instants_unix_s=moments,
     )

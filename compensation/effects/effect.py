@@ -97,7 +97,8 @@ class Scene:
     artefacts: tuple[str, ...]  # names of those measured
     targets: tuple[str, ...]  # certified, and seen from several poses
     distances: tuple[str, ...]  # "S1, S2"
-    start_unix_s: float
+    start_unix_s: float  # of the first reading, and of the last
+    end_unix_s: float
     instants_unix_s: tuple[float, ...]  # where something may have stepped: between two readings
     #: all moments between two readings, for refining an instant
     all_instants_unix_s: F64

@@ -42,8 +42,9 @@ def _at(scene: Scene, instant: float, finest: bool) -> Candidate:
 
 
 def steady_drift(scene: Scene) -> Candidate:
-    """The base moving at one rate throughout."""
-    columns = _columns(Time(since_unix_s=scene.start_unix_s), "/h")
+    """The base moving at one rate throughout; before and after nobody knows."""
+    seen = Time(since_unix_s=scene.start_unix_s, until_unix_s=scene.end_unix_s)
+    columns = _columns(seen, "/h")
     return Candidate("mount_drift", "base", columns, ("time_s",))
 
 

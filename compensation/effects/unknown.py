@@ -129,8 +129,8 @@ def _functions(
         rate = TemperatureRate(weights={name: 1.0}, smoothing_s=300.0)
         yield (name, "time_s"), [(f"d{name}/dt", "s/K", 1e-3, (rate,))]
     for power in (1, 2) if scene.timed else ():
-        since = Time(since_unix_s=scene.start_unix_s, power=power)
-        yield ("time_s",), [(f"t^{power}", "1/h", 1.0, (since,))]
+        seen = Time(since_unix_s=scene.start_unix_s, until_unix_s=scene.end_unix_s, power=power)
+        yield ("time_s",), [(f"t^{power}", "1/h", 1.0, (seen,))]
     if scene.rates:
         for j in scene.joints:
             yield (f"w{j}",), [(f"side {j}", "", 1.0, (Side(joint=j),))]

@@ -8,6 +8,8 @@ import math
 import os
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -23,6 +25,8 @@ from armd.compensation.calibration import (
     load_calibration,
     save_calibration,
 )
+from armd.compensation.effects.effect import Scene
+from armd.compensation.effects.mount_drift import steady_drift
 from armd.compensation.state import States
 from armd.compensation.terms import Term, Time
 from armd.errors import BadInput
@@ -195,3 +199,14 @@ def test_a_term_that_follows_time_ends_when_its_file_was_made_unless_it_says_whe
     states = States(nothing, nothing, np.full((n, 2), 20.0), at_s, nothing, np.zeros(n, np.int64))
     hours = basis_values(loaded[:1], states, an_arm(3), 20.0, np.zeros(24))[:, 0]
     np.testing.assert_allclose(hours, [0.0, 0.0, 1.0, 2.0, 2.0, math.nan])
+
+
+def test_what_a_diagnosis_writes_of_time_says_from_when_to_when_it_was_seen() -> None:
+    scene = cast(Scene, SimpleNamespace(start_unix_s=1.7e9, end_unix_s=1.7e9 + 3600))
+    factors = [
+        factor
+        for column in steady_drift(scene).columns
+        for term in column.terms
+        for factor in term.basis
+    ]
+    assert {(f.since_unix_s, f.until_unix_s) for f in factors} == {(1.7e9, 1.7e9 + 3600)}
