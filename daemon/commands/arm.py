@@ -103,6 +103,7 @@ def _microscribe(args: argparse.Namespace) -> int:
     if args.output is None:
         sys.stdout.write(text)
         return 0
+    check_same(args.output, text, ARM, args.force)
     write_whole(args.output, text)
     print(f"{args.output}: {title(text)}")
     path = args.output.parent / "armd.toml"
