@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -83,11 +84,12 @@ def load_sessions(
     Readings that count twice look better known than they are, and held-out ones that were fitted
     prove nothing. Raises `BadInput`.
     """
-    seen = {session.path.resolve() for session in besides}
+    seen = {os.path.realpath(session.path) for session in besides}
     for path in map(Path, paths):
-        if path.resolve() in seen:
+        real = os.path.realpath(path)  # of a link that leads back to itself, too
+        if real in seen:
             raise BadInput(path, "the session", "given twice", "every session once")
-        seen.add(path.resolve())
+        seen.add(real)
     return [load_session(path, arm) for path in paths]
 
 

@@ -178,6 +178,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         for fault in (error, *getattr(error, "more", ())):
             print(f"armd: {fault}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever started it has left
+        return 141
+    except OSError as error:
+        what = " ".join((error.strerror or str(error)).split())
+        print(f"armd: {error.filename or 'the system'}: found {what!r}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         return 0
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from armd.errors import BadInput
 
-_DESCRIPTORS = Path("/proc/self/fd")
+_DESCRIPTORS = "/proc/self/fd"
 _MOST_LINKS = 8
 _ROOM = {errno.ENOSPC: "no space left on its disk", errno.EDQUOT: "the quota of its disk used up"}
 _REFUSALS = {
@@ -116,9 +116,11 @@ def check_folder(folder: Path) -> None:
 
 def same_place(one: Path, other: Path) -> bool:
     """Whether two paths are one file, by another name, through links or over a hard link."""
-    if one.resolve() == other.resolve():
+    if os.path.realpath(one) == os.path.realpath(other):
         return True
-    return one.exists() and other.exists() and one.samefile(other)
+    with suppress(OSError):
+        return one.samefile(other)
+    return False
 
 
 @contextmanager
@@ -163,7 +165,7 @@ def _descriptor(path: Path) -> int | None:
     """The number of the open file that *path* is a name of, as /dev/stdout is of 1."""
     with suppress(OSError):
         for _ in range(_MOST_LINKS):
-            if path.name.isdecimal() and path.parent.resolve() == _DESCRIPTORS.resolve():
+            if path.name.isdecimal() and os.path.realpath(path.parent) == os.path.realpath(_DESCRIPTORS):
                 return int(path.name)
             if not path.is_symlink():
                 return None

@@ -136,6 +136,9 @@ def check_output_folder(folder: Path) -> None:
         return
     parent = next(above for above in folder.absolute().parents if os.path.lexists(above))
     check_folder(parent)
+    longest = os.pathconf(parent, "PC_NAME_MAX")
+    if any(len(os.fsencode(name)) > longest for name in folder.parts):
+        raise BadInput(folder, "the folder", "a name too long for its disk", "a shorter one")
 
 
 def _check_kind(path: Path, option: str, kind: Kind) -> None:
