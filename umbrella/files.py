@@ -19,7 +19,6 @@ from pathlib import Path
 
 from armd.errors import BadInput
 
-_DESCRIPTORS = "/proc/self/fd"
 _MOST_LINKS = 8
 _ROOM = {errno.ENOSPC: "no space left on its disk", errno.EDQUOT: "the quota of its disk used up"}
 _REFUSALS = {
@@ -164,8 +163,9 @@ def _is_stream(path: Path) -> bool:
 def _descriptor(path: Path) -> int | None:
     """The number of the open file that *path* is a name of, as /dev/stdout is of 1."""
     with suppress(OSError):
+        own = os.path.realpath("/proc/self/fd")
         for _ in range(_MOST_LINKS):
-            if path.name.isdecimal() and os.path.realpath(path.parent) == os.path.realpath(_DESCRIPTORS):
+            if path.name.isdecimal() and os.path.realpath(path.parent) == own:
                 return int(path.name)
             if not path.is_symlink():
                 return None

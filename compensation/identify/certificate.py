@@ -58,7 +58,7 @@ def judge(
     *found* tells what is known: all constants, and the lengths' linear growth where thermal.
     """
     drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout.rms_um / 1e3
-    share = heldout.rms_um / drawn_rms_um
+    share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
     left = (
         f"each {heldout_by} left out misses by {heldout_mm:.4g} mm RMS,"
         f" {100 * share:.2g}% of the {drawn_mm:.4g} mm under the drawing"

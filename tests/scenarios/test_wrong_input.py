@@ -5,10 +5,8 @@ In this process: an exception that no command catches fails the test by itself.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import datetime
-import importlib
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -275,8 +273,6 @@ def test_a_session_that_holds_too_little(
         assert told.err.splitlines()[-1].startswith("armd: "), told.err
 
 
-#: tried elsewhere, because they need a daemon
-WITH_FILES = {"record", "export", "ros2"}
 NUMBERS = ("-1", "0", "nan", "inf", "-inf", "x", "", "1e999", "1,5")
 OPTIONS = [
     ("demo", "--seconds", set()),
@@ -315,14 +311,3 @@ def test_words_that_do_not_belong(capsys: pytest.CaptureFixture[str], command: s
     fails([command, "--none"], capsys)
     fails([command, "--help=1"], capsys)
     fails([command, "a", "b", "c", "--seconds"], capsys)
-
-
-def test_no_command_is_forgotten() -> None:
-    tried = {words.split()[0] for words in RIGHT.values()}
-    assert tried <= set(COMMANDS)
-    for name in set(COMMANDS) - tried:  # those that read and write no file of a person's
-        module = importlib.import_module(f"armd.daemon.commands.{name}")
-        parser = argparse.ArgumentParser()
-        module.add_arguments(parser)
-        files = {a.dest for a in parser._actions if a.type is Path} | {"arm", "calibration"}
-        assert name in WITH_FILES or not files & {a.dest for a in parser._actions}, name
