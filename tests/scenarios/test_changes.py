@@ -99,7 +99,7 @@ def test_in_a_storm_of_reloads_every_point_is_made_with_the_calibration_it_names
     contents = [path.read_bytes()]
     write(path, 0.0)
     contents.append(path.read_bytes())
-    end_s = time.monotonic() + 3.0
+    end_s = time.monotonic() + 1.5
     new = folder / "new.json"
     with daemon.session() as session, nothing_lost(heard):
         for i in range(10**6):
@@ -112,7 +112,7 @@ def test_in_a_storm_of_reloads_every_point_is_made_with_the_calibration_it_names
     points = heard.points()[first:]
     lifts = np.array([lifted_mm[int(identity)] for identity in points["calibration"]])
     changes = np.flatnonzero(np.diff(lifts))
-    assert len(changes) > 5
+    assert len(changes) > 2
     z = points["position_mm"][:, 2]
     # Between two samples the arm itself moves by a millimetre or two.
     np.testing.assert_allclose(np.diff(z)[changes], np.diff(lifts)[changes], atol=5.0)
@@ -212,7 +212,7 @@ def test_a_flood_of_questions_does_not_starve_the_stream(daemon: Daemon, heard: 
         time.sleep(0.1)
         for what in ("event", "info", "health", "command/reload") * 250:
             session.get(f"armd/SIM-0001/{what}", answered.append, timeout=30.0)
-        time.sleep(2.0)
+        time.sleep(1.0)
         assert daemon.get("health")[0]
         assert daemon.get("info")[0]
     assert any(reply.ok is not None for reply in answered)
