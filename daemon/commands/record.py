@@ -93,7 +93,7 @@ def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], b
     )
     heard: deque[bytes] = deque()
     with arm.calling(keys.MEASUREMENT, heard.append):  # from now on, not those of the past
-        print(f"armd: {arm.serial} to {args.session}; first {folder.target}", flush=True)
+        print(printable(f"armd: {arm.serial} to {args.session}; first {folder.target}"), flush=True)
         while going_on():
             time.sleep(POLL_S)
             while heard:
@@ -127,7 +127,7 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
         following, preamble = arm.preamble()
         recorder.begin(following, preamble)
         recorder.take_frames(waiting)
-        print(f"armd: recording {arm.serial} to {output}", flush=True)
+        print(printable(f"armd: recording {arm.serial} to {output}"), flush=True)
         while going_on():
             time.sleep(POLL_S)
             recorder.take_frames(raw.take())

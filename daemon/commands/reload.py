@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 import armd
+from armd.printable import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -14,5 +15,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     with armd.connect(args.serial, args.endpoint) as arm:
-        print(f"{arm.serial}: {arm.command('reload')}")
+        print(printable(f"{arm.serial}: {arm.command('reload')}"))
     return 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 import armd
+from armd.printable import printable
 
 OWN = "-"
 
@@ -19,5 +20,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     with armd.connect(args.serial, args.endpoint) as arm:
-        print(f"{arm.serial}: {arm.command('tip', name='' if args.name == OWN else args.name)}")
+        done = arm.command("tip", name="" if args.name == OWN else args.name)
+        print(printable(f"{arm.serial}: {done}"))
     return 0

@@ -39,6 +39,7 @@ with zenoh.open(config) as session:
             session.put(key, health)
         session.delete(arm + "event")
         session.put(arm + "event/@adv/pub/x/1/_", health)
+        session.put(arm + "@daemon", health)
         time.sleep(0.02)
 """
 
@@ -75,6 +76,8 @@ def test_whatever_another_program_says_reaches_nobody(daemon, mode):
                     told = [json.loads(payload) for payload in events.take()]
                 assert told and all("text" in event for event in told)
                 assert not heard.payloads["point"]
+                # The one key that is open is for an alarm.
+                assert any(event["kind"] == "two_daemons" for event in told)
                 states = heard.json("health")
             assert states and all(state["reason"] != "FORGED" for state in states)
             assert arm.refused.malformed == arm.refused.foreign == 0
