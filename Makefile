@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test lint bench clean hidden soak fuzz system-test deb paper real
+.PHONY: install demo test lint bench clean hidden soak fuzz system-test deb paper real so101
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -64,6 +64,10 @@ system-test: install
 # The founding paper's experiment, its tables beside ours
 paper: install
 	$(BIN)/python tests/scenarios/paper.py
+
+# From box to certificate on a simulated SO-101, each figure printed: make so101 SEED=3
+so101: install
+	$(BIN)/python tests/scenarios/so101.py --seed $(SEED)
 
 # Real measured data; DATA=../shared/data for copies of your own
 real: install

@@ -33,6 +33,7 @@ from armd.simulator.measuring import Measured, session_files
 from armd.simulator.noise import Noise
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
+from armd.simulator.printed import bench
 
 KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
     "paper": paper.campaign,
@@ -44,11 +45,17 @@ KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
     "verify": verification.campaign,
     "diagnosis": hidden.diagnosis,
 }
+#: A printed hobby arm; its arm.toml is of `armd arm so101`.
+PRINTED = "so101"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--session", metavar="KIND", choices=KINDS, required=True, help=", ".join(KINDS)
+        "--session",
+        metavar="KIND",
+        choices=[*KINDS, PRINTED],
+        required=True,
+        help=", ".join([*KINDS, PRINTED]),
     )
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the sessions"
@@ -78,6 +85,15 @@ def run(args: argparse.Namespace) -> int:
             args.truth_out, "--truth-out", f"a place inside {folder}", "one outside the sessions"
         )
     check_output_folder(folder)
+    if args.session == PRINTED:
+        if args.plant or args.noise != 1.0:
+            raise BadInput("--session so101", "--plant or --noise", "one", "neither of them")
+        printed, texts, readings = bench.measure(args.seed)
+        _write_files({folder / name: text for name, text in texts.items()}, folder, args.force)
+        if args.truth_out is not None:
+            write_whole(args.truth_out, json.dumps(printed.as_json(), indent=1) + "\n")
+        print(f"3 sessions, {readings} readings in {folder}")
+        return 0
     check_outputs({"--truth-out": (args.truth_out, SETTINGS)}, [], args.force)
     noise = Noise().scaled(args.noise)
     campaign = KINDS[args.session](args.seed, noise)
@@ -104,6 +120,11 @@ def write_campaign(
         for session in measured
         for name, text in session_files(session).items()
     }
+    _write_files(files, folder, force)
+    return measured
+
+
+def _write_files(files: dict[Path, str], folder: Path, force: bool) -> None:
     for path, text in files.items():
         check_output_folder(path.parent)
         if path.parent.is_dir():
@@ -111,7 +132,6 @@ def write_campaign(
     for path, text in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, text)
-    return measured
 
 
 def truth_of(

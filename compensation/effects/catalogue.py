@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 
+from armd.compensation.arm import Arm
 from armd.compensation.effects import (
     artefact,
     axis_wobble,
@@ -30,7 +33,7 @@ from armd.compensation.effects import (
     tip_offset,
     unknown,
 )
-from armd.compensation.effects.effect import Candidate, Effect, Scene
+from armd.compensation.effects.effect import ARC_SECOND, Candidate, Effect, Scene
 
 CATALOGUE: dict[str, Effect] = {
     effect.cause: effect
@@ -64,7 +67,48 @@ CATALOGUE: dict[str, Effect] = {
 }
 
 
+#: How large these are goes with how finely an arm is made, and of that its encoders tell: a hobby
+#: servo's magnetic encoder of 12 bits is half a degree off where a disc of 23 bits is seconds off,
+#: and so are its bearings and its printed links.
+AS_COARSE_AS_ITS_ENCODERS = frozenset(
+    {
+        "encoder_eccentricity",
+        "encoder_ellipticity",
+        "encoder_periodic",
+        "joint_backlash",
+        "axis_wobble",
+        "joint_compliance",
+        "link_bending",
+    }
+)
+#: The typical sizes are those of an arm whose encoders tell this apart, or less.
+FINE_RAD = 6 * ARC_SECOND
+
+
 def candidates(scene: Scene) -> Iterator[Candidate]:
     """Every candidate that this arm and these sessions allow, the general basis included."""
+    coarseness = _coarseness(scene.arm)
     for effect in CATALOGUE.values():
-        yield from effect.candidates(scene)
+        if effect.cause in AS_COARSE_AS_ITS_ENCODERS and coarseness > 1.0:
+            yield from (_larger(candidate, coarseness) for candidate in effect.candidates(scene))
+        else:
+            yield from effect.candidates(scene)
+
+
+def _coarseness(arm: Arm) -> float:
+    """A count of the coarsest encoder over `FINE_RAD`; 1 for all that are finer, or not known."""
+    counts = [joint.counts_per_turn for joint in arm.joint if joint.counts_per_turn is not None]
+    return max([1.0, *(2 * math.pi / count / FINE_RAD for count in counts)])
+
+
+def _larger(candidate: Candidate, factor: float) -> Candidate:
+    """The same cause, typically *factor* times as large; its refinements too."""
+    columns = tuple(
+        replace(column, typical=column.typical * factor) for column in candidate.columns
+    )
+    refine = candidate.refine
+    if refine is None:
+        return replace(candidate, columns=columns)
+    return replace(
+        candidate, columns=columns, refine=lambda: [_larger(finer, factor) for finer in refine()]
+    )

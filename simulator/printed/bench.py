@@ -1,0 +1,173 @@
+"""A table, a printed plate with three seats, and somebody who puts the ball into them.
+
+Three sessions as docs/so101.md has them: `calibrate` and `check` with the plate in several places,
+`verify` with a seat near, in the middle and far out.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.simulator.printed.arm import LIMITS_DEG, PrintedArm
+from armd.simulator.truth.rotations import about, random_unit
+
+F64 = npt.NDArray[np.float64]
+
+#: The plate: a triangle of 90° cones, measured with a calliper.
+SEATS_MM = {"S1": (0.0, 0.0, 0.0), "S2": (120.0, 0.0, 0.0), "S3": (40.0, 90.0, 0.0)}
+#: Single cones on the table: near, in the middle, far out.
+CONES_MM = {
+    "SPAT1": (120.0, 60.0, 60.0),
+    "SPAT2": (220.0, -80.0, 90.0),
+    "SPAT3": (330.0, 60.0, 80.0),
+}
+CALLIPER_MM = 0.03
+SEAT_MM = 0.02  # how well a ball finds the middle of a printed cone
+PAUSE_S = 8.0  # from one reading to the next
+WARM_K, WARM_S = 8.0, 600.0  # the motors' own electronics, their torque off
+LINK_SHARE = 0.5  # of the motor's warmth, that its link takes
+
+
+Row = dict[str, str | int]
+
+
+@dataclass(frozen=True)
+class Visit:
+    placement: str
+    target: str
+    at_mm: F64
+
+
+def measure(seed: int) -> tuple[PrintedArm, dict[str, str], int]:
+    """An SO-101 drawn from *seed*, the files of its three sessions by name, and the number of
+    readings."""
+    rng = np.random.default_rng([seed, 0x50101])
+    arm = PrintedArm.draw(rng)
+    true = {name: np.array(at) + rng.normal(0.0, 0.1, 3) for name, at in SEATS_MM.items()}
+    files: dict[str, str] = {}
+    total = 0
+    for name, visits in (
+        ("calibrate", _plate_visits(rng, true, 6, 10)),
+        ("check", _plate_visits(rng, true, 4, 6)),
+        ("verify", _seat_visits()),
+    ):
+        rows = _take(arm, rng, visits, total * PAUSE_S)
+        total += len(rows)
+        lengths = {} if name == "verify" else _measured(rng, true)
+        files[f"{name}/readings.csv"] = _table(rows)
+        files[f"{name}/session.toml"] = _description(rows, lengths)
+    return arm, files, total
+
+
+def _plate_visits(
+    rng: np.random.Generator, true: dict[str, F64], places: int, postures: int
+) -> list[Visit]:
+    """The plate around the arm, flat and on a wedge, low and on a box."""
+    visits = []
+    for i in range(places):
+        angle = (i + 0.5) / places * 2.6 - 1.3 + rng.uniform(-0.1, 0.1)
+        radius = (215.0, 280.0)[i % 2] + rng.uniform(-15, 15)
+        height = (30.0, 80.0, 130.0)[i % 3] + rng.uniform(-10, 10)
+        turn = about(np.array([0.0, 0.0, angle + rng.uniform(-0.5, 0.5)]))
+        turn = turn @ about(random_unit(rng, 1)[0] * rng.uniform(0.0, 0.5))
+        middle = np.mean(list(true.values()), axis=0)
+        corner = np.array([radius * np.cos(angle), radius * np.sin(angle), height]) - turn @ middle
+        visits += [
+            Visit(f"P{i + 1}", name, corner + turn @ at)
+            for name, at in true.items()
+            for _ in range(postures)
+        ]
+    return visits
+
+
+def _seat_visits() -> list[Visit]:
+    return [Visit("V1", name, np.array(at)) for name, at in CONES_MM.items() for _ in range(10)]
+
+
+def _measured(rng: np.random.Generator, true: dict[str, F64]) -> dict[tuple[str, str], float]:
+    """The seats' distances by a calliper."""
+    return {
+        pair: float(np.linalg.norm(true[pair[0]] - true[pair[1]]) + rng.normal(0.0, CALLIPER_MM))
+        for pair in combinations(true, 2)
+    }
+
+
+def _take(
+    arm: PrintedArm, rng: np.random.Generator, visits: list[Visit], started_s: float
+) -> list[Row]:
+    rows: list[Row] = []
+    for i, visit in enumerate(visits):
+        warmth_k = WARM_K * (1 - np.exp(-(started_s + i * PAUSE_S) / WARM_S))
+        motor_c = 22.0 + warmth_k * np.array([0.7, 0.9, 1.0, 1.1, 1.2])
+        link_c = 22.0 + LINK_SHARE * (motor_c - 22.0)
+        seat = visit.at_mm + rng.normal(0.0, SEAT_MM, 3)
+        counts = arm.counts(_posture(arm, rng, seat, link_c), rng)
+        rows.append(
+            {"time_s": f"{i * PAUSE_S:g}", "placement": visit.placement, "target": visit.target}
+            | {f"q{k + 1}": int(count) for k, count in enumerate(counts)}
+            | {f"servo{k + 2}": int(np.floor(c)) for k, c in enumerate(motor_c)}
+        )
+    return rows
+
+
+def _posture(arm: PrintedArm, rng: np.random.Generator, at_mm: F64, link_c: F64) -> F64:
+    """Angles at which the ball stands in the seat; some that a hand finds by chance."""
+    low, high = np.radians(LIMITS_DEG).T
+    for _ in range(400):
+        angles = rng.uniform(0.95 * low, 0.95 * high)
+        for _ in range(25):
+            miss = at_mm - arm.tip(angles, link_c)
+            if np.linalg.norm(miss) < 1e-6:
+                break
+            rigid = arm.tip_of_links(angles, link_c)  # its slope is nearly the whole arm's
+            slope = np.stack(
+                [arm.tip_of_links(angles + s, link_c) - rigid for s in np.eye(5) * 1e-6], 1
+            )
+            move = np.linalg.lstsq(slope / 1e-6, miss, rcond=1e-3)[0]
+            angles = angles + move * min(1.0, 0.4 / max(np.abs(move).max(), 1e-12))
+            if (angles < 1.5 * low).any() or (angles > 1.5 * high).any():
+                break
+        inside = (angles > low).all() and (angles < high).all()
+        if inside and np.linalg.norm(at_mm - arm.tip(angles, link_c)) < 1e-6:
+            return np.asarray(angles)
+    raise RuntimeError(f"no posture reaches {at_mm}")
+
+
+def _description(rows: list[Row], lengths: dict[tuple[str, str], float]) -> str:
+    """session.toml."""
+    names = list(dict.fromkeys(str(row["target"]) for row in rows))
+    lines = [
+        'schema = "armd.session/1"',
+        'arm = "SO101"',
+        "started = 2026-03-01T09:00:00Z",
+        'angle_unit = "count"',
+        "",
+        "[artefact]",
+        f'name = "{"printed plate with three cones" if lengths else "cones on the table"}"',
+    ]
+    for name in names:
+        lines += ["", "[[artefact.target]]", f'name = "{name}"']
+    for (a, b), length in lengths.items():
+        lines += [
+            "",
+            "[[artefact.distance]]",
+            f'between = ["{a}", "{b}"]',
+            f"length_mm = {length:.2f}",
+            f"standard_uncertainty_mm = {CALLIPER_MM}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _table(rows: list[Row]) -> str:
+    """readings.csv."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return text.getvalue()
