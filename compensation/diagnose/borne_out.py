@@ -25,72 +25,136 @@ from armd.compensation.diagnose.neighbourhood import scale_kept
 from armd.compensation.diagnose.search import Result
 from armd.compensation.diagnose.shape import is_shape, shape_place
 from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.observations import Observations
 from armd.compensation.session import Session
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 #: Where placements are left out, the finding was chosen with them too. That hardly flatters one so
-#: sure that a search without any of them finds it as well; a weaker one must be found again.
+#: sure that a search without any of them finds it as well; a weaker one must not have done harm
+#: when the search was repeated without them.
 SURE_P = 1e-6
+TARGET_FOLDS = 4
+#: A finding that shows so much in placements left out together cannot be learnt from the others.
+IN_ONE = 0.75
 
 
 @dataclass(frozen=True)
 class BorneOut:
-    """The findings written, by number, and squared residuals held out (n,) mm² with them."""
+    """The findings written, by number, and squared residuals held out (n,) mm² without any and
+    with these."""
 
     some: tuple[int, ...]
-    squares: F64
+    before: F64
+    after: F64
+    further: dict[int, Gain]  # of those that a further look bears out
 
 
-Squares = Callable[[Sequence[int]], F64]  # findings by number → squared residuals (n,) mm²
+@dataclass(frozen=True)
+class Look:
+    """One way to hold readings out: squared residuals (n,) mm² by the findings in the model, and
+    what readings are resampled by (n,)."""
+
+    squares: Callable[[Sequence[int]], F64]
+    groups: I64
 
 
-def choose(result: Result, squares: Squares, groups: I64, able: Sequence[bool]) -> BorneOut:
-    """Those of the findings *able* to be written that held-out readings bear out."""
+def choose(
+    result: Result, looks: Sequence[Look], able: Sequence[bool], deaf: Sequence[bool] = ()
+) -> BorneOut:
+    """Those of the findings *able* to be written that held-out readings bear out.
+
+    The first look decides. What shows in one placement only, nobody can learn from the others:
+    where the first look does not speak against a finding, or is *deaf* to it, a further one may
+    bear it out.
+    """
+    known: dict[tuple[int, ...], list[F64]] = {}
+
+    def errors(some: tuple[int, ...]) -> list[F64]:
+        if some not in known:
+            known[some] = [look.squares(some) for look in looks]
+        return known[some]
+
+    def shown_by(before: tuple[int, ...], after: tuple[int, ...]) -> tuple[int, Gain] | None:
+        """The first look that bears out what is new, and its gain."""
+        gains = [
+            gain(old, new, look.groups)
+            for old, new, look in zip(errors(before), errors(after), looks, strict=True)
+        ]
+        heard = not deaf or not all(deaf[i] for i in after if i not in before)
+        if heard and gains[0].interval_um[1] < 0.0:
+            return None
+        return next(((k, g) for k, g in enumerate(gains) if g.shown), None)
+
     chosen: tuple[int, ...] = ()
-    error = squares(chosen)
-    left = [i for i, ok in enumerate(able) if ok]
+    further: dict[int, Gain] = {}
+    every = tuple(i for i, ok in enumerate(able) if ok)
     more = True
-    while more and left:
+    while more:
         more = False
-        for i in list(left):
-            if not _has_its_cause(result.last, i, chosen):
+        for i in every:
+            if i in chosen or not _has_its_cause(result.last, i, chosen):
                 continue
             some = tuple(sorted((*chosen, i)))
-            tried = squares(some)
-            if gain(error, tried, groups).shown:
-                chosen, error, more = some, tried, True
-                left.remove(i)
-    every = tuple(i for i, ok in enumerate(able) if ok)
-    if left and len(left) > 1 and gain(error, tried := squares(every), groups).shown:
-        return BorneOut(every, tried)  # some help only together
-    return BorneOut(chosen, error)
+            if (shown := shown_by(chosen, some)) is not None:
+                chosen, more = some, True
+                if shown[0] > 0:
+                    further[i] = shown[1]
+    if len(every) > len(chosen) + 1 and shown_by(chosen, every) is not None:
+        chosen = every  # some help only together
+    decides = -1 if further else 0
+    return BorneOut(chosen, errors(())[decides], errors(chosen)[decides], further)
 
 
 def by_placement(result: Result, arm: Arm, stepwise: Sequence[Gain]) -> BorneOut:
-    """By whole placements left out in turn; *stepwise*: gains of a search repeated without them."""
-    last = result.last
-    folds = folds_of(last)
-    refits = {}
-    for part in map(int, np.unique(folds)):
+    """By whole placements left out in turn, then by targets within them; *stepwise*: gains of a
+    search repeated without the placements."""
+    observations = result.last.linear.rests.observations
+    groups = groups_of(observations)
+    looks = [
+        Look(_left_out_in_turn(result.last, arm, folds), groups)
+        for folds in (folds_of(result.last), _by_target(observations))
+    ]
+    able = [
+        found.p_value < SURE_P or own.after_um <= own.before_um
+        for found, own in zip(result.found, stepwise, strict=True)
+    ]
+    deaf = [_in_one_fold(result.last, i) for i in range(len(result.found))]
+    return choose(result, looks, able, deaf)
+
+
+def _in_one_fold(last: Fit, index: int) -> bool:
+    """Whether nearly all that shows a finding stands in placements left out together."""
+    moves = last.net_signature(index)
+    white = np.einsum("nij,nj->ni", last.noise.whitener, moves)
+    told = np.bincount(folds_of(last), (white**2).sum(axis=1))
+    return bool(told.max() > IN_ONE * max(float(told.sum()), 1e-300))
+
+
+def _left_out_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int]], F64]:
+    refits = []
+    for part in np.unique(folds):
         out = folds == part
         whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
-        refits[part] = (out, Refits(last, replace(last.noise, whitener=whitener)))
+        refits.append((out, Refits(last, replace(last.noise, whitener=whitener))))
 
     def squares(some: Sequence[int]) -> F64:
         found = np.zeros(len(folds))
-        for out, refit in refits.values():
+        for out, refit in refits:
             fit = refit.with_some(some)
             as_given = last.baseline.held and not some
             found[out] = left_out(fit, out, as_given) * scale_kept(fit, arm) ** 2
         return found
 
-    able = [
-        found.p_value < SURE_P or own.shown
-        for found, own in zip(result.found, stepwise, strict=True)
-    ]
-    return choose(result, squares, groups_of(last.linear.rests.observations), able)
+    return squares
+
+
+def _by_target(observations: Observations) -> I64:
+    """Fold of each rest: its target's within the placement; of readings with truth their turn."""
+    turn = np.where(observations.has_truth, np.arange(observations.n), observations.target)
+    folds: I64 = turn % TARGET_FOLDS
+    return folds
 
 
 def by_session(
@@ -112,7 +176,8 @@ def by_session(
         square: F64 = (residual**2).sum(axis=1) * scale_kept(fit, arm) ** 2
         return square
 
-    return choose(result, squares, groups_of(observations), [True] * len(result.found))
+    look = Look(squares, groups_of(observations))
+    return choose(result, [look], [True] * len(result.found))
 
 
 def _has_its_cause(last: Fit, index: int, chosen: Sequence[int]) -> bool:

@@ -56,7 +56,8 @@ class Diagnosis:
     outlier_p: float
     outlier_gain: Gain | None
     written: tuple[int, ...]  # findings in the extended calibration, by number
-    written_rms_um: float  # held out, with these
+    written_rms_um: tuple[float, ...]  # held out, without any and with these
+    by_target: bool  # these two of targets left out within placements: others could not tell
     extended: Calibration
 
     @property
@@ -123,10 +124,12 @@ def _diagnose(
         if holdout
         else by_placement(result, arm, measured)
     )
-    measured = [replace(g, shown=i in written.some) for i, g in enumerate(measured)]
+    measured = [
+        replace(written.further.get(i, g), shown=i in written.some) for i, g in enumerate(measured)
+    ]
     extension = _extension(written.some, result, rests, arm, sessions, command)
-    if len(written.some) == found:
-        written = replace(written, squares=squares[-1])  # of a search repeated, where there is one
+    if len(written.some) == found and not written.further:
+        written = replace(written, after=squares[-1])  # of a search repeated, where there is one
     return Diagnosis(
         arm,
         tuple(sessions),
@@ -142,7 +145,8 @@ def _diagnose(
         outlier_p,
         gain(squares[-1], squares[-1], groups, kept) if outliers else None,
         written.some,
-        1e3 * float(np.sqrt(written.squares.mean())),
+        tuple(1e3 * float(np.sqrt(held.mean())) for held in (written.before, written.after)),
+        bool(written.further),
         extension,
     )
 

@@ -51,7 +51,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "heldout_rms_um": diagnosis.heldout_rms_um,
             "noise_floor_um": diagnosis.noise_floor_um,
             "calibration_given": diagnosis.baseline.held,
-            "heldout_rms_um_extended": diagnosis.written_rms_um,
+            "heldout_rms_um_extended": diagnosis.written_rms_um[1],
             "heldout_by": "session" if diagnosis.holdout else "placement, in turn",
         },
         "findings": findings,
@@ -88,11 +88,12 @@ def verdict(diagnosis: Diagnosis) -> str:
     else:
         count = f"{len(gains)} finding{'' if len(gains) == 1 else 's'}"
         if diagnosis.written:
+            before, after = diagnosis.written_rms_um
+            how = ", targets left out within placements" if diagnosis.by_target else ""
             borne_out = f", {_numbers(diagnosis.written)} in it," if doubtful else ""
             sentences.append(
                 f"{count}; with the extended model{borne_out} held-out readings err by "
-                f"{um(diagnosis.written_rms_um)} µm instead of {um(diagnosis.heldout_rms_um)} µm "
-                "(3-D RMS)."
+                f"{um(after)} µm instead of {um(before)} µm (3-D RMS{how})."
             )
         if doubtful:
             sentences.append(f"Held-out readings do not bear out {doubtful}: leads, not facts.")

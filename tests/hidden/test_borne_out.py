@@ -14,7 +14,7 @@ import pytest
 from planting import planted, rms_um, wave
 
 from armd.compensation.arm import load_arm
-from armd.compensation.diagnose.borne_out import choose
+from armd.compensation.diagnose.borne_out import Look, choose
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fit import Refits, solve_again
 from armd.compensation.diagnose.gain import gain
@@ -48,25 +48,38 @@ def squares_of(worth: dict[tuple[int, ...], float]) -> Any:
 
 def test_a_harmful_finding_is_not_written_though_the_one_after_it_helps() -> None:
     worth = {(): 4.0, (0,): 3.0, (1,): 4.4, (2,): 3.5, (0, 1): 3.3, (0, 2): 2.0, (0, 1, 2): 2.2}
-    chosen = choose(search_of(cause(1), cause(2), cause(3)), squares_of(worth), GROUPS, [True] * 3)
+    chosen = choose(
+        search_of(cause(1), cause(2), cause(3)), [Look(squares_of(worth), GROUPS)], [True] * 3
+    )
     assert chosen.some == (0, 2)
 
 
 def test_what_helps_beside_a_later_one_only_gets_its_turn_again() -> None:
     worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 2.0}
-    chosen = choose(search_of(cause(1), cause(2)), squares_of(worth), GROUPS, [True] * 2)
+    chosen = choose(search_of(cause(1), cause(2)), [Look(squares_of(worth), GROUPS)], [True] * 2)
     assert chosen.some == (0, 1)
 
 
 def test_nothing_is_written_that_could_not_be_found_again() -> None:
-    chosen = choose(search_of(cause(1)), squares_of({(): 4.0, (0,): 3.0}), GROUPS, [False])
+    chosen = choose(search_of(cause(1)), [Look(squares_of({(): 4.0, (0,): 3.0}), GROUPS)], [False])
     assert chosen.some == ()
+
+
+def test_what_one_placement_shows_its_targets_bear_out() -> None:
+    """Without that placement nobody knows of it: no gain there is no word against it."""
+    silent, shown, harm = ({(): 4.0, (0,): after} for after in (4.0, 2.0, 4.5))
+    one, first = Look(squares_of(shown), GROUPS), search_of(cause(1))
+    assert choose(first, [Look(squares_of(silent), GROUPS), one], [True]).some == (0,)
+    assert choose(first, [Look(squares_of(harm), GROUPS), one], [True]).some == ()
+    deaf = choose(first, [Look(squares_of(harm), GROUPS), one], [True], [True])
+    assert deaf.some == (0,)
+    assert deaf.further[0].shown
 
 
 def test_a_shape_is_not_written_without_its_cause() -> None:
     shape = Candidate("unknown", "shape of encoder_scale joint 1", (), ("q1",))
     worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 4.4}
-    chosen = choose(search_of(cause(1), shape), squares_of(worth), GROUPS, [True, True])
+    chosen = choose(search_of(cause(1), shape), [Look(squares_of(worth), GROUPS)], [True, True])
     assert chosen.some == ()
 
 
@@ -98,10 +111,10 @@ def test_every_held_out_reading_counts(disturbed: Any) -> None:
     assert found.outlier_gain is not None
     told = found.outlier_gain
     assert told.after_um == pytest.approx(rms_um(holdout, arm, found.extended))
-    assert found.written_rms_um == pytest.approx(rms_um(holdout, arm, found.extended))
+    assert found.written_rms_um[1] == pytest.approx(rms_um(holdout, arm, found.extended))
     assert found.heldout_rms_um == pytest.approx(rms_um(holdout, arm, found.baseline.calibration))
     assert told.before_um == told.after_um
-    assert f"{um(found.written_rms_um)} µm instead" in verdict(found)
+    assert f"{um(found.written_rms_um[1])} µm instead" in verdict(found)
 
 
 def test_with_nothing_borne_out_the_file_predicts_what_the_model_under_test_does(
