@@ -1,0 +1,87 @@
+"""The examples in C, C++ and C# read points as Python does: compiled by what this machine has."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armd import POINT, Flag, Lost
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+WARNINGS = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", "-DFROM_STDIN"]
+
+
+def recorded() -> np.ndarray:
+    """Points with every kind of gap: none, upstream, here, a reboot, a daemon's restart."""
+    seq = [1, 2, 5, 6, 9, (1 << 32) + 3, (1 << 32) + 4, 0, 1]
+    points = np.zeros(len(seq), POINT)
+    points["seq"] = seq
+    rng = np.random.default_rng(5)
+    points["position_mm"] = rng.uniform(-900, 900, (len(seq), 3))
+    points["flags"] = int(Flag.AT_REST)
+    points["flags"][2] |= int(Flag.SAMPLES_LOST)
+    points["flags"][3] = int(Flag.INVALID)
+    points["position_mm"][3] = np.nan
+    points["calibration"][1:] = int.from_bytes(bytes.fromhex("0123456789abcdef"), "little")
+    return points
+
+
+def expected(points: np.ndarray) -> list[str]:
+    told = []
+    for point in points:
+        calibration = int(point["calibration"]).to_bytes(8, "little").hex()
+        if point["flags"] & Flag.INVALID:
+            told.append(f"{point['seq']} invalid")
+        else:
+            x, y, z = point["position_mm"]
+            told.append(
+                f"{point['seq']} {x:.6f} {y:.6f} {z:.6f} mm flags {point['flags']} "
+                f"calibration {calibration if point['calibration'] else '-'}"
+            )
+    lost = Lost()
+    lost.count(points)
+    assert (lost.upstream, lost.here, lost.restarts) == (2, 2, 2)
+    return [*told, f"lost: {lost.upstream} upstream, {lost.here} here, {lost.restarts} restarts"]
+
+
+@pytest.mark.parametrize(
+    ("compiler", "source", "standard"),
+    [("cc", "subscriber.c", "-std=c11"), ("c++", "subscriber.cpp", "-std=c++17")],
+)
+def test_c_and_cpp(compiler: str, source: str, standard: str, tmp_path: Path) -> None:
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler} here")
+    program = tmp_path / "subscriber"
+    command = [compiler, standard, *WARNINGS, str(EXAMPLES / source), "-o", str(program)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    points = recorded()
+    told = subprocess.run([program], input=points.tobytes(), capture_output=True, check=True)
+    assert told.stdout.decode().splitlines() == expected(points)
+
+
+def test_c_sharp(tmp_path: Path) -> None:
+    if shutil.which("dotnet") is None:
+        pytest.skip("no dotnet here: the C# example is not compiled")
+    subprocess.run(["dotnet", "new", "console", "-o", str(tmp_path)], check=True)
+    shutil.copy(EXAMPLES / "subscriber.cs", tmp_path / "Program.cs")
+    points = recorded()
+    told = subprocess.run(
+        ["dotnet", "run"], cwd=tmp_path, input=points.tobytes(), capture_output=True, check=True
+    )
+    assert told.stdout.decode().splitlines() == expected(points)
+
+
+def test_the_header_has_every_flag_and_c_sharp_every_offset() -> None:
+    header = (EXAMPLES / "armd_point.h").read_text(encoding="utf-8")
+    flags = {name: 1 << int(bit) for name, bit in re.findall(r"ARMD_(\w+) = 1 << (\d+)", header)}
+    assert flags == {flag.name: int(flag) for flag in Flag}
+    sharp = (EXAMPLES / "subscriber.cs").read_text(encoding="utf-8")
+    offsets = {int(n) for n in re.findall(r"b\[\(?(\d+)", sharp)} | {0}
+    assert POINT.fields is not None
+    assert offsets == {offset for _, offset in list(POINT.fields.values())[:-1]}
