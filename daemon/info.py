@@ -28,7 +28,6 @@ def describe(
         "armd": __version__,
         "arm": config.arm.model_dump(mode="json", by_alias=True),
         "calibration": None if calibration is None else describe_calibration(calibration),
-        "calibration_file": None if calibration is None else calibration.data.decode(),
         "tip": tip,
         "units": UNITS,
         "point": {
@@ -48,6 +47,11 @@ def describe(
         "configuration": config.file.model_dump(mode="json", by_alias=True),
         "commands_enabled": config.file.commands.enabled,
     }
+
+
+def calibration_text(calibration: LoadedCalibration | None) -> str:
+    """The calibration file as it was loaded; null without one."""
+    return "null" if calibration is None else calibration.data.decode()
 
 
 def describe_calibration(calibration: LoadedCalibration) -> dict[str, Any]:

@@ -50,29 +50,26 @@ class Queries:
         session: zenoh.Session,
         serial: str,
         publisher: Publisher,
-        info: Callable[[], str],
+        told: Mapping[str, Callable[[], str]],
         preamble: Callable[[], list[RawFrame]],
         commands: Mapping[str, Command] | None,
     ) -> None:
-        """*info* is asked in another thread; *commands* None: every command is refused."""
+        """*told*: by key, what is asked for in another thread; *commands* None: every command is
+        refused."""
         self._publisher = publisher
         self._preamble = preamble
         self._commands = commands
         self._command_prefix = keys.key(serial, keys.COMMAND) + "/"
         self._raw_key = keys.key(serial, keys.RAW)
-        info_key, health_key = keys.key(serial, keys.INFO), keys.key(serial, keys.HEALTH)
+        told = {**told, keys.HEALTH: publisher.health_text}
+        texts = {keys.key(serial, what): text for what, text in told.items()}
         streams = (publisher.measurements, publisher.events)
         self._own = [
             _declare(session, self._raw_key, self._tell_preamble),
             _declare(session, self._command_prefix + "**", self._obey),
         ]
         self._tellers = [
-            _Teller(
-                [
-                    _declare(session, info_key, _tell(info_key, info)),
-                    _declare(session, health_key, _tell(health_key, publisher.health_text)),
-                ]
-            ),
+            _Teller([_declare(session, key, _tell(key, text)) for key, text in texts.items()]),
             _Teller([_declare(session, stream.key, _tell_past(stream)) for stream in streams]),
         ]
 

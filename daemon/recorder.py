@@ -59,7 +59,8 @@ SCHEMAS: dict[str, dict[str, Any]] = {
 class Recorder:
     """Writes to an open binary file; `close` ends it properly."""
 
-    def __init__(self, file: IO[bytes], info: dict[str, Any]) -> None:
+    def __init__(self, file: IO[bytes], info: dict[str, Any], calibration: str | None) -> None:
+        """*info* and *calibration* file of the arm that is recorded."""
         self.counts = dict.fromkeys([keys.RAW, *TOPICS], 0)
         self.lost_frames = 0
         self.malformed = 0
@@ -67,7 +68,6 @@ class Recorder:
         self._writer = Writer(file, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         self._writer.start(profile="armd", library=f"armd {__version__}")
         now_ns = time.time_ns()
-        calibration = info.pop("calibration_file", None)
         self._attach(INFO_ATTACHMENT, json.dumps(info, indent=1), now_ns)
         if calibration is not None:
             self._attach(CALIBRATION_ATTACHMENT, calibration, now_ns)

@@ -13,12 +13,13 @@ from typing import Any
 
 import zenoh
 
+from armd import keys
 from armd.daemon import root
 from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.awake import Awake
 from armd.daemon.changes import Changes
 from armd.daemon.config import Config
-from armd.daemon.info import describe
+from armd.daemon.info import calibration_text, describe
 from armd.daemon.log import Log
 from armd.daemon.measurement import Averager, Press, Trigger, known
 from armd.daemon.measurement_log import MeasurementLog, log_folder
@@ -60,7 +61,10 @@ class Service:
             session,
             serial,
             self._publisher,
-            lambda: json.dumps(describe(config, *arm.in_use)),
+            {
+                keys.INFO: lambda: json.dumps(describe(config, *arm.in_use)),
+                keys.CALIBRATION: lambda: calibration_text(arm.in_use[0]),
+            },
             driver.preamble,
             {
                 "reload": lambda _, answer: changes.reload(answer),

@@ -155,6 +155,11 @@ class Arm(_Closing):
         """Arm, calibration, units, payload layout."""
         return self._ask(keys.INFO)
 
+    def calibration_file(self) -> str | None:
+        """The calibration file in use, byte for byte; None without one."""
+        data = self._ask_bytes(keys.CALIBRATION)
+        return None if data == b"null" else data.decode()
+
     def past(self, what: str) -> list[dict[str, Any]]:
         """What the daemon still has of its measurements or events (`armd.keys`), the oldest
         first: the last thousand."""
@@ -218,10 +223,13 @@ class Arm(_Closing):
                 yield from map(json.loads, payloads)
 
     def _ask(self, what: str, parameters: str = "") -> dict[str, Any]:
+        return _answer(keys.key(self.serial, what), self._ask_bytes(what, parameters))
+
+    def _ask_bytes(self, what: str, parameters: str = "") -> bytes:
         key = keys.key(self.serial, what)
         for reply in self._session.get(f"{key}?{parameters}" if parameters else key):
             if reply.ok is not None:
-                return _answer(key, reply.ok.payload.to_bytes())
+                return reply.ok.payload.to_bytes()
             if reply.err is not None:
                 raise ArmdError(f"{key}: {reply.err.payload.to_string()}")
         raise ArmdError(f"{key}: no answer; is the daemon running?")

@@ -7,6 +7,8 @@ MEASUREMENT = "measurement"
 EVENT = "event"
 HEALTH = "health"
 INFO = "info"
+#: The calibration file, byte for byte: apart from the info, so that a small client can read that.
+CALIBRATION = "info/calibration"
 JOINTS = "joints"
 COMMAND = "command"
 ALIVE = "alive"

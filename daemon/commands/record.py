@@ -116,7 +116,7 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
         # Buffered: mcap would buffer a raw file itself, and not flush the last few bytes. What a
         # killed recorder loses is the chunk in progress either way.
         file = opened.enter_context(output.open("wb" if args.output else "xb"))
-        recorder = opened.enter_context(closing(Recorder(file, arm.info())))
+        recorder = opened.enter_context(closing(Recorder(file, arm.info(), arm.calibration_file())))
         raw = opened.enter_context(arm.stream(keys.RAW))
         points = opened.enter_context(arm.stream(keys.POINT))
         messages = {

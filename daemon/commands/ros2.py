@@ -12,9 +12,11 @@ from armd.daemon.bridges.ros2.bridge import Bridge, Settings
 from armd.daemon.bridges.ros2.node import NAME, legal
 from armd.errors import BadInput
 from armd.files import write_whole
+from armd.outputs import Kind, add_force, check_outputs
 
 RATE_HZ = 100.0
 MOST_DOMAINS = 232
+URDF = Kind("a URDF", lambda head: b"<robot" in head)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--urdf", type=Path, metavar="FILE", help="write the calibrated arm's URDF and end"
     )
+    add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,9 +44,12 @@ def run(args: argparse.Namespace) -> int:
     if args.namespace is not None and not NAME.fullmatch(args.namespace.strip("/")):
         raise _bad("--namespace", repr(args.namespace), "letters, digits and _, no digit first")
     if args.urdf is not None:
+        check_outputs({"--urdf": (args.urdf, URDF)}, [], args.force)
         with armd.connect(args.serial, args.endpoint) as arm:
             settings = _settings(args, arm.serial)
-            text = urdf.write(arm.info(), settings.namespace, settings.frame)
+            text = urdf.write(
+                arm.info(), arm.calibration_file(), settings.namespace, settings.frame
+            )
         write_whole(args.urdf, text)
         return 0
     if args.router is None:

@@ -139,8 +139,8 @@ def drawn_tip(robot: Xml.Element, angles: dict[str, float]) -> tuple[np.ndarray,
 
 @pytest.mark.parametrize("calibrated", [False, True])
 def test_the_drawn_arm_ends_where_the_arm_does(calibrated: bool) -> None:
-    info = {"arm": ARM, "calibration_file": json.dumps(CALIBRATION) if calibrated else None}
-    robot = Xml.fromstring(urdf.write(info, "SMALL_1", "SMALL_1_base"))
+    file = json.dumps(CALIBRATION) if calibrated else None
+    robot = Xml.fromstring(urdf.write({"arm": ARM}, file, "SMALL_1", "SMALL_1_base"))
     arm = Arm.model_validate_json(json.dumps(ARM))
     parameters = arm.nominal()
     if calibrated:
@@ -157,7 +157,7 @@ def test_the_drawn_arm_ends_where_the_arm_does(calibrated: bool) -> None:
 
 
 def test_the_drawing_is_one_tree_with_tubes_of_the_right_length() -> None:
-    robot = Xml.fromstring(urdf.write({"arm": ARM, "calibration_file": None}, "S", "S_base"))
+    robot = Xml.fromstring(urdf.write({"arm": ARM}, None, "S", "S_base"))
     links = {link.attrib["name"] for link in robot.iter("link")}
     parents = [joint.find("parent").attrib["link"] for joint in robot.iter("joint")]  # type: ignore[union-attr]
     children = [joint.find("child").attrib["link"] for joint in robot.iter("joint")]  # type: ignore[union-attr]

@@ -150,7 +150,7 @@ def frame(n):
 def small_recording(info=None, n=1200):
     """A recording of a few chunks, as bytes."""
     file = io.BytesIO()
-    recorder = Recorder(file, info or json.loads(json.dumps(INFO)))
+    recorder = Recorder(file, info or INFO, None)
     recorder.begin(0, [])
     recorder.take_frames([frame(k) for k in range(n)])
     recorder.close()

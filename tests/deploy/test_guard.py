@@ -75,7 +75,8 @@ class Floor:
         commands = {"reload": lambda _, answer: answer("reloaded", True)}
         info = json.dumps({"arm": SERIAL})
         frame = RawFrame(1, 2, "rx", b"bytes")
-        queries = Queries(session, SERIAL, publisher, lambda: info, lambda: [frame], commands)
+        told = {keys.INFO: lambda: info}
+        queries = Queries(session, SERIAL, publisher, told, lambda: [frame], commands)
         cleanup.callback(queries.close)
         over = threading.Event()
 

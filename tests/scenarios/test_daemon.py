@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import signal
@@ -76,6 +77,17 @@ def live(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Live]:
         ):
             heard.wait_for(lambda: len(heard.points()) > 500)
             yield Live(arm, daemon, heard, folder)
+
+
+def test_a_small_client_can_read_the_info(live: Live) -> None:
+    with armd.connect(endpoint=live.daemon.endpoint) as arm:
+        file = arm.calibration_file()
+        assert file is not None
+        assert file.encode() == (live.folder / "calibration.json").read_bytes()
+        info = arm.info()
+    assert info["calibration"]["sha256"] == hashlib.sha256(file.encode()).hexdigest()
+    assert file not in json.dumps(info)
+    assert len(json.dumps(info)) < 16_000
 
 
 def test_the_ten_line_subscriber(live: Live) -> None:

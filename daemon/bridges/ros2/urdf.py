@@ -23,13 +23,12 @@ SHORTEST_M = 1e-3  # of a link that is drawn
 TURNING = {"effort": "0", "velocity": "10"}
 
 
-def write(info: Mapping[str, Any], namespace: str, frame: str) -> str:
-    """XML of the arm that an `info` describes; its root link is *frame*."""
+def write(info: Mapping[str, Any], calibration: str | None, namespace: str, frame: str) -> str:
+    """XML of the arm that its `info` and *calibration* file describe; its root link is *frame*."""
     arm = Arm.model_validate_json(json.dumps(info["arm"]))
     parameters = arm.nominal()
-    if info["calibration_file"] is not None:
-        calibration = Calibration.model_validate_json(info["calibration_file"])
-        parameters = calibration.vector(arm.n_joints)
+    if calibration is not None:
+        parameters = Calibration.model_validate_json(calibration).vector(arm.n_joints)
     prefix = namespace.replace("/", "_")
     robot = Xml.Element("robot", name=prefix)
     origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
