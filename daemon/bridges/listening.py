@@ -40,7 +40,7 @@ class Client(asyncio.Protocol):
 
     @property
     def connected(self) -> bool:
-        return self._transport is not None
+        return self._transport is not None and not self._transport.is_closing()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast(asyncio.Transport, transport)
@@ -62,7 +62,7 @@ class Client(asyncio.Protocol):
 
     def send(self, data: bytes) -> None:
         """Queue *data*, or close the connection if its other side has stopped reading."""
-        if self._transport is None:
+        if self._transport is None or self._transport.is_closing():
             return
         if self._transport.get_write_buffer_size() + len(data) > WAITING_BYTES:
             self._transport.abort()  # what waits will not be read: a close would wait for it
