@@ -94,7 +94,7 @@ def test_the_journal_gets_fields(tmp_path, monkeypatch):
         stream.seek(0)
         assert stream.read() == "armd: info: button: pressed\n"
     assert fields == (
-        'MESSAGE=silence: no sample {"port": "x"}\nPRIORITY=4\nSYSLOG_IDENTIFIER=armd\n'
+        'MESSAGE=silence: no\\nsample {"port": "x"}\nPRIORITY=4\nSYSLOG_IDENTIFIER=armd\n'
         'ARMD_KIND=silence\nARMD_DETAIL={"port": "x"}\n'
     )
 
