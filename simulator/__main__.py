@@ -10,6 +10,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 
+# Ctrl-C while the rest is loaded ends the program without a traceback.
+if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 from armd.errors import ArmdError, BadInput
 from armd.files import check_folder, write_whole
 from armd.outputs import ARM, FAULT_LOG, TRUTH, add_force, check_outputs, check_same
@@ -275,4 +279,6 @@ def measured_sessions(arguments: Sequence[str]) -> int:
 
 
 if __name__ == "__main__":
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.exit(main())
