@@ -163,6 +163,11 @@ def _calibrate(
             final = _fit(observations, arm, unknown, terms, progress, first)
     if not final.converged:
         notes.append(f"the fit did not settle within {final.steps} steps")
+    if final.region.any():
+        notes.append(
+            f"{int(final.region.sum())} readings are far off like their neighbours in posture: no"
+            " outliers, they count fully; `armd diagnose` looks for why"
+        )
     by = "temperature"
     if not per_temperature:
         folds, by = placement_folds(observations)
