@@ -415,6 +415,7 @@ class TestFeetech(EveryServoBus):
     kind = "feetech"
 
 
+@pytest.mark.slow  # the engine is the same; its codec has tests of its own
 class TestDynamixel(EveryServoBus):
     wire = ("--servo", "dynamixel")
     kind = "dynamixel"
