@@ -32,7 +32,7 @@ def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsew
         publisher = Publisher(ours, "T")
         for i in range(200):
             publisher.events.put({"i": i})
-        queries = Queries(ours, "T", publisher, lambda: "{}", list, {"dance": dance})
+        queries = Queries(ours, "T", publisher, {}, list, {"dance": dance})
         time.sleep(0.3)  # for the declarations
         for _ in range(3 * RING):
             theirs.get("armd/T/command/dance", lambda _: None, timeout=20.0)
