@@ -1,0 +1,1 @@
+"""One estimation problem: observations, placements, noise, elimination, solution."""

@@ -1,0 +1,1 @@
+"""What an arm is: its parameters, terms, calibration, kinematics, gravity and state."""

@@ -1,0 +1,1 @@
+"""The machine under the daemon: systemd, journal, priorities, processors, metrics."""

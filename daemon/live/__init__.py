@@ -1,0 +1,1 @@
+"""From sample to point while an arm is connected."""

@@ -1,0 +1,1 @@
+"""What leaves the daemon and what is asked of it, over Zenoh."""

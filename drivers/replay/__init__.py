@@ -1,0 +1,1 @@
+"""Recordings, and the driver that plays them back."""

@@ -1,0 +1,1 @@
+"""armd's own serial wire: codec, decoder, device clock, port."""
