@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from armd import keys
-from armd.compensation.arm import Arm, Offset, load_arm
+from armd.compensation.model.arm import Arm, Offset, load_arm
 from armd.drivers.config import DriverConfig, ReplayConfig, ServoConfig
 from armd.drivers.poll.family import COUNTS_PER_TURN
 from armd.errors import BadInput

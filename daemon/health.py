@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import Flag
-from armd.daemon.pipeline import PointArray
+from armd.daemon.live.pipeline import PointArray
 from armd.drivers.sample import SampleArray
 from armd.jit import jit
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from armd import JOINTS_ENCODING, POINT, POINT_ENCODING, Flag, __version__, joints_dtype, keys
-from armd.compensation.calibration import LoadedCalibration
+from armd.compensation.model.calibration import LoadedCalibration
 from armd.daemon.config import Config
 
 UNITS = {

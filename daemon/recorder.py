@@ -17,8 +17,8 @@ import numpy.typing as npt
 from mcap.writer import Writer
 
 from armd import POINT, __version__, keys
-from armd.drivers import raw
-from armd.drivers.recording import (
+from armd.drivers.replay import raw
+from armd.drivers.replay.recording import (
     CALIBRATION_ATTACHMENT,
     INFO_ATTACHMENT,
     PREAMBLE_TOPIC,

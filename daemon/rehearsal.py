@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config
 from armd.daemon.health import Tally
-from armd.daemon.measurement import Averager
-from armd.daemon.pipeline import Pipeline
+from armd.daemon.live.arm_in_use import ArmInUse
+from armd.daemon.live.measurement import Averager
+from armd.daemon.live.pipeline import Pipeline
 from armd.drivers.sample import Temperatures, sample_dtype
 
 

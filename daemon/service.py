@@ -14,22 +14,22 @@ from typing import Any
 import zenoh
 
 from armd import keys
-from armd.daemon import root
-from armd.daemon.arm_in_use import ArmInUse
-from armd.daemon.awake import Awake
-from armd.daemon.changes import Changes
 from armd.daemon.config import Config
+from armd.daemon.host import root
+from armd.daemon.host.awake import Awake
+from armd.daemon.host.journal import Log
+from armd.daemon.host.priority import sender_goes_first
+from armd.daemon.host.systemd import Systemd
 from armd.daemon.info import calibration_text, describe
-from armd.daemon.log import Log
-from armd.daemon.measurement import Averager, Press, Trigger, known
+from armd.daemon.live.arm_in_use import ArmInUse
+from armd.daemon.live.changes import Changes
+from armd.daemon.live.measurement import Averager, Press, Trigger, known
+from armd.daemon.live.pipeline import Joints, PointArray
 from armd.daemon.measurement_log import MeasurementLog, log_folder
-from armd.daemon.pipeline import Joints, PointArray
-from armd.daemon.priority import sender_goes_first
-from armd.daemon.publisher import Publisher
-from armd.daemon.queries import Queries
-from armd.daemon.rival import Rival
+from armd.daemon.network.publisher import Publisher
+from armd.daemon.network.queries import Queries
+from armd.daemon.network.rival import Rival
 from armd.daemon.supervisor import Supervisor
-from armd.daemon.systemd import Systemd
 from armd.drivers.sample import Driver, Event, SampleArray, Temperatures
 from armd.errors import ArmdError
 

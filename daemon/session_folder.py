@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from armd import Flag
-from armd.compensation.arm import Arm
-from armd.compensation.session import APPROACH, READINGS
-from armd.compensation.session_format import Artefact
-from armd.compensation.session_writing import write_session
+from armd.compensation.data.session import APPROACH, READINGS
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.session_writing import write_session
+from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.schema import Strict, load_toml, validate
 

@@ -7,11 +7,11 @@ import time
 from dataclasses import asdict
 from typing import Any
 
-from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config
 from armd.daemon.health import Second, Tally
-from armd.daemon.pipeline import PointArray
-from armd.daemon.root import is_root
+from armd.daemon.host.root import is_root
+from armd.daemon.live.arm_in_use import ArmInUse
+from armd.daemon.live.pipeline import PointArray
 from armd.daemon.state import Seen, State, assess
 from armd.drivers.sample import Driver, Event, SampleArray
 

@@ -71,7 +71,7 @@ class RawFrame(NamedTuple):
 
     A decoder is fed nothing else, so the frames of one recording give the same samples again,
     bit by bit. "link" frames say that the line itself changed (b"up", b"down") or what is known
-    otherwise; drivers/serial_decoder.py and drivers/can/decoder.py tell which.
+    otherwise; drivers/serial/decoder.py and drivers/can/decoder.py tell which.
     """
 
     monotonic_ns: int  # arrival, or just before sending

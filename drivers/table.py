@@ -9,12 +9,12 @@ from armd.drivers.identity import Expectation
 from armd.drivers.sample import Driver
 
 DRIVERS = {
-    "serial": "armd.drivers.serial_port:SerialDriver",
+    "serial": "armd.drivers.serial.port:SerialDriver",
     "can": "armd.drivers.can.driver:CanDriver",
     "feetech": "armd.drivers.poll.driver:ServoDriver",
     "dynamixel": "armd.drivers.poll.driver:ServoDriver",
     "microscribe": "armd.drivers.microscribe.driver:MicroScribeDriver",
-    "replay": "armd.drivers.replay:ReplayDriver",
+    "replay": "armd.drivers.replay.driver:ReplayDriver",
 }
 
 

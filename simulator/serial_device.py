@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from cobs import cobs
 
-from armd.drivers import serial_wire as wire
+from armd.drivers.serial import wire
 from armd.simulator.books import FaultLog, TruthFile
 from armd.simulator.crystal import Crystal
 from armd.simulator.electronics import BITS, Electronics

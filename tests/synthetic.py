@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.kinematics import forward, joint_jacobian
-from armd.compensation.session import Session
-from armd.compensation.session_format import Artefact
-from armd.compensation.state import States
-from armd.compensation.terms import Term
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.kinematics import forward, joint_jacobian
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import Term
 
 STARTED = datetime.datetime(2026, 3, 1, 9, tzinfo=datetime.UTC)
 

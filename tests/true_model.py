@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import Calibration, constants_of, save_calibration
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.terms import Temperature, Term
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import arm_toml, sensor_names
 

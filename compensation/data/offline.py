@@ -19,10 +19,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from armd import Flag
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import LoadedCalibration, used_sensors
-from armd.compensation.model import Model
-from armd.compensation.readings import (
+from armd.compensation.data.readings import (
     LONGEST_LINE_BYTES,
     Readings,
     cast_columns,
@@ -30,17 +27,20 @@ from armd.compensation.readings import (
     parse_csv,
     read_header,
 )
-from armd.compensation.row_uncertainty import row_uncertainties
-from armd.compensation.session import (
+from armd.compensation.data.row_uncertainty import row_uncertainties
+from armd.compensation.data.session import (
     angles,
     approaches,
     number_columns,
     rates,
     temperatures,
 )
-from armd.compensation.session_format import AngleUnit
-from armd.compensation.state import States
-from armd.compensation.terms import After, Temperature, TemperatureRate, Time
+from armd.compensation.data.session_format import AngleUnit
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import LoadedCalibration, used_sensors
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import After, Temperature, TemperatureRate, Time
 from armd.errors import BadInput
 from armd.files import whole_file
 from armd.inputs import open_input

@@ -13,13 +13,13 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.calibration import Calibration
-from armd.compensation.kinematics import jacobian
-from armd.compensation.state import States
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import Temperature, Term
 
 F64 = npt.NDArray[np.float64]
 

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.kinematics import joint_jacobian
-from armd.compensation.readings import Readings, load_readings
-from armd.compensation.session_format import AngleUnit, Artefact, SessionFile
-from armd.compensation.state import States
+from armd.compensation.data.readings import Readings, load_readings
+from armd.compensation.data.session_format import AngleUnit, Artefact, SessionFile
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.kinematics import joint_jacobian
+from armd.compensation.model.state import States
 from armd.errors import BadInput
 from armd.inputs import open_input
 from armd.schema import load_toml

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AwareDatetime, Field, model_validator
 
-from armd.compensation.arm import Vector3
+from armd.compensation.model.arm import Vector3
 from armd.schema import Strict
 
 AngleUnit = Literal["rad", "deg", "count"]

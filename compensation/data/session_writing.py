@@ -13,8 +13,8 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from armd.compensation.session import READINGS
-from armd.compensation.session_format import SessionFile
+from armd.compensation.data.session import READINGS
+from armd.compensation.data.session_format import SessionFile
 from armd.files import whole_file
 
 

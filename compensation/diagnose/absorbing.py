@@ -9,8 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose import noise as noise_model
 from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.evidence import SCALES
@@ -18,7 +16,9 @@ from armd.compensation.diagnose.noise import Absorbing
 from armd.compensation.diagnose.problem import Linear, ModelState
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.unknown import SHAPE_OF
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.terms import Temperature, Term
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose.evidence import ABSORBED, inverse_factor
 from armd.compensation.diagnose.fit import Fit, finding_columns
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values
-from armd.compensation.calibration import ArtefactCorrection, Calibration
 from armd.compensation.diagnose.problem import Linear, ModelState
-from armd.compensation.terms import Term
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.calibration import ArtefactCorrection, Calibration
+from armd.compensation.model.terms import Term
 
 F64 = npt.NDArray[np.float64]
 

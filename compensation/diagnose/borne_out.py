@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
+from armd.compensation.data.session import Session
 from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fit import Fit, Refits
@@ -24,9 +24,9 @@ from armd.compensation.diagnose.gain import Gain, folds_of, gain, groups_of, lef
 from armd.compensation.diagnose.neighbourhood import scale_kept
 from armd.compensation.diagnose.search import Result
 from armd.compensation.diagnose.shape import is_shape, shape_place
+from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.evaluate import evaluate
-from armd.compensation.identify.observations import Observations
-from armd.compensation.session import Session
+from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

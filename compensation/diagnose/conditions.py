@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values, parameter_rows
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.diagnose.noise import LEVER_MM, Noise
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.kinematics import frames, jacobian, joint_jacobian
-from armd.compensation.state import States
-from armd.compensation.terms import Term
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.kinematics import frames, jacobian, joint_jacobian
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import Term
 from armd.errors import BadInput
 
 F64 = npt.NDArray[np.float64]

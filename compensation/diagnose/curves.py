@@ -11,11 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
 from armd.compensation.diagnose.absorbing import is_curve
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.terms import Curve, Harmonic, Term
+from armd.compensation.model import parameters
+from armd.compensation.model.terms import Curve, Harmonic, Term
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose.conditions import (
     Climate,
     climates,
@@ -24,7 +23,8 @@ from armd.compensation.diagnose.fit import Fit, finding_columns
 from armd.compensation.diagnose.next import most_doubtful
 from armd.compensation.diagnose.question import Question, between, weakest
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.state import States
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.state import States
 
 F64 = npt.NDArray[np.float64]
 

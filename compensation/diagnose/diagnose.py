@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration
+from armd.compensation.data.session import Session
 from armd.compensation.diagnose.account import Found
 from armd.compensation.diagnose.baseline import Baseline, from_calibration
 from armd.compensation.diagnose.borne_out import by_placement, by_session
@@ -24,7 +23,8 @@ from armd.compensation.diagnose.search import Progress, Result, Search
 from armd.compensation.diagnose.threshold import ALPHA
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import Evaluation, evaluate
-from armd.compensation.session import Session
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
 
 F64 = npt.NDArray[np.float64]
 

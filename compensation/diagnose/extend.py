@@ -10,16 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import __version__
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import ArtefactCorrection, Calibration, constants_of
+from armd.compensation.data.session import Session
 from armd.compensation.diagnose.absorbing import is_curve, mount_term
 from armd.compensation.diagnose.baseline import Baseline, moved
 from armd.compensation.diagnose.curves import as_curve
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.session import Session
-from armd.compensation.terms import Term
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import ArtefactCorrection, Calibration, constants_of
+from armd.compensation.model.terms import Term
 
 F64 = npt.NDArray[np.float64]
 

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose import noise as noise_model
 from armd.compensation.diagnose.absorbing import (
     Layout,
@@ -28,6 +27,7 @@ from armd.compensation.diagnose.noise import Absorbing, Noise
 from armd.compensation.diagnose.problem import Linear, ModelState, Rests, linearise
 from armd.compensation.diagnose.signatures import compile_candidates
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
 

@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import bdtrc
 
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose.choice import joined, next_finding
 from armd.compensation.diagnose.curves import as_written
 from armd.compensation.diagnose.evidence import Sums, total
@@ -24,7 +23,8 @@ from armd.compensation.diagnose.ground import Ground, make_ground
 from armd.compensation.diagnose.neighbourhood import possible, scale_kept, stays_near
 from armd.compensation.diagnose.search import Progress, Result
 from armd.compensation.diagnose.survey import Survey
-from armd.compensation.identify.observations import Observations
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

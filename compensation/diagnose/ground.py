@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose.evidence import Sums, inverse_factor, total
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.diagnose.shape import Shapes, with_shapes
 from armd.compensation.diagnose.signatures import Signatures
+from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

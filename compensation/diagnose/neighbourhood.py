@@ -10,16 +10,16 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values, parameter_rows
 from armd.compensation.diagnose.absorbing import is_sized, most_plausible
 from armd.compensation.diagnose.baseline import moved
 from armd.compensation.diagnose.fit import Fit, with_findings
 from armd.compensation.diagnose.problem import Linear, ModelState, linearise
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, plain
-from armd.compensation.identify.gauge import PLAUSIBLE
+from armd.compensation.estimate.gauge import PLAUSIBLE
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
 
 F64 = npt.NDArray[np.float64]
 

@@ -12,22 +12,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.calibration import ArtefactCorrection
+from armd.compensation.data.session import Session
 from armd.compensation.effects.effect import ArtefactChange
-from armd.compensation.identify.observations import Observations, gather
-from armd.compensation.identify.poses import (
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.poses import (
     Poses,
     centres,
     fit_poses,
     pose_columns,
     target_columns,
 )
-from armd.compensation.kinematics import jacobian, joint_jacobian
-from armd.compensation.session import Session
-from armd.compensation.state import States
-from armd.compensation.terms import Term
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.calibration import ArtefactCorrection
+from armd.compensation.model.kinematics import jacobian, joint_jacobian
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import Term
 from armd.errors import BadInput
 
 F64 = npt.NDArray[np.float64]

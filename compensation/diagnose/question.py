@@ -14,12 +14,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.diagnose.next import Doubt, alike
-from armd.compensation.kinematics import jacobian
-from armd.compensation.state import States
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.state import States
 from armd.errors import BadInput
 
 F64 = npt.NDArray[np.float64]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.problem import Rests
 from armd.compensation.effects.effect import Scene
+from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
 

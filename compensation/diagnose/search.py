@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose.account import CLEARLY, Found, account, likelier_rival, weighed
 from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.choice import choose, joined, next_finding, shape_wanted
@@ -29,6 +28,7 @@ from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, Scene
 from armd.compensation.effects.mount_drift import steady_drift
 from armd.compensation.effects.unknown import without_a_name
+from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
 

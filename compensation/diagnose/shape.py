@@ -15,14 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose.absorbing import is_sized
 from armd.compensation.diagnose.baseline import scaled
 from armd.compensation.diagnose.fit import Fit, finding_columns
 from armd.compensation.diagnose.noise import Absorbing
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.unknown import SHAPE_OF
-from armd.compensation.terms import Harmonic
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.terms import Harmonic
 
 F64 = npt.NDArray[np.float64]
 

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values
 from armd.compensation.diagnose.noise import Noise
 from armd.compensation.diagnose.problem import Linear
 from armd.compensation.effects.effect import ArtefactChange, Candidate
-from armd.compensation.terms import Factor, Term
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.terms import Factor, Term
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -18,7 +18,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.state import lagged
+from armd.compensation.model.state import lagged
 
 F64 = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from armd.compensation.effects.effect import (
     tie,
 )
 from armd.compensation.effects.twist import twist_weights
-from armd.compensation.terms import Harmonic
+from armd.compensation.model.terms import Harmonic
 
 BASE = (["base_rx", "base_ry", "base_x", "base_y"], np.eye(4))
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from armd.compensation.arm import Arm
 from armd.compensation.effects import (
     artefact,
     axis_wobble,
@@ -34,6 +33,7 @@ from armd.compensation.effects import (
     unknown,
 )
 from armd.compensation.effects.effect import ARC_SECOND, Candidate, Effect, Scene
+from armd.compensation.model.arm import Arm
 
 CATALOGUE: dict[str, Effect] = {
     effect.cause: effect

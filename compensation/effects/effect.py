@@ -16,8 +16,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.terms import Factor, Temperature, Term
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.terms import Factor, Temperature, Term
 
 F64 = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from armd.compensation.effects.effect import (
     seconds_of_arc,
     tie,
 )
-from armd.compensation.terms import Harmonic
+from armd.compensation.model.terms import Harmonic
 
 DISC_DIAMETER_MM = 50.0  # of a typical arm's encoder, for the reading only
 

@@ -12,7 +12,7 @@ from armd.compensation.effects.effect import (
     seconds_of_arc,
     tie,
 )
-from armd.compensation.terms import Angle
+from armd.compensation.model.terms import Angle
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:

@@ -13,7 +13,7 @@ from armd.compensation.effects.effect import (
     tie,
     when,
 )
-from armd.compensation.terms import After
+from armd.compensation.model.terms import After
 
 
 def _at(scene: Scene, joint: int, instant: float, finest: bool) -> Candidate:

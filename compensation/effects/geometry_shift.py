@@ -15,7 +15,7 @@ from armd.compensation.effects.effect import (
     tie,
     when,
 )
-from armd.compensation.terms import After
+from armd.compensation.model.terms import After
 
 TYPICAL = {
     "theta": 10 * ARC_SECOND,

@@ -12,7 +12,7 @@ from armd.compensation.effects.effect import (
     seconds_of_arc,
     tie,
 )
-from armd.compensation.terms import Side
+from armd.compensation.model.terms import Side
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:

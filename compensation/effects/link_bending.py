@@ -12,8 +12,8 @@ import numpy as np
 
 from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain
 from armd.compensation.effects.twist import link_vector, twist_weights
-from armd.compensation.gravity import STANDARD_GRAVITY, link_masses
-from armd.compensation.terms import Factor, GravityDirection, GravityMoment, Term
+from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
+from armd.compensation.model.terms import Factor, GravityDirection, GravityMoment, Term
 
 SHORTEST_MM = 20.0  # a shorter link does not bend by anything that matters
 

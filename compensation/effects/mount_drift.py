@@ -15,7 +15,7 @@ from armd.compensation.effects.effect import (
     tie,
     when,
 )
-from armd.compensation.terms import After, Time
+from armd.compensation.model.terms import After, Time
 
 SHIFTS = ("base_x", "base_y", "base_z")
 TURNS = ("base_rx", "base_ry", "base_rz")

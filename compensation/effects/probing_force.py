@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain, tie
-from armd.compensation.terms import Approach
+from armd.compensation.model.terms import Approach
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 

@@ -6,7 +6,7 @@ Only a calibration made before can tell: a fit to the same sessions absorbs it i
 from collections.abc import Iterator
 
 from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model.terms import Temperature, Term
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:

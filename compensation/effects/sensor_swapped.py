@@ -17,7 +17,7 @@ from armd.compensation.effects.effect import (
     temperature,
     tie,
 )
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model.terms import Temperature, Term
 
 TYPICAL_PER_K = 10e-6
 

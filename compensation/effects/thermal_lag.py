@@ -13,7 +13,7 @@ from armd.compensation.effects.effect import (
     temperature,
     tie,
 )
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model.terms import Temperature, Term
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 5400.0)
 TYPICAL_PER_K = 15e-6

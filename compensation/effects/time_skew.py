@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain, tie
-from armd.compensation.terms import Rate
+from armd.compensation.model.terms import Rate
 
 
 def candidates(scene: Scene) -> Iterator[Candidate]:

@@ -12,7 +12,7 @@ from armd.compensation.effects.effect import (
     tie,
     when,
 )
-from armd.compensation.terms import After
+from armd.compensation.model.terms import After
 
 TYPICAL_MM = 20e-3
 

@@ -19,7 +19,7 @@ from armd.compensation.effects.effect import (
     temperature,
     tie,
 )
-from armd.compensation.terms import (
+from armd.compensation.model.terms import (
     Angle,
     Approach,
     Factor,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.kinematics import jacobian
+from armd.compensation.model.kinematics import jacobian
 
 F64 = npt.NDArray[np.float64]
 

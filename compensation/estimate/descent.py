@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.basis import parameter_rows
-from armd.compensation.identify.elimination import Elimination
-from armd.compensation.identify.linearise import Linearisation, linearise
-from armd.compensation.identify.noise import Weighting
-from armd.compensation.identify.observations import Observations
-from armd.compensation.identify.poses import Poses, fit_poses
-from armd.compensation.identify.solution import Solution, solve
-from armd.compensation.identify.unknowns import Unknowns
-from armd.compensation.kinematics import forward
-from armd.compensation.terms import Term
+from armd.compensation.estimate.elimination import Elimination
+from armd.compensation.estimate.linearise import Linearisation, linearise
+from armd.compensation.estimate.noise import Weighting
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.poses import Poses, fit_poses
+from armd.compensation.estimate.solution import Solution, solve
+from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.model.basis import parameter_rows
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.terms import Term
 
 F64 = npt.NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import solve_triangular, svd
 
-from armd.compensation.identify.linearise import Linearisation
+from armd.compensation.estimate.linearise import Linearisation
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import qr
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.identify.solution import ROUNDING
+from armd.compensation.estimate.solution import ROUNDING
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
-from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.identify.adjustment import adjusted
-from armd.compensation.identify.observations import Observations
-from armd.compensation.identify.poses import Poses, centres, pose_columns, target_columns
-from armd.compensation.kinematics import forward, jacobian
-from armd.compensation.terms import Term
+from armd.compensation.estimate.adjustment import adjusted
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.poses import Poses, centres, pose_columns, target_columns
+from armd.compensation.model import parameters
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.terms import Term
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

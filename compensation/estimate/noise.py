@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 from scipy.special import gammaincinv
 
-from armd.compensation.identify.adjustment import backwards
+from armd.compensation.estimate.adjustment import backwards
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

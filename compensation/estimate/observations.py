@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import ArtefactCorrection
-from armd.compensation.session import Session
-from armd.compensation.state import States
+from armd.compensation.data.session import Session
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import ArtefactCorrection
+from armd.compensation.model.state import States
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from armd.compensation.identify.observations import Observations
+from armd.compensation.estimate.observations import Observations
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

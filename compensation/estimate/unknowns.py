@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
-from armd.compensation.identify.gauge import PLAUSIBLE
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.estimate.gauge import PLAUSIBLE
+from armd.compensation.model import parameters
+from armd.compensation.model.terms import Temperature, Term
 
 F64 = npt.NDArray[np.float64]
 

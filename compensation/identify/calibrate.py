@@ -11,16 +11,16 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd import __version__
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration, Noise, constants_of
+from armd.compensation.data.session import Session
+from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.certificate import Certificate, judge
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
-from armd.compensation.identify.gauge import free_constants
 from armd.compensation.identify.heldout import Errors, HeldOut, placement_folds
 from armd.compensation.identify.lengths import Length
-from armd.compensation.identify.observations import Observations, gather
 from armd.compensation.identify.requirements import (
     choose_readings,
     not_known,
@@ -31,9 +31,9 @@ from armd.compensation.identify.requirements import (
 )
 from armd.compensation.identify.sensor_noise import sensor_noise_c
 from armd.compensation.identify.thermal import Comparison, Trial, length_terms
-from armd.compensation.identify.unknowns import Unknowns
-from armd.compensation.session import Session
-from armd.compensation.terms import Term
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration, Noise, constants_of
+from armd.compensation.model.terms import Term
 from armd.errors import ArmdError
 
 Progress = Callable[[str], None]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armd.compensation.estimate.gauge import PLAUSIBLE
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.solution import LEAST_KNOWN
 from armd.compensation.identify.fit import Fit
-from armd.compensation.identify.gauge import PLAUSIBLE
 from armd.compensation.identify.heldout import Errors
 from armd.compensation.identify.lengths import MOST_OFF, Length
-from armd.compensation.identify.observations import Observations
 from armd.compensation.identify.requirements import readings_needed
-from armd.compensation.identify.solution import LEAST_KNOWN
 
 #: What a granted one is, and what it is not.
 KIND = "identification record, not an ISO 17025 certificate"

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.calibration import Calibration, sensors_of
+from armd.compensation.data.session import Session
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.poses import Poses, fit_poses
 from armd.compensation.identify.lengths import Length, certified_lengths
-from armd.compensation.identify.observations import Observations, gather
-from armd.compensation.identify.poses import Poses, fit_poses
-from armd.compensation.kinematics import forward
-from armd.compensation.session import Session
-from armd.compensation.terms import Term
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.calibration import Calibration, sensors_of
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.terms import Term
 from armd.errors import BadInput
 
 F64 = npt.NDArray[np.float64]

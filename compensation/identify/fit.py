@@ -16,12 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.identify.descent import Descent
-from armd.compensation.identify.elimination import Elimination
-from armd.compensation.identify.gauge import gauge
-from armd.compensation.identify.linearise import Linearisation, linearise
-from armd.compensation.identify.noise import (
+from armd.compensation.estimate.descent import Descent
+from armd.compensation.estimate.elimination import Elimination
+from armd.compensation.estimate.gauge import gauge
+from armd.compensation.estimate.linearise import Linearisation, linearise
+from armd.compensation.estimate.noise import (
     LEAST_MM,
     MEDIAN_D2,
     OUTLIER_D2,
@@ -32,13 +31,14 @@ from armd.compensation.identify.noise import (
     mahalanobis2,
     robust_weights,
 )
-from armd.compensation.identify.observations import Observations
-from armd.compensation.identify.poses import fit_poses
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.poses import fit_poses
+from armd.compensation.estimate.solution import Solution
+from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.regions import in_region
-from armd.compensation.identify.solution import Solution
-from armd.compensation.identify.unknowns import Unknowns
-from armd.compensation.kinematics import forward, jacobian
-from armd.compensation.terms import Term
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.terms import Term
 
 F64 = npt.NDArray[np.float64]
 Progress = Callable[[str], None]

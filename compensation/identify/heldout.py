@@ -14,12 +14,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.identify.elimination import Elimination
+from armd.compensation.estimate.elimination import Elimination
+from armd.compensation.estimate.linearise import Linearisation
+from armd.compensation.estimate.noise import robust_weights, whitening
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.solution import Solution, solve
 from armd.compensation.identify.fit import Fit, rms_um
-from armd.compensation.identify.linearise import Linearisation
-from armd.compensation.identify.noise import robust_weights, whitening
-from armd.compensation.identify.observations import Observations
-from armd.compensation.identify.solution import Solution, solve
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

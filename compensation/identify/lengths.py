@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.identify.observations import Observations
-from armd.compensation.identify.poses import Poses
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.poses import Poses
 
 F64 = npt.NDArray[np.float64]
 

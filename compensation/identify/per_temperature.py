@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.identify.elimination import Elimination
+from armd.compensation.estimate.elimination import Elimination
+from armd.compensation.estimate.linearise import linearise
+from armd.compensation.estimate.noise import estimate, mahalanobis2, robust_weights, whitening
+from armd.compensation.estimate.solution import Solution, solve
+from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit
-from armd.compensation.identify.linearise import linearise
-from armd.compensation.identify.noise import estimate, mahalanobis2, robust_weights, whitening
-from armd.compensation.identify.solution import Solution, solve
-from armd.compensation.identify.unknowns import Unknowns
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model.terms import Temperature, Term
 
 F64 = npt.NDArray[np.float64]
 

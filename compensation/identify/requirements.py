@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
+from armd.compensation.estimate.gauge import unidentifiable
+from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.fit import Fit
-from armd.compensation.identify.gauge import unidentifiable
-from armd.compensation.identify.observations import Observations
 from armd.compensation.identify.thermal import temperature_groups
+from armd.compensation.model import parameters
 from armd.errors import BadInput
 
 Mask = npt.NDArray[np.bool_]

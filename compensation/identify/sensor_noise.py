@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.state import States
+from armd.compensation.model.state import States
 
 F64 = npt.NDArray[np.float64]
 

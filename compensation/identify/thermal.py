@@ -18,15 +18,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.solution import Solution
 from armd.compensation.identify.fit import Fit
 from armd.compensation.identify.heldout import Errors, HeldOut, placement_folds
-from armd.compensation.identify.observations import Observations
 from armd.compensation.identify.per_temperature import regressed, regression
-from armd.compensation.identify.solution import Solution
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.terms import Temperature, Term
 from armd.errors import ArmdError
 
 F64 = npt.NDArray[np.float64]

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import Flag
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import LoadedCalibration, used_sensors
-from armd.compensation.model import Model
-from armd.compensation.row_uncertainty import row_uncertainties
-from armd.compensation.state import States
+from armd.compensation.data.row_uncertainty import row_uncertainties
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import LoadedCalibration, used_sensors
+from armd.compensation.model.state import States
 
 F64 = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.kernel_state import Folded, Program, Work
+from armd.compensation.kernel.memory import Folded, Program, Work
 from armd.jit import inlined, jit
 
 F64 = npt.NDArray[np.float64]

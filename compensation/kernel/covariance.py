@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration, sensors_of
-from armd.compensation.terms import Term
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration, sensors_of
+from armd.compensation.model.terms import Term
 from armd.jit import jit
 
 F64 = npt.NDArray[np.float64]

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.kernel_chain import (
+from armd.compensation.kernel.chain import (
     fixed,
     posed_base,
     posed_joint,
@@ -27,8 +27,7 @@ from armd.compensation.kernel_chain import (
     spread,
     start_vectors,
 )
-from armd.compensation.kernel_factors import evaluate_factors
-from armd.compensation.kernel_state import (
+from armd.compensation.kernel.memory import (
     Amounts,
     Folded,
     Program,
@@ -37,6 +36,7 @@ from armd.compensation.kernel_state import (
     fold,
     opened,
 )
+from armd.compensation.kernel.pose_factors import evaluate_factors
 from armd.jit import inlined, jit
 
 F64 = npt.NDArray[np.float64]

@@ -7,17 +7,18 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import kernel, parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import Delay, basis_values
-from armd.compensation.calibration import LoadedCalibration
-from armd.compensation.kernel_state import Amounts, fold
-from armd.compensation.points import fill
-from armd.compensation.program import by_parameter, compile_terms, state_of
-from armd.compensation.slow import SlowFactors
-from armd.compensation.state import States
-from armd.compensation.terms import SLOW_FACTORS, After, Term, Time
-from armd.compensation.uncertainty import Uncertainty
+from armd.compensation.kernel import kernel
+from armd.compensation.kernel.covariance import Uncertainty
+from armd.compensation.kernel.memory import Amounts, fold
+from armd.compensation.kernel.points import fill
+from armd.compensation.kernel.program import by_parameter, compile_terms, state_of
+from armd.compensation.kernel.slow_factors import SlowFactors
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import Delay, basis_values
+from armd.compensation.model.calibration import LoadedCalibration
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import SLOW_FACTORS, After, Term, Time
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.kernel import take_angles, to_world, to_world_posed
-from armd.compensation.kernel_chain import quaternion
-from armd.compensation.kernel_state import Program, State, Work, opened
-from armd.compensation.kinematics import compiled_jacobian
+from armd.compensation.kernel.chain import quaternion
+from armd.compensation.kernel.kernel import take_angles, to_world, to_world_posed
+from armd.compensation.kernel.memory import Program, State, Work, opened
+from armd.compensation.model.kinematics import compiled_jacobian
 from armd.jit import jit
 
 F64 = npt.NDArray[np.float64]

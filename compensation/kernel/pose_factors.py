@@ -7,8 +7,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.kernel_chain import sincos
-from armd.compensation.kernel_state import Program, Work
+from armd.compensation.kernel.chain import sincos
+from armd.compensation.kernel.memory import Program, Work
 from armd.jit import jit
 
 F64 = npt.NDArray[np.float64]

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import kernel_factors as codes
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import AXES, curve_spline
-from armd.compensation.gravity import STANDARD_GRAVITY, link_masses
-from armd.compensation.kernel_state import Folded, Program, State
-from armd.compensation.terms import (
+from armd.compensation.kernel import pose_factors as codes
+from armd.compensation.kernel.memory import Folded, Program, State
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import AXES, curve_spline
+from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
+from armd.compensation.model.terms import (
     SLOW_FACTORS,
     Angle,
     Approach,

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.basis import delay_name
-from armd.compensation.state import advance, followed
-from armd.compensation.terms import (
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import delay_name
+from armd.compensation.model.state import advance, followed
+from armd.compensation.model.terms import (
     SLOW_FACTORS,
     After,
     SlowFactor,
@@ -39,7 +39,7 @@ class Program(NamedTuple):
 
     weights: F64  # (D, S) of distinct mean temperatures, each delayed by a lag of its own
     lag_s: F64  # (D,)
-    memory: F64  # (D, 3) how far each lag has come, as `armd.compensation.state.advance` has it
+    memory: F64  # (D, 3) how far each lag has come, as `model.state.advance` has it
     factors: I64  # (F, 3) distinct factors: kind, mean temperature or power, a second such
     numbers: F64  # (F, 2) what else a factor is made of
     factor_first: I64  # (T+1,) where a term's factors begin in `term_factors`

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from armd.compensation import parameters
+from armd.compensation.model import parameters
 from armd.schema import Strict, load_toml
 
 Vector3 = Annotated[tuple[float, float, float], Field(description="three numbers")]

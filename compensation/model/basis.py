@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.gravity import gravity_directions, gravity_moments, gravity_torques
-from armd.compensation.kinematics import forward
-from armd.compensation.state import States, lagged
-from armd.compensation.terms import (
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.gravity import gravity_directions, gravity_moments, gravity_torques
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.state import States, lagged
+from armd.compensation.model.terms import (
     After,
     Angle,
     Approach,

@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm, Celsius, Vector3
-from armd.compensation.terms import Temperature, TemperatureRate, Term, Time
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm, Celsius, Vector3
+from armd.compensation.model.terms import Temperature, TemperatureRate, Term, Time
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.inputs import read_input

@@ -12,8 +12,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.kinematics import frames
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.kinematics import frames
 
 F64 = npt.NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration, Noise, constants_of
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration, Noise, constants_of
+from armd.compensation.model.terms import Temperature, Term
 
 
 def known_expansion(

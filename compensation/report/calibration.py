@@ -9,14 +9,14 @@ import numpy.typing as npt
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from armd.compensation import parameters
+from armd.compensation.data.session import Session
+from armd.compensation.estimate.unknowns import in_words
 from armd.compensation.identify.calibrate import Result
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit
 from armd.compensation.identify.thermal import temperature_groups
-from armd.compensation.identify.unknowns import in_words
+from armd.compensation.model import parameters
 from armd.compensation.report.page import MOST_POINTS, Page
-from armd.compensation.session import Session
 
 F64 = npt.NDArray[np.float64]
 

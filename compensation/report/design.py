@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from armd.compensation.arm import Arm
 from armd.compensation.diagnose.design import Experiment
-from armd.compensation.kinematics import frames
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.kinematics import frames
 from armd.compensation.report.page import Page
 
 

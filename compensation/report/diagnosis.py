@@ -9,9 +9,9 @@ import plotly.graph_objects as go
 
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.result import um
-from armd.compensation.diagnose.signature_plot import signature_plot
 from armd.compensation.effects.effect import ARC_SECOND, clock
 from armd.compensation.report.page import Page
+from armd.compensation.report.signature_plot import signature_plot
 
 #: Units in which a person reads amplitudes.
 SMALL = {"rad": (1.0 / ARC_SECOND, "″"), "mm": (1e3, "µm")}

@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 import plotly.graph_objects as go
 
-from armd.compensation import parameters
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.signatures import compile_candidates
 from armd.compensation.effects.effect import ARC_SECOND, Candidate
+from armd.compensation.model import parameters
 from armd.compensation.report.page import COLOURS, MOST_POINTS
 
 F64 = npt.NDArray[np.float64]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import plotly.graph_objects as go
 
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import LoadedCalibration
+from armd.compensation.data.session import Session
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.report.page import Page
-from armd.compensation.session import Session
 from armd.compensation.verify.limits import Limits
 from armd.compensation.verify.verdict import Judged, Verdict
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import LoadedCalibration
-from armd.compensation.model import Model
-from armd.compensation.session import Session
-from armd.compensation.session_format import Distance
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_format import Distance
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.verify.limits import TestUncertainty
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 
-from armd.compensation.arm import Arm
+from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.schema import load_toml
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.arm import Arm
+from armd.compensation.model.arm import Arm
 from armd.daemon.catalogue import microscribe
 from armd.daemon.catalogue.known import (
     KNOWN,

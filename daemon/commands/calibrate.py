@@ -10,10 +10,10 @@ import sys
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import save_calibration
+from armd.compensation.data.session import load_sessions
 from armd.compensation.identify.calibrate import Options, Result, calibrate
-from armd.compensation.session import load_sessions
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import save_calibration
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.outputs import CALIBRATION, PAGE, RESULT, add_force, check_outputs

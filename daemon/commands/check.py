@@ -8,8 +8,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from armd.compensation.arm import Arm, load_arm
-from armd.compensation.calibration import load_calibration
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import load_calibration
 from armd.errors import BadInput
 from armd.inputs import read_input
 from armd.schema import json_data, load_toml, toml_data
@@ -113,8 +113,8 @@ def _daemon(path: Path, _: Arms) -> str:
 
 def _session(path: Path, arms: Arms) -> str:
     """*path*: the folder or a file in it."""
-    from armd.compensation.session import load_session
-    from armd.compensation.session_format import SessionFile
+    from armd.compensation.data.session import load_session
+    from armd.compensation.data.session_format import SessionFile
 
     folder = path if path.is_dir() else path.parent
     serial = load_toml(folder / "session.toml", SessionFile).arm

@@ -10,11 +10,11 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TimeRemainingColumn
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import load_calibration
-from armd.compensation.offline import COLUMNS, Corrector, correct_file
-from armd.compensation.readings import read_header
-from armd.compensation.session_format import AngleUnit, SessionFile
+from armd.compensation.data.offline import COLUMNS, Corrector, correct_file
+from armd.compensation.data.readings import read_header
+from armd.compensation.data.session_format import AngleUnit, SessionFile
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import load_calibration
 from armd.errors import BadInput
 from armd.outputs import POINTS, add_force, check_outputs
 from armd.schema import load_toml

@@ -12,13 +12,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import load_calibration
+from armd.compensation.data.session import load_sessions
 from armd.compensation.diagnose.conditions import POOL
 from armd.compensation.diagnose.design import FEW, MANY, Experiment, design
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.next import next_experiment
-from armd.compensation.session import load_sessions
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import load_calibration
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.outputs import PAGE, POSES, RESULT, add_force, check_outputs
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         }
         write_whole(args.json, json.dumps(result, indent=1) + "\n")
     if args.report:
-        from armd.compensation.diagnose.design_report import design_report
+        from armd.compensation.report.design import design_report
 
         write_whole(args.report, design_report(experiment, arm, rows))
     _print(experiment, rows, next_experiment(diagnosis))

@@ -12,11 +12,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import load_calibration, save_calibration
+from armd.compensation.data.session import load_sessions
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.result import as_json
-from armd.compensation.session import load_sessions
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import load_calibration, save_calibration
 from armd.files import write_whole
 from armd.outputs import CALIBRATION, PAGE, RESULT, add_force, check_outputs
 
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     if args.extended:
         save_calibration(args.extended, diagnosis.extended)
     if args.report:
-        from armd.compensation.diagnose.report import diagnosis_report
+        from armd.compensation.report.diagnosis import diagnosis_report
 
         write_whole(args.report, diagnosis_report(diagnosis, result))
     if args.json:

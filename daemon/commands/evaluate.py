@@ -8,11 +8,11 @@ import json
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import load_calibration
+from armd.compensation.data.session import load_sessions
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.identify.requirements import ABSURD_RMS_MM
-from armd.compensation.session import load_sessions
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import load_calibration
 from armd.files import write_whole
 from armd.outputs import RESULT, add_force, check_outputs
 

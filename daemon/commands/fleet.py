@@ -18,7 +18,7 @@ from armd.client import open_session
 from armd.daemon.bridges import process
 from armd.daemon.bridges.fleet import Fleet, Listening, tell
 from armd.daemon.bridges.listening import address
-from armd.daemon.metrics import MetricsServer
+from armd.daemon.host.metrics import MetricsServer
 from armd.daemon.screen import COLOURS, temperatures
 from armd.daemon.state import State
 from armd.errors import BadInput

@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
-    from armd.compensation.arm import Arm as ArmFile
+    from armd.compensation.model.arm import Arm as ArmFile
     from armd.daemon.session_folder import SessionFolder, load_artefact
 
     artefact = load_artefact(args.artefact, args.targets or [])

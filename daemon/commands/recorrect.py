@@ -13,17 +13,17 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import Flag
-from armd.compensation.arm import Arm, load_arm
-from armd.compensation.calibration import LoadedCalibration, load_calibration
 from armd.compensation.interim.recorrect import Recorrected, recorrect
 from armd.compensation.interim.report import Change, quality_page
-from armd.compensation.state import States
-from armd.daemon.arm_in_use import with_offset
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import LoadedCalibration, load_calibration
+from armd.compensation.model.state import States
 from armd.daemon.bridges.export import source
 from armd.daemon.bridges.export.source import Measured, Measurement
 from armd.daemon.bridges.export.tables import uncertainty_mm
 from armd.daemon.commands.export import instant_ns
 from armd.daemon.config import load_config
+from armd.daemon.live.arm_in_use import with_offset
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.outputs import PAGE, Kind, add_force, check_outputs

@@ -21,12 +21,12 @@ import numpy.typing as npt
 
 import armd
 from armd import Flag, keys
-from armd.compensation.arm import Arm
-from armd.daemon.arm_in_use import ArmInUse
+from armd.compensation.model.arm import Arm
 from armd.daemon.commands.run import expectation, serve
 from armd.daemon.config import Config, DaemonFile
+from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.recorder import TOPICS, as_json
-from armd.drivers.recording import CALIBRATION_ATTACHMENT, Recording
+from armd.drivers.replay.recording import CALIBRATION_ATTACHMENT, Recording
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
 from armd.errors import BadInput

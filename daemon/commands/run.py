@@ -8,15 +8,15 @@ import signal
 from contextlib import ExitStack, closing
 from pathlib import Path
 
-from armd.daemon.arm_in_use import ArmInUse
 from armd.daemon.config import Config, load_config
-from armd.daemon.log import keep_standard_streams_open, say
-from armd.daemon.metrics import MetricsServer
-from armd.daemon.priority import go_first
+from armd.daemon.host.journal import keep_standard_streams_open, say
+from armd.daemon.host.metrics import MetricsServer
+from armd.daemon.host.priority import go_first
+from armd.daemon.host.root import refuse_root_service
+from armd.daemon.live.arm_in_use import ArmInUse
+from armd.daemon.network.session import zenoh_session
 from armd.daemon.rehearsal import rehearse
-from armd.daemon.root import refuse_root_service
 from armd.daemon.service import Service
-from armd.daemon.session import zenoh_session
 from armd.drivers.identity import Expectation
 from armd.drivers.table import open_driver
 from armd.errors import BadInput

@@ -10,7 +10,7 @@ import json
 from typing import Any
 
 import armd
-from armd.daemon.root import WARNING
+from armd.daemon.host.root import WARNING
 from armd.daemon.screen import temperatures
 from armd.daemon.state import State
 from armd.errors import BadInput

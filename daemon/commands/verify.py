@@ -8,12 +8,12 @@ import json
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import load_calibration
-from armd.compensation.session import load_session
+from armd.compensation.data.session import load_session
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import load_calibration
+from armd.compensation.report.verification import verification_report
 from armd.compensation.verify.figures import verify
 from armd.compensation.verify.limits import Limits, TestUncertainty, load_limits
-from armd.compensation.verify.report import verification_report
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import ArmdError
 from armd.files import write_whole

@@ -12,8 +12,8 @@ from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.line import Line
 from armd.daemon.doctor.machine import Machine
 from armd.daemon.doctor.servos import find_servos
-from armd.drivers import serial_wire
 from armd.drivers.microscribe import wire as microscribe
+from armd.drivers.serial import wire as serial_wire
 
 OWN_BAUDS = (2_000_000, 1_000_000, 921_600, 115_200)
 HELLO_S = 0.25

@@ -6,11 +6,11 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
-from armd.compensation.arm import Arm, Vector3
-from armd.compensation.calibration import LoadedCalibration, load_calibration
-from armd.compensation.parameters import TIP_PARAMETERS
+from armd.compensation.model.arm import Arm, Vector3
+from armd.compensation.model.calibration import LoadedCalibration, load_calibration
+from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.daemon.config import Config
-from armd.daemon.pipeline import Pipeline, Prepared
+from armd.daemon.live.pipeline import Pipeline, Prepared
 from armd.errors import ArmdError, BadInput
 
 

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from armd.daemon.arm_in_use import ArmInUse, Change
+from armd.daemon.live.arm_in_use import ArmInUse, Change
 from armd.errors import ArmdError
 
 #: Whoever asks while so many changes wait is refused; the same change asked for twice is one.

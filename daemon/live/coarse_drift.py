@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from armd.daemon.drift import RATE_AFTER_NS, Drift
+from armd.daemon.live.drift import RATE_AFTER_NS, Drift
 
 #: Longer than for fine readings: at the limit of 60 K/h a degree takes a minute.
 RATE_OVER_NS = 180_000_000_000
@@ -21,7 +21,7 @@ APART_NS = 250_000_000
 
 
 class CoarseHistory:
-    """The readings of the last RATE_OVER_NS; as `armd.daemon.drift.History`."""
+    """The readings of the last RATE_OVER_NS; as `armd.daemon.live.drift.History`."""
 
     def __init__(self, sensors: Sequence[str], resolution_c: float) -> None:
         self._sensors = sensors

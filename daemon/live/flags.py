@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from armd import Flag
-from armd.compensation.arm import Arm
-from armd.daemon.motion import REST_AFTER_NS
+from armd.compensation.model.arm import Arm
+from armd.daemon.live.motion import REST_AFTER_NS
 from armd.jit import jit
 
 END_STOP_DEG = 0.5

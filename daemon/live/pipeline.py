@@ -14,16 +14,16 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import POINT, Flag
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import LoadedCalibration
-from armd.compensation.kernel import uncorrected
-from armd.compensation.kernel_state import State
-from armd.compensation.model import Model
-from armd.compensation.points import fill
+from armd.compensation.kernel.kernel import uncorrected
+from armd.compensation.kernel.memory import State
+from armd.compensation.kernel.model import Model
+from armd.compensation.kernel.points import fill
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import LoadedCalibration
 from armd.daemon.config import Limits
-from armd.daemon.flags import Flagger, finish
-from armd.daemon.motion import Motion, follow
-from armd.daemon.temperature import TemperatureWatch
+from armd.daemon.live.flags import Flagger, finish
+from armd.daemon.live.motion import Motion, follow
+from armd.daemon.live.temperature import TemperatureWatch
 from armd.drivers.sample import SampleArray, Temperatures
 from armd.jit import jit
 
@@ -40,7 +40,7 @@ DATE_STEP_NS = 1_000_000_000
 
 
 class Joints(NamedTuple):
-    """What joints and tip did at n samples, as `armd.daemon.motion.follow` tells it.
+    """What joints and tip did at n samples, as `armd.daemon.live.motion.follow` tells it.
 
     The arrays have room for more (m ≥ n rows) and are overwritten by the next samples.
     """

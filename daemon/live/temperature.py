@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import Flag
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration, used_sensors
-from armd.daemon.coarse_drift import CoarseHistory
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration, used_sensors
 from armd.daemon.config import Limits
-from armd.daemon.drift import History
+from armd.daemon.live.coarse_drift import CoarseHistory
+from armd.daemon.live.drift import History
 
 F64 = npt.NDArray[np.float64]
 

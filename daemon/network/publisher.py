@@ -14,8 +14,8 @@ import zenoh
 from zenoh import ext
 
 from armd import JOINTS_ENCODING, POINT, POINT_ENCODING, joints_dtype, keys
-from armd.daemon.pipeline import Joints, PointArray
-from armd.drivers import raw
+from armd.daemon.live.pipeline import Joints, PointArray
+from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame, SampleArray
 
 JSON = "application/json"

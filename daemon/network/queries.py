@@ -20,9 +20,9 @@ import zenoh
 from zenoh import handlers
 
 from armd import keys
-from armd.daemon.changes import Answer
-from armd.daemon.publisher import JSON, Kept, Publisher
-from armd.drivers import raw
+from armd.daemon.live.changes import Answer
+from armd.daemon.network.publisher import JSON, Kept, Publisher
+from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame
 
 Command = Callable[[zenoh.Parameters, Answer], None]

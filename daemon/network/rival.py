@@ -17,7 +17,7 @@ class Rival:
     """Says that this daemon is there, and hears whether another does under its serial number.
 
     On a key of its own: it is the one on which the daemon's session lets others speak
-    (daemon/session.py), and whoever forges it gains an alarm.
+    (daemon/network/session.py), and whoever forges it gains an alarm.
     """
 
     def __init__(self, session: zenoh.Session, serial: str) -> None:

@@ -23,7 +23,7 @@ WAITING_BATCHES = 16
 MOST_RECEIVED_BYTES = 1 << 16
 #: The daemon alone speaks: whatever is put, answered, offered or declared alive by others is
 #: dropped where it comes in, on every key, as `**` would reach the arm's too. `**` matches no
-#: chunk that begins with @, so those are named, all but the one for rivals (daemon/rival.py).
+#: chunk that begins with @, so those are named, all but the one for rivals (rival.py).
 ONLY_THE_DAEMON_SPEAKS = {
     "enabled": True,
     "default_permission": "allow",

@@ -17,9 +17,9 @@ from armd.drivers.config import (
 from armd.drivers.identity import Expectation
 from armd.drivers.microscribe.decoder import MicroScribeDecoder
 from armd.drivers.poll.decoder import ServoDecoder
-from armd.drivers.recording import Recording
+from armd.drivers.replay.recording import Recording
 from armd.drivers.sample import Event, Item, RawFrame
-from armd.drivers.serial_decoder import SerialDecoder
+from armd.drivers.serial.decoder import SerialDecoder
 from armd.errors import BadInput
 from armd.schema import validate
 

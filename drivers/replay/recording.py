@@ -13,8 +13,8 @@ from typing import Any
 
 from mcap.records import Attachment
 
-from armd.drivers import raw
-from armd.drivers.mcap_file import McapFile, Recorded
+from armd.drivers.replay import raw
+from armd.drivers.replay.mcap_file import McapFile, Recorded
 from armd.drivers.sample import RawFrame
 from armd.errors import BadInput
 from armd.schema import json_data

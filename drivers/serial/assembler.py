@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from armd.drivers.clock import DeviceClock, holds, host_ns
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, SampleArray, sample_dtype
-from armd.drivers.sequence import Rows, Run, SequenceExtender, goes_on
-from armd.drivers.serial_wire import row_layout
+from armd.drivers.serial.clock import DeviceClock, holds, host_ns
+from armd.drivers.serial.sequence import Rows, Run, SequenceExtender, goes_on
+from armd.drivers.serial.wire import row_layout
 from armd.drivers.unwrap import Unwrapper, unwrap
 from armd.jit import jit
 

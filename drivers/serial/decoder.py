@@ -11,12 +11,12 @@ from collections import Counter, deque
 import numpy as np
 from cobs import cobs
 
-from armd.drivers import serial_wire as wire
-from armd.drivers.assembler import SampleAssembler
-from armd.drivers.clock import PROMISED_NS, WINDOW, DeviceClock
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures
-from armd.drivers.sequence import Rows, SequenceExtender
+from armd.drivers.serial import wire
+from armd.drivers.serial.assembler import SampleAssembler
+from armd.drivers.serial.clock import PROMISED_NS, WINDOW, DeviceClock
+from armd.drivers.serial.sequence import Rows, SequenceExtender
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 
 EPOCH = b"epoch "  # a "link" frame that says in which epoch a recording begins

@@ -15,13 +15,13 @@ from contextlib import suppress
 
 import serial
 
-from armd.drivers import serial_wire as wire
 from armd.drivers.config import SerialConfig
 from armd.drivers.host_time import HostTime
 from armd.drivers.identity import Expectation
 from armd.drivers.line_health import SILENCE_NS, STALE_NS, LineHealth
 from armd.drivers.sample import RAW_FRAMES_KEPT, Direction, Event, Item, RawFrame
-from armd.drivers.serial_decoder import SerialDecoder
+from armd.drivers.serial import wire
+from armd.drivers.serial.decoder import SerialDecoder
 
 READ_BYTES = 1 << 16
 IDENTIFY_INTERVAL_NS = 100_000_000

@@ -4,7 +4,7 @@ Two floors are measured in turn with it, with the same subscriber: Zenoh alone, 
 put by one process at the same rate; and the line alone, 40 bytes from one process to another over a
 pseudo-terminal. The daemon's latency starts at the true latch in the simulated arm, so it has both
 in it; `p50_ratio` is to Zenoh alone, `p50_ratio_to_floors` to the sum of both. The daemon keeps the
-processors awake where it may (`armd.daemon.awake`), the floors are of the machine as it is;
+processors awake where it may (`armd.daemon.host.awake`), the floors are of the machine as it is;
 `zenoh_alone_awake` is Zenoh alone with the processors kept awake for it too, and `p50_ratio_awake`
 to that.
 
@@ -33,10 +33,10 @@ from simulated_arm import SimulatedArm, simulated_arm
 from stolen import Stolen
 
 from armd import POINT, Flag
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import save_calibration
-from armd.compensation.known_expansion import known_expansion
-from armd.daemon.awake import DEVICE, Awake
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import save_calibration
+from armd.compensation.model.known_expansion import known_expansion
+from armd.daemon.host.awake import DEVICE, Awake
 
 #: (Hz, rounds of all in turn): the mark for losses is 60 s at 5 kHz without one.
 RATES = ((1000, 4), (5000, 1))

@@ -17,9 +17,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from armd.compensation.arm import load_arm
+from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.session import load_session
+from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.plants.plant import Plant

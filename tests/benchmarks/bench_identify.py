@@ -18,15 +18,15 @@ from synthetic import arm as synthetic_arm
 from synthetic import disturbed, session
 from threadpoolctl import threadpool_limits
 
-from armd.compensation import parameters
-from armd.compensation.basis import basis_values, parameter_rows
+from armd.compensation.estimate.noise import ReadingNoise
+from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.poses import centres, fit_poses
+from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import fit
-from armd.compensation.identify.noise import ReadingNoise
-from armd.compensation.identify.observations import gather
-from armd.compensation.identify.poses import centres, fit_poses
 from armd.compensation.identify.thermal import length_terms
-from armd.compensation.identify.unknowns import Unknowns
-from armd.compensation.kinematics import forward
+from armd.compensation.model import parameters
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.kinematics import forward
 
 TEMPERATURES_C = (15.0, 20.0, 25.0, 30.0)
 ARCSEC = np.pi / 180 / 3600

@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import POINT
-from armd.compensation import kernel
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration, LoadedCalibration, constants_of
-from armd.compensation.model import Model
+from armd.compensation.kernel import kernel
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
 
 F64 = npt.NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from cobs import cobs
 
-from armd.drivers import serial_wire as wire
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import RawFrame
-from armd.drivers.serial_decoder import SerialDecoder
+from armd.drivers.serial import wire
+from armd.drivers.serial.decoder import SerialDecoder
 
 N_JOINTS = 6
 SAMPLES = 20_000

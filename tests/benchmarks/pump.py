@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 import time
 
-from armd.drivers import serial_wire as wire
+from armd.drivers.serial import wire
 from armd.simulator.electronics import BITS
 from armd.simulator.pty_port import PtyPort
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration, constants_of
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration, constants_of
 
 JOINT = {"a_mm": 300.0, "counts_per_turn": 1 << 20, "min_deg": -170.0, "max_deg": 170.0}
 ARM: dict[str, Any] = {

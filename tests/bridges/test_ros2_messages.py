@@ -13,9 +13,9 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 from small_arm_toml import ARM, CALIBRATION
 
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration
-from armd.compensation.kinematics import forward
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.kinematics import forward
 from armd.daemon.bridges.ros2 import messages, urdf
 from armd.daemon.bridges.ros2.node import escaped, legal
 

@@ -7,18 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.gravity import (
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.gravity import (
     gravity_directions,
     gravity_moments,
     gravity_torques,
     link_masses,
 )
-from armd.compensation.kinematics import forward, frames
-from armd.compensation.state import States
-from armd.compensation.terms import Term
+from armd.compensation.model.kinematics import forward, frames
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import Term
 
 REFERENCE_C = 20.0
 

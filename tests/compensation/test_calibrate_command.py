@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from armd.compensation.calibration import load_calibration
+from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main as armd
 
 

@@ -15,20 +15,20 @@ import numpy as np
 import pytest
 from test_model import an_arm
 
-from armd.compensation import calibration as module
-from armd.compensation.arm import load_arm
-from armd.compensation.basis import basis_values
-from armd.compensation.calibration import (
+from armd.compensation.effects.effect import Scene
+from armd.compensation.effects.mount_drift import steady_drift
+from armd.compensation.model import calibration as module
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.calibration import (
     MOST_TERMS,
     Calibration,
     content_hash,
     load_calibration,
     save_calibration,
 )
-from armd.compensation.effects.effect import Scene
-from armd.compensation.effects.mount_drift import steady_drift
-from armd.compensation.state import States
-from armd.compensation.terms import Term, Time
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import Term, Time
 from armd.errors import BadInput
 
 DATA = Path(__file__).parent / "data"

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import synthetic
 
+from armd.compensation.data.session import Session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.certificate import judge
-from armd.compensation.session import Session
 
 ARM = synthetic.arm()
 OPTIONS = Options(thermal_order=0)

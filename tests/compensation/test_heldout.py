@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import synthetic
 
+from armd.compensation.data.session import Session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import evaluate
-from armd.compensation.session import Session
 
 ARM = synthetic.arm()
 SEEDS = 6

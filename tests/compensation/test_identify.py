@@ -10,18 +10,18 @@ import synthetic
 from synthetic import disturbed, session, tracked
 from threadpoolctl import threadpool_limits
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values, parameter_rows
+from armd.compensation.estimate.gauge import free_constants, unidentifiable
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.poses import fit_poses
+from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit, fit
-from armd.compensation.identify.gauge import free_constants, unidentifiable
-from armd.compensation.identify.observations import Observations, gather
-from armd.compensation.identify.poses import fit_poses
 from armd.compensation.identify.thermal import length_terms
-from armd.compensation.identify.unknowns import Unknowns
-from armd.compensation.kinematics import forward
-from armd.compensation.terms import Term
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.terms import Term
 
 ARM = synthetic.arm()
 ARCSEC = np.pi / 180 / 3600

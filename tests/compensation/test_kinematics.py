@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armd.compensation import kinematics, parameters
+from armd.compensation.model import kinematics, parameters
 
 
 def rotation(axis: int, angle: float) -> np.ndarray:

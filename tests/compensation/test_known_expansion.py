@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from armd import POINT
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import load_calibration, save_calibration
-from armd.compensation.known_expansion import known_expansion
-from armd.compensation.model import Model
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import load_calibration, save_calibration
+from armd.compensation.model.known_expansion import known_expansion
 
 ARM = Arm.model_validate(
     {

@@ -11,13 +11,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from armd import POINT
-from armd.compensation import kernel, parameters
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values, parameter_rows
-from armd.compensation.calibration import Calibration, LoadedCalibration, constants_of
-from armd.compensation.kinematics import forward, jacobian
-from armd.compensation.model import Model
-from armd.compensation.state import States
+from armd.compensation.kernel import kernel
+from armd.compensation.kernel.model import Model
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
+from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.state import States
 
 REFERENCE_C = 20.0
 CURVE = [0.0, 1.0, 0.5, -2.0, 0.25, 3.0, -1.0]

@@ -9,13 +9,13 @@ import pytest
 import synthetic
 from threadpoolctl import threadpool_limits
 
+from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify import fit as fitting
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit, fit
-from armd.compensation.identify.gauge import free_constants
-from armd.compensation.identify.observations import Observations, gather
 from armd.compensation.identify.regions import in_region
-from armd.compensation.identify.unknowns import Unknowns
 
 ARM = synthetic.arm()
 

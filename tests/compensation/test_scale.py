@@ -9,10 +9,10 @@ import pytest
 import synthetic
 from threadpoolctl import threadpool_limits
 
+from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import Fit, fit
-from armd.compensation.identify.gauge import free_constants
-from armd.compensation.identify.observations import Observations, gather
-from armd.compensation.identify.unknowns import Unknowns
 
 ARM = synthetic.arm()
 UNKNOWNS = Unknowns(free_constants(ARM))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.identify.sensor_noise import sensor_noise_c
-from armd.compensation.state import States
+from armd.compensation.model.state import States
 
 
 def states_of(celsius: np.ndarray, time_s: np.ndarray, series: np.ndarray | int = 0) -> States:

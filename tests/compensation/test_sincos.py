@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from armd.compensation.kernel_chain import sincos
-from armd.compensation.kernel_state import BLOCK
+from armd.compensation.kernel.chain import sincos
+from armd.compensation.kernel.memory import BLOCK
 
 
 @pytest.mark.parametrize("reach_rad", [0.8, 3.2, 100.0])

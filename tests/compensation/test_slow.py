@@ -7,11 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armd.compensation.arm import Arm
-from armd.compensation.basis import basis_values
-from armd.compensation.slow import SlowFactors
-from armd.compensation.state import States
-from armd.compensation.terms import After, SlowFactor, Temperature, TemperatureRate, Term, Time
+from armd.compensation.kernel.slow_factors import SlowFactors
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import (
+    After,
+    SlowFactor,
+    Temperature,
+    TemperatureRate,
+    Term,
+    Time,
+)
 
 REFERENCE_C, BEGIN_S, MORE_C = 20.0, 1.7e9, 0.01
 ARM = Arm.model_validate(

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from armd.compensation.state import Lag, lagged
+from armd.compensation.model.state import Lag, lagged
 
 
 def test_lag_solves_its_equation_for_straight_stretches() -> None:

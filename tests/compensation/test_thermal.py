@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import synthetic
 
+from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.calibrate import Options, Result, calibrate
 from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.observations import gather
 from armd.compensation.identify.per_temperature import regression
 from armd.compensation.identify.thermal import angle_terms, length_terms, temperature_groups
-from armd.compensation.terms import Term
+from armd.compensation.model.terms import Term
 
 ARM = synthetic.arm()
 ARCSEC = np.pi / 180 / 3600

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_model import POSE_FACTORS, WARM, an_arm, calibrated, term
 
-from armd.compensation import parameters
-from armd.compensation.model import Model
-from armd.compensation.uncertainty import NEGLECTED, pivoted_cholesky
+from armd.compensation.kernel.covariance import NEGLECTED, pivoted_cholesky
+from armd.compensation.kernel.model import Model
+from armd.compensation.model import parameters
 
 N_JOINTS = 3
 NAMES = parameters.names(N_JOINTS)

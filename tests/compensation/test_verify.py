@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.arm import Arm
-from armd.compensation.session import Session
-from armd.compensation.session_format import Artefact
-from armd.compensation.state import States
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.state import States
+from armd.compensation.report.verification import verification_report
 from armd.compensation.verify.figures import Figure, Verification, figures_of
 from armd.compensation.verify.limits import Limits, TestUncertainty, load_limits
-from armd.compensation.verify.report import verification_report
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import BadInput

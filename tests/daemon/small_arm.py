@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration, LoadedCalibration, constants_of
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
+from armd.compensation.model.terms import Temperature, Term
 from armd.drivers.sample import Temperatures, sample_dtype
 from armd.schema import validate
 

@@ -12,8 +12,8 @@ import numpy.typing as npt
 import pytest
 from urdf_numbers import DESCRIPTIONS, Description
 
-from armd.compensation.arm import load_arm
-from armd.compensation.kinematics import frames
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.kinematics import frames
 from armd.daemon import cli
 from armd.daemon.catalogue.known import KNOWN
 from armd.drivers.ports import serial_ports

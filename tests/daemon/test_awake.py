@@ -11,7 +11,7 @@ import pytest
 from running_daemon import running_daemon
 from simulated_arm import simulated_arm
 
-from armd.daemon.awake import DEVICE, LIGHT_SLEEP_US, NO_SLEEP_US, Awake
+from armd.daemon.host.awake import DEVICE, LIGHT_SLEEP_US, NO_SLEEP_US, Awake
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import Calibration, save_calibration
-from armd.compensation.known_expansion import known_expansion
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration, save_calibration
+from armd.compensation.model.known_expansion import known_expansion
 from armd.daemon.cli import main
 
 ARM = """schema = "armd.arm/1"

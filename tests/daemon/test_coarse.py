@@ -8,11 +8,11 @@ import pytest
 from small_arm import COUNTS  # the small arm's own encoders are fine
 
 from armd import Flag
-from armd.compensation.arm import Arm
-from armd.daemon.coarse_drift import CoarseHistory
+from armd.compensation.model.arm import Arm
 from armd.daemon.config import Limits
-from armd.daemon.pipeline import Pipeline
-from armd.daemon.temperature import TemperatureWatch
+from armd.daemon.live.coarse_drift import CoarseHistory
+from armd.daemon.live.pipeline import Pipeline
+from armd.daemon.live.temperature import TemperatureWatch
 from armd.drivers.sample import sample_dtype
 
 RATE_HZ = 500

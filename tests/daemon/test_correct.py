@@ -13,16 +13,16 @@ import pyarrow.parquet
 import pytest
 
 from armd import POINT, Flag
-from armd.compensation import offline
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import (
+from armd.compensation.data import offline
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import (
     Calibration,
     constants_of,
     load_calibration,
     save_calibration,
 )
-from armd.compensation.kinematics import forward, jacobian
-from armd.compensation.model import Model
+from armd.compensation.model.kinematics import forward, jacobian
 from armd.daemon.cli import main
 
 ARM = """

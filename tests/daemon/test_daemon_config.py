@@ -13,7 +13,7 @@ from running_daemon import free_endpoint
 from armd import BadInput
 from armd.daemon import cli
 from armd.daemon.config import load_config
-from armd.daemon.session import open_session
+from armd.daemon.network.session import open_session
 from armd.drivers.config import ReplayConfig
 
 ARM = """

@@ -8,9 +8,9 @@ import socket
 import pytest
 
 from armd import Flag
-from armd.daemon.log import BURST, Log
+from armd.daemon.host.journal import BURST, Log
+from armd.daemon.host.systemd import Systemd
 from armd.daemon.state import Seen, State, assess
-from armd.daemon.systemd import Systemd
 from armd.drivers.sample import Event
 
 FINE = {"silent_s": 0.01, "points": 1000}

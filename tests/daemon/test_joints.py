@@ -17,11 +17,11 @@ from simulated_arm import simulated_arm
 from small_arm import samples_of, small_arm
 
 from armd import POINT
-from armd.compensation.arm import load_arm
-from armd.compensation.kinematics import forward
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.kinematics import forward
 from armd.daemon.config import Limits
-from armd.daemon.pipeline import Pipeline
-from armd.daemon.publisher import Publisher, joint_messages
+from armd.daemon.live.pipeline import Pipeline
+from armd.daemon.network.publisher import Publisher, joint_messages
 
 KEY = "armd/SIM-0001/joints"
 

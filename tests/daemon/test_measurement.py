@@ -7,7 +7,7 @@ import json
 import numpy as np
 
 from armd import POINT, Flag
-from armd.daemon.measurement import REMEMBERED, Averager
+from armd.daemon.live.measurement import REMEMBERED, Averager
 
 
 def points_of(n: int, seed: int = 1) -> np.ndarray:

@@ -10,7 +10,7 @@ from contextlib import closing, suppress
 
 import pytest
 
-from armd.daemon.metrics import MOST_OPEN, MetricsServer, render
+from armd.daemon.host.metrics import MOST_OPEN, MetricsServer, render
 
 HEALTH = {
     "serial": "SIM-1",
@@ -56,7 +56,7 @@ def test_a_name_with_quotes_stays_one_label():
 
 
 def test_slow_and_many_clients_take_neither_threads_nor_the_answers_of_others(monkeypatch):
-    monkeypatch.setattr("armd.daemon.metrics.PATIENCE_S", 0.3)
+    monkeypatch.setattr("armd.daemon.host.metrics.PATIENCE_S", 0.3)
     with closing(MetricsServer(0, lambda: [HEALTH])) as server:
         threads = threading.active_count()
         slow = []

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armd.daemon import motion
-from armd.daemon.motion import REST_AFTER_NS, SIDE_PLAY_RAD, Motion
+from armd.daemon.live import motion
+from armd.daemon.live.motion import REST_AFTER_NS, SIDE_PLAY_RAD, Motion
 from armd.drivers.sample import sample_dtype
 
 COUNTS = [1 << 23] * 3

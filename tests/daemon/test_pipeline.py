@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from small_arm import reading, samples_of, small_arm, thermal_calibration
 
 from armd import Flag
-from armd.compensation.kinematics import forward
-from armd.compensation.terms import Temperature, Term, Time
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.terms import Temperature, Term, Time
 from armd.daemon.config import Limits
-from armd.daemon.pipeline import Pipeline
+from armd.daemon.live.pipeline import Pipeline
 from armd.drivers.sample import Temperatures
 
 POSE = np.array([10.0, -20.0, 30.0])

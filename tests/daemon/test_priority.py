@@ -13,11 +13,11 @@ import pytest
 from running_daemon import running_daemon
 from simulated_arm import simulated_arm
 
-from armd.daemon.priority import PRIORITY, SENDER_NAME, go_first, sender_goes_first
+from armd.daemon.host.priority import PRIORITY, SENDER_NAME, go_first, sender_goes_first
 
 FIRST_AND_LATER = """
 import os, threading
-from armd.daemon.priority import go_first
+from armd.daemon.host.priority import go_first
 go_first()
 later = threading.Thread(target=lambda: print(os.sched_getscheduler(0)))
 later.start(); later.join()

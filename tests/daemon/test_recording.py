@@ -17,9 +17,9 @@ from simulated_arm import simulated_arm
 
 from armd.daemon.cli import main
 from armd.daemon.recorder import Recorder
-from armd.drivers import raw
-from armd.drivers.mcap_file import MOST_BYTES
-from armd.drivers.recording import INFO_ATTACHMENT, RAW_TOPIC, Recording
+from armd.drivers.replay import raw
+from armd.drivers.replay.mcap_file import MOST_BYTES
+from armd.drivers.replay.recording import INFO_ATTACHMENT, RAW_TOPIC, Recording
 from armd.drivers.sample import RawFrame
 from armd.errors import BadInput
 
@@ -238,7 +238,7 @@ def test_a_chunk_that_lies_about_its_size_is_not_unpacked_either(tmp_path):
 def test_a_driver_that_has_no_decoder_here_is_not_decoded_by_another(tmp_path, driver, message):
     from armd.drivers.config import ReplayConfig
     from armd.drivers.identity import Expectation
-    from armd.drivers.replay import ReplayDriver
+    from armd.drivers.replay.driver import ReplayDriver
 
     path = tmp_path / "other.mcap"
     path.write_bytes(small_recording({"arm": {}, "configuration": {"driver": driver}}))
@@ -249,7 +249,7 @@ def test_a_driver_that_has_no_decoder_here_is_not_decoded_by_another(tmp_path, d
 def test_a_recording_on_can_replays_whatever_its_bus_was(tmp_path):
     from armd.drivers.config import ReplayConfig
     from armd.drivers.identity import Expectation
-    from armd.drivers.replay import ReplayDriver
+    from armd.drivers.replay.driver import ReplayDriver
 
     driver = {"kind": "can", "interface": "gone", "speciality": 1, "rate_hz": 250.0}
     path = tmp_path / "can.mcap"

@@ -12,9 +12,9 @@ import pytest
 from running_daemon import running_daemon
 from simulated_arm import simulated_arm
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import Calibration, constants_of, save_calibration
-from armd.compensation.terms import Temperature, Term, Time
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.terms import Temperature, Term, Time
 from armd.daemon.cli import main
 
 ARM = """

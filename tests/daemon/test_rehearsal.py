@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 from running_daemon import write_config
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import save_calibration
-from armd.compensation.known_expansion import known_expansion
-from armd.daemon.arm_in_use import ArmInUse
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import save_calibration
+from armd.compensation.model.known_expansion import known_expansion
 from armd.daemon.commands.run import expectation
 from armd.daemon.config import load_config
 from armd.daemon.health import Tally
-from armd.daemon.measurement import Averager
+from armd.daemon.live.arm_in_use import ArmInUse
+from armd.daemon.live.measurement import Averager
 from armd.daemon.rehearsal import rehearse
-from armd.drivers import serial_wire as wire
 from armd.drivers.sample import RawFrame, Temperatures
-from armd.drivers.serial_decoder import SerialDecoder
-from armd.drivers.serial_port import SerialDriver
+from armd.drivers.serial import wire
+from armd.drivers.serial.decoder import SerialDecoder
+from armd.drivers.serial.port import SerialDriver
 from armd.simulator.electronics import BITS
 from armd.simulator.truth.nominal import arm_toml
 

@@ -11,9 +11,9 @@ from simulated_arm import simulated_arm
 from small_arm import small_arm
 
 from armd import Flag
-from armd.compensation.arm import load_arm
-from armd.compensation.kinematics import forward
-from armd.compensation.session import load_session
+from armd.compensation.data.session import load_session
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.kinematics import forward
 from armd.daemon.cli import main
 from armd.daemon.session_folder import SessionFolder, load_artefact
 from armd.errors import BadInput

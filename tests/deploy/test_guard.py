@@ -18,9 +18,9 @@ import zenoh
 import armd
 from armd import keys
 from armd.daemon.config import load_config
-from armd.daemon.publisher import Publisher
-from armd.daemon.queries import Queries
-from armd.daemon.session import open_session
+from armd.daemon.network.publisher import Publisher
+from armd.daemon.network.queries import Queries
+from armd.daemon.network.session import open_session
 from armd.drivers.sample import RawFrame
 from armd.simulator.truth.nominal import arm_toml
 

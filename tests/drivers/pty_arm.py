@@ -8,7 +8,7 @@ import tty
 from contextlib import suppress
 from pathlib import Path
 
-from armd.drivers import serial_wire as wire
+from armd.drivers.serial import wire
 
 
 class PtyArm:

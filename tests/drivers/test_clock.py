@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armd.drivers.clock import ENOUGH, DeviceClock, holds
+from armd.drivers.serial.clock import ENOUGH, DeviceClock, holds
 
 BOOT_NS = 5_000_000_000_000  # host instant of the device's zero
 

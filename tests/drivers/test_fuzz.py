@@ -8,10 +8,10 @@ import os
 import numpy as np
 import pytest
 
-from armd.drivers import serial_wire as wire
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import RawFrame
-from armd.drivers.serial_decoder import HELD_SAMPLES, SerialDecoder
+from armd.drivers.serial import wire
+from armd.drivers.serial.decoder import HELD_SAMPLES, SerialDecoder
 
 N = 6
 EXPECTED = Expectation("SIM-0001", N, 6, (1 << 23,) * N)

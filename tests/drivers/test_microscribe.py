@@ -17,8 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simulated_arm import SimulatedArm, simulated_arm
 
-from armd.compensation.arm import Arm, load_arm
-from armd.compensation.kinematics import forward
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.kinematics import forward
 from armd.daemon import cli
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.identity import Expectation

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armd.drivers import serial_wire as wire
-from armd.drivers.sequence import SequenceExtender
+from armd.drivers.serial import wire
+from armd.drivers.serial.sequence import SequenceExtender
 
 WRAP = 2**32
 MS = 1_000_000  # ns

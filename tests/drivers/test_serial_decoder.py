@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armd.drivers import serial_wire as wire
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, RawFrame, Temperatures
-from armd.drivers.serial_decoder import HELD_SAMPLES, SerialDecoder
+from armd.drivers.serial import wire
+from armd.drivers.serial.decoder import HELD_SAMPLES, SerialDecoder
 
 MS = 1_000_000
 EXPECTED = Expectation("SIM-0001", 3, 2, (1 << 20,) * 3)

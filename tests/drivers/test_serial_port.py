@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from pty_arm import PtyArm
 
-from armd.drivers import serial_wire as wire
 from armd.drivers.config import SerialConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event
-from armd.drivers.serial_decoder import SerialDecoder
+from armd.drivers.serial import wire
+from armd.drivers.serial.decoder import SerialDecoder
 from armd.drivers.table import open_driver
 
 EXPECTED = Expectation("SIM-0001", 3, 2, (1 << 20,) * 3)

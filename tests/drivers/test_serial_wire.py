@@ -9,7 +9,7 @@ from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armd.drivers import serial_wire as wire
+from armd.drivers.serial import wire
 
 u32 = st.integers(0, 2**32 - 1)
 times = st.integers(0, wire.T_US_LIMIT - 1)

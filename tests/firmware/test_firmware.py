@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.drivers import serial_wire as wire
+from armd.drivers.serial import wire
 
 HERE = Path(__file__).parent
 SKETCH = HERE.parent.parent / "docs/firmware/armd_arm"

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from armd.compensation.arm import load_arm
+from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.evidence import inverse_factor
 from armd.compensation.diagnose.fit import Fit
 from armd.compensation.diagnose.noise import Noise as Whitening
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluate import evaluate
-from armd.compensation.session import load_session
+from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import NOISE, Design
 from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.noise import Noise

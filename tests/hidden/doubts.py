@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 from cases import HELD
 
-from armd.compensation.arm import load_arm
+from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.conditions import HEATED_K
 from armd.compensation.diagnose.design import Experiment, design
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.next import SURE, Doubt, most_doubtful
 from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.session import load_session
+from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case, measure_next
 from armd.simulator.plan import Climate, warmed

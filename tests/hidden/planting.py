@@ -9,11 +9,11 @@ from functools import reduce
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration
+from armd.compensation.data.session import Session
 from armd.compensation.identify.evaluate import evaluate
-from armd.compensation.session import Session
-from armd.compensation.state import States
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.state import States
 
 ARC_SECOND = np.pi / 180 / 3600
 

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from planting import planted, rms_um, wave
 
-from armd.compensation.arm import load_arm
+from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.borne_out import Look, choose
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fit import Refits, solve_again
 from armd.compensation.diagnose.gain import gain
 from armd.compensation.diagnose.result import as_json, um, verdict
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.session import load_session
+from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant

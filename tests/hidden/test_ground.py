@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from armd.compensation.arm import load_arm
+from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.absorbing import with_gauge
 from armd.compensation.diagnose.diagnose import model_under_test
 from armd.compensation.diagnose.evidence import score, total
@@ -15,7 +15,7 @@ from armd.compensation.diagnose.problem import gather_rests
 from armd.compensation.diagnose.scene import make_scene
 from armd.compensation.diagnose.signatures import compile_candidates
 from armd.compensation.effects import catalogue
-from armd.compensation.session import load_session
+from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from cases import NOISES, run_case
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import load_calibration
 from armd.compensation.diagnose.result import tip_rms_um
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import load_calibration
 from armd.simulator.campaigns.hidden import DESIGNS, Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant

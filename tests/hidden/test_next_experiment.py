@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from doubts import Doubtful, settle
 
-from armd.compensation.arm import load_arm
 from armd.compensation.diagnose.next import next_experiment
 from armd.compensation.diagnose.question import Between
+from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
 from armd.simulator.campaigns.hidden import DESIGNS, Design
 from armd.simulator.hidden import HiddenCase, generate_case

@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 from planting import ARC_SECOND, Effect, middle_unix_s, planted, rms_um, slip, wave
 
-from armd.compensation.arm import Arm, load_arm
-from armd.compensation.calibration import Calibration
+from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.baseline import from_calibration
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.evidence import pseudo_inverse_factor
 from armd.compensation.diagnose.fit import fit
 from armd.compensation.diagnose.problem import gather_rests
 from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.session import Session, load_session
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.terms import Temperature, Term
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 

@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from planting import planted, rows, slip, wave
 
-from armd.compensation.arm import Arm, load_arm
-from armd.compensation.calibration import ArtefactCorrection, Calibration
+from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.conditions import draw_poses
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.result import as_json, size_known, verdict
 from armd.compensation.diagnose.search import _as_told
 from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.identify.observations import gather
-from armd.compensation.kinematics import frames
-from armd.compensation.session import Session, load_session
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import ArtefactCorrection, Calibration
+from armd.compensation.model.kinematics import frames
 from armd.errors import BadInput
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case

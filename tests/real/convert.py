@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from urdf import rows_and_tip
 
-from armd.compensation.session_writing import write_session
+from armd.compensation.data.session_writing import write_session
 
 VENDORED = Path(__file__).parent / "data"
 #: Series measured by the tracker, and when.

@@ -20,17 +20,17 @@ from marks import rows_of
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.arm import Arm, load_arm
-from armd.compensation.calibration import Calibration, constants_of
+from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.result import needs_of, place_of, verdict
 from armd.compensation.diagnose.thermal_series import diagnose_series
+from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.identify.fit import Unknowns, fit
-from armd.compensation.identify.gauge import free_constants
-from armd.compensation.identify.observations import gather
-from armd.compensation.session import Session, load_session
-from armd.compensation.terms import After, Curve, Term, Time
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.terms import After, Curve, Term, Time
 
 #: 3-D RMS held out, mm, with the extended model.
 UR10_MM = {"A": 0.11, "B": 0.15, "C": 0.11}

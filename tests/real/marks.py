@@ -18,11 +18,11 @@ from convert import ROBOTS, VENDORED, convert
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.arm import load_arm
+from armd.compensation.data.session import Session, load_session
 from armd.compensation.identify.calibrate import Options, Result, calibrate
 from armd.compensation.identify.evaluate import Evaluation, evaluate
 from armd.compensation.identify.lengths import MOST_OFF
-from armd.compensation.session import Session, load_session
+from armd.compensation.model.arm import load_arm
 
 #: 3-D RMS of the held-out half after geometric calibration, mm.
 UR10_MM = {"A": 0.44, "B": 0.46, "C": 0.50}

@@ -10,8 +10,8 @@ import pytest
 from convert import ROBOTS, VENDORED, convert
 from urdf import rows_and_tip
 
-from armd.compensation.arm import load_arm
-from armd.compensation.kinematics import forward
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.kinematics import forward
 
 
 @pytest.fixture(scope="module")

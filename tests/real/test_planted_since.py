@@ -9,10 +9,10 @@ import pytest
 from convert import ur10
 from hidden.planting import Effect, planted, rms_um, rows, slip, wave
 
-from armd.compensation.arm import Arm, load_arm
-from armd.compensation.calibration import Calibration
+from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.session import Session, load_session
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import Calibration
 
 VENDORED = Path(__file__).parent / "data" / "ur10_laser_tracker"
 

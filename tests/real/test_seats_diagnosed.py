@@ -12,8 +12,7 @@ import pytest
 from convert import convert
 from rich.console import Console
 
-from armd.compensation.arm import Arm, TemperatureSensor, load_arm
-from armd.compensation.calibration import ArtefactCorrection
+from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.baseline import from_calibration
 from armd.compensation.diagnose.diagnose import diagnose, model_under_test
 from armd.compensation.diagnose.fit import fit
@@ -23,9 +22,10 @@ from armd.compensation.diagnose.result import verdict
 from armd.compensation.diagnose.scene import make_scene
 from armd.compensation.effects.catalogue import candidates
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column
-from armd.compensation.kinematics import joint_jacobian
-from armd.compensation.session import Session, load_session
-from armd.compensation.terms import Temperature, Term
+from armd.compensation.model.arm import Arm, TemperatureSensor, load_arm
+from armd.compensation.model.calibration import ArtefactCorrection
+from armd.compensation.model.kinematics import joint_jacobian
+from armd.compensation.model.terms import Temperature, Term
 from armd.errors import BadInput
 
 

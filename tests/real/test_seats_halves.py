@@ -12,15 +12,15 @@ import pytest
 from convert import ROBOTS, convert
 from hidden.planting import rms_um, rows
 
-from armd.compensation import parameters
-from armd.compensation.arm import Arm, load_arm
-from armd.compensation.calibration import Calibration
+from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.neighbourhood import possible
 from armd.compensation.diagnose.result import as_json, verdict
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.identify.gauge import PLAUSIBLE
-from armd.compensation.session import Session, load_session
+from armd.compensation.estimate.gauge import PLAUSIBLE
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import Calibration
 
 
 @pytest.fixture(scope="module")

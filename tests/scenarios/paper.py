@@ -20,10 +20,10 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.arm import Arm, load_arm
-from armd.compensation.calibration import Calibration, load_calibration
+from armd.compensation.data.session import Session, load_session
 from armd.compensation.identify.evaluate import Evaluation, evaluate
-from armd.compensation.session import Session, load_session
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import Calibration, load_calibration
 from armd.daemon.cli import main as armd
 
 TEMPERATURES_C = (16, 18, 20, 22, 24, 26, 28, 30)

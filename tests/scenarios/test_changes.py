@@ -17,9 +17,9 @@ from running_daemon import Daemon, Heard, running_daemon
 from simulated_arm import simulated_arm
 
 from armd import Flag
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import Calibration, constants_of, save_calibration
-from armd.compensation.terms import Harmonic, Term, Time
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.terms import Harmonic, Term, Time
 
 EXTRA = "[commands]\nenabled = true\n"
 DAY_S = 86_400.0

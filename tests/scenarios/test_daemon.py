@@ -20,8 +20,8 @@ from simulated_arm import SimulatedArm, simulated_arm
 
 import armd
 from armd import Flag
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
 
 ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "subscriber.py"

@@ -10,8 +10,8 @@ from running_daemon import Heard, running_daemon
 from simulated_arm import simulated_arm
 
 from armd import Flag
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
 
 CALIBRATED = 'calibration = "calibration.json"'
 #: 20 K in a minute: a drift that no default limit lets pass

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.arm import load_arm
-from armd.compensation.calibration import Calibration, constants_of, save_calibration
-from armd.compensation.session_writing import write_session
+from armd.compensation.data.session_writing import write_session
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
 from armd.daemon.cli import COMMANDS, main
 from armd.simulator.__main__ import main as simulate
 

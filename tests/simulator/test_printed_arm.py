@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.effects.catalogue import _coarseness
-from armd.compensation.kinematics import forward
+from armd.compensation.model.kinematics import forward
 from armd.daemon.catalogue.known import known_arm
 from armd.simulator.printed import bench
 from armd.simulator.printed.arm import COUNTS_PER_TURN, TIP_MM, PrintedArm

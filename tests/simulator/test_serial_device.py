@@ -15,7 +15,7 @@ import pytest
 from cobs import cobs
 from simulated_arm import SimulatedArm, simulated_arm
 
-from armd.drivers import serial_wire as wire
+from armd.drivers.serial import wire
 from armd.simulator.electronics import COUNTS_PER_TURN
 from armd.simulator.faults import FAULTS
 from armd.simulator.truth.arm import TrueArm

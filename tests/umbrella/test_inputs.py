@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from armd import BadInput
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration
-from armd.compensation.readings import load_readings, read_header
+from armd.compensation.data.readings import load_readings, read_header
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
 from armd.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
 from armd.schema import MOST_FAULTS, MOST_VALUES, load_json, load_toml
 

@@ -13,10 +13,10 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd import Arm, keys
-from armd.compensation.session import APPROACH
+from armd.compensation.data.session import APPROACH
 from armd.daemon.measurement_log import SUFFIX, log_files
 from armd.daemon.recorder import TOPICS
-from armd.drivers.recording import Recording
+from armd.drivers.replay.recording import Recording
 from armd.errors import BadInput
 from armd.inputs import open_input
 from armd.schema import json_data

@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from armd.compensation.session import APPROACH
+from armd.compensation.data.session import APPROACH
 from armd.daemon.bridges.export.source import CLASH, COLUMNS, Measurement
 from armd.daemon.bridges.tips import Tips
 

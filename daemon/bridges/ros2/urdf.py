@@ -11,9 +11,9 @@ from xml.etree import ElementTree as Xml
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.arm import Arm
-from armd.compensation.calibration import Calibration
-from armd.compensation.kinematics import frames
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.kinematics import frames
 
 F64 = npt.NDArray[np.float64]
 
