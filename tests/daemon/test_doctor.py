@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_servos import FakeServos, sts3215, xl330
 from simulated_arm import simulated_arm
+from standing_servos import FakeServos, sts3215, xl330
 
 from armd.daemon import cli
 from armd.daemon.commands import doctor
