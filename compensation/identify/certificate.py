@@ -59,9 +59,10 @@ def judge(
     """
     drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout.rms_um / 1e3
     share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
+    percent = f"{100 * share:.0f}" if share > 0.1 else f"{100 * share:.2g}"  # never 1.1e+02
     left = (
         f"each {heldout_by} left out misses by {heldout_mm:.4g} mm RMS,"
-        f" {100 * share:.2g}% of the {drawn_mm:.4g} mm under the drawing"
+        f" {percent}% of the {drawn_mm:.4g} mm under the drawing"
     )
     faults = []
     if not converged:
