@@ -239,6 +239,7 @@ def test_any_measurements_are_those_of_the_csv(
         assert position == pytest.approx(told[int(row["seq"])][1:], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_from_a_daemon_its_log_and_a_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -255,11 +256,12 @@ def test_from_a_daemon_its_log_and_a_recording(
         daemon.listen() as heard,
     ):
         recorded = str(tmp_path / "r.mcap")
-        with subprocess.Popen(
-            [*armd, "record", "--endpoint", daemon.endpoint, "-o", recorded, "--seconds", "4"]
-        ) as recorder:
-            heard.wait_for(lambda: len(heard.json("measurement")) > 1)
-            recorder.wait()
+        command = [*armd, "record", "--endpoint", daemon.endpoint, "-o", recorded]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as recorder:
+            assert recorder.stdout is not None and "recording" in recorder.stdout.readline()
+            before = len(heard.json("measurement"))
+            heard.wait_for(lambda: len(heard.json("measurement")) > before + 1)
+            recorder.terminate()
         run("export", "SIM-0001", "--endpoint", daemon.endpoint, "-o", "live.csv")
         run("export", "--log", "-o", "log.csv")
         run("export", recorded, "-o", "recorded.csv")

@@ -91,6 +91,7 @@ def arm_with_daemon(
     return stack.enter_context(running_daemon(folder, arm.port, extra=extra, serial=serial))
 
 
+@pytest.mark.slow
 def test_two_arms_behind_a_router(tmp_path: Path) -> None:
     plant = free_endpoint()
     with ExitStack() as stack:

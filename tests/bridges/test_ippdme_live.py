@@ -90,6 +90,7 @@ def bridge(
         assert bridge.stop() == 0
 
 
+@pytest.mark.slow
 def test_a_press_is_a_point(daemon: Daemon, bridge: RunningBridge) -> None:
     with daemon.listen() as heard, host(bridge) as client:
         assert client.do("00001 StartSession()") == []

@@ -149,6 +149,7 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
         yield daemon
 
 
+@pytest.mark.slow
 def test_topics_through_a_router(daemon: Daemon) -> None:
     endpoint = free_endpoint()
     words = [sys.executable, "-m", "armd.daemon.cli", "ros2", "--endpoint", daemon.endpoint]

@@ -108,6 +108,7 @@ def test_more_than_waits_is_lost_and_told(tmp_path: Path, monkeypatch: pytest.Mo
     assert "2 were lost" in back.text
 
 
+@pytest.mark.slow
 def test_a_killed_daemon_has_lost_no_measurement(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -234,6 +234,7 @@ def test_nothing_to_recorrect_is_an_empty_table(bench: Bench) -> None:
     assert bench.run() == []
 
 
+@pytest.mark.slow
 def test_what_a_daemon_measured_is_found_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

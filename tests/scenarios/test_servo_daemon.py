@@ -74,7 +74,9 @@ def accept(folder):
     ("family", "ids"),
     [
         pytest.param(Feetech, (1, 2, 3), id="three-feetech"),
-        pytest.param(Dynamixel, (1, 2, 3, 4, 5, 7, 8, 9, 12), id="nine-dynamixel"),
+        pytest.param(
+            Dynamixel, (1, 2, 3, 4, 5, 7, 8, 9, 12), id="nine-dynamixel", marks=pytest.mark.slow
+        ),
         pytest.param(Dynamixel, (1, 2, 3), id="three-dynamixel", marks=pytest.mark.slow),
         pytest.param(
             Feetech, (1, 2, 3, 4, 5, 7, 8, 9, 12), id="nine-feetech", marks=pytest.mark.slow

@@ -270,7 +270,7 @@ def test_warms_up_in_fast_motion(tmp_path: Path) -> None:
         (["--fault", "flood@1"], "name: found 'flood', expected one of corrupted_byte"),
         (["--fault", "silence"], "--fault: found silence, expected NAME@SECONDS"),
         (["--scenario", "absent.toml"], "absent.toml: the file: found nothing"),
-        (["--truth", "absent/truth.bin"], "absent/truth.bin: the folder: found nothing"),
+        (["--truth", "absent/truth.bin"], "absent: the folder: found nothing"),
     ],
 )
 def test_bad_usage_is_named(
