@@ -97,8 +97,10 @@ build() {
         pip install --constraint "$pins" armd
     fi
     pip check || fail "$new: found packages that do not fit each other; the old stay"
-    "$new/bin/python" -I -c 'import armd.daemon.commands.run' ||
+    # What it would compile for root stays out of root's home.
+    NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -c 'import armd.daemon.commands.run' ||
         fail "$new: found a program that does not load; the old one stays"
+    rm -rf "$new/check"
 }
 
 # What is installed beside the program, and is put back with it.
