@@ -1,4 +1,4 @@
-"""Write down everything the arms publish: points as they are, all else as JSON lines."""
+"""Write down what the arms publish: points as they are, all else as JSON lines."""
 
 from __future__ import annotations
 
@@ -24,14 +24,18 @@ def main(folder: Path) -> None:
     for key, value in SETTINGS.items():
         config.insert_json5(key, value)
     with zenoh.open(config) as session:
-        told = session.declare_subscriber("armd/*/*", zenoh.handlers.FifoChannel(10000))
+        told = [
+            session.declare_subscriber(f"armd/*/{what}", zenoh.handlers.FifoChannel(10000))
+            for what in ("point", "event", "health", "measurement")
+        ]
         alive = session.liveliness().declare_subscriber("armd/*/alive", history=True)
         while True:
-            while (sample := told.try_recv()) is not None:
-                _, serial, what = str(sample.key_expr).split("/")
-                point = what == "point"
-                with (folder / f"{serial}.{'point' if point else 'json'}").open("ab") as file:
-                    file.write(sample.payload.to_bytes() + (b"" if point else b"\n"))
+            for subscriber in told:
+                while (sample := subscriber.try_recv()) is not None:
+                    _, serial, what = str(sample.key_expr).split("/")
+                    point = what == "point"
+                    with (folder / f"{serial}.{'point' if point else 'json'}").open("ab") as file:
+                        file.write(sample.payload.to_bytes() + (b"" if point else b"\n"))
             while (sample := alive.try_recv()) is not None:
                 serial = str(sample.key_expr).split("/")[1]
                 here = sample.kind == zenoh.SampleKind.PUT
