@@ -11,12 +11,15 @@ from pathlib import Path
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGES = ["stream.md", "ippdme.md", "pc-dmis.md", "verisurf.md", "ros2.md", "fleet.md"]
+PAGES = [
+    "stream.md", "ippdme.md", "pc-dmis.md", "verisurf.md", "ros2.md", "fleet.md", "export.md",
+    "recorrect.md",
+]  # fmt: skip
 
 
 def commands(page: str) -> list[list[str]]:
     text = (DOCS / page).read_text(encoding="utf-8")
-    blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL))
+    blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).replace("\\\n", " ")
     return [shlex.split(line, comments=True) for line in blocks.splitlines() if "armd " in line]
 
 
