@@ -1,0 +1,1 @@
+"""The next experiment: conditions, criteria, the choice of poses."""

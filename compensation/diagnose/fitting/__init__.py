@@ -1,0 +1,1 @@
+"""The model under test with the findings so far, fitted: rests, noise, nuisance."""

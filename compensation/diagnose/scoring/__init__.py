@@ -1,0 +1,1 @@
+"""What the residual wants of the candidates: projection, evidence, significance, likeness."""

@@ -1,0 +1,1 @@
+"""Causes in an encoder: its disc, its reading, its clock."""

@@ -1,0 +1,1 @@
+"""Causes in joints and links: bearings, play, weight, a knock."""

@@ -1,0 +1,1 @@
+"""Causes that go with temperature, and the sensors that read it."""
