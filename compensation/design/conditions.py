@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.fit import Fit
-from armd.compensation.diagnose.noise import LEVER_MM, Noise
+from armd.compensation.diagnose.fitting.fit import Fit
+from armd.compensation.diagnose.fitting.noise import LEVER_MM, Noise
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
-from armd.compensation.diagnose.fit import Fit
-from armd.compensation.diagnose.next import Doubt, alike
+from armd.compensation.diagnose.advice import Doubt, alike
+from armd.compensation.diagnose.fitting.fit import Fit
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import jacobian
@@ -131,7 +131,7 @@ class Weakest:
         return 1.0 / merit
 
 
-Question = Between | Weakest
+Criterion = Between | Weakest
 
 
 def between(doubt: Doubt, last: Fit, known: F64, richest: F64) -> Between:
@@ -154,9 +154,9 @@ def between(doubt: Doubt, last: Fit, known: F64, richest: F64) -> Between:
     signals = [finding, *(_passing(known, common, extra, finding, own[i]) for i in leads[1:])]
     told = [[not alike(candidates[i], rival) for rival in candidates] for i in leads]
     weight = np.sqrt(share[leads][:, None] * share) * told
-    question = Between(doubt.words, common, extra, np.stack(signals, axis=1), own, weight)
-    able = weight * (question.apart(richest)[0] >= APART)
-    return replace(question, weight=able if able.any() else weight)
+    criterion = Between(doubt.words, common, extra, np.stack(signals, axis=1), own, weight)
+    able = weight * (criterion.apart(richest)[0] >= APART)
+    return replace(criterion, weight=able if able.any() else weight)
 
 
 def _passing(known: F64, common: I64, extra: I64, signal: F64, rival: slice) -> F64:

@@ -11,17 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.conditions import (
+from armd.compensation.design.conditions import (
     Climate,
     climates,
     draw_poses,
     in_climate,
     rows_of,
 )
+from armd.compensation.design.criterion import Criterion, between, weakest
+from armd.compensation.diagnose.advice import most_doubtful
 from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.fit import Fit, finding_columns
-from armd.compensation.diagnose.next import most_doubtful
-from armd.compensation.diagnose.question import Question, between, weakest
+from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
@@ -39,9 +39,9 @@ RIDGE = 1e-9
 
 @dataclass(frozen=True)
 class Experiment:
-    """Chosen conditions, and what they are worth in the question's unit."""
+    """Chosen conditions, and what they are worth in the criterion's unit."""
 
-    question: Question
+    criterion: Criterion
     climate: Climate
     states: States  # of the chosen poses
     tip_mm: F64  # (n, 3) base frame
@@ -67,48 +67,48 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
     rows = [rows_of(states, climate, last, candidates, arm) for climate, states in choices]
     pool = sum(_gram(whitened) for whitened, _ in rows)
     known = known + np.diag(RIDGE * np.diag(known + pool) + 1e-300)
-    question: Question
+    criterion: Criterion
     if doubt is None:
-        question = weakest(last, arm, known, known + pool, drawn)
+        criterion = weakest(last, arm, known, known + pool, drawn)
     else:
-        question = between(doubt, last, known, known + pool)
-    greedy = [_greedy(known, whitened, question, poses or FEW) for whitened, _ in rows]
+        criterion = between(doubt, last, known, known + pool)
+    greedy = [_greedy(known, whitened, criterion, poses or FEW) for whitened, _ in rows]
     reached = [
-        _merit(known + _gram(whitened[chosen]), question)
+        _merit(known + _gram(whitened[chosen]), criterion)
         for (whitened, _), chosen in zip(rows, greedy, strict=True)
     ]
     best = int(np.argmax(WORTH_A_CLIMATE * np.array(reached) >= max(reached)))
     (climate, states), (whitened, tip) = choices[best], rows[best]
-    chosen = _exchanged(known, whitened, question, greedy[best])
+    chosen = _exchanged(known, whitened, criterion, greedy[best])
     if poses is None:
-        more = _more(known, whitened, question, chosen)
-        chosen = _exchanged(known, whitened, question, more) if len(more) > len(chosen) else chosen
+        more = _more(known, whitened, criterion, chosen)
+        chosen = _exchanged(known, whitened, criterion, more) if len(more) > len(chosen) else chosen
     return Experiment(
-        question,
+        criterion,
         climate,
         states.rows(np.array(chosen, dtype=np.int64)),
         tip[chosen],
-        question.figure(_merit(known, question)),
-        question.figure(_merit(known + _gram(whitened[chosen]), question)),
+        criterion.figure(_merit(known, criterion)),
+        criterion.figure(_merit(known + _gram(whitened[chosen]), criterion)),
         last.model.constants,
     )
 
 
 def _known(last: Fit, candidates: list[Candidate], arm: Arm) -> F64:
     """Information (k, k) of the sessions there are; of the placement to come, nothing."""
-    own = last.absorbing.columns[:, last.layout.identified]
+    own = last.nuisance.columns[:, last.layout.identified]
     wanted = last.noise.whiten(np.hstack([own, *finding_columns(last.linear, candidates, arm)]))
-    others = np.ones(last.absorbing.columns.shape[1], dtype=bool)
+    others = np.ones(last.nuisance.columns.shape[1], dtype=bool)
     others[last.layout.identified] = False
     places = [candidate.place for candidate in candidates]
     for finding, at in zip(last.findings, last.layout.findings, strict=True):
         if finding.place in places:
             others[at] = False
-    absorbing, scale = last.noise.whiten_to_unit(last.absorbing.columns[:, others])
-    ridge = 1.0 / (last.absorbing.variance[others] * scale**2) + RIDGE
-    across = absorbing.T @ wanted
+    nuisance, scale = last.noise.whiten_to_unit(last.nuisance.columns[:, others])
+    ridge = 1.0 / (last.nuisance.variance[others] * scale**2) + RIDGE
+    across = nuisance.T @ wanted
     clear = wanted.T @ wanted - across.T @ np.linalg.solve(
-        absorbing.T @ absorbing + np.diag(ridge), across
+        nuisance.T @ nuisance + np.diag(ridge), across
     )
     if last.baseline.held:  # the calibration's covariance: one per direction
         clear[: own.shape[1], : own.shape[1]] += np.eye(own.shape[1])
@@ -123,43 +123,45 @@ def _gram(rows: F64) -> F64:
     return gram
 
 
-def _merit(information: F64, question: Question) -> float:
-    return float(question.merit(information)[0])
+def _merit(information: F64, criterion: Criterion) -> float:
+    return float(criterion.merit(information)[0])
 
 
-def _best(information: F64, rows: F64, question: Question, chosen: list[int]) -> tuple[int, float]:
-    merit = question.merit(information, rows)
+def _best(
+    information: F64, rows: F64, criterion: Criterion, chosen: list[int]
+) -> tuple[int, float]:
+    merit = criterion.merit(information, rows)
     merit[chosen] = -np.inf
     best = int(np.argmax(merit))
     return best, float(merit[best])
 
 
-def _greedy(known: F64, rows: F64, question: Question, poses: int) -> list[int]:
+def _greedy(known: F64, rows: F64, criterion: Criterion, poses: int) -> list[int]:
     """The first few pay for the placement's six unknowns only; exchanges make good for them."""
     chosen: list[int] = []
     for _ in range(min(poses, len(rows))):
         total = known + _gram(rows[chosen])
-        chosen.append(_best(total, rows, question, chosen)[0])
+        chosen.append(_best(total, rows, criterion, chosen)[0])
     return chosen
 
 
-def _more(known: F64, rows: F64, question: Question, chosen: list[int]) -> list[int]:
-    """With as many more as settle the question, up to MANY; none if these hardly help."""
-    more, merit = list(chosen), _merit(known + _gram(rows[chosen]), question)
-    while len(more) < min(MANY, len(rows)) and not question.settled(merit):
-        best, merit = _best(known + _gram(rows[more]), rows, question, more)
+def _more(known: F64, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
+    """With as many more as settle the criterion, up to MANY; none if these hardly help."""
+    more, merit = list(chosen), _merit(known + _gram(rows[chosen]), criterion)
+    while len(more) < min(MANY, len(rows)) and not criterion.settled(merit):
+        best, merit = _best(known + _gram(rows[more]), rows, criterion, more)
         more.append(best)
-    return more if question.figure(merit) >= TOLD_AT_ALL else list(chosen)
+    return more if criterion.figure(merit) >= TOLD_AT_ALL else list(chosen)
 
 
-def _exchanged(known: F64, rows: F64, question: Question, chosen: list[int]) -> list[int]:
+def _exchanged(known: F64, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
     chosen = list(chosen)
     for _ in range(MOST_EXCHANGES):
         changed = False
         for place in range(len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
-            now = _merit(known + _gram(rows[chosen]), question)
-            best, merit = _best(known + _gram(rows[others]), rows, question, chosen)
+            now = _merit(known + _gram(rows[chosen]), criterion)
+            best, merit = _best(known + _gram(rows[others]), rows, criterion, chosen)
             if merit > WORTHWHILE * now:
                 chosen[place], changed = best, True
         if not changed:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from armd.compensation.diagnose.account import Found, Rival
 from armd.compensation.diagnose.diagnose import Diagnosis
+from armd.compensation.diagnose.findings import Finding, Rival
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 
@@ -20,7 +20,7 @@ class Doubt:
     """A finding that these data leave open, and what else it could be."""
 
     index: int  # among the diagnosis' findings
-    found: Found
+    found: Finding
     rivals: tuple[Candidate, ...]  # the most probable one first
     share: tuple[float, ...]  # probability of each
 
@@ -40,7 +40,7 @@ def most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
     return min(doubts, key=lambda doubt: doubt.found.probability, default=None)
 
 
-def _doubt(index: int, found: Found, first: Rival) -> Doubt:
+def _doubt(index: int, found: Finding, first: Rival) -> Doubt:
     """The finding against its likeliest rival and all other variants of what it may be."""
     others = [(c, share) for c, share in found.variants if c is not first.candidate]
     rivals = (first.candidate, *(candidate for candidate, _ in others))
@@ -79,10 +79,10 @@ def next_experiment(diagnosis: Diagnosis) -> str:
 
 def _unrecorded(diagnosis: Diagnosis) -> str:
     """What to record beside the angles, where what is left may be what only that tells."""
-    scene, untold = diagnosis.search.scene, diagnosis.search.untold
+    facts, untold = diagnosis.search.facts, diagnosis.search.untold
     wanted = [
         what
-        for what, known in (("the time", scene.timed), ("the joint rates", scene.rates))
+        for what, known in (("the time", facts.timed), ("the joint rates", facts.rates))
         if not known
     ]
     of_them = [c.replace("_", " ") for c in MOVING if c in untold]

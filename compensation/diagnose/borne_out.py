@@ -17,13 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.baseline import Baseline
 from armd.compensation.diagnose.extend import extended
-from armd.compensation.diagnose.fit import Fit, Refits
+from armd.compensation.diagnose.fitting.baseline import Baseline
+from armd.compensation.diagnose.fitting.fit import Fit, Refits
+from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
 from armd.compensation.diagnose.gain import Gain, folds_of, gain, groups_of, left_out
-from armd.compensation.diagnose.neighbourhood import scale_kept
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.diagnose.search import Result
-from armd.compensation.diagnose.shape import is_shape, shape_place
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.model.arm import Arm

@@ -10,17 +10,17 @@ import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.account import Found
-from armd.compensation.diagnose.baseline import Baseline, from_calibration
 from armd.compensation.diagnose.borne_out import by_placement, by_session
 from armd.compensation.diagnose.extend import extended
-from armd.compensation.diagnose.fit import Fit, fit
+from armd.compensation.diagnose.findings import Finding
+from armd.compensation.diagnose.fitting.baseline import Baseline, from_calibration
+from armd.compensation.diagnose.fitting.fit import Fit, fit
+from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
+from armd.compensation.diagnose.fitting.outliers import find_outliers
+from armd.compensation.diagnose.fitting.problem import Rests, gather_rests, require_spare
 from armd.compensation.diagnose.gain import Gain, cross_validate, gain, gains, groups_of
-from armd.compensation.diagnose.neighbourhood import scale_kept
-from armd.compensation.diagnose.outliers import find_outliers
-from armd.compensation.diagnose.problem import Rests, gather_rests, require_spare
+from armd.compensation.diagnose.scoring.threshold import ALPHA
 from armd.compensation.diagnose.search import Progress, Result, Search
-from armd.compensation.diagnose.threshold import ALPHA
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
@@ -61,7 +61,7 @@ class Diagnosis:
     extended: Calibration
 
     @property
-    def found(self) -> tuple[Found, ...]:
+    def found(self) -> tuple[Finding, ...]:
         """Findings other than outliers, in the order in which they were added."""
         return self.search.found
 
@@ -223,7 +223,7 @@ def noise_floor_um(last: Fit) -> float:
     covariance = np.linalg.inv(last.noise.whitener)
     independent = float((covariance**2).sum(axis=(1, 2)).mean())
     shared = slice(last.layout.shared, None)
-    columns, variance = last.absorbing.columns[:, shared], last.absorbing.variance[shared]
+    columns, variance = last.nuisance.columns[:, shared], last.nuisance.variance[shared]
     common = float((columns**2 @ variance).sum()) / max(last.linear.rests.n, 1)
     return 1e3 * float(np.sqrt(independent + common))
 

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from armd import __version__
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.absorbing import is_curve, mount_term
-from armd.compensation.diagnose.baseline import Baseline, moved
-from armd.compensation.diagnose.curves import as_curve
-from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.fitting.baseline import Baseline, moved
+from armd.compensation.diagnose.fitting.curves import as_curve
+from armd.compensation.diagnose.fitting.fit import Fit
+from armd.compensation.diagnose.fitting.nuisance import is_curve, mount_term
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armd.compensation.diagnose.angles import compare
-from armd.compensation.diagnose.evidence import Scores, kind
-from armd.compensation.diagnose.shape import is_shape
-from armd.compensation.diagnose.survey import Survey
-from armd.compensation.diagnose.threshold import family_wise
+from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
+from armd.compensation.diagnose.scoring.confusion import compare
+from armd.compensation.diagnose.scoring.evidence import Scores, kind
+from armd.compensation.diagnose.scoring.shape import is_shape
+from armd.compensation.diagnose.scoring.threshold import family_wise
 from armd.compensation.effects.effect import Candidate
 
 #: A place this much less probable than the best is still told as an alternative.
@@ -39,7 +39,7 @@ class Rival:
 
 
 @dataclass(frozen=True)
-class Found:
+class Finding:
     """A finding of the search, before its gain is measured."""
 
     candidate: Candidate
@@ -50,29 +50,29 @@ class Found:
     variants: tuple[tuple[Candidate, float], ...]  # what an experiment must tell apart, one by one
 
 
-def account(survey: Survey, tests: int) -> tuple[Found, ...]:
+def judge(scored: ScoredCandidates, tests: int) -> tuple[Finding, ...]:
     """Every finding, given all the others, as it is told."""
-    return _honest(weighed(survey, tests))
+    return _honest(weighed(scored, tests))
 
 
-def weighed(survey: Survey, tests: int) -> list[Found]:
+def weighed(scored: ScoredCandidates, tests: int) -> list[Finding]:
     """Every finding, given all the others, under the name that it has in the fit."""
-    return [_found(survey, i, tests) for i in range(len(survey.fit.findings))]
+    return [_found(scored, i, tests) for i in range(len(scored.fit.findings))]
 
 
-def _found(survey: Survey, index: int, tests: int) -> Found:
-    candidate = survey.fit.findings[index]
-    own, scores = survey.alone(index), survey.without(index)
+def _found(scored: ScoredCandidates, index: int, tests: int) -> Finding:
+    candidate = scored.fit.findings[index]
+    own, scores = scored.alone(index), scored.without(index)
     weights = scores.places()
-    weights[candidate.place] = survey.posterior_of(index, scores)
+    weights[candidate.place] = scored.posterior_of(index, scores)
     total = sum(weights.values())
     probability = {place: weight / total for place, weight in weights.items()}
-    return Found(
+    return Finding(
         candidate,
         max(float(family_wise(own.log_p[index], tests)), LEAST_P),
         float(own.statistic[index]),
         probability[candidate.place],
-        _rivals(candidate, probability, scores, survey),
+        _rivals(candidate, probability, scores, scored),
         _variants(candidate, scores),
     )
 
@@ -81,7 +81,7 @@ def _rivals(
     candidate: Candidate,
     probability: dict[tuple[str, str], float],
     scores: Scores,
-    survey: Survey,
+    scored: ScoredCandidates,
 ) -> tuple[Rival, ...]:
     posterior = scores.log_posterior()
     rivals = []
@@ -92,7 +92,7 @@ def _rivals(
         best = int(np.argmax(np.where(of_place, posterior, -np.inf)))
         rival = _at_the_instant_of(candidate, of_place, scores.signatures.candidates[best], scores)
         rivals.append((rival, probability[place]))
-    alike = compare(candidate, [rival for rival, _ in rivals], survey.fit, survey.ground.arm)
+    alike = compare(candidate, [rival for rival, _ in rivals], scored.fit, scored.projection.arm)
     told = [
         Rival(rival, share, likeness.angle_deg)
         for (rival, share), likeness in zip(rivals, alike, strict=True)
@@ -135,7 +135,7 @@ def _at_the_instant_of(
     return min([nearest, *nearest.refine()], key=apart)
 
 
-def likelier_rival(found: Found) -> Candidate | None:
+def likelier_rival(found: Finding) -> Candidate | None:
     """The most probable alternative, where it is likelier than the cause told."""
     best = max(found.rivals, key=lambda rival: rival.probability, default=None)
     if best is None or found.candidate.cause == "unknown":
@@ -143,7 +143,7 @@ def likelier_rival(found: Found) -> Candidate | None:
     return best.candidate if best.probability > found.probability else None
 
 
-def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
+def _honest(found: Sequence[Finding]) -> tuple[Finding, ...]:
     """No name for a part of what is unknown, nor one that is less likely than another.
 
     Where an unknown structure is clearly likelier, or one that was found is stronger in the same
@@ -151,7 +151,7 @@ def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
     """
     unknown = [f for f in found if f.candidate.cause == "unknown" and not is_shape(f.candidate)]
 
-    def told(finding: Found) -> Found:
+    def told(finding: Finding) -> Finding:
         own = finding.candidate
         if own.cause == "unknown":
             return finding
@@ -170,7 +170,9 @@ def _honest(found: Sequence[Found]) -> tuple[Found, ...]:
     return tuple(told(f) for f in found)
 
 
-def _without_a_name(finding: Found, others: Sequence[Rival], variables: tuple[str, ...]) -> Found:
+def _without_a_name(
+    finding: Finding, others: Sequence[Rival], variables: tuple[str, ...]
+) -> Finding:
     """What is told instead of a name: a structure in the variables of the cause and of *others*,
     any of which it may be; so probable is it that it is one of them."""
     names = dict.fromkeys([*variables, *(v for r in others for v in r.candidate.depends_on)])

@@ -15,14 +15,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import bdtrc
 
-from armd.compensation.diagnose.choice import joined, next_finding
-from armd.compensation.diagnose.curves import as_written
-from armd.compensation.diagnose.evidence import Sums, total
-from armd.compensation.diagnose.fit import Fit, solve_again
-from armd.compensation.diagnose.ground import Ground, make_ground
-from armd.compensation.diagnose.neighbourhood import possible, scale_kept, stays_near
+from armd.compensation.diagnose.fitting.curves import as_written
+from armd.compensation.diagnose.fitting.fit import Fit, solve_again
+from armd.compensation.diagnose.fitting.neighbourhood import possible, scale_kept, stays_near
+from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
+from armd.compensation.diagnose.scoring.evidence import Sums, total
+from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.search import Progress, Result
-from armd.compensation.diagnose.survey import Survey
+from armd.compensation.diagnose.selection import joined, next_finding
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
 
@@ -111,7 +111,7 @@ def cross_validate(result: Result, arm: Arm, progress: Progress) -> CrossValidat
     last = result.last
     folds = folds_of(last)
     squares = [np.zeros(last.linear.rests.n) for _ in range(len(result.found) + 1)]
-    whole = make_ground(solve_again(last, [], last.noise, arm), arm, folds)
+    whole = make_projection(solve_again(last, [], last.noise, arm), arm, folds)
     by_part = whole.sums_by_part(result.signatures)
     parts = [int(part) for part in np.unique(folds)]
     with ThreadPoolExecutor(min(len(parts), os.cpu_count() or 1)) as pool:
@@ -124,7 +124,7 @@ def cross_validate(result: Result, arm: Arm, progress: Progress) -> CrossValidat
 
 
 def _without(
-    part: int, folds: I64, result: Result, whole: Ground, by_part: Sequence[Sums]
+    part: int, folds: I64, result: Result, whole: Projection, by_part: Sequence[Sums]
 ) -> list[F64]:
     """Squared residuals mm² of one part's rests, without findings and after each that the search
     on the others makes."""
@@ -133,12 +133,12 @@ def _without(
     noise = replace(last.noise, whitener=whitener)
     current = solve_again(last, [], noise, arm)
     squares = [left_out(current, out, last.baseline.held) * scale_kept(current, arm) ** 2]
-    first = survey = Survey(
+    first = scored = ScoredCandidates(
         whole.without(part, current),
         total([sums for i, sums in enumerate(by_part) if i != part]),
     )
     while len(squares) <= len(result.found):
-        found = next_finding(survey, result.tests)
+        found = next_finding(scored, result.tests)
         if found is None:  # nothing is gained by what the search on all readings found further
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break
@@ -149,8 +149,8 @@ def _without(
         current = tried
         squares.append(left_out(current, out) * scale_kept(current, arm) ** 2)
         if len(squares) <= len(result.found):
-            ground = first.ground.with_findings_of(current)
-            survey = Survey(ground, ground.sums_with(first.sums))
+            projection = first.projection.with_findings_of(current)
+            scored = ScoredCandidates(projection, projection.sums_with(first.sums))
     return squares
 
 
@@ -175,9 +175,9 @@ def left_out(current: Fit, out: Mask, as_given: bool = False) -> F64:
     arm = _of_the_arm(current)
     if as_given:
         arm = arm[arm >= current.layout.identified.stop]
-    taken = current.absorbing.columns[:n, arm] @ current.solution[arm]
+    taken = current.nuisance.columns[:n, arm] @ current.solution[arm]
     for at, strange, columns in as_written(current, out):
-        known = current.absorbing.columns[strange, at]
+        known = current.nuisance.columns[strange, at]
         taken[strange] += (columns - known) @ current.solution[at]
     left = (current.raw_residual[:n] - taken)[rows]
     own = current.linear.nuisance[rows]

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.absorbing import is_curve
-from armd.compensation.diagnose.account import Found
+from armd.compensation.diagnose.advice import next_experiment
 from armd.compensation.diagnose.diagnose import Diagnosis
+from armd.compensation.diagnose.findings import Finding
+from armd.compensation.diagnose.fitting.nuisance import is_curve
+from armd.compensation.diagnose.fitting.problem import spare_rows
+from armd.compensation.diagnose.fitting.target_steps import TargetStep, steps, target_steps
 from armd.compensation.diagnose.gain import Gain
-from armd.compensation.diagnose.leftover import Leftover, leftovers, steps
-from armd.compensation.diagnose.next import next_experiment
-from armd.compensation.diagnose.problem import spare_rows
 from armd.compensation.diagnose.search import MOST_FINDINGS
-from armd.compensation.effects import encoder_periodic
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, plain
+from armd.compensation.effects.encoder import encoder_periodic
 
 F64 = npt.NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "depends_on": list(diagnosis.search.remaining_depends_on)
             if diagnosis.significant_rest
             else [],
-            "by_target": [asdict(one) for one in _few(leftovers(diagnosis.search.last))],
+            "by_target": [asdict(one) for one in _few(target_steps(diagnosis.search.last))],
         },
         "verdict": verdict(diagnosis),
         "cannot_tell": [
@@ -169,7 +169,7 @@ def _moved(diagnosis: Diagnosis) -> list[str]:
     return [
         f"At {one.placement}, {one.target}, the first {one.after} rests stand {um(one.step_um)} µm "
         f"from the other {one.rests - one.after}: seat, artefact or arm moved between."
-        for one in steps(leftovers(diagnosis.search.last))
+        for one in steps(target_steps(diagnosis.search.last))
     ]
 
 
@@ -180,7 +180,7 @@ def _named(candidate: Candidate) -> str:
     return f"{candidate.cause} ({candidate.location})"
 
 
-def _few(of: list[Leftover]) -> list[Leftover]:
+def _few(of: list[TargetStep]) -> list[TargetStep]:
     """None where there are too many to read."""
     return of if len(of) <= MOST_TARGETS else []
 
@@ -197,7 +197,7 @@ def needs_of(cause: str) -> str:
     )
 
 
-def _finding(diagnosis: Diagnosis, index: int, found: Found, gain: Gain) -> dict[str, Any]:
+def _finding(diagnosis: Diagnosis, index: int, found: Finding, gain: Gain) -> dict[str, Any]:
     candidate = found.candidate
     effect = CATALOGUE[candidate.cause]
     return {

@@ -12,21 +12,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.account import CLEARLY, Found, account, likelier_rival, weighed
-from armd.compensation.diagnose.baseline import Baseline
-from armd.compensation.diagnose.choice import choose, joined, next_finding, shape_wanted
-from armd.compensation.diagnose.fit import Fit, fit, solve_again
-from armd.compensation.diagnose.ground import make_ground
-from armd.compensation.diagnose.neighbourhood import refused
-from armd.compensation.diagnose.problem import Rests
-from armd.compensation.diagnose.scene import make_scene
-from armd.compensation.diagnose.shape import is_shape, shape_place
-from armd.compensation.diagnose.signatures import Signatures, compile_candidates
-from armd.compensation.diagnose.survey import Survey, take_survey
-from armd.compensation.diagnose.threshold import family_wise, significant
+from armd.compensation.diagnose.findings import CLEARLY, Finding, judge, likelier_rival, weighed
+from armd.compensation.diagnose.fitting.baseline import Baseline
+from armd.compensation.diagnose.fitting.fit import Fit, fit, solve_again
+from armd.compensation.diagnose.fitting.neighbourhood import refused
+from armd.compensation.diagnose.fitting.problem import Rests
+from armd.compensation.diagnose.fitting.session_facts import gather_facts
+from armd.compensation.diagnose.fitting.signatures import Signatures, compile_candidates
+from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
+from armd.compensation.diagnose.scoring.projection import make_projection
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
+from armd.compensation.diagnose.scoring.threshold import family_wise, significant
+from armd.compensation.diagnose.selection import choose, joined, next_finding, shape_wanted
 from armd.compensation.effects import catalogue
-from armd.compensation.effects.effect import Candidate, Scene
-from armd.compensation.effects.mount_drift import steady_drift
+from armd.compensation.effects.effect import Candidate, SessionFacts
+from armd.compensation.effects.setup.mount_drift import steady_drift
 from armd.compensation.effects.unknown import without_a_name
 from armd.compensation.model.arm import Arm
 
@@ -51,11 +51,11 @@ class Refused:
 class Result:
     """What the search ends with."""
 
-    scene: Scene
+    facts: SessionFacts
     first: Fit  # without findings
     last: Fit  # with all
     steps: tuple[Fit, ...]  # with none, the first, the first two … of the findings
-    found: tuple[Found, ...]
+    found: tuple[Finding, ...]
     signatures: Signatures  # of the whole catalogue
     tests: int  # candidates that the data can see
     remaining_p: float  # family-wise p of the strongest candidate left out
@@ -78,9 +78,9 @@ class Search:
         self.rests = rests
         self.arm = arm
         self.baseline = baseline
-        self.scene = make_scene(rests, arm, baseline)
-        self._candidates = list(catalogue.candidates(self.scene))
-        self._steady = [steady_drift(self.scene)] if self.scene.timed else []
+        self.facts = gather_facts(rests, arm, baseline)
+        self._candidates = list(catalogue.candidates(self.facts))
+        self._steady = [steady_drift(self.facts)] if self.facts.timed else []
         self._progress = progress
         self._tests = 1
         self._signatures: Signatures | None = None
@@ -89,18 +89,18 @@ class Search:
     def run(self) -> Result:
         """Search forward, looking back after every step."""
         first = current = self._fit([])
-        survey = self._survey(current)
-        untold = survey.scores.silent(set(catalogue.CATALOGUE) - {"outliers", "unknown"})
-        would_show = survey.scores.shown_at_typical_size()
+        scored = self._survey(current)
+        untold = scored.scores.silent(set(catalogue.CATALOGUE) - {"outliers", "unknown"})
+        would_show = scored.scores.shown_at_typical_size()
         seen: set[str] = set()
         for step in range(MOST_STEPS):
             self._progress(f"{len(current.findings)} found", step / MOST_STEPS)
-            best = next_finding(survey, self._tests)
+            best = next_finding(scored, self._tests)
             if best is None or len(current.findings) >= MOST_FINDINGS:
                 break
             findings = joined(current.findings, best)
             if _key(findings) in seen:  # a circle: the look back undoes what this cause does
-                shape = shape_wanted(survey, self._tests)
+                shape = shape_wanted(scored, self._tests)
                 findings = joined(current.findings, shape) if shape else findings
                 if _key(findings) in seen:
                     break
@@ -108,24 +108,24 @@ class Search:
             fitted = self._fit(findings, current)
             if reason := refused(fitted, current, self.arm):
                 self._refuse(best, reason)
-                survey = self._survey(current)
+                scored = self._survey(current)
                 continue
             current = self._pruned(fitted)
-            survey = self._survey(current)
+            scored = self._survey(current)
             for _ in range(MOST_RENAMINGS):
                 before = current
-                current, survey = self._swapped(current, survey)
+                current, scored = self._swapped(current, scored)
                 if current is before:
                     break
-        current, survey = self._as_likely(current, survey, seen)
-        scores = survey.scores
+        current, scored = self._as_likely(current, scored, seen)
+        scores = scored.scores
         remaining = float(family_wise(scores.log_p.min(initial=0.0), self._tests))
-        found = account(survey, self._tests)
+        found = judge(scored, self._tests)
         steps = [first] if current.findings else []
         steps += [self._fit(current.findings[:i], current) for i in range(1, len(found))]
         last = _as_told(current, found)
         return Result(
-            self.scene,
+            self.facts,
             first,
             last,
             (*steps, last),
@@ -139,11 +139,13 @@ class Search:
             tuple(self._refused),
         )
 
-    def _as_likely(self, current: Fit, survey: Survey, seen: set[str]) -> tuple[Fit, Survey]:
+    def _as_likely(
+        self, current: Fit, scored: ScoredCandidates, seen: set[str]
+    ) -> tuple[Fit, ScoredCandidates]:
         """With each finding renamed that is less likely than one of its alternatives, all others
         given, as long as that leads somewhere new."""
         for _ in range(MOST_FINDINGS):
-            for found in weighed(survey, self._tests):
+            for found in weighed(scored, self._tests):
                 rival = likelier_rival(found)
                 if rival is None or rival.cause == "unknown":
                     continue
@@ -157,11 +159,11 @@ class Search:
                     continue
                 renamed = self._pruned(renamed)
                 if rival in renamed.findings:
-                    current, survey = renamed, self._survey(renamed)
+                    current, scored = renamed, self._survey(renamed)
                     break
             else:
-                return current, survey
-        return current, survey
+                return current, scored
+        return current, scored
 
     def _refuse(self, candidate: Candidate, reason: str) -> None:
         """Look for it no more."""
@@ -184,7 +186,7 @@ class Search:
     def _pruned(self, current: Fit) -> Fit:
         """Without findings that are not significant any more, the weakest first."""
         while current.findings:
-            own = take_survey(make_ground(current, self.arm), current.findings)
+            own = score_candidates(make_projection(current, self.arm), current.findings)
             log_p = [float(own.freed(i).log_p[i]) for i in range(len(current.findings))]
             weakest = int(np.argmax(log_p))
             if significant(log_p[weakest], self._tests):
@@ -193,18 +195,18 @@ class Search:
             current = self._fit(kept, current)
         return current
 
-    def _swapped(self, current: Fit, survey: Survey) -> tuple[Fit, Survey]:
+    def _swapped(self, current: Fit, scored: ScoredCandidates) -> tuple[Fit, ScoredCandidates]:
         """With a finding renamed where, all others given, another name is clearly likelier."""
         for i, candidate in enumerate(current.findings):
-            others = survey.without(i)
+            others = scored.without(i)
             places = others.places()
             best = max(places, key=lambda key: places[key])
             if best == candidate.place:
                 continue
-            if places[best] > CLEARLY * survey.posterior_of(i, others):
+            if places[best] > CLEARLY * scored.posterior_of(i, others):
                 findings = _with_their_causes([c for c in current.findings if c is not candidate])
                 without = solve_again(current, findings, current.noise, self.arm)
-                rival = choose(make_ground(without, self.arm), others, self._tests)
+                rival = choose(make_projection(without, self.arm), others, self._tests)
                 if rival is None or rival.place == candidate.place:
                     continue
                 fitted = self._fit(joined(findings, rival), without)
@@ -213,20 +215,20 @@ class Search:
                     return current, self._survey(current)
                 current = self._pruned(fitted)
                 return current, self._survey(current)
-        return current, survey
+        return current, scored
 
-    def _survey(self, current: Fit) -> Survey:
+    def _survey(self, current: Fit) -> ScoredCandidates:
         """The whole catalogue against what is left; the first time it is counted."""
-        ground = make_ground(current, self.arm)
+        projection = make_projection(current, self.arm)
         if self._signatures is not None:
-            return take_survey(ground, self._signatures)
+            return score_candidates(projection, self._signatures)
         self._signatures = compile_candidates(self._candidates, current.linear, self.arm)
-        survey = take_survey(ground, self._signatures)
-        self._tests = max(int((survey.scores.freedom > 0).sum()), 1)
-        return survey
+        scored = score_candidates(projection, self._signatures)
+        self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
+        return scored
 
 
-def _as_told(fit: Fit, found: Sequence[Found]) -> Fit:
+def _as_told(fit: Fit, found: Sequence[Finding]) -> Fit:
     """The fit with what is told without a name nameless: no parameter of it, and no term of an
     extended calibration, is called by a cause's name."""
     named = tuple(

@@ -9,14 +9,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
-from armd.compensation.diagnose.evidence import Scores, estimates, kind, score
-from armd.compensation.diagnose.fit import solve_again
-from armd.compensation.diagnose.ground import Ground, make_ground
-from armd.compensation.diagnose.scatter import log_p_by_scatter
-from armd.compensation.diagnose.shape import shape_of
-from armd.compensation.diagnose.survey import SHAPE_PRIOR, Survey, take_survey
-from armd.compensation.diagnose.tails import clipped_about, unclipped
-from armd.compensation.diagnose.threshold import significant
+from armd.compensation.diagnose.fitting.fit import solve_again
+from armd.compensation.diagnose.scoring.candidates import (
+    SHAPE_PRIOR,
+    ScoredCandidates,
+    score_candidates,
+)
+from armd.compensation.diagnose.scoring.evidence import Scores, estimates, kind, score
+from armd.compensation.diagnose.scoring.projection import Projection, make_projection
+from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
+from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
+from armd.compensation.diagnose.scoring.shape import shape_of
+from armd.compensation.diagnose.scoring.threshold import significant
 from armd.compensation.effects.effect import Candidate
 
 F64 = npt.NDArray[np.float64]
@@ -37,10 +41,10 @@ MOST_ALIKE = 12
 MOST_BENT = 8
 
 
-def next_finding(survey: Survey, tests: int) -> Candidate | None:
+def next_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
     """What joins the findings: a cause, or, where none does, the shape of one that is in."""
-    cause = choose(survey.ground, survey.scores, tests)
-    return cause or shape_wanted(survey, tests)
+    cause = choose(scored.projection, scored.scores, tests)
+    return cause or shape_wanted(scored, tests)
 
 
 def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
@@ -48,18 +52,18 @@ def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
     return [*(c for c in findings if not c.within(more)), more]
 
 
-def choose(ground: Ground, scores: Scores, tests: int) -> Candidate | None:
+def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | None:
     """The most probable place, if anything is significant; there its best value.
 
     What is named must be significant itself, also by the scatter of the rests that speak for it.
     """
     if not significant(scores.log_p, tests).any():
         return None
-    candidates, weight, log_p = _refined(scores, ground)
+    candidates, weight, log_p = _refined(scores, projection)
     alike = np.flatnonzero(scores.statistic >= LEAST_SHARE * scores.statistic.max())
     clipped = weight
     if log_p.min() < STRONG:
-        weight = _with_own_tails(weight, alike, candidates, ground)
+        weight = _with_own_tails(weight, alike, candidates, projection)
     places = [c.place for c in candidates]
     total: dict[tuple[str, str], float] = {}
     for place, share in zip(places, np.exp(weight - weight.max()), strict=True):
@@ -69,18 +73,18 @@ def choose(ground: Ground, scores: Scores, tests: int) -> Candidate | None:
     while able:
         wanted = max((places[i] for i in able), key=lambda place: total[place])
         best = max((i for i in able if places[i] == wanted), key=lambda i: weight[i])
-        about = ground
+        about = projection
         if log_p[best] < STRONG:
-            best = _if_bent(best, able.intersection(alike), candidates, clipped, ground)
-            about = clipped_about(candidates[best], ground)
+            best = _if_bent(best, able.intersection(alike), candidates, clipped, projection)
+            about = clipped_about(candidates[best], projection)
         if significant(log_p_by_scatter(candidates[best], about), tests):
-            return _likelier(candidates[best], refused, ground, tests)
+            return _likelier(candidates[best], refused, projection, tests)
         refused.append(candidates[best])
         able.remove(best)
     return None
 
 
-def _refined(scores: Scores, ground: Ground) -> tuple[list[Candidate], F64, F64]:
+def _refined(scores: Scores, projection: Projection) -> tuple[list[Candidate], F64, F64]:
     """The candidates (C,), those of the likeliest places at the best of finer values; their log
     posterior weights, and log p values.
 
@@ -91,7 +95,7 @@ def _refined(scores: Scores, ground: Ground) -> tuple[list[Candidate], F64, F64]
     weight, log_p = scores.log_posterior().copy(), scores.log_p.copy()
     finer = _finer(scores)
     if finer:
-        fine = take_survey(ground, [c for values in finer.values() for c in values]).scores
+        fine = score_candidates(projection, [c for values in finer.values() for c in values]).scores
         at = 0
         for i, values in finer.items():
             evidence = fine.log_evidence[at : at + len(values)]
@@ -103,7 +107,7 @@ def _refined(scores: Scores, ground: Ground) -> tuple[list[Candidate], F64, F64]
 
 
 def _with_own_tails(
-    weight: F64, alike: I64, candidates: Sequence[Candidate], ground: Ground
+    weight: F64, alike: I64, candidates: Sequence[Candidate], projection: Projection
 ) -> F64:
     """The weights (C,), the likeliest kinds' with the tails clipped about their own fits."""
     likeliest: dict[tuple[str, ...], int] = {}
@@ -111,12 +115,12 @@ def _with_own_tails(
         likeliest.setdefault(kind(candidates[i]), int(i))
     some = list(likeliest.values())[:MOST_ALIKE]
     weight = weight.copy()
-    weight[some] += unclipped([candidates[i] for i in some], weight[some], ground)
+    weight[some] += unclipped([candidates[i] for i in some], weight[some], projection)
     return weight
 
 
 def _likelier(
-    admitted: Candidate, refused: Sequence[Candidate], ground: Ground, tests: int
+    admitted: Candidate, refused: Sequence[Candidate], projection: Projection, tests: int
 ) -> Candidate:
     """The admitted candidate, or the likelier one that few rests bear, if it is the same signal.
 
@@ -124,10 +128,12 @@ def _likelier(
     of the admitted one is left with it in the model.
     """
     for likelier in refused:
-        about = clipped_about(likelier, ground).fit
+        about = clipped_about(likelier, projection).fit
         findings = joined(about.findings, likelier)
-        with_it = make_ground(solve_again(about, findings, about.noise, ground.arm), ground.arm)
-        if not significant(take_survey(with_it, [admitted]).scores.log_p[0], tests):
+        with_it = make_projection(
+            solve_again(about, findings, about.noise, projection.arm), projection.arm
+        )
+        if not significant(score_candidates(with_it, [admitted]).scores.log_p[0], tests):
             return likelier
     return admitted
 
@@ -137,7 +143,7 @@ def _if_bent(
     able: Iterable[int],
     candidates: Sequence[Candidate],
     weight: F64,
-    ground: Ground,
+    projection: Projection,
 ) -> int:
     """The likeliest candidate if a cause's shape may be off.
 
@@ -151,16 +157,16 @@ def _if_bent(
     causes = [candidates[i] for i in named.values()]
     if not causes:
         return best
-    straight = take_survey(ground, causes)
+    straight = score_candidates(projection, causes)
     bent = []
     for cause, amplitudes in zip(causes, estimates(straight.sums), strict=True):
-        shape = shape_of(cause, amplitudes, ground.arm.n_joints)
+        shape = shape_of(cause, amplitudes, projection.arm.n_joints)
         bent.append(replace(cause, columns=(*cause.columns, *(shape.columns if shape else ()))))
-    gained = take_survey(ground, bent).scores.log_evidence - straight.scores.log_evidence
+    gained = score_candidates(projection, bent).scores.log_evidence - straight.scores.log_evidence
     numbers = [best, *named.values(), *named.values()]
     likely = weight[numbers]
     likely[-len(bent) :] += gained + np.log(SHAPE_PRIOR)
-    likely += unclipped([candidates[best], *causes, *bent], likely, ground)
+    likely += unclipped([candidates[best], *causes, *bent], likely, projection)
     return numbers[int(np.argmax(likely))]
 
 
@@ -185,15 +191,15 @@ def _finer(scores: Scores) -> dict[int, list[Candidate]]:
     return finer
 
 
-def shape_wanted(survey: Survey, tests: int) -> Candidate | None:
+def shape_wanted(scored: ScoredCandidates, tests: int) -> Candidate | None:
     """The most significant of the findings' shapes, if any is."""
-    shapes = survey.ground.shapes
+    shapes = scored.projection.shapes
     wanted = {i: c for i, c in enumerate(shapes.candidates) if c is not None}
     if not wanted:
         return None
-    sums = take_survey(survey.ground, list(wanted.values())).sums
+    sums = score_candidates(scored.projection, list(wanted.values())).sums
     log_p = {
-        i: float(score(sums, survey.ground.place[shapes.columns[i]]).log_p[j])
+        i: float(score(sums, scored.projection.place[shapes.columns[i]]).log_p[j])
         for j, i in enumerate(wanted)
     }
     best = min(log_p, key=lambda i: log_p[i])

@@ -1,7 +1,7 @@
 """Displacements against temperatures, without kinematics: does a static model miss a lag?
 
 A machine element that warms is not where its sensors' present readings say, but where their past
-says. The same question as for an arm's link, asked of plain time series: temperatures delayed by
+says. The same criterion as for an arm's link, asked of plain time series: temperatures delayed by
 a first-order lag join a static linear model if they lower its error on later time.
 
 Everything is chosen on the first part of time, by fitting its beginning and judging what follows:

@@ -6,33 +6,39 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from armd.compensation.effects import (
-    artefact,
-    axis_wobble,
+from armd.compensation.effects import unknown
+from armd.compensation.effects.effect import ARC_SECOND, Candidate, Effect, SessionFacts
+from armd.compensation.effects.encoder import (
     encoder_eccentricity,
     encoder_ellipticity,
     encoder_periodic,
     encoder_scale,
     encoder_slip,
+    time_skew,
+)
+from armd.compensation.effects.mechanical import (
+    axis_wobble,
     geometry_shift,
     joint_backlash,
     joint_compliance,
-    joint_thermal,
     link_bending,
-    link_expansion,
+)
+from armd.compensation.effects.setup import (
+    artefact,
     mount_drift,
-    nonlinear_expansion,
     outliers,
     probing_force,
+    tip_offset,
+)
+from armd.compensation.effects.thermal import (
+    joint_thermal,
+    link_expansion,
+    nonlinear_expansion,
     sensor_offset,
     sensor_swapped,
     thermal_gradient,
     thermal_lag,
-    time_skew,
-    tip_offset,
-    unknown,
 )
-from armd.compensation.effects.effect import ARC_SECOND, Candidate, Effect, Scene
 from armd.compensation.model.arm import Arm
 
 CATALOGUE: dict[str, Effect] = {
@@ -85,14 +91,14 @@ AS_COARSE_AS_ITS_ENCODERS = frozenset(
 FINE_RAD = 6 * ARC_SECOND
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     """Every candidate that this arm and these sessions allow, the general basis included."""
-    coarseness = _coarseness(scene.arm)
+    coarseness = _coarseness(facts.arm)
     for effect in CATALOGUE.values():
         if effect.cause in AS_COARSE_AS_ITS_ENCODERS and coarseness > 1.0:
-            yield from (_larger(candidate, coarseness) for candidate in effect.candidates(scene))
+            yield from (_larger(candidate, coarseness) for candidate in effect.candidates(facts))
         else:
-            yield from effect.candidates(scene)
+            yield from effect.candidates(facts)
 
 
 def _coarseness(arm: Arm) -> float:

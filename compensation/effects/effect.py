@@ -81,7 +81,7 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Scene:
+class SessionFacts:
     """What the catalogue needs to know of the arm, the model under test and the sessions."""
 
     arm: Arm
@@ -136,7 +136,7 @@ class Effect:
     reason: str  # physics, one sentence
     confounded_with: str
     experiment: str  # what shows it, one sentence a person can follow
-    candidates: Callable[[Scene], Iterator[Candidate]]
+    candidates: Callable[[SessionFacts], Iterator[Candidate]]
     #: physical reading of fitted amplitudes, e.g. "the disc sits 0.4 µm off centre"
     reading: Callable[[Candidate, F64], str]
     #: what sessions must hold for the cause to show at all; empty: any poses will do
@@ -154,16 +154,16 @@ def tie(parameter_weights: Sequence[tuple[str, float]], *basis: Factor) -> tuple
     )
 
 
-def lengths(scene: Scene, joint: int) -> list[tuple[str, float]]:
+def lengths(facts: SessionFacts, joint: int) -> list[tuple[str, float]]:
     """The lengths of link *joint* in mm by parameter, those that an expansion would change."""
-    pairs = [(name, scene.constant(joint, name)) for name in ("d", "a")]
+    pairs = [(name, facts.constant(joint, name)) for name in ("d", "a")]
     return [(f"{name}_{joint}", value) for name, value in pairs if abs(value) > 1.0]
 
 
-def stylus(scene: Scene) -> list[tuple[str, float]]:
+def stylus(facts: SessionFacts) -> list[tuple[str, float]]:
     """The tip's offset in mm by parameter: what the stylus would change by expanding."""
-    first = 5 * scene.arm.n_joints
-    values = scene.constants[first : first + 3]
+    first = 5 * facts.arm.n_joints
+    values = facts.constants[first : first + 3]
     names = ("tip_x", "tip_y", "tip_z")
     return [(name, float(v)) for name, v in zip(names, values, strict=True) if abs(v) > 1.0]
 

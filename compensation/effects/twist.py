@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.effects.effect import Scene
+from armd.compensation.effects.effect import SessionFacts
 
 F64 = npt.NDArray[np.float64]
 
@@ -23,23 +23,23 @@ def outgoing(alpha: float, beta: float) -> F64:
     return inverse
 
 
-def link_vector(scene: Scene, link: int) -> F64:
+def link_vector(facts: SessionFacts, link: int) -> F64:
     """From the axis of joint *link* to the frame at the link's end, in that frame, (3,) mm."""
-    rotation = outgoing(scene.constant(link, "alpha"), scene.constant(link, "beta"))
-    vector: F64 = rotation @ np.array([scene.constant(link, "a"), 0.0, scene.constant(link, "d")])
+    rotation = outgoing(facts.constant(link, "alpha"), facts.constant(link, "beta"))
+    vector: F64 = rotation @ np.array([facts.constant(link, "a"), 0.0, facts.constant(link, "d")])
     return vector
 
 
-def parameter_twists(scene: Scene, link: int) -> tuple[list[str], F64]:
+def parameter_twists(facts: SessionFacts, link: int) -> tuple[list[str], F64]:
     """Motion of the frame at the end of *link* per unit of each parameter around it.
 
     Returns names and a matrix (6, n): rotation in rad, then translation in mm, in that frame.
     """
-    alpha, beta = scene.constant(link, "alpha"), scene.constant(link, "beta")
+    alpha, beta = facts.constant(link, "alpha"), facts.constant(link, "beta")
     rotation = outgoing(alpha, beta)
     x, z = rotation[:, 0], rotation[:, 2]  # axes of the frame before Rx·Ry
     zero = np.zeros(3)
-    arm_of_axis = scene.constant(link, "a") * x  # from the joint's axis to the frame
+    arm_of_axis = facts.constant(link, "a") * x  # from the joint's axis to the frame
     twists = {
         f"theta_{link}": (z, np.cross(z, arm_of_axis)),
         f"d_{link}": (zero, z),
@@ -47,7 +47,7 @@ def parameter_twists(scene: Scene, link: int) -> tuple[list[str], F64]:
         f"alpha_{link}": (x, zero),
         f"beta_{link}": (np.array([0.0, 1.0, 0.0]), zero),
     }
-    if link < scene.arm.n_joints:
+    if link < facts.arm.n_joints:
         twists[f"theta_{link + 1}"] = (np.array([0.0, 0.0, 1.0]), zero)
         twists[f"d_{link + 1}"] = (zero, np.array([0.0, 0.0, 1.0]))
     else:  # after the last joint the tip's offset moves instead
@@ -56,13 +56,13 @@ def parameter_twists(scene: Scene, link: int) -> tuple[list[str], F64]:
     return list(twists), np.array([np.concatenate(pair) for pair in twists.values()]).T
 
 
-def twist_weights(scene: Scene, link: int, twists: F64) -> tuple[list[str], F64]:
+def twist_weights(facts: SessionFacts, link: int, twists: F64) -> tuple[list[str], F64]:
     """Parameters and weights (n, m) that move the end of *link* by the columns of *twists* (6, m).
 
     Where the parameters do not span a motion (a shift across a link of no length), the part
     they do span is returned.
     """
-    names, basis = parameter_twists(scene, link)
+    names, basis = parameter_twists(facts, link)
     scale = np.array([1.0, 1.0, 1.0, 1e-2, 1e-2, 1e-2])  # 100 mm of lever weigh as 1 rad
     weights: F64 = np.linalg.lstsq(basis * scale[:, None], twists * scale[:, None], rcond=1e-6)[0]
     weights[np.abs(weights) < 1e-9 * np.abs(weights).max(initial=1e-30)] = 0.0

@@ -15,7 +15,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     temperature,
     tie,
 )
@@ -37,12 +37,12 @@ SHAPE_OF = "shape of "
 TYPICAL = {"mm": 5e-3, "rad": 10e-6}
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
         for name in ("theta", "d", "a", "alpha", "beta"):
             unit = "mm" if name in ("d", "a") else "rad"
             turning = k if name == "theta" else None
-            for variables, functions in _functions(scene, turning):
+            for variables, functions in _functions(facts, turning):
                 yield _candidate(f"{name}_{k}", unit, variables, functions, _general(variables))
 
 
@@ -114,59 +114,61 @@ def _of_the_rate(joint: int) -> list[_Function]:
 
 
 def _functions(
-    scene: Scene, turning: int | None
+    facts: SessionFacts, turning: int | None
 ) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
     """Variables, and the functions of them that go together; of two for a *turning* joint."""
-    for j in scene.joints:
+    for j in facts.joints:
         yield (f"q{j}",), [*_waves(j, 1), *_waves(j, 2)]
         yield (f"q{j}",), [(f"q{j}^{n}", "", 1.0, (Angle(joint=j, power=n),)) for n in (2, 3)]
-    for name in scene.sensors:
+    for name in facts.sensors:
         for order in (1, 2):
             factor = temperature({name: 1.0}, order=order)
             yield (name,), [(f"ΔT({name})^{order}", "1/K", 5.0**order, (factor,))]
-        if not scene.timed:
+        if not facts.timed:
             continue
         rate = TemperatureRate(weights={name: 1.0}, smoothing_s=300.0)
         yield (name, "time_s"), [(f"d{name}/dt", "s/K", 1e-3, (rate,))]
-    for power in (1, 2) if scene.timed else ():
-        seen = Time(since_unix_s=scene.start_unix_s, until_unix_s=scene.end_unix_s, power=power)
+    for power in (1, 2) if facts.timed else ():
+        seen = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s, power=power)
         yield ("time_s",), [(f"t^{power}", "1/h", 1.0, (seen,))]
-    if scene.rates:
-        for j in scene.joints:
+    if facts.rates:
+        for j in facts.joints:
             yield (f"w{j}",), [(f"side {j}", "", 1.0, (Side(joint=j),))]
             yield (f"w{j}",), [(f"w{j}", "s/rad", 0.1, (Rate(joint=j),))]
-    if scene.approach:
+    if facts.approach:
         axes = ("x", "y", "z")
         variables = tuple(f"approach_{axis}" for axis in axes)
         yield variables, [(f"approach {a}", "", 1.0, (Approach(axis=a),)) for a in axes]
     if turning is not None:
-        yield from _pairs(scene)
-        if scene.rates:
-            yield from _of_the_side(scene, turning)
+        yield from _pairs(facts)
+        if facts.rates:
+            yield from _of_the_side(facts, turning)
 
 
-def _of_the_side(scene: Scene, joint: int) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
+def _of_the_side(
+    facts: SessionFacts, joint: int
+) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
     """Friction of one joint that depends on where another stands, how warm it is, or how fast it
     turned."""
     of_the_rate = _of_the_rate(joint)
     yield (f"w{joint}",), [of_the_rate[2]]
-    for j in scene.joints:
+    for j in facts.joints:
         if j != joint:
             for function in of_the_rate[:2]:
                 yield (f"w{joint}", f"q{j}"), _products([function], _waves(j, 1))
-    for name in scene.sensors:
+    for name in facts.sensors:
         factor = temperature({name: 1.0})
         yield (f"w{joint}", name), _products(of_the_rate[:1], [(f"ΔT({name})", "", 5.0, (factor,))])
 
 
-def _pairs(scene: Scene) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
-    for i, j in combinations(scene.joints, 2):
+def _pairs(facts: SessionFacts) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
+    for i, j in combinations(facts.joints, 2):
         product = (f"q{i}·q{j}", "", 1.0, (Angle(joint=i), Angle(joint=j)))
         yield (f"q{i}", f"q{j}"), [product]
         yield (f"q{i}", f"q{j}"), _products(_waves(i, 1), _waves(j, 1))
-    for name in scene.sensors:
+    for name in facts.sensors:
         factor = temperature({name: 1.0})
-        for j in scene.joints:
+        for j in facts.joints:
             products = [
                 (f"ΔT({name}) {label}", "1/K", 5.0, (factor, *wave))
                 for label, _, _, wave in _waves(j, 1)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from armd.compensation.diagnose.design import Experiment
+from armd.compensation.design.design import Experiment
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
 from armd.compensation.report.page import Page
@@ -17,10 +17,10 @@ from armd.compensation.report.page import Page
 def design_report(experiment: Experiment, arm: Arm, rows: Sequence[Mapping[str, Any]]) -> str:
     """The page; *rows* is the table, one mapping per pose."""
     page = Page(f"Next experiment with {arm.serial_number}")
-    question = experiment.question
+    criterion = experiment.criterion
     page.text(
-        f"To {question.words}: {experiment.climate.words}. {question.quantity.capitalize()}: "
-        f"{experiment.before:.2f} {question.unit} with the sessions there are, "
+        f"To {criterion.words}: {experiment.climate.words}. {criterion.quantity.capitalize()}: "
+        f"{experiment.before:.2f} {criterion.unit} with the sessions there are, "
         f"{experiment.after:.2f} with these {len(rows)} poses on one new placement of the "
         "artefact too. Put a target near each tip position, turn the joints as shown, and come "
         "to rest from the side given."

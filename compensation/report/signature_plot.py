@@ -13,7 +13,7 @@ import numpy.typing as npt
 import plotly.graph_objects as go
 
 from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.signatures import compile_candidates
+from armd.compensation.diagnose.fitting.signatures import compile_candidates
 from armd.compensation.effects.effect import ARC_SECOND, Candidate
 from armd.compensation.model import parameters
 from armd.compensation.report.page import COLOURS, MOST_POINTS

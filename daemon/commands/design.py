@@ -13,10 +13,10 @@ from rich.console import Console
 from rich.table import Table
 
 from armd.compensation.data.session import load_sessions
-from armd.compensation.diagnose.conditions import POOL
-from armd.compensation.diagnose.design import FEW, MANY, Experiment, design
+from armd.compensation.design.conditions import POOL
+from armd.compensation.design.design import FEW, MANY, Experiment, design
+from armd.compensation.diagnose.advice import next_experiment
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.next import next_experiment
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.errors import BadInput
@@ -68,9 +68,9 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         result = {
             "schema": "armd.design/1",
-            "goal": experiment.question.words,
-            "quantity": experiment.question.quantity,
-            "unit": experiment.question.unit,
+            "goal": experiment.criterion.words,
+            "quantity": experiment.criterion.quantity,
+            "unit": experiment.criterion.unit,
             "before": experiment.before,
             "after": experiment.after,
             "climate": experiment.climate.words,
@@ -109,10 +109,10 @@ def table(experiment: Experiment, sensors: list[str]) -> list[dict[str, Any]]:
 
 def _print(experiment: Experiment, rows: list[dict[str, Any]], sentence: str) -> None:
     console = Console()
-    question = experiment.question
+    criterion = experiment.criterion
     console.print(
-        f"To {question.words}: {experiment.climate.words}, these poses on one new placement\n"
-        f"{question.quantity}: {experiment.before:.2f} {question.unit} with these sessions, "
+        f"To {criterion.words}: {experiment.climate.words}, these poses on one new placement\n"
+        f"{criterion.quantity}: {experiment.before:.2f} {criterion.unit} with these sessions, "
         f"{experiment.after:.2f} with the experiment too",
         soft_wrap=True,
     )

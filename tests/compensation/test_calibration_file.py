@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from test_model import an_arm
 
-from armd.compensation.effects.effect import Scene
-from armd.compensation.effects.mount_drift import steady_drift
+from armd.compensation.effects.effect import SessionFacts
+from armd.compensation.effects.setup.mount_drift import steady_drift
 from armd.compensation.model import calibration as module
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.basis import basis_values
@@ -202,10 +202,10 @@ def test_a_term_that_follows_time_ends_when_its_file_was_made_unless_it_says_whe
 
 
 def test_what_a_diagnosis_writes_of_time_says_from_when_to_when_it_was_seen() -> None:
-    scene = cast(Scene, SimpleNamespace(start_unix_s=1.7e9, end_unix_s=1.7e9 + 3600))
+    facts = cast(SessionFacts, SimpleNamespace(start_unix_s=1.7e9, end_unix_s=1.7e9 + 3600))
     factors = [
         factor
-        for column in steady_drift(scene).columns
+        for column in steady_drift(facts).columns
         for term in column.terms
         for factor in term.basis
     ]

@@ -14,10 +14,10 @@ import numpy as np
 from cases import HELD
 
 from armd.compensation.data.session import load_session
-from armd.compensation.diagnose.conditions import HEATED_K
-from armd.compensation.diagnose.design import Experiment, design
+from armd.compensation.design.conditions import HEATED_K
+from armd.compensation.design.design import Experiment, design
+from armd.compensation.diagnose.advice import SURE, Doubt, most_doubtful
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
-from armd.compensation.diagnose.next import SURE, Doubt, most_doubtful
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
@@ -64,7 +64,7 @@ class Settled:
         done = self.proposed
         return (
             f"{len(done.tip_mm)} poses, {done.climate.words}, {done.before:.1f} to "
-            f"{done.after:.1f} {done.question.unit}"
+            f"{done.after:.1f} {done.criterion.unit}"
         )
 
 

@@ -16,7 +16,7 @@ from planting import planted, rms_um, wave
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.borne_out import Look, choose
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.fit import Refits, solve_again
+from armd.compensation.diagnose.fitting.fit import Refits, solve_again
 from armd.compensation.diagnose.gain import gain
 from armd.compensation.diagnose.result import as_json, um, verdict
 from armd.compensation.effects.effect import Candidate

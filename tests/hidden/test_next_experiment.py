@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from doubts import Doubtful, settle
 
-from armd.compensation.diagnose.next import next_experiment
-from armd.compensation.diagnose.question import Between
+from armd.compensation.design.criterion import Between
+from armd.compensation.diagnose.advice import next_experiment
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
 from armd.simulator.campaigns.hidden import DESIGNS, Design
@@ -96,11 +96,11 @@ def test_of_several_rivals_the_near_and_likely_ones_count() -> None:
 
     def together(weight_of_near: float, rows: np.ndarray | None = None) -> float:
         weight = np.array([[weight_of_near, 1.0]])
-        question = Between("", np.arange(0), np.arange(3), finding, rivals, weight)
-        (near, far), *_ = question.apart(information)[0]
+        criterion = Between("", np.arange(0), np.arange(3), finding, rivals, weight)
+        (near, far), *_ = criterion.apart(information)[0]
         assert near == pytest.approx(10.0 * np.sqrt(1 - 0.9**2))
         assert far == pytest.approx(10.0)
-        return float(question.merit(information, rows)[0])
+        return float(criterion.merit(information, rows)[0])
 
     assert 4.3 < together(1.0) < together(1e-3) < together(0.0) == pytest.approx(10.0)
     reading = np.zeros((1, 3, 3))
@@ -123,7 +123,7 @@ def test_the_proposed_poses_resolve_what_a_short_range_confounds(n_seeds: int, t
             if settled is None:
                 continue
             assert settled.doubt.words in next_experiment(before)
-            assert settled.proposed.question.words == settled.doubt.words
+            assert settled.proposed.criterion.words == settled.doubt.words
             # A dozen or two poses say more of it than all the readings before.
             assert settled.proposed.after**2 > 2.0 * settled.proposed.before**2
             outcomes.append(settled.resolved)

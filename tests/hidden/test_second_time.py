@@ -16,11 +16,11 @@ import pytest
 from planting import ARC_SECOND, Effect, middle_unix_s, planted, rms_um, slip, wave
 
 from armd.compensation.data.session import Session, load_session
-from armd.compensation.diagnose.baseline import from_calibration
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
-from armd.compensation.diagnose.evidence import pseudo_inverse_factor
-from armd.compensation.diagnose.fit import fit
-from armd.compensation.diagnose.problem import gather_rests
+from armd.compensation.diagnose.fitting.baseline import from_calibration
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.problem import gather_rests
+from armd.compensation.diagnose.scoring.evidence import pseudo_inverse_factor
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration

@@ -11,7 +11,7 @@ import pytest
 from planting import planted, rows, slip, wave
 
 from armd.compensation.data.session import Session, load_session
-from armd.compensation.diagnose.conditions import draw_poses
+from armd.compensation.design.conditions import draw_poses
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.result import as_json, size_known, verdict
 from armd.compensation.diagnose.search import _as_told

@@ -13,13 +13,13 @@ from convert import convert
 from rich.console import Console
 
 from armd.compensation.data.session import Session, load_session
-from armd.compensation.diagnose.baseline import from_calibration
 from armd.compensation.diagnose.diagnose import diagnose, model_under_test
-from armd.compensation.diagnose.fit import fit
-from armd.compensation.diagnose.noise import LEAST_MM
-from armd.compensation.diagnose.problem import ModelState, Rests, gather_rests, linearise
+from armd.compensation.diagnose.fitting.baseline import from_calibration
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.noise import LEAST_MM
+from armd.compensation.diagnose.fitting.problem import ModelState, Rests, gather_rests, linearise
+from armd.compensation.diagnose.fitting.session_facts import gather_facts
 from armd.compensation.diagnose.result import verdict
-from armd.compensation.diagnose.scene import make_scene
 from armd.compensation.effects.catalogue import candidates
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column
 from armd.compensation.model.arm import Arm, TemperatureSensor, load_arm
@@ -70,9 +70,9 @@ def test_a_step_is_judged_by_its_own_scatter(folder: Path, place: str) -> None:
 
 def test_without_times_nothing_is_claimed_of_a_moment(seats: tuple[Arm, Session, Rests]) -> None:
     arm, session, rests = seats
-    scene = make_scene(rests, arm, model_under_test([session], arm, None))
-    assert not scene.timed
-    for candidate in candidates(scene):
+    facts = gather_facts(rests, arm, model_under_test([session], arm, None))
+    assert not facts.timed
+    for candidate in candidates(facts):
         assert "time_s" not in candidate.depends_on
         assert "instant" not in {name for name, _, _ in candidate.setting}
 
@@ -81,9 +81,9 @@ def test_the_only_length_is_not_doubted(seats: tuple[Arm, Session, Rests]) -> No
     """An arm shrunk to nothing has no residual: what alone says its size cannot be a finding."""
     arm, session, rests = seats
     free = model_under_test([session], arm, None)
-    assert make_scene(rests, arm, free).distances == ()
+    assert gather_facts(rests, arm, free).distances == ()
     held = from_calibration(free.calibration, arm, held=True)
-    assert len(make_scene(rests, arm, held).distances) == 1
+    assert len(gather_facts(rests, arm, held).distances) == 1
 
 
 def test_noise_stays_finite_where_everything_is_absorbed(

@@ -14,7 +14,7 @@ from hidden.planting import rms_um, rows
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.neighbourhood import possible
+from armd.compensation.diagnose.fitting.neighbourhood import possible
 from armd.compensation.diagnose.result import as_json, verdict
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.gauge import PLAUSIBLE

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.problem import Linear, ModelState
+from armd.compensation.diagnose.fitting.problem import Linear, ModelState
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.problem import Linear
+from armd.compensation.diagnose.fitting.problem import Linear
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

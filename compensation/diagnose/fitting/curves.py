@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.absorbing import is_curve
-from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.fitting.fit import Fit
+from armd.compensation.diagnose.fitting.nuisance import is_curve
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.model import parameters
 from armd.compensation.model.terms import Curve, Harmonic, Term
@@ -45,7 +45,7 @@ def as_curve(candidate: Candidate, values: F64, q: F64) -> Term:
 
 
 def as_written(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
-    """For each curve among the findings, its absorbing columns (m,), rows (r,) of rests *out*
+    """For each curve among the findings, its nuisance columns (m,), rows (r,) of rests *out*
     where a curve learnt at the others knows nothing, and what the columns (r, m) are there."""
     linear = current.linear
     q = linear.rests.observations.states.q

@@ -9,23 +9,23 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose import noise as noise_model
-from armd.compensation.diagnose.absorbing import (
+from armd.compensation.diagnose.fitting import noise as noise_model
+from armd.compensation.diagnose.fitting.baseline import Baseline, moved, scaled
+from armd.compensation.diagnose.fitting.blocks import Blocks, in_blocks
+from armd.compensation.diagnose.fitting.noise import Noise, Nuisance
+from armd.compensation.diagnose.fitting.nuisance import (
     Layout,
-    absorb,
     amplitude_variance,
     for_noise,
+    gather_nuisance,
     is_sized,
     with_gauge,
     with_other_findings,
     with_some_findings,
 )
-from armd.compensation.diagnose.baseline import Baseline, moved, scaled
-from armd.compensation.diagnose.blocks import Blocks, in_blocks
-from armd.compensation.diagnose.evidence import pseudo_inverse_factor
-from armd.compensation.diagnose.noise import Absorbing, Noise
-from armd.compensation.diagnose.problem import Linear, ModelState, Rests, linearise
-from armd.compensation.diagnose.signatures import compile_candidates
+from armd.compensation.diagnose.fitting.problem import Linear, ModelState, Rests, linearise
+from armd.compensation.diagnose.fitting.signatures import compile_candidates
+from armd.compensation.diagnose.scoring.evidence import pseudo_inverse_factor
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
@@ -54,19 +54,19 @@ class Fit:
     amplitudes: tuple[F64, ...]  # per finding
     covariances: tuple[F64, ...]
     noise: Noise
-    absorbing: Absorbing
+    nuisance: Nuisance
     layout: Layout
     residual: F64  # (N,) before anything absorbs, winsorised about the fit
     raw_residual: F64  # (N,) the same as measured
-    fitted: F64  # (N,) of it what the absorbing columns explain
+    fitted: F64  # (N,) of it what the nuisance columns explain
     solution: F64  # (b,)
     inverse: F64  # (b, b) covariance of the solution
 
     @cached_property
     def white(self) -> tuple[F64, F64, F64]:
-        """Whitened absorbing columns (N, b) of unit length, by what they were divided, and their
+        """Whitened nuisance columns (N, b) of unit length, by what they were divided, and their
         products (b, b)."""
-        white, scale = self.noise.whiten_to_unit(self.absorbing.columns)
+        white, scale = self.noise.whiten_to_unit(self.nuisance.columns)
         return white, scale, white.T @ white
 
     def net_signature(self, index: int) -> F64:
@@ -76,16 +76,16 @@ class Fit:
         it could take up is still the finding's.
         """
         own = self.layout.findings[index]
-        moves = -self.absorbing.columns[:, own] @ self.amplitudes[index]
+        moves = -self.nuisance.columns[:, own] @ self.amplitudes[index]
         keep = np.delete(np.arange(len(self.solution)), own)
         white, scale, gram = self.white
-        variance = with_gauge(self.absorbing.variance, self.layout)[keep]
+        variance = with_gauge(self.nuisance.variance, self.layout)[keep]
         ridge = np.diag(1.0 / (variance * scale[keep] ** 2))
         factor = pseudo_inverse_factor(gram[np.ix_(keep, keep)] + ridge)
         side = (white.T @ self.noise.whiten(moves))[keep]
         taken = factor @ (factor.T @ side) / scale[keep]
         model = keep < self.layout.shared
-        other = self.absorbing.columns[:, keep[model]] @ taken[model]
+        other = self.nuisance.columns[:, keep[model]] @ taken[model]
         net: F64 = (moves - other)[: 3 * self.linear.rests.n].reshape(-1, 3)
         return net
 
@@ -136,23 +136,21 @@ def fit(
         columns = finding_columns(linear, findings, arm)
         # Without the findings' own part, so that the solution is the whole amplitude.
         residual = linear.residual - _kinematic_part(findings, columns, amplitudes)
-        absorbing, layout = absorb(linear, arm, baseline, findings, columns, sizes)
+        nuisance, layout = gather_nuisance(linear, arm, baseline, findings, columns, sizes)
         extra = finding_columns(linear, noise_extra, arm)
-        noisy = for_noise(absorbing, layout, extra)
+        noisy = for_noise(nuisance, layout, extra)
         blocks = in_blocks(noisy.columns, linear)
         if noise is None:
             noise = noise_model.estimate(linear, residual, blocks, noisy.variance)
-        fitted = absorbing.columns @ _solve(
-            blocks, absorbing.ridged(noise), layout, noise, residual
-        )
+        fitted = nuisance.columns @ _solve(blocks, nuisance.ridged(noise), layout, noise, residual)
         clipped = noise_model.winsorise(residual, fitted, noise)
         noise = noise_model.estimate(linear, clipped, blocks, noisy.variance, noise)
-        fitted = absorbing.columns @ _solve(blocks, absorbing.ridged(noise), layout, noise, clipped)
+        fitted = nuisance.columns @ _solve(blocks, nuisance.ridged(noise), layout, noise, clipped)
         clipped = noise_model.winsorise(residual, fitted, noise)
-        normal = _normal(blocks, len(absorbing.variance), noise, clipped)
-        absorbing, sizes = _sized(absorbing.ridged(noise), layout, findings, sizes, normal)
-        solution, inverse = normal.solved(with_gauge(absorbing.variance, layout))
-        fitted = absorbing.columns @ solution
+        normal = _normal(blocks, len(nuisance.variance), noise, clipped)
+        nuisance, sizes = _sized(nuisance.ridged(noise), layout, findings, sizes, normal)
+        solution, inverse = normal.solved(with_gauge(nuisance.variance, layout))
+        fitted = nuisance.columns @ solution
         before = amplitudes
         amplitudes = [-solution[at] for at in layout.findings]
         shift = [
@@ -160,7 +158,7 @@ def fit(
         ]
         if not baseline.held:
             step = -solution[layout.identified]
-            shift.append(absorbing.columns[:, layout.identified] @ step)
+            shift.append(nuisance.columns[:, layout.identified] @ step)
         largest = max((float(np.abs(part).max()) for part in shift), default=0.0)
         near = largest**2 / LENGTH_MM < CURVED_SHARE * noise.scale_mm
         if near or step_number == MOST_STEPS or largest > before_this:
@@ -176,7 +174,7 @@ def fit(
         tuple(amplitudes),
         tuple(inverse[at, at] for at in layout.findings),
         noise,
-        absorbing,
+        nuisance,
         layout,
         clipped,
         residual,
@@ -190,21 +188,21 @@ def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Ar
     """The linear problem of a fit with other findings and another whitener; nothing else moves."""
     columns = finding_columns(known.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
-    absorbing, layout = with_other_findings(known.absorbing, known.layout, findings, columns, sizes)
+    nuisance, layout = with_other_findings(known.nuisance, known.layout, findings, columns, sizes)
     normal = _normal(
-        in_blocks(absorbing.columns, known.linear), len(absorbing.variance), noise, known.residual
+        in_blocks(nuisance.columns, known.linear), len(nuisance.variance), noise, known.residual
     )
-    absorbing, _ = _sized(absorbing, layout, findings, sizes, normal)
-    solution, inverse = normal.solved(with_gauge(absorbing.variance, layout))
+    nuisance, _ = _sized(nuisance, layout, findings, sizes, normal)
+    solution, inverse = normal.solved(with_gauge(nuisance.variance, layout))
     return replace(
         known,
         findings=tuple(findings),
         amplitudes=tuple(-solution[at] for at in layout.findings),
         covariances=tuple(inverse[at, at] for at in layout.findings),
         noise=noise,
-        absorbing=absorbing,
+        nuisance=nuisance,
         layout=layout,
-        fitted=absorbing.columns @ solution,
+        fitted=nuisance.columns @ solution,
         solution=solution,
         inverse=inverse,
     )
@@ -216,7 +214,7 @@ class Refits:
 
     def __init__(self, known: Fit, noise: Noise) -> None:
         self._known, self._noise = known, noise
-        blocks = in_blocks(known.absorbing.columns, known.linear)
+        blocks = in_blocks(known.nuisance.columns, known.linear)
         self._normal = _normal(blocks, len(known.solution), noise, known.residual)
 
     def with_some(self, some: Sequence[int]) -> Fit:
@@ -224,19 +222,19 @@ class Refits:
         known, whole = self._known, self._normal
         kept, layout = with_some_findings(known.layout, some, len(known.solution))
         normal = _Normal(whole.gram[np.ix_(kept, kept)], whole.side[kept], whole.scale[kept])
-        columns = known.absorbing.columns[:, kept]
+        columns = known.nuisance.columns[:, kept]
         findings = tuple(known.findings[i] for i in some)
-        absorbing = Absorbing(columns, known.absorbing.variance[kept])
+        nuisance = Nuisance(columns, known.nuisance.variance[kept])
         sizes = [CURVE_SCALE] * len(findings)
-        absorbing, _ = _sized(absorbing, layout, findings, sizes, normal)
-        solution, inverse = normal.solved(with_gauge(absorbing.variance, layout))
+        nuisance, _ = _sized(nuisance, layout, findings, sizes, normal)
+        solution, inverse = normal.solved(with_gauge(nuisance.variance, layout))
         return replace(
             known,
             findings=findings,
             amplitudes=tuple(-solution[at] for at in layout.findings),
             covariances=tuple(inverse[at, at] for at in layout.findings),
             noise=self._noise,
-            absorbing=absorbing,
+            nuisance=nuisance,
             layout=layout,
             fitted=columns @ solution,
             solution=solution,
@@ -256,18 +254,18 @@ def _kinematic_part(
 
 
 def _sized(
-    absorbing: Absorbing,
+    nuisance: Nuisance,
     layout: Layout,
     findings: Sequence[Candidate],
     sizes: Sequence[float],
     normal: _Normal,
-) -> tuple[Absorbing, list[float]]:
+) -> tuple[Nuisance, list[float]]:
     """With each curve's likely size as the data have it: expectation–maximisation, few steps."""
     sizes = list(sizes)
     curves = [i for i, candidate in enumerate(findings) if is_sized(candidate)]
     if not curves:
-        return absorbing, sizes
-    variance = absorbing.variance.copy()
+        return nuisance, sizes
+    variance = nuisance.variance.copy()
     for _ in range(SIZING_STEPS):
         solution, inverse = normal.solved(with_gauge(variance, layout))
         for i in curves:
@@ -276,15 +274,13 @@ def _sized(
             square = (solution[at] ** 2 + np.diag(inverse)[at]) / unit
             sizes[i] = float(np.clip(np.sqrt(square.mean()), *CURVE_SCALES))
             variance[at] = sizes[i] ** 2 * unit
-    return Absorbing(absorbing.columns, variance), sizes
+    return Nuisance(nuisance.columns, variance), sizes
 
 
-def _solve(
-    blocks: Blocks, absorbing: Absorbing, layout: Layout, noise: Noise, residual: F64
-) -> F64:
+def _solve(blocks: Blocks, nuisance: Nuisance, layout: Layout, noise: Noise, residual: F64) -> F64:
     """Generalised least squares: solution (b,) with B x ≈ residual."""
-    normal = _normal(blocks, len(absorbing.variance), noise, residual)
-    return normal.solved(with_gauge(absorbing.variance, layout))[0]
+    normal = _normal(blocks, len(nuisance.variance), noise, residual)
+    return normal.solved(with_gauge(nuisance.variance, layout))[0]
 
 
 @dataclass(frozen=True)

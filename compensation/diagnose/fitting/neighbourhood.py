@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.absorbing import is_sized, most_plausible
-from armd.compensation.diagnose.baseline import moved
-from armd.compensation.diagnose.fit import Fit, with_findings
-from armd.compensation.diagnose.problem import Linear, ModelState, linearise
+from armd.compensation.diagnose.fitting.baseline import moved
+from armd.compensation.diagnose.fitting.fit import Fit, with_findings
+from armd.compensation.diagnose.fitting.nuisance import is_sized, most_plausible
+from armd.compensation.diagnose.fitting.problem import Linear, ModelState, linearise
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, plain
 from armd.compensation.estimate.gauge import PLAUSIBLE

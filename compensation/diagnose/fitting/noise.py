@@ -16,8 +16,8 @@ import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize, minimize_scalar
 
-from armd.compensation.diagnose.blocks import Blocks
-from armd.compensation.diagnose.problem import Linear
+from armd.compensation.diagnose.fitting.blocks import Blocks
+from armd.compensation.diagnose.fitting.problem import Linear
 
 F64 = npt.NDArray[np.float64]
 
@@ -33,7 +33,7 @@ MOST_RELATIVE = 1e6  # variance of a shared column over that of one rest
 
 
 @dataclass(frozen=True)
-class Absorbing:
+class Nuisance:
     """Columns (N, b) that explain for themselves, each amplitude normal with a variance.
 
     Infinite: it absorbs freely. NaN: the slow drift's, which the noise estimate fills in.
@@ -42,10 +42,10 @@ class Absorbing:
     columns: F64
     variance: F64
 
-    def ridged(self, noise: Noise) -> Absorbing:
+    def ridged(self, noise: Noise) -> Nuisance:
         """With the drift's variance filled in."""
         variance = np.where(np.isnan(self.variance), noise.drift_mm**2, self.variance)
-        return Absorbing(self.columns, np.maximum(variance, 1e-14))
+        return Nuisance(self.columns, np.maximum(variance, 1e-14))
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Noise:
         return white, scale
 
 
-def target_columns(linear: Linear) -> Absorbing:
+def target_columns(linear: Linear) -> Nuisance:
     """What certified positions do not know: three columns per target, shared by its rests."""
     observations = linear.rests.observations
     uncertainty = observations.uncertainty_mm
@@ -96,10 +96,10 @@ def target_columns(linear: Linear) -> Absorbing:
             column[: 3 * linear.rests.n] = (rotation[:, :, axis] * rows[:, None]).ravel()
             columns.append(column)
             variance.append(sigma**2)
-    return Absorbing(_stack(columns, linear), np.array(variance))
+    return Nuisance(_stack(columns, linear), np.array(variance))
 
 
-def drift_columns(linear: Linear) -> Absorbing:
+def drift_columns(linear: Linear) -> Nuisance:
     """A wandering base: a random walk in each session, three directions each.
 
     Each column holds from one knot on, rising linearly from the knot before. Steps that are
@@ -121,7 +121,7 @@ def drift_columns(linear: Linear) -> Absorbing:
                 column = np.zeros(len(linear.residual))
                 column[3 * rows + axis] = ramp
                 columns.append(column)
-    return Absorbing(_stack(columns, linear), np.full(len(columns), np.nan))
+    return Nuisance(_stack(columns, linear), np.full(len(columns), np.nan))
 
 
 def _stack(columns: list[F64], linear: Linear) -> F64:
@@ -148,7 +148,7 @@ class _Gram:
 
 
 def estimate(
-    linear: Linear, residual: F64, absorbing: Blocks, variance: F64, before: Noise | None = None
+    linear: Linear, residual: F64, nuisance: Blocks, variance: F64, before: Noise | None = None
 ) -> Noise:
     """Variances by REML from *residual* (N,), given what absorbs and each amplitude's *variance*.
 
@@ -162,7 +162,7 @@ def estimate(
     @cache
     def at_share(share: float) -> tuple[float, float, float]:
         whitener = _unit_whitener(linear, share)
-        products = absorbing.products(whitener, distance, residual)[np.ix_(order, order)]
+        products = nuisance.products(whitener, distance, residual)[np.ix_(order, order)]
         return _best_scale(_sums(whitener, products, len(free), len(residual)), variance[shared])
 
     low, high, steps = 0.01, 0.99, 7

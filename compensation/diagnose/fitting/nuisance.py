@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose import noise as noise_model
-from armd.compensation.diagnose.baseline import Baseline
-from armd.compensation.diagnose.evidence import SCALES
-from armd.compensation.diagnose.noise import Absorbing
-from armd.compensation.diagnose.problem import Linear, ModelState
+from armd.compensation.diagnose.fitting import noise as noise_model
+from armd.compensation.diagnose.fitting.baseline import Baseline
+from armd.compensation.diagnose.fitting.noise import Nuisance
+from armd.compensation.diagnose.fitting.problem import Linear, ModelState
+from armd.compensation.diagnose.scoring.evidence import SCALES
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.unknown import SHAPE_OF
 from armd.compensation.model import parameters
@@ -33,7 +33,7 @@ PER_KELVIN = 0.1  # of that, for the slope of a term
 
 @dataclass(frozen=True)
 class Layout:
-    """Which of the absorbing columns belong to whom."""
+    """Which of the nuisance columns belong to whom."""
 
     identified: slice  # constants and terms (when held: the directions of their covariance)
     findings: tuple[slice, ...]
@@ -43,24 +43,24 @@ class Layout:
     gauge: F64  # (identified,) variance with which to choose where the data leave it open
 
 
-def absorb(
+def gather_nuisance(
     linear: Linear,
     arm: Arm,
     baseline: Baseline,
     findings: Sequence[Candidate],
     columns: Sequence[F64],
     sizes: Sequence[float],
-) -> tuple[Absorbing, Layout]:
+) -> tuple[Nuisance, Layout]:
     own = baseline.columns(linear, arm)
     if baseline.held:
         own = own @ baseline.root
     targets = noise_model.target_columns(linear)
     drift = noise_model.drift_columns(linear)
     blocks = [
-        Absorbing(linear.nuisance, np.full(linear.nuisance.shape[1], np.inf)),
-        Absorbing(own, np.full(own.shape[1], 1.0 if baseline.held else np.inf)),
+        Nuisance(linear.nuisance, np.full(linear.nuisance.shape[1], np.inf)),
+        Nuisance(own, np.full(own.shape[1], 1.0 if baseline.held else np.inf)),
         *(
-            Absorbing(block, amplitude_variance(candidate, size))
+            Nuisance(block, amplitude_variance(candidate, size))
             for candidate, block, size in zip(findings, columns, sizes, strict=True)
         ),
         _column_of_the_mount(linear, baseline, arm),
@@ -69,7 +69,7 @@ def absorb(
     ]
     edges = np.cumsum([0, *(block.columns.shape[1] for block in blocks)])
     places = [slice(low, high) for low, high in itertools.pairwise(edges)]
-    joined = Absorbing(
+    joined = Nuisance(
         np.hstack([block.columns for block in blocks]),
         np.concatenate([block.variance for block in blocks]),
     )
@@ -84,20 +84,20 @@ def absorb(
 
 
 def with_other_findings(
-    absorbing: Absorbing,
+    nuisance: Nuisance,
     layout: Layout,
     findings: Sequence[Candidate],
     columns: Sequence[F64],
     sizes: Sequence[float],
-) -> tuple[Absorbing, Layout]:
+) -> tuple[Nuisance, Layout]:
     """The same with other findings in the place of those that it has."""
     first, stop = layout.identified.stop, layout.mount.start
     edges = np.cumsum([first, *(block.shape[1] for block in columns)])
     more = int(edges[-1]) - stop
     variances = map(amplitude_variance, findings, sizes)
-    changed = Absorbing(
-        np.hstack([absorbing.columns[:, :first], *columns, absorbing.columns[:, stop:]]),
-        np.concatenate([absorbing.variance[:first], *variances, absorbing.variance[stop:]]),
+    changed = Nuisance(
+        np.hstack([nuisance.columns[:, :first], *columns, nuisance.columns[:, stop:]]),
+        np.concatenate([nuisance.variance[:first], *variances, nuisance.variance[stop:]]),
     )
     return changed, Layout(
         layout.identified,
@@ -110,7 +110,7 @@ def with_other_findings(
 
 
 def with_some_findings(layout: Layout, some: Sequence[int], b: int) -> tuple[I64, Layout]:
-    """Which of *b* absorbing columns stay with *some* of the findings, and their layout."""
+    """Which of *b* nuisance columns stay with *some* of the findings, and their layout."""
     first, stop = layout.identified.stop, layout.mount.start
     own = [np.arange(layout.findings[i].start, layout.findings[i].stop) for i in some]
     kept = np.concatenate([np.arange(first), *own, np.arange(stop, b)])
@@ -139,16 +139,16 @@ def mount_term(model: ModelState, arm: Arm) -> Term | None:
     return Term(parameter="d_1", basis=[Temperature(weights=weights)], coefficient=1.0)
 
 
-def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> Absorbing:
+def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> Nuisance:
     term = mount_term(baseline.model, arm)  # a finding's d_1 of another basis does not count
     if term is None:
-        return Absorbing(np.zeros((len(linear.residual), 0)), np.zeros(0))
+        return Nuisance(np.zeros((len(linear.residual), 0)), np.zeros(0))
     states = linear.rests.observations.states
     weights = arm.joint[0].weights
     temperature = sum(w * states.temperature_c[:, arm.sensors.index(s)] for s, w in weights.items())
     rise = np.nan_to_num(temperature - linear.model.reference_c)
     column = linear.signature(parameters.index(term.parameter, arm.n_joints), rise)
-    return Absorbing(column[:, None], np.array([np.inf]))
+    return Nuisance(column[:, None], np.array([np.inf]))
 
 
 def is_sized(candidate: Candidate) -> bool:
@@ -181,13 +181,13 @@ def amplitude_variance(candidate: Candidate, size: float) -> F64:
     return np.array([(size * column.typical) ** 2 for column in candidate.columns])
 
 
-def for_noise(absorbing: Absorbing, layout: Layout, extra: Sequence[F64]) -> Absorbing:
+def for_noise(nuisance: Nuisance, layout: Layout, extra: Sequence[F64]) -> Nuisance:
     """What absorbs while the noise is estimated: findings freely, curves too."""
-    variance = absorbing.variance.copy()
+    variance = nuisance.variance.copy()
     for at in layout.findings:
         variance[at] = np.inf
     free = [np.full(block.shape[1], np.inf) for block in extra]
-    return Absorbing(np.hstack([absorbing.columns, *extra]), np.concatenate([variance, *free]))
+    return Nuisance(np.hstack([nuisance.columns, *extra]), np.concatenate([variance, *free]))
 
 
 def _gauge(baseline: Baseline, arm: Arm) -> F64:

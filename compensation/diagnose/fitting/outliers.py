@@ -7,7 +7,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import fdtrc, fdtri
 
-from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.fitting.fit import Fit
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.baseline import Baseline
-from armd.compensation.diagnose.problem import Rests
-from armd.compensation.effects.effect import Scene
+from armd.compensation.diagnose.fitting.baseline import Baseline
+from armd.compensation.diagnose.fitting.problem import Rests
+from armd.compensation.effects.effect import SessionFacts
 from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
@@ -18,8 +18,8 @@ MOST_INSTANTS = 40
 LEAST_SPAN_K = 0.05
 
 
-def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
-    """The scene of these rests under the model to test."""
+def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
+    """The facts of these rests under the model to test."""
     observations = rests.observations
     states = observations.states
     temperatures = states.temperature_c
@@ -33,7 +33,7 @@ def make_scene(rests: Rests, arm: Arm, baseline: Baseline) -> Scene:
     certified = np.unique(labels[observations.target[~observations.has_truth]])
     named = [str(name) for name in certified if not observations.unknown[labels == name].any()]
     rate = states.rate[np.isfinite(states.rate)]
-    return Scene(
+    return SessionFacts(
         arm=arm,
         constants=baseline.model.constants,
         terms=baseline.model.terms,

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.sparse import csr_array
 
-from armd.compensation.diagnose.noise import Noise
-from armd.compensation.diagnose.problem import Linear
+from armd.compensation.diagnose.fitting.noise import Noise
+from armd.compensation.diagnose.fitting.problem import Linear
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import fdtrc
 
-from armd.compensation.diagnose.fit import Fit
+from armd.compensation.diagnose.fitting.fit import Fit
 
 F64 = npt.NDArray[np.float64]
 
@@ -23,7 +23,7 @@ STEP_P = 1e-3
 
 
 @dataclass(frozen=True)
-class Leftover:
+class TargetStep:
     """What is left of the rests at one target in one placement, in the order of the readings."""
 
     placement: str
@@ -35,7 +35,7 @@ class Leftover:
     step_p: float  # chance that the scatter about the two means makes a step as clear anywhere
 
 
-def leftovers(last: Fit) -> list[Leftover]:
+def target_steps(last: Fit) -> list[TargetStep]:
     """One entry per placement and target."""
     observations = last.linear.rests.observations
     left = 1e3 * (last.raw_residual - last.fitted)[: 3 * observations.n].reshape(-1, 3)
@@ -45,7 +45,7 @@ def leftovers(last: Fit) -> list[Leftover]:
         own = left[(pairs == (placement, target)).all(axis=1)]
         step_um, after, step_p = _clearest_step(own)
         found.append(
-            Leftover(
+            TargetStep(
                 observations.placement_names[placement],
                 observations.target_names[target],
                 len(own),
@@ -58,7 +58,7 @@ def leftovers(last: Fit) -> list[Leftover]:
     return found
 
 
-def steps(of: list[Leftover]) -> list[Leftover]:
+def steps(of: list[TargetStep]) -> list[TargetStep]:
     """Those with a step that their own scatter does not explain; a single target's is the arm's or
     the base's, and for the search to find."""
     return [one for one in of if len(of) > 1 and len(of) * one.step_p < STEP_P]

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
-from armd.compensation.diagnose.evidence import Scores, Sums, score
-from armd.compensation.diagnose.fit import Fit
-from armd.compensation.diagnose.ground import Ground
-from armd.compensation.diagnose.shape import is_shape, shape_place
-from armd.compensation.diagnose.signatures import Signatures, compile_candidates
+from armd.compensation.diagnose.fitting.fit import Fit
+from armd.compensation.diagnose.fitting.signatures import Signatures, compile_candidates
+from armd.compensation.diagnose.scoring.evidence import Scores, Sums, score
+from armd.compensation.diagnose.scoring.projection import Projection
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.effects.effect import Candidate
 
 #: That a strong finding's shape is off is as likely as not.
@@ -22,16 +22,16 @@ SHAPE_PRIOR = 0.5
 
 
 @dataclass(frozen=True)
-class Survey:
-    """One fit's ground, and how strongly what it leaves wants each candidate."""
+class ScoredCandidates:
+    """One fit's projection, and how strongly what it leaves wants each candidate."""
 
-    ground: Ground
+    projection: Projection
     sums: Sums
 
     @property
     def fit(self) -> Fit:
         """The fit whose findings are in the model."""
-        return self.ground.fit
+        return self.projection.fit
 
     @cached_property
     def scores(self) -> Scores:
@@ -53,12 +53,12 @@ class Survey:
 
     def freed(self, index: int) -> Scores:
         """Of all candidates, one finding and its shape taken out; also of parts of the others."""
-        absorbing = self.ground.shapes.without(self.fit, index)
-        return score(self.sums, self.ground.place[absorbing])
+        nuisance = self.projection.shapes.without(self.fit, index)
+        return score(self.sums, self.projection.place[nuisance])
 
     @cached_property
-    def _of_findings(self) -> Survey:
-        return take_survey(self.ground, self.fit.findings)
+    def _of_findings(self) -> ScoredCandidates:
+        return score_candidates(self.projection, self.fit.findings)
 
     @cached_property
     def _parts(self) -> npt.NDArray[np.bool_]:
@@ -83,17 +83,19 @@ class Survey:
         best = float(scores.log_evidence[of_place].max())
         own = float(self.alone(index).log_evidence[index])
         shape = next((c for c in self.fit.findings if c.location == shape_place(candidate)), None)
-        shape = shape or self.ground.shapes.candidates[index]
+        shape = shape or self.projection.shapes.candidates[index]
         if shape is not None:  # in the model or not, it belongs to it
             both = replace(candidate, columns=(*candidate.columns, *shape.columns))
-            bent = float(take_survey(self.ground, [both]).freed(index).log_evidence[0])
+            bent = float(score_candidates(self.projection, [both]).freed(index).log_evidence[0])
             own = float(np.logaddexp(own, bent + np.log(SHAPE_PRIOR)))
         log_weight += max(own - best, 0.0)
         return float(np.exp(np.clip(log_weight, -500.0, 500.0)))
 
 
-def take_survey(ground: Ground, candidates: Sequence[Candidate] | Signatures) -> Survey:
+def score_candidates(
+    projection: Projection, candidates: Sequence[Candidate] | Signatures
+) -> ScoredCandidates:
     """One pass over the rows with all *candidates*, compiled or not."""
     if not isinstance(candidates, Signatures):
-        candidates = compile_candidates(candidates, ground.fit.linear, ground.arm)
-    return Survey(ground, ground.sums(candidates))
+        candidates = compile_candidates(candidates, projection.fit.linear, projection.arm)
+    return ScoredCandidates(projection, projection.sums(candidates))

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtrc
 
-from armd.compensation.diagnose.evidence import ABSORBED, inverse_factor
-from armd.compensation.diagnose.fit import Fit, finding_columns
+from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
+from armd.compensation.diagnose.scoring.evidence import ABSORBED, inverse_factor
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
@@ -50,10 +50,10 @@ def _products(columns: F64, current: Fit, without: slice) -> F64:
     What absorbs with a finite variance is noise that rests share: the metric is the inverse of
     the whole covariance, not a projection. Signatures have unit length before that is cleared.
     """
-    keep = np.ones(len(current.absorbing.variance), dtype=bool)
+    keep = np.ones(len(current.nuisance.variance), dtype=bool)
     keep[without] = False
     white, scale, gram = current.white
-    ridge = 1.0 / (current.absorbing.variance[keep] * scale[keep] ** 2)
+    ridge = 1.0 / (current.nuisance.variance[keep] * scale[keep] ** 2)
     factor = inverse_factor(gram[np.ix_(keep, keep)] + np.diag(ridge))
     signals, size = current.noise.whiten_to_unit(columns)
     signals[:, 0] *= size[0]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy.linalg import solve_triangular
 from scipy.special import chdtrc, logsumexp
 
-from armd.compensation.diagnose.signatures import Signatures
+from armd.compensation.diagnose.fitting.signatures import Signatures
 from armd.compensation.effects.effect import Candidate
 
 F64 = npt.NDArray[np.float64]
@@ -34,7 +34,7 @@ UNKNOWN_PRIOR = 0.05
 
 @dataclass(frozen=True)
 class Sums:
-    """Products over whitened rows of shared absorbing columns B, candidates' columns X, residual
+    """Products over whitened rows of shared nuisance columns B, candidates' columns X, residual
     r, clear of what absorbs in one placement only (but for the lengths)."""
 
     signatures: Signatures

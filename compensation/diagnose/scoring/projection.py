@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.evidence import Sums, inverse_factor, total
-from armd.compensation.diagnose.fit import Fit
-from armd.compensation.diagnose.shape import Shapes, with_shapes
-from armd.compensation.diagnose.signatures import Signatures
+from armd.compensation.diagnose.fitting.fit import Fit
+from armd.compensation.diagnose.fitting.signatures import Signatures
+from armd.compensation.diagnose.scoring.evidence import Sums, inverse_factor, total
+from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
 from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
@@ -37,15 +37,15 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Ground:
-    """What candidates are weighed on: one fit's rows, whitened; b absorbing columns are shared."""
+class Projection:
+    """What candidates are weighed on: one fit's rows, whitened; b nuisance columns are shared."""
 
     fit: Fit
     arm: Arm
     shapes: Shapes
     cells: tuple[Cell, ...]
     jacobian: F64  # (P, N) whitened
-    place: I64  # (absorbing and shapes,) number among the shared columns; −1: eliminated
+    place: I64  # (nuisance and shapes,) number among the shared columns; −1: eliminated
     variance: F64  # (b,) of the shared columns' amplitudes
     square: F64  # (parts, b) squared lengths before clearing
     clear: F64  # (N, b + 1) shared columns, then the residual, clear of the cells' own
@@ -65,7 +65,7 @@ class Ground:
         """Columns (N, m), whitened and clear of what the cells' own absorb."""
         return _cleared(self.fit.noise.whiten(columns), self.cells)
 
-    def without(self, part: int, fit: Fit) -> Ground:
+    def without(self, part: int, fit: Fit) -> Projection:
         """Without the rests of a part, for a *fit* whose whitener is zero there."""
         kept = np.arange(len(self.gram)) != part
         clear = self.clear.copy()
@@ -81,12 +81,12 @@ class Ground:
             gram=self.gram * kept[:, None, None],
         )
 
-    def with_findings_of(self, fit: Fit) -> Ground:
+    def with_findings_of(self, fit: Fit) -> Projection:
         """The same rows with a fit's findings and their shapes among what absorbs; none were."""
         at = fit.layout.identified.stop
         stop = fit.layout.mount.start
         shapes = with_shapes(fit, self.arm)
-        more = np.hstack([fit.absorbing.columns[:, at:stop], shapes.absorbing.columns])
+        more = np.hstack([fit.nuisance.columns[:, at:stop], shapes.nuisance.columns])
         white = fit.noise.whiten(more)
         clear = _cleared(white, self.cells)
         known, b = self.clear[:, :-1], len(self.variance)
@@ -110,7 +110,7 @@ class Ground:
             shapes=shapes,
             place=np.concatenate([self.place[:at], findings, self.place[at:], of_shapes]),
             variance=np.concatenate(
-                [self.variance, fit.absorbing.variance[at:stop], shapes.absorbing.variance]
+                [self.variance, fit.nuisance.variance[at:stop], shapes.nuisance.variance]
             ),
             square=square,
             clear=np.hstack([known, clear, self.clear[:, -1:]]),
@@ -229,16 +229,16 @@ class Ground:
         }
 
 
-def make_ground(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Ground:
-    """The ground of a fit; *part_of* (n,): which part of the data each rest belongs to."""
+def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projection:
+    """The projection of a fit; *part_of* (n,): which part of the data each rest belongs to."""
     observations = fit.linear.rests.observations
     n, size = observations.n, len(fit.residual)
     part_of = np.zeros(n, dtype=np.int64) if part_of is None else part_of
     parts = int(part_of.max(initial=0)) + 1
     shapes = with_shapes(fit, arm)
-    columns = [fit.absorbing.columns, shapes.absorbing.columns, fit.residual[:, None]]
+    columns = [fit.nuisance.columns, shapes.nuisance.columns, fit.residual[:, None]]
     white = fit.noise.whiten(np.hstack(columns))
-    variance = np.concatenate([fit.absorbing.variance, shapes.absorbing.variance])
+    variance = np.concatenate([fit.nuisance.variance, shapes.nuisance.variance])
     labels = observations.placement * parts + part_of
     rests = [np.flatnonzero(labels == label) for label in np.unique(labels)]
     # The certified distances are in no placement: they are a part that always stays.
@@ -267,7 +267,7 @@ def make_ground(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Ground:
     for cell in cells:
         gram[cell.part] += shared[cell.rows, :-1].T @ clear[cell.rows]
         square[cell.part] += (shared[cell.rows, :-1] ** 2).sum(axis=0)
-    return Ground(
+    return Projection(
         fit,
         arm,
         shapes,

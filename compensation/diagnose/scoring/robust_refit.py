@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.absorbing import most_plausible
-from armd.compensation.diagnose.evidence import inverse_factor
-from armd.compensation.diagnose.fit import finding_columns
-from armd.compensation.diagnose.ground import Ground
-from armd.compensation.diagnose.noise import WINSOR_AT
+from armd.compensation.diagnose.fitting.fit import finding_columns
+from armd.compensation.diagnose.fitting.noise import WINSOR_AT
+from armd.compensation.diagnose.fitting.nuisance import most_plausible
+from armd.compensation.diagnose.scoring.evidence import inverse_factor
+from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 
 F64 = npt.NDArray[np.float64]
@@ -28,30 +28,30 @@ REWEIGHTINGS = 6
 MOST_GAINED = 2.0
 
 
-def unclipped(candidates: Sequence[Candidate], weight: F64, ground: Ground) -> F64:
+def unclipped(candidates: Sequence[Candidate], weight: F64, projection: Projection) -> F64:
     """(C,) by how much each one's gain in log likelihood is larger than on the clipped residual.
 
     Zero where it could not matter: for those of a log *weight* (C,) too far below the best.
     """
-    _, left = ground.clear_of_all(_residuals(ground))
-    in_tails = _huber(left[:, 0], ground) - _huber(left[:, 1], ground)
+    _, left = projection.clear_of_all(_residuals(projection))
+    in_tails = _huber(left[:, 0], projection) - _huber(left[:, 1], projection)
     near = weight >= weight.max() - MOST_GAINED * in_tails
     more = np.zeros(len(candidates))
     if near.sum() > 1:
-        raw, clipped = ground.clear_of_cells(_residuals(ground)).T
-        nothing = _absorbing(ground)
+        raw, clipped = projection.clear_of_cells(_residuals(projection)).T
+        nothing = _absorbing(projection)
         before = nothing.robust(raw)[1] - nothing.square(clipped)
         for i in map(int, np.flatnonzero(near)):
-            both = nothing.joined(candidates[i], ground)
+            both = nothing.joined(candidates[i], projection)
             more[i] = before - (both.robust(raw)[1] - both.square(clipped))
     return more
 
 
-def clipped_about(candidate: Candidate, ground: Ground) -> Ground:
-    """The ground with its fit's residual clipped about the fit with a candidate in the model."""
-    fit = ground.fit
-    both = _absorbing(ground).joined(candidate, ground)
-    raw = ground.clear_of_cells(fit.raw_residual[:, None])[:, 0]
+def clipped_about(candidate: Candidate, projection: Projection) -> Projection:
+    """The projection, its residual clipped about the fit with a candidate in the model."""
+    fit = projection.fit
+    both = _absorbing(projection).joined(candidate, projection)
+    raw = projection.clear_of_cells(fit.raw_residual[:, None])[:, 0]
     solution, _ = both.robust(raw)
     n = fit.linear.rests.n
     left = (raw - both.clear @ solution)[: 3 * n].reshape(n, 3)
@@ -62,17 +62,17 @@ def clipped_about(candidate: Candidate, ground: Ground) -> Ground:
     residual[: 3 * n].reshape(n, 3)[clipped] -= np.linalg.solve(
         fit.noise.whitener[clipped], less[clipped][:, :, None]
     )[:, :, 0]
-    return replace(ground, fit=replace(fit, residual=residual))
+    return replace(projection, fit=replace(fit, residual=residual))
 
 
-def _residuals(ground: Ground) -> F64:
+def _residuals(projection: Projection) -> F64:
     """(N, 2) as measured, and clipped."""
-    return np.stack([ground.fit.raw_residual, ground.fit.residual], axis=1)
+    return np.stack([projection.fit.raw_residual, projection.fit.residual], axis=1)
 
 
-def _huber(left: F64, ground: Ground) -> float:
+def _huber(left: F64, projection: Projection) -> float:
     """Huber's loss of residuals (N,), of each rest's components together."""
-    end = 3 * ground.fit.linear.rests.n
+    end = 3 * projection.fit.linear.rests.n
     size = np.linalg.norm(left[:end].reshape(-1, 3), axis=1)
     within = np.minimum(size, WINSOR_AT)
     return float((within * (size - 0.5 * within)).sum() + 0.5 * (left[end:] ** 2).sum())
@@ -82,19 +82,19 @@ def _huber(left: F64, ground: Ground) -> float:
 class _Problem:
     """Columns of unit length that explain a residual, their amplitudes held by a prior."""
 
-    ground: Ground
+    projection: Projection
     clear: F64  # (N, b)
     gram: F64  # (b, b)
     ridge: F64  # (b,)
 
-    def joined(self, candidate: Candidate, ground: Ground) -> _Problem:
+    def joined(self, candidate: Candidate, projection: Projection) -> _Problem:
         """With a candidate's columns, amplitudes of up to the largest plausible size."""
-        columns = finding_columns(ground.fit.linear, [candidate], ground.arm)[0]
-        own, length = _to_unit(ground.clear_of_cells(columns))
+        columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
+        own, length = _to_unit(projection.clear_of_cells(columns))
         most = [most_plausible(column) for column in candidate.columns]
         across = self.clear.T @ own
         return _Problem(
-            ground,
+            projection,
             np.hstack([self.clear, own]),
             np.block([[self.gram, across], [across.T, own.T @ own]]),
             np.concatenate([self.ridge, 1.0 / np.maximum(most * length, 1e-150) ** 2]),
@@ -108,7 +108,7 @@ class _Problem:
 
     def robust(self, residual: F64) -> tuple[F64, float]:
         """The solution (b,) of least Huber's loss, and that loss."""
-        n = self.ground.fit.linear.rests.n
+        n = self.projection.fit.linear.rests.n
         side = self.clear.T @ residual
         less = np.zeros(n)  # by how much a rest's weight is less than one
         best: tuple[F64, float] = np.zeros(len(side)), np.inf
@@ -119,7 +119,7 @@ class _Problem:
             factor = inverse_factor(gram)
             solution = factor @ (factor.T @ (side - taken.T @ residual[rows]))
             left = residual - self.clear @ solution
-            loss = _huber(left, self.ground) + 0.5 * float(solution**2 @ self.ridge)
+            loss = _huber(left, self.projection) + 0.5 * float(solution**2 @ self.ridge)
             if loss < best[1]:
                 best = solution, loss
             size = np.linalg.norm(left[: 3 * n].reshape(-1, 3), axis=1)
@@ -127,10 +127,10 @@ class _Problem:
         return best
 
 
-def _absorbing(ground: Ground) -> _Problem:
+def _absorbing(projection: Projection) -> _Problem:
     """What placements share of what absorbs."""
-    clear, length = _to_unit(ground.clear[:, :-1])
-    return _Problem(ground, clear, clear.T @ clear, 1.0 / (ground.variance * length**2))
+    clear, length = _to_unit(projection.clear[:, :-1])
+    return _Problem(projection, clear, clear.T @ clear, 1.0 / (projection.variance * length**2))
 
 
 def _to_unit(columns: F64) -> tuple[F64, F64]:

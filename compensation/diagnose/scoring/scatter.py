@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import fdtrc
 
-from armd.compensation.diagnose.evidence import ABSORBED
-from armd.compensation.diagnose.fit import finding_columns
-from armd.compensation.diagnose.ground import Ground
+from armd.compensation.diagnose.fitting.fit import finding_columns
+from armd.compensation.diagnose.scoring.evidence import ABSORBED
+from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 
 F64 = npt.NDArray[np.float64]
@@ -23,16 +23,16 @@ F64 = npt.NDArray[np.float64]
 MOST_LEVERAGE = 0.9
 
 
-def log_p_by_scatter(candidate: Candidate, ground: Ground) -> float:
+def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     """Log of the p value of a candidate's score, its variance from the rests' own residuals."""
-    plain, clear, residual = _cleared(candidate, ground)
+    plain, clear, residual = _cleared(candidate, projection)
     values, vectors = np.linalg.eigh(plain.T @ clear)
     kept = values > ABSORBED * max(float(values.max(initial=0.0)), 1e-300)
     if not kept.any():
         return 0.0
     root = vectors[:, kept] / np.sqrt(values[kept])
     score = root.T @ (plain.T @ residual)
-    m, n = len(score), 3 * ground.fit.linear.rests.n
+    m, n = len(score), 3 * projection.fit.linear.rests.n
     weights = clear @ root
     rests = weights[:n].reshape(-1, 3, m)
     left = (residual - weights @ score)[:n].reshape(-1, 3)
@@ -47,11 +47,11 @@ def log_p_by_scatter(candidate: Candidate, ground: Ground) -> float:
     return float(np.log(max(tail, 1e-300)))
 
 
-def _cleared(candidate: Candidate, ground: Ground) -> tuple[F64, F64, F64]:
+def _cleared(candidate: Candidate, projection: Projection) -> tuple[F64, F64, F64]:
     """A candidate's whitened columns (N, m) of unit length, the same clear of what absorbs (the
     findings' shapes included), and the residual (N,) clear."""
-    columns = finding_columns(ground.fit.linear, [candidate], ground.arm)[0]
-    white, clear = ground.clear_of_all(np.hstack([columns, ground.fit.residual[:, None]]))
+    columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
+    white, clear = projection.clear_of_all(np.hstack([columns, projection.fit.residual[:, None]]))
     size = np.sqrt((white[:, :-1] ** 2).sum(axis=0))
     size = np.where(size > 0.0, size, 1.0)
     return white[:, :-1] / size, clear[:, :-1] / size, clear[:, -1]

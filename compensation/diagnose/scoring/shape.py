@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.diagnose.absorbing import is_sized
-from armd.compensation.diagnose.baseline import scaled
-from armd.compensation.diagnose.fit import Fit, finding_columns
-from armd.compensation.diagnose.noise import Absorbing
+from armd.compensation.diagnose.fitting.baseline import scaled
+from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
+from armd.compensation.diagnose.fitting.noise import Nuisance
+from armd.compensation.diagnose.fitting.nuisance import is_sized
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.unknown import SHAPE_OF
 from armd.compensation.model.arm import Arm
@@ -45,12 +45,12 @@ def shape_place(candidate: Candidate) -> str:
 class Shapes:
     """The findings' shapes, which absorb too while the search looks further."""
 
-    absorbing: Absorbing  # theirs only
+    nuisance: Nuisance  # theirs only
     candidates: tuple[Candidate | None, ...]  # per finding, its shape where it may be off
-    columns: tuple[range, ...]  # of each finding's shape, counted on from the fit's absorbing ones
+    columns: tuple[range, ...]  # of each finding's shape, counted on from the fit's nuisance ones
 
     def without(self, current: Fit, index: int) -> list[int]:
-        """The absorbing columns of a finding and its shape, be that a finding itself."""
+        """The nuisance columns of a finding and its shape, be that a finding itself."""
         own = current.findings[index]
         return [
             *self.columns[index],
@@ -71,14 +71,14 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
         for c, values in zip(current.findings, current.amplitudes, strict=True)
     )
     blocks = finding_columns(current.linear, [c for c in candidates if c is not None], arm)
-    at, columns = current.absorbing.columns.shape[1], []
+    at, columns = current.nuisance.columns.shape[1], []
     for candidate in candidates:
         width = 0 if candidate is None else len(candidate.columns)
         columns.append(range(at, at + width))
         at += width
     nothing = np.empty((len(current.residual), 0))
     joined = np.hstack([nothing, *blocks])
-    return Shapes(Absorbing(joined, np.full(joined.shape[1], OFF**2)), candidates, tuple(columns))
+    return Shapes(Nuisance(joined, np.full(joined.shape[1], OFF**2)), candidates, tuple(columns))
 
 
 def shape_of(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:

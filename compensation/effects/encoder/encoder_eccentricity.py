@@ -10,7 +10,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     plain,
     seconds_of_arc,
     tie,
@@ -33,8 +33,8 @@ def harmonic_columns(joint: int, order: int, typical: float) -> tuple[Column, ..
     )
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
         yield Candidate(
             "encoder_eccentricity",
             f"joint {k}",

@@ -9,14 +9,14 @@ from armd.compensation.effects.effect import (
     F64,
     Candidate,
     Effect,
-    Scene,
+    SessionFacts,
     seconds_of_arc,
 )
-from armd.compensation.effects.encoder_eccentricity import harmonic_columns
+from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
         columns = harmonic_columns(k, 2, 3 * ARC_SECOND)
         yield Candidate("encoder_ellipticity", f"joint {k}", columns, (f"q{k}",))
 

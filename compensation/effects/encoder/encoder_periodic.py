@@ -9,10 +9,10 @@ from armd.compensation.effects.effect import (
     F64,
     Candidate,
     Effect,
-    Scene,
+    SessionFacts,
     seconds_of_arc,
 )
-from armd.compensation.effects.encoder_eccentricity import harmonic_columns
+from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
 
 ORDERS = range(3, 41)
 #: A curve over the turn is a group of all orders up to one of these.
@@ -20,8 +20,8 @@ CURVES = (8, 20, 40)
 UNDECIDED = "whether encoder or gear causes it these data cannot tell"
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
         for order in ORDERS:
             columns = harmonic_columns(k, order, 2 * ARC_SECOND)
             setting = (("order", float(order), "1/turn"),)

@@ -8,15 +8,15 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     seconds_of_arc,
     tie,
 )
 from armd.compensation.model.terms import Angle
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
         terms = tie([(f"theta_{k}", 1.0)], Angle(joint=k))
         column = Column("gain", "rad/rad", 5 * ARC_SECOND, terms)
         yield Candidate("encoder_scale", f"joint {k}", (column,), (f"q{k}",))

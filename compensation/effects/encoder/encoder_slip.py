@@ -8,7 +8,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     seconds_of_arc,
     tie,
     when,
@@ -16,12 +16,12 @@ from armd.compensation.effects.effect import (
 from armd.compensation.model.terms import After
 
 
-def _at(scene: Scene, joint: int, instant: float, finest: bool) -> Candidate:
+def _at(facts: SessionFacts, joint: int, instant: float, finest: bool) -> Candidate:
     terms = tie([(f"theta_{joint}", 1.0)], After(instant_unix_s=instant))
     column = Column("step", "rad", 15 * ARC_SECOND, terms)
 
     def refine() -> list[Candidate]:
-        return [_at(scene, joint, t, True) for t in scene.nearby_instants(instant)]
+        return [_at(facts, joint, t, True) for t in facts.nearby_instants(instant)]
 
     return Candidate(
         "encoder_slip",
@@ -33,10 +33,10 @@ def _at(scene: Scene, joint: int, instant: float, finest: bool) -> Candidate:
     )
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
-        for instant in scene.instants_unix_s:
-            yield _at(scene, k, instant, False)
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
+        for instant in facts.instants_unix_s:
+            yield _at(facts, k, instant, False)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

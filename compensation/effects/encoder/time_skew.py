@@ -2,14 +2,22 @@
 
 from collections.abc import Iterator
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain, tie
+from armd.compensation.effects.effect import (
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    SessionFacts,
+    plain,
+    tie,
+)
 from armd.compensation.model.terms import Rate
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    if not scene.rates:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    if not facts.rates:
         return
-    for k in scene.joints:
+    for k in facts.joints:
         terms = tie([(f"theta_{k}", 1.0)], Rate(joint=k))
         column = Column("delay", "s", 80e-6, terms)
         yield Candidate("time_skew", f"joint {k}", (column,), (f"w{k}",))

@@ -10,7 +10,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     plain,
     tie,
 )
@@ -20,18 +20,18 @@ from armd.compensation.model.terms import Harmonic
 BASE = (["base_rx", "base_ry", "base_x", "base_y"], np.eye(4))
 
 
-def _motions(scene: Scene, joint: int) -> tuple[list[str], F64]:
+def _motions(facts: SessionFacts, joint: int) -> tuple[list[str], F64]:
     """Parameters and weights (n, 4) that tilt and shift the axis of *joint* across itself."""
     if joint == 1:
         return BASE
     twists = np.zeros((6, 4))
     twists[[0, 1, 3, 4], range(4)] = 1.0
-    return twist_weights(scene, joint - 1, twists)
+    return twist_weights(facts, joint - 1, twists)
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
-        names, weights = _motions(scene, k)
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
+        names, weights = _motions(facts, k)
         for what, unit, typical, axes in (
             ("tilt", "rad", 3 * ARC_SECOND, (0, 1)),
             ("run-out", "mm", 5e-3, (2, 3)),

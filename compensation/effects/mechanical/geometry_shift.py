@@ -9,7 +9,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     plain,
     seconds_of_arc,
     tie,
@@ -29,12 +29,12 @@ TYPICAL = {
 PARALLEL = 0.5
 
 
-def _at(scene: Scene, joint: int, name: str, instant: float, finest: bool) -> Candidate:
+def _at(facts: SessionFacts, joint: int, name: str, instant: float, finest: bool) -> Candidate:
     unit = "mm" if name in ("d", "a") else "rad"
     terms = tie([(f"{name}_{joint}", 1.0)], After(instant_unix_s=instant))
 
     def refine() -> list[Candidate]:
-        return [_at(scene, joint, name, t, True) for t in scene.nearby_instants(instant)]
+        return [_at(facts, joint, name, t, True) for t in facts.nearby_instants(instant)]
 
     return Candidate(
         "geometry_shift",
@@ -46,19 +46,19 @@ def _at(scene: Scene, joint: int, name: str, instant: float, finest: bool) -> Ca
     )
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     # Every constant of the last joint only moves the tip in its frame: that is tip_offset.
-    for k in scene.joints[:-1]:
+    for k in facts.joints[:-1]:
         for name, typical in TYPICAL.items():
-            if name == "beta" and abs(math.sin(scene.constant(k, "alpha"))) > PARALLEL:
+            if name == "beta" and abs(math.sin(facts.constant(k, "alpha"))) > PARALLEL:
                 continue
-            if scene.held:
+            if facts.held:
                 unit = "mm" if name in ("d", "a") else "rad"
                 column = Column(name, unit, typical, tie([(f"{name}_{k}", 1.0)]))
                 yield Candidate("geometry_shift", f"joint {k}", (column,), ())
             if name != "theta":  # a step of the angle is the encoder's: encoder_slip
-                for instant in scene.instants_unix_s:
-                    yield _at(scene, k, name, instant, False)
+                for instant in facts.instants_unix_s:
+                    yield _at(facts, k, name, instant, False)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

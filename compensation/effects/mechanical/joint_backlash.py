@@ -8,17 +8,17 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     seconds_of_arc,
     tie,
 )
 from armd.compensation.model.terms import Side
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    if not scene.rates:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    if not facts.rates:
         return
-    for k in scene.joints:
+    for k in facts.joints:
         terms = tie([(f"theta_{k}", 1.0)], Side(joint=k))
         column = Column("half width", "rad", 2 * ARC_SECOND, terms)
         yield Candidate("joint_backlash", f"joint {k}", (column,), (f"w{k}",))

@@ -2,15 +2,23 @@
 
 from collections.abc import Iterator
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain, tie
+from armd.compensation.effects.effect import (
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    SessionFacts,
+    plain,
+    tie,
+)
 from armd.compensation.model.terms import GravityTorque
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
         terms = tie([(f"theta_{k}", 1.0)], GravityTorque(joint=k))
         column = Column("compliance", "rad/Nm", 6e-6, terms)
-        depends = tuple(f"q{j}" for j in scene.joints if j >= min(2, k))
+        depends = tuple(f"q{j}" for j in facts.joints if j >= min(2, k))
         yield Candidate("joint_compliance", f"joint {k}", (column,), depends)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, SessionFacts, plain
 from armd.compensation.effects.twist import link_vector, twist_weights
 from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
 from armd.compensation.model.terms import Factor, GravityDirection, GravityMoment, Term
@@ -23,20 +23,20 @@ def _cross(vector: F64) -> F64:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _column(scene: Scene, link: int) -> Column | None:
-    vector = link_vector(scene, link)
+def _column(facts: SessionFacts, link: int) -> Column | None:
+    vector = link_vector(facts, link)
     length = float(np.linalg.norm(vector)) * 1e-3  # m
     if length * 1e3 < SHORTEST_MM:
         return None
     u = vector / (length * 1e3)
-    masses = link_masses(scene.arm)[0]
+    masses = link_masses(facts.arm)[0]
     own, beyond = masses[link - 1] * STANDARD_GRAVITY, masses[link:].sum() * STANDARD_GRAVITY
     across = np.eye(3) - np.outer(u, u)
     # per unit of L/EI; shifts in mm
     turn = np.hstack([across, (beyond / 2 + own / 6) * length * _cross(u)])
     bow = np.hstack([across / 2, (beyond / 3 + own / 8) * length * _cross(u)])
     shift = -_cross(u) @ bow * length * 1e3
-    names, weights = twist_weights(scene, link, np.vstack([turn, shift]))
+    names, weights = twist_weights(facts, link, np.vstack([turn, shift]))
     factors: list[Factor] = [GravityMoment(link=link, axis=axis) for axis in ("x", "y", "z")]
     factors += [GravityDirection(link=link, axis=axis) for axis in ("x", "y", "z")]
     terms = tuple(
@@ -48,11 +48,11 @@ def _column(scene: Scene, link: int) -> Column | None:
     return Column("compliance", "rad/Nm", 8e-6, terms)
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
-        column = _column(scene, k)
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
+        column = _column(facts, k)
         if column is not None:
-            depends = tuple(f"q{j}" for j in scene.joints if j > 1)
+            depends = tuple(f"q{j}" for j in facts.joints if j > 1)
             yield Candidate("link_bending", f"link {k}", (column,), depends)
 
 

@@ -10,16 +10,16 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     plain,
 )
 
 
-def _each(scene: Scene) -> list[tuple[str, str]]:
+def _each(facts: SessionFacts) -> list[tuple[str, str]]:
     """Each artefact by name, and how a column says so; one is not told from others."""
-    if len(scene.artefacts) < 2:
+    if len(facts.artefacts) < 2:
         return [("", "")]
-    return [(name, f" of {name}") for name in scene.artefacts]
+    return [(name, f" of {name}") for name in facts.artefacts]
 
 
 def _told(candidate: Candidate) -> str:
@@ -27,25 +27,25 @@ def _told(candidate: Candidate) -> str:
     return f" of {change.artefact}" if change is not None and change.artefact else ""
 
 
-def expansion(scene: Scene) -> Iterator[Candidate]:
-    if scene.artefact_c:
-        for name, of in _each(scene):
+def expansion(facts: SessionFacts) -> Iterator[Candidate]:
+    if facts.artefact_c:
+        for name, of in _each(facts):
             change = ArtefactChange("expansion", artefact=name)
             column = Column(f"per kelvin{of}", "1/K", 2.5e-6, artefact=change)
             yield Candidate("artefact_expansion", "artefact", (column,), ("artefact_c",))
 
 
-def length(scene: Scene) -> Iterator[Candidate]:
-    for name, of in _each(scene):
+def length(facts: SessionFacts) -> Iterator[Candidate]:
+    for name, of in _each(facts):
         scale = Column(f"scale{of}", "1", 20e-6, artefact=ArtefactChange("scale", artefact=name))
         yield Candidate("artefact_length", "artefact", (scale,), ("target",))
-    for name in scene.targets:
+    for name in facts.targets:
         columns = tuple(
             Column("xyz"[axis], "mm", 10e-3, artefact=ArtefactChange("target", name, axis))
             for axis in range(3)
         )
         yield Candidate("artefact_length", f"target {name}", columns, ("target",))
-    for index, name in enumerate(scene.distances):
+    for index, name in enumerate(facts.distances):
         change = ArtefactChange("distance", name, index=index)
         column = Column(f"distance {name}", "mm", 50e-3, artefact=change)
         yield Candidate("artefact_length", "artefact", (column,), ("target",))

@@ -10,7 +10,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     plain,
     tie,
     when,
@@ -27,9 +27,9 @@ def _columns(basis: After | Time, per: str) -> tuple[Column, ...]:
     return (*shifts, *turns)
 
 
-def _at(scene: Scene, instant: float, finest: bool) -> Candidate:
+def _at(facts: SessionFacts, instant: float, finest: bool) -> Candidate:
     def refine() -> list[Candidate]:
-        return [_at(scene, t, True) for t in scene.nearby_instants(instant)]
+        return [_at(facts, t, True) for t in facts.nearby_instants(instant)]
 
     return Candidate(
         "mount_drift",
@@ -41,18 +41,18 @@ def _at(scene: Scene, instant: float, finest: bool) -> Candidate:
     )
 
 
-def steady_drift(scene: Scene) -> Candidate:
+def steady_drift(facts: SessionFacts) -> Candidate:
     """The base moving at one rate throughout; before and after nobody knows."""
-    seen = Time(since_unix_s=scene.start_unix_s, until_unix_s=scene.end_unix_s)
+    seen = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
     columns = _columns(seen, "/h")
     return Candidate("mount_drift", "base", columns, ("time_s",))
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    if scene.timed:
-        yield steady_drift(scene)
-    for instant in scene.instants_unix_s:
-        yield _at(scene, instant, False)
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    if facts.timed:
+        yield steady_drift(facts)
+    for instant in facts.instants_unix_s:
+        yield _at(facts, instant, False)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

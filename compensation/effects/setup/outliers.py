@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
-from armd.compensation.effects.effect import F64, Candidate, Effect, Scene
+from armd.compensation.effects.effect import F64, Candidate, Effect, SessionFacts
 
 
-def candidates(_: Scene) -> Iterator[Candidate]:
-    """None: `diagnose.outliers` looks for readings, not for a signature."""
+def candidates(_: SessionFacts) -> Iterator[Candidate]:
+    """None: `diagnose.fitting.outliers` looks for readings, not for a signature."""
     return iter(())
 
 

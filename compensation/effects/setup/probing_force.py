@@ -5,17 +5,25 @@ from typing import Literal
 
 import numpy as np
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain, tie
+from armd.compensation.effects.effect import (
+    F64,
+    Candidate,
+    Column,
+    Effect,
+    SessionFacts,
+    plain,
+    tie,
+)
 from armd.compensation.model.terms import Approach
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    if not scene.approach:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    if not facts.approach:
         return
-    first = 5 * scene.arm.n_joints
-    stylus = scene.constants[first : first + 3]
+    first = 5 * facts.arm.n_joints
+    stylus = facts.constants[first : first + 3]
     length = float(np.linalg.norm(stylus))
     along = stylus / length if length > 1.0 else np.array([0.0, 0.0, 1.0])
     columns = (

@@ -7,7 +7,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     plain,
     tie,
     when,
@@ -23,9 +23,9 @@ def _columns(*basis: After) -> tuple[Column, ...]:
     )
 
 
-def _at(scene: Scene, instant: float, finest: bool) -> Candidate:
+def _at(facts: SessionFacts, instant: float, finest: bool) -> Candidate:
     def refine() -> list[Candidate]:
-        return [_at(scene, t, True) for t in scene.nearby_instants(instant)]
+        return [_at(facts, t, True) for t in facts.nearby_instants(instant)]
 
     return Candidate(
         "tip_offset",
@@ -37,11 +37,11 @@ def _at(scene: Scene, instant: float, finest: bool) -> Candidate:
     )
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    if scene.held:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    if facts.held:
         yield Candidate("tip_offset", "tip", _columns(), ())
-    for instant in scene.instants_unix_s:
-        yield _at(scene, instant, False)
+    for instant in facts.instants_unix_s:
+        yield _at(facts, instant, False)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

@@ -8,7 +8,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     seconds_of_arc,
     temperature,
     tie,
@@ -18,10 +18,10 @@ from armd.compensation.effects.effect import (
 TYPICAL_RAD = {1: 0.6 * ARC_SECOND, 2: 0.06 * ARC_SECOND}
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
-        own = scene.weights(k)
-        for weights in [own] if own else [{name: 1.0} for name in scene.sensors]:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
+        own = facts.weights(k)
+        for weights in [own] if own else [{name: 1.0} for name in facts.sensors]:
             for name in ("theta", "alpha", "beta"):
                 for order, typical in TYPICAL_RAD.items():
                     factor = temperature(weights, order=order)

@@ -7,7 +7,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     lengths,
     plain,
     stylus,
@@ -18,14 +18,14 @@ from armd.compensation.effects.effect import (
 TYPICAL_PER_K = 10e-6
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
-        own = scene.weights(k)
-        sensors = [own] if own else [{name: 1.0} for name in scene.sensors]
-        both = lengths(scene, k)
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
+        own = facts.weights(k)
+        sensors = [own] if own else [{name: 1.0} for name in facts.sensors]
+        both = lengths(facts, k)
         choices = [both] if len(both) == 1 else [both, *([one] for one in both)] if both else []
-        if k == scene.arm.n_joints:  # the stylus is a body of its own
-            choices.append(stylus(scene))
+        if k == facts.arm.n_joints:  # the stylus is a body of its own
+            choices.append(stylus(facts))
         for weights in sensors:
             for lengths_mm in choices:
                 factor = temperature(weights)

@@ -7,7 +7,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     lengths,
     plain,
     temperature,
@@ -17,9 +17,9 @@ from armd.compensation.effects.effect import (
 TYPICAL = {2: 8e-8, 3: 8e-9}
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
-        weights, lengths_mm = scene.weights(k), lengths(scene, k)
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
+        weights, lengths_mm = facts.weights(k), lengths(facts, k)
         if not (weights and lengths_mm):
             continue
         for order, typical in TYPICAL.items():

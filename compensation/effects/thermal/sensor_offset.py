@@ -5,15 +5,15 @@ Only a calibration made before can tell: a fit to the same sessions absorbs it i
 
 from collections.abc import Iterator
 
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Scene, plain
+from armd.compensation.effects.effect import F64, Candidate, Column, Effect, SessionFacts, plain
 from armd.compensation.model.terms import Temperature, Term
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    if not scene.held:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    if not facts.held:
         return
-    for name in scene.sensors:
-        terms = tuple(piece for term in scene.terms for piece in _derivative(term, name))
+    for name in facts.sensors:
+        terms = tuple(piece for term in facts.terms for piece in _derivative(term, name))
         if terms:
             # A sensor tens of kelvin off is noticed long before any length is.
             column = Column("offset", "K", 0.5, terms, reach=5.0)

@@ -12,7 +12,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     lengths,
     temperature,
     tie,
@@ -22,16 +22,16 @@ from armd.compensation.model.terms import Temperature, Term
 TYPICAL_PER_K = 10e-6
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for a, b in combinations(scene.sensors, 2):
-        columns = _exchanged(scene, a, b) if scene.held else _wanted(scene, a, b)
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for a, b in combinations(facts.sensors, 2):
+        columns = _exchanged(facts, a, b) if facts.held else _wanted(facts, a, b)
         if columns:
             yield Candidate("sensor_swapped", f"sensors {a}, {b}", columns, (a, b))
 
 
-def _exchanged(scene: Scene, a: str, b: str) -> tuple[Column, ...]:
+def _exchanged(facts: SessionFacts, a: str, b: str) -> tuple[Column, ...]:
     terms = []
-    for term in scene.terms:
+    for term in facts.terms:
         if len(term.basis) != 1 or not isinstance(term.basis[0], Temperature):
             continue
         factor = term.basis[0]
@@ -45,14 +45,14 @@ def _exchanged(scene: Scene, a: str, b: str) -> tuple[Column, ...]:
     return (Column("exchanged", "1", 1.0, tuple(terms)),) if terms else ()
 
 
-def _wanted(scene: Scene, a: str, b: str) -> tuple[Column, ...]:
+def _wanted(facts: SessionFacts, a: str, b: str) -> tuple[Column, ...]:
     columns = []
     for own, other in ((a, b), (b, a)):
         pairs = [
             pair
-            for k in scene.joints
-            if scene.weights(k) == {own: 1.0}
-            for pair in lengths(scene, k)
+            for k in facts.joints
+            if facts.weights(k) == {own: 1.0}
+            for pair in lengths(facts, k)
         ]
         if pairs:
             terms = tie(pairs, temperature({other: 1.0}))

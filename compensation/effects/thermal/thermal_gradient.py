@@ -12,7 +12,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     plain,
     temperature,
     tie,
@@ -23,9 +23,9 @@ TYPICAL_RAD_PER_M_K = 1.2e-4
 SHORTEST_MM = 20.0
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    for k in scene.joints:
-        vector = link_vector(scene, k)
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for k in facts.joints:
+        vector = link_vector(facts, k)
         length = float(np.linalg.norm(vector)) * 1e-3  # m
         if length * 1e3 < SHORTEST_MM:
             continue
@@ -33,8 +33,8 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
         twists = length * np.vstack(
             [axes, np.cross(axes.T, vector).T / 2]
         )  # per rad/m of curvature
-        names, weights = twist_weights(scene, k, twists)
-        for warm, cold in _differences(scene, k):
+        names, weights = twist_weights(facts, k, twists)
+        for warm, cold in _differences(facts, k):
             factor = temperature({warm: 1.0, cold: -1.0})
             columns = tuple(
                 Column(
@@ -48,11 +48,11 @@ def candidates(scene: Scene) -> Iterator[Candidate]:
             yield Candidate("thermal_gradient", f"link {k}", columns, (warm, cold))
 
 
-def _differences(scene: Scene, link: int) -> list[tuple[str, str]]:
+def _differences(facts: SessionFacts, link: int) -> list[tuple[str, str]]:
     """Differences that involve the link's own sensors; all there are, if it has none."""
-    own = scene.weights(link) or dict.fromkeys(scene.sensors, 1.0)
+    own = facts.weights(link) or dict.fromkeys(facts.sensors, 1.0)
     pairs = {
-        tuple(sorted((name, other))) for name in own for other in scene.sensors if name != other
+        tuple(sorted((name, other))) for name in own for other in facts.sensors if name != other
     }
     return [(a, b) for a, b in sorted(pairs)]
 

@@ -7,7 +7,7 @@ from armd.compensation.effects.effect import (
     Candidate,
     Column,
     Effect,
-    Scene,
+    SessionFacts,
     lengths,
     plain,
     temperature,
@@ -19,17 +19,19 @@ TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 54
 TYPICAL_PER_K = 15e-6
 
 
-def _lagging(scene: Scene, weights: dict[str, float], lag_s: float, finest: bool) -> Candidate:
+def _lagging(
+    facts: SessionFacts, weights: dict[str, float], lag_s: float, finest: bool
+) -> Candidate:
     """Every link on these sensors follows them with one time constant."""
-    links = [k for k in scene.joints if scene.weights(k) == weights and lengths(scene, k)]
-    column = _delayed_terms(scene, weights, lag_s) or _delayed_lengths(
-        [pair for k in links for pair in lengths(scene, k)], weights, lag_s
+    links = [k for k in facts.joints if facts.weights(k) == weights and lengths(facts, k)]
+    column = _delayed_terms(facts, weights, lag_s) or _delayed_lengths(
+        [pair for k in links for pair in lengths(facts, k)], weights, lag_s
     )
     # Where one link has the sensor to itself, the link is the place; otherwise the sensor.
     where = f"link {links[0]}" if len(links) == 1 else f"sensor {', '.join(weights)}"
 
     def refine() -> list[Candidate]:
-        return [_lagging(scene, weights, lag_s * f, True) for f in (0.7, 0.8, 0.9, 1.1, 1.25, 1.4)]
+        return [_lagging(facts, weights, lag_s * f, True) for f in (0.7, 0.8, 0.9, 1.1, 1.25, 1.4)]
 
     return Candidate(
         "thermal_lag",
@@ -41,10 +43,10 @@ def _lagging(scene: Scene, weights: dict[str, float], lag_s: float, finest: bool
     )
 
 
-def _delayed_terms(scene: Scene, weights: dict[str, float], lag_s: float) -> Column | None:
+def _delayed_terms(facts: SessionFacts, weights: dict[str, float], lag_s: float) -> Column | None:
     """What the model has of these sensors, taken late: amplitude 1 if the lag is right."""
     terms = []
-    for term in scene.terms:
+    for term in facts.terms:
         if len(term.basis) != 1 or not isinstance(term.basis[0], Temperature):
             continue
         factor = term.basis[0]
@@ -68,16 +70,16 @@ def _delayed_lengths(
     return Column("per kelvin", "1/K", TYPICAL_PER_K, terms)
 
 
-def candidates(scene: Scene) -> Iterator[Candidate]:
-    if not scene.timed:
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    if not facts.timed:
         return
     seen: list[dict[str, float]] = []
-    for k in scene.joints:
-        weights = scene.weights(k)
-        if weights and lengths(scene, k) and weights not in seen:
+    for k in facts.joints:
+        weights = facts.weights(k)
+        if weights and lengths(facts, k) and weights not in seen:
             seen.append(weights)
             for lag_s in TIME_CONSTANTS_S:
-                yield _lagging(scene, weights, lag_s, False)
+                yield _lagging(facts, weights, lag_s, False)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.session import load_session
-from armd.compensation.diagnose.absorbing import with_gauge
 from armd.compensation.diagnose.diagnose import model_under_test
-from armd.compensation.diagnose.evidence import score, total
-from armd.compensation.diagnose.fit import finding_columns, fit, solve_again
-from armd.compensation.diagnose.ground import make_ground
-from armd.compensation.diagnose.problem import gather_rests
-from armd.compensation.diagnose.scene import make_scene
-from armd.compensation.diagnose.signatures import compile_candidates
+from armd.compensation.diagnose.fitting.fit import finding_columns, fit, solve_again
+from armd.compensation.diagnose.fitting.nuisance import with_gauge
+from armd.compensation.diagnose.fitting.problem import gather_rests
+from armd.compensation.diagnose.fitting.session_facts import gather_facts
+from armd.compensation.diagnose.fitting.signatures import compile_candidates
+from armd.compensation.diagnose.scoring.evidence import score, total
+from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.effects import catalogue
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
@@ -31,14 +31,14 @@ def problem(tmp_path_factory):
     sessions = [load_session(path, arm) for path in case.sessions]
     baseline, rests = model_under_test(sessions, arm, None), gather_rests(sessions, arm)
     found = fit(rests, arm, baseline, baseline.model)
-    candidates = list(catalogue.candidates(make_scene(rests, arm, baseline)))
+    candidates = list(catalogue.candidates(gather_facts(rests, arm, baseline)))
     return found, arm, candidates
 
 
 def statistic(current, candidate, arm) -> float:
     """χ² of a candidate by one dense least-squares problem with all that absorbs."""
-    variance = np.minimum(current.absorbing.variance, 1e12)
-    white, scale = current.noise.whiten_to_unit(current.absorbing.columns)
+    variance = np.minimum(current.nuisance.variance, 1e12)
+    white, scale = current.noise.whiten_to_unit(current.nuisance.columns)
     prior = np.diag(1.0 / np.sqrt(variance * scale**2))
     x = current.noise.whiten(finding_columns(current.linear, [candidate], arm)[0])
     left = current.noise.whiten(current.residual)
@@ -64,7 +64,7 @@ def test_scores_are_those_of_one_dense_problem(problem) -> None:
     others = [c for c in candidates if not _moves(c, arm.n_joints)]
     some = [*strong, *others[::200]]
     signatures = compile_candidates(some, current.linear, arm)
-    scores = score(make_ground(current, arm).sums(signatures))
+    scores = score(make_projection(current, arm).sums(signatures))
     told = [i for i in range(len(some)) if scores.freedom[i] == len(some[i].columns)]
     assert 0 in told and len(told) > 5
     dense = [statistic(current, some[i], arm) for i in told]
@@ -76,11 +76,11 @@ def test_a_part_left_out_of_the_sums_is_left_out_of_the_problem(problem) -> None
     current, arm, candidates = problem
     signatures = compile_candidates(candidates[::40], current.linear, arm)
     part_of = current.linear.rests.observations.placement % 2
-    whole = make_ground(current, arm, part_of)
+    whole = make_projection(current, arm, part_of)
     first, second, distances = whole.sums_by_part(signatures)
     whitener = np.where((part_of == 1)[:, None, None], 0.0, current.noise.whitener)
     without = solve_again(current, [], replace(current.noise, whitener=whitener), arm)
-    anew = score(make_ground(without, arm).sums(signatures))
+    anew = score(make_projection(without, arm).sums(signatures))
     from_parts = score(total([first, distances]))
     np.testing.assert_allclose(from_parts.statistic, anew.statistic, rtol=1e-5, atol=1e-6)
     np.testing.assert_array_equal(from_parts.freedom, anew.freedom)
@@ -95,14 +95,14 @@ def test_a_fit_without_a_part_is_the_fit_of_the_others_alone(problem) -> None:
     whitener = np.where(out[:, None, None], 0.0, current.noise.whitener)
     without = solve_again(current, [], replace(current.noise, whitener=whitener), arm)
     kept = np.append(np.repeat(~out, 3), np.ones(len(current.residual) - 3 * len(out), bool))
-    white, scale = without.noise.whiten_to_unit(without.absorbing.columns)
-    prior = 1.0 / np.sqrt(with_gauge(without.absorbing.variance, without.layout)) / scale
+    white, scale = without.noise.whiten_to_unit(without.nuisance.columns)
+    prior = 1.0 / np.sqrt(with_gauge(without.nuisance.variance, without.layout)) / scale
     heard = white[kept].any(axis=0)
     rows = np.vstack([white[kept], np.diag(prior)])[:, heard]
     side = np.append(current.noise.whiten(current.residual)[kept], np.zeros(len(prior)))
     alone = np.linalg.lstsq(rows, side, rcond=1e-9)[0] / scale[heard]
     own = np.flatnonzero(heard[without.layout.identified]) + without.layout.identified.start
-    move = current.absorbing.columns[:, own]
+    move = current.nuisance.columns[:, own]
     expected = move @ alone[np.searchsorted(np.flatnonzero(heard), own)]
     np.testing.assert_allclose(move @ without.solution[own], expected, atol=2e-5)
 
@@ -110,11 +110,11 @@ def test_a_fit_without_a_part_is_the_fit_of_the_others_alone(problem) -> None:
 def test_findings_join_what_absorbs_without_another_pass(problem) -> None:
     current, arm, candidates = problem
     signatures = compile_candidates(candidates[::40], current.linear, arm)
-    nothing = make_ground(current, arm)
+    nothing = make_projection(current, arm)
     finding = next(c for c in candidates if c.place == ("encoder_eccentricity", "joint 3"))
     found = solve_again(current, [finding], current.noise, arm)
     grown = nothing.with_findings_of(found)
     known = score(grown.sums_with(nothing.sums(signatures)))
-    anew = score(make_ground(found, arm).sums(signatures))
+    anew = score(make_projection(found, arm).sums(signatures))
     np.testing.assert_allclose(known.statistic, anew.statistic, rtol=1e-5, atol=1e-6)
     np.testing.assert_array_equal(known.freedom, anew.freedom)
