@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test lint bench clean hidden soak fuzz system-test deb paper real so101
+.PHONY: install demo test test-slow lint bench clean hidden soak fuzz system-test deb paper real so101
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -32,8 +32,14 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# One worker for what is live, one for what computes (tests/conftest.py).
+TWO_WORKERS := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
+
 test: lint
-	$(BIN)/python -m pytest -m "not slow" $(TEST_ARGS)
+	$(TWO_WORKERS) -m "not slow" $(TEST_ARGS)
+
+test-slow: install
+	$(TWO_WORKERS) -m slow --ignore tests/deploy/test_system.py $(TEST_ARGS)
 
 # A fresh Monte Carlo of effects hidden by the simulator: make hidden CASES=100 SEED=7
 CASES ?= 40
