@@ -4,98 +4,23 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from dme_bench import MEASUREMENT, Bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from armd import POINT, Flag
+from armd import Flag
 from armd.daemon.bridges.ippdme.commands_2_5 import VERSIONS
 from armd.daemon.bridges.ippdme.csy import CoordinateSystems, Transformation, state_file
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.daemon.bridges.ippdme.machine import Machine
-from armd.daemon.bridges.ippdme.session import MOST_WAITING, Session
-from armd.daemon.bridges.ippdme.tools import Toolbox
-from armd.daemon.bridges.tips import Tips
+from armd.daemon.bridges.ippdme.session import MOST_WAITING
 from armd.errors import BadInput
 
-INFO = {
-    "arm": {"tip": {"offset_mm": [0.0, 0.0, 100.0], "radius_mm": 3.0}},
-    "configuration": {
-        "tips": {
-            "Ball3": {"offset_mm": [0.0, 0.0, 120.0], "radius_mm": 1.5},
-            "long": {"offset_mm": [0.0, 50.0, 0.0], "radius_mm": None},
-        }
-    },
-}
-MEASUREMENT: dict[str, Any] = {
-    "trigger": "button", "seq": 7, "position_mm": [1.5, 2.5, 3.5], "tip": "Ball3", "flags": 512,
-    "orientation": [0.0, 0.0, 0.0, 1.0], "approach": [0.0, 0.0, -1.0],
-}  # fmt: skip
 PAGE = Path(__file__).parents[2] / "docs" / "ippdme.md"
-RESPONSE = re.compile(r"(\d{5}|E\d{4}) (&|%|# .+|! Error\(\d, \d{4}, \"[^\"]+\", \"[^\"]+\"\))")
-
-
-class Bench:
-    """A machine, and clients that type."""
-
-    def __init__(self, folder: Path, version: str = "1.4.3", tip: str | None = "Ball3") -> None:
-        self.now_s = 100.0
-        self.version = version
-        self.asked: list[tuple[str, Callable[[bool], None]]] = []
-        tips = Tips(INFO)
-        self.machine = Machine(
-            tips,
-            Toolbox(tips, {"PROBE1.TIP1A0B0": "long"}, tip),
-            CoordinateSystems(folder / "state" / "ippdme-S.json"),
-            lambda name, settle: self.asked.append((name, settle)),
-            lambda: self.now_s,
-        )
-        self.said: list[str] = []
-        self.session = self.client(self.said)
-        self.move(99.93, 17.148, -5.0)
-
-    def client(self, said: list[str]) -> Session:
-        def send(line: str) -> None:
-            assert RESPONSE.fullmatch(line), line
-            said.append(line)
-
-        return Session(self.machine, VERSIONS[self.version], self.version, send)
-
-    def move(self, *position_mm: float, flags: int = 0) -> None:
-        point = np.zeros(1, POINT)[0]
-        point["position_mm"], point["orientation"] = position_mm, (0, 0, 0, 1)
-        point["flags"] = flags
-        self.machine.note_point(point)
-
-    def type(self, *lines: str) -> list[str]:
-        """What is said from the first of these lines on."""
-        before = len(self.said)
-        for line in lines:
-            self.session.receive(line)
-        return self.said[before:]
-
-    def press(self, **changes: Any) -> list[str]:
-        before = len(self.said)
-        self.session.take_measurement(MEASUREMENT | changes)
-        return self.said[before:]
-
-    def error(self, line: str) -> tuple[int, int]:
-        """Severity and number of the one error that a command is answered with; then cleared."""
-        said = self.type(line)
-        tag = line[:5]
-        found = [re.match(r"\S+ ! Error\((\d), (\d{4}), ", text) for text in said]
-        (error,) = [match for match in found if match]
-        if said[0].startswith(tag):
-            assert said[0] == f"{tag} &"
-            assert said[-1] == f"{tag} %"
-        self.session.receive("99999 ClearAllErrors()")
-        return int(error[1]), int(error[2])
 
 
 @pytest.fixture
@@ -209,50 +134,6 @@ def test_motion_is_reported_by_time_or_distance_ten_times_a_second_at_most(bench
 
 
 # --- errors ------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("line", "expected"),
-    [
-        ("ABCDE Get(X())", (2, 1)),
-        ("E0007 Get(X())", (2, 1)),
-        ("00002Get(X())", (2, 2)),
-        ("00002 Get(\x07)", (3, 7)),
-        ("00002 StartSession()", (3, 8)),
-        ("00002 !", (3, 8)),
-        ("00002 ScanOnLine(1,2,3)", (3, 501)),
-        ("00002 Bleep()", (3, 501)),
-        ("00002 get(X())", (3, 501)),
-        ("00002 Get()", (3, 502)),
-        ("00002 Home(1)", (3, 502)),
-        ("00002 OnPtMeasReport()", (3, 502)),
-        ("00002 OnMoveReportE(Time(1), X())", (3, 502)),
-        ("00002 GetErrorInfo(0013)", (1, 504)),
-        ("00002 SetProp(Tool.PtMeasPar.Speed(1e6))", (1, 504)),
-        ("00002 SetCoordSystem(BleepCsy)", (3, 505)),
-        ("00002 SetCoordSystem(SensorCsy)", (3, 506)),
-        ("00002 ChangeTool(5)", (3, 509)),
-        ('00002 SetCoordSystem("PartCsy")', (3, 509)),
-        ("00002 Get(IJK())", (3, 510)),
-        ("00002 Get(X(), X())", (3, 510)),
-        ("00002 OnPtMeasReport(X(), Bleep())", (3, 510)),
-        ("00002 GetProp(Tool.Bleep())", (3, 510)),
-        ("E0002 OnMoveReportE(Time(0.09), X())", (3, 510)),
-        ("E0002 OnMoveReportE(Dis(-3), X())", (3, 510)),
-        ("00002 StopAllDaemons()", (1, 512)),
-        ("00002 StopDaemon(E0553)", (2, 513)),
-        ("00002 Get(R())", (9, 1002)),
-        ("00002 SetCsyTransformation(PartCsy, 0, 0, 0, 181, 0, 0)", (3, 1007)),
-        ("00002 PtMeas(X(0), IJK(0,0,0))", (2, 1010)),
-        ('00002 ChangeTool("Bleep")', (3, 1502)),
-        ('00002 FindTool("Bleep")', (3, 1502)),
-        ('00002 ChangeTool("UnDefTool")', (3, 1503)),
-        ('00002 GetChangeToolAction("UnDefTool")', (3, 1503)),
-    ],
-)
-def test_errors(bench: Bench, line: str, expected: tuple[int, int]) -> None:
-    assert bench.error(line) == expected
-    assert bench.type("00003 IsHomed()") == ["00003 &", "00003 # IsHomed(1)", "00003 %"]
 
 
 def test_errors_of_the_arm(bench: Bench) -> None:

@@ -117,7 +117,7 @@ def get_err_status(session: Session, command: Command) -> Answer:
 
 def get_xtd_err_status(session: Session, command: Command) -> Answer:
     nothing(command.args)
-    lines = ["IsHomed(1)", f"IsUserEnabled({int(session.user_enabled)})"]
+    lines = [_is_homed(session), f"IsUserEnabled({int(session.user_enabled)})"]
     if is_2_5(session):
         return lines + [
             f"ActiveError({error.number:04d}), Severity({error.severity})"
@@ -168,17 +168,21 @@ def stop_all_daemons(session: Session, command: Command) -> Answer:
 
 
 def home(session: Session, command: Command) -> Answer:
-    """Absolute encoders: done at once, if there is an arm."""
+    """Absolute encoders: done at once, if there is an arm whose joints are known."""
     nothing(command.args)
     session.user_enabled = False
-    if not session.machine.in_reach:
+    if not session.machine.homed:
         raise DmeError(1005)
     return ()
 
 
 def is_homed(session: Session, command: Command) -> Answer:
     nothing(command.args)
-    return ["IsHomed(1)"]
+    return [_is_homed(session)]
+
+
+def _is_homed(session: Session) -> str:
+    return f"IsHomed({int(session.machine.homed)})"
 
 
 def enable_user(session: Session, command: Command) -> Answer:
@@ -224,6 +228,7 @@ def pt_meas(session: Session, command: Command) -> Answer:
     tool = session.machine.toolbox.current
     if not tool.measures:
         raise DmeError(507)
+    session.machine.check_reach(nominal)
     session.user_enabled = False
     pending = Pending()
     reach_mm = tool.number("PtMeasPar.Search") + tool.radius_mm

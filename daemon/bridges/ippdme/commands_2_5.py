@@ -7,16 +7,59 @@ from collections.abc import Mapping
 from armd.daemon.bridges.ippdme import commands, commands_csy, commands_tool
 from armd.daemon.bridges.ippdme.commands import nothing, text_of
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.daemon.bridges.ippdme.grammar import Command, decimal, quoted
+from armd.daemon.bridges.ippdme.grammar import Command, decimal, listed, quoted
+from armd.daemon.bridges.ippdme.report import MOTION
 from armd.daemon.bridges.ippdme.session import Answer, Method, Session
 
+#: Known only to say no.
+UNSUPPORTED = ("ReQualify",)
+_SIX = dict.fromkeys(commands_csy.NAMES, "float")
+#: Arguments and their types (2.5, table 2) of the commands that have any.
+_ARGUMENTS: tuple[tuple[str, dict[str, str]], ...] = (
+    ("GetErrorInfo", {"ErrorNumber": "int"}),
+    ("StopDaemon", {"EventTag": "name"}),
+    ("GetProp GetPropE SetProp", {"Properties": "enum"}),
+    ("EnumProp EnumAllProp", {"Reference": "name"}),
+    ("OnMoveReport OnMoveReportE", {"Time": "float", "Dis": "float", "Axes": "enum"}),
+    ("OnPtMeasReport OnScanReport", {"Parameters": "enum"}),
+    ("Get", {"Axes": "enum"}),
+    ("PtMeas", {"Positions": "enum", "IJK": "enum"}),
+    ("ChangeTool SetTool FindTool GetChangeToolAction", {"ToolName": "string"}),
+    ("EnumToolCollection EnumAllToolCollections OpenToolCollection", {"NodeName": "string"}),
+    ("SetCoordSystem GetCsyTransformation", {"CoordSystem": "name"}),
+    ("SetCsyTransformation", {"CoordSystem": "name", **_SIX}),
+    ("SaveNamedCsyTransformation", {"Name": "string", **_SIX}),
+    ("SaveActiveCoordSystem LoadCoordSystem DeleteCoordSystem", {"Name": "string"}),
+    ("GetNamedCsyTransformation ReadTemperatureSensor", {"Name": "string"}),
+    ("GetSupportedArguments", {"CommandName": "string"}),
+)
+ARGUMENTS = {name: args for names, args in _ARGUMENTS for name in names.split()}
 #: What a sensor that is broken reads.
 DEFECT_C = -273.0
 
 
 def get_supported_commands(session: Session, command: Command) -> Answer:
     nothing(command.args)
-    return [quoted(name) for name in session.methods]
+    return [quoted(name) for name in session.methods if name not in UNSUPPORTED]
+
+
+def get_supported_arguments(session: Session, command: Command) -> Answer:
+    """Name and type of each."""
+    name = text_of(command.args)
+    if name not in session.methods or name in UNSUPPORTED:
+        raise DmeError(506)
+    return [f"{quoted(arg)}, {quoted(kind)}" for arg, kind in ARGUMENTS.get(name, {}).items()]
+
+
+def enum_name_spaces(session: Session, command: Command) -> Answer:
+    """No commands of armd's own."""
+    nothing(command.args)
+    return ()
+
+
+def enumerate_mover_axes(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    return [listed(dict.fromkeys(MOTION, ""))]
 
 
 def get_temperature_sensors(session: Session, command: Command) -> Answer:
@@ -54,8 +97,12 @@ VERSIONS: dict[str, Mapping[str, Method]] = {
 VERSIONS["2.5"] = {
     **VERSIONS["1.4.3"],
     **commands_csy.METHODS_2_5,
+    **commands_tool.METHODS_2_5,
     "OnMoveReport": commands.on_move_report,
     "GetSupportedCommands": get_supported_commands,
+    "GetSupportedArguments": get_supported_arguments,
+    "EnumNameSpaces": enum_name_spaces,
+    "EnumerateMoverAxes": enumerate_mover_axes,
     "GetTemperatureSensors": get_temperature_sensors,
     "ReadTemperatureSensor": read_temperature_sensor,
     "ReadAllTemperatures": read_all_temperatures,

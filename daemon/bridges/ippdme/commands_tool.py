@@ -20,7 +20,7 @@ from armd.daemon.bridges.ippdme.tools import Tool, properties
 def enum_tools(session: Session, command: Command) -> Answer:
     nothing(command.args)
     names = session.machine.toolbox.names
-    return [name if is_2_5(session) and _is_name(name) else quoted(name) for name in names]
+    return [_bare(name) if is_2_5(session) else quoted(name) for name in names]
 
 
 def find_tool(session: Session, command: Command) -> Answer:
@@ -67,6 +67,66 @@ def get_change_tool_action(session: Session, command: Command) -> Answer:
     x, y, z = session.machine.position().tolist()
     place = listed(written_fields(("X", "Y", "Z"), {"X": (x,), "Y": (y,), "Z": (z,)}))
     return [f"ChangeToolAction(MoveMan, {place})"]
+
+
+def re_qualify(session: Session, command: Command) -> Answer:
+    """Who answers this without an error has qualified the tool anew (6.3.2): armd does that with
+    `armd measure tip` and a calibration, never from here."""
+    nothing(command.args)
+    if not session.machine.toolbox.current.measures:
+        raise DmeError(507)
+    raise DmeError(501)
+
+
+# --- 2.5: which tool, and collections of them ------------------------------------------------
+
+#: The one collection, below the root: it holds every tool by its own name.
+COLLECTION = "Tools"
+
+
+def tool_in_use(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    return [_bare(session.machine.toolbox.current.name)]
+
+
+def found_tool(session: Session, command: Command) -> Answer:
+    nothing(command.args)
+    return [_bare(session.machine.toolbox.found.name)]
+
+
+def is_alignable(session: Session, command: Command) -> Answer:
+    """A person turns the probe; the host cannot."""
+    nothing(command.args)
+    return ["IsAlignable(0)"]
+
+
+def enum_tool_collection(session: Session, command: Command) -> Answer:
+    if _collection(command.args):
+        return [f'{quoted(name)}, "Tool"' for name in session.machine.toolbox.names]
+    return [f'{quoted(COLLECTION)}, "Collection"']
+
+
+def enum_all_tool_collections(session: Session, command: Command) -> Answer:
+    """The same, and what is below: as paths from the collection asked for."""
+    names = session.machine.toolbox.names
+    if _collection(command.args):
+        return [f'{quoted(name)}, "Tool"' for name in names]
+    below = [f'{quoted(f"{COLLECTION}/{name}")}, "Tool"' for name in names]
+    return [f'{quoted(COLLECTION)}, "Collection"', *below]
+
+
+def open_tool_collection(session: Session, command: Command) -> Answer:
+    """Its names are those of the tools already."""
+    _collection(command.args)
+    return ()
+
+
+def _collection(args: tuple[Arg, ...]) -> bool:
+    """Whether the path is the collection's, not the root's (`/`); raises `DmeError` for others."""
+    path = [part for part in text_of(args).split("/") if part]
+    if path not in ([], [COLLECTION]):
+        raise DmeError(1504)
+    return bool(path)
 
 
 # --- properties ------------------------------------------------------------------------------
@@ -144,6 +204,8 @@ def _property(session: Session, name: str) -> str:
     tool, below = _tool_and_name(session, name)
     if below in ("Name", "Id"):
         return quoted(tool.name)
+    if below == "Collection" and is_2_5(session):
+        return quoted(COLLECTION)
     if below == "AvrRadius":
         return decimal(tool.radius_mm)
     if below == "Alignment":
@@ -162,9 +224,10 @@ def _tool_and_name(session: Session, name: str) -> tuple[Tool, str]:
     raise DmeError(510)
 
 
-def _is_name(text: str) -> bool:
-    """Letters and digits, a letter first: 2.5 writes such a name bare."""
-    return text.isascii() and text.isalnum() and text[0].isalpha()
+def _bare(name: str) -> str:
+    """2.5 writes a name of letters and digits, a letter first, without quotation marks."""
+    is_name = name.isascii() and name.isalnum() and name[0].isalpha()
+    return name if is_name else quoted(name)
 
 
 METHODS = {
@@ -173,9 +236,18 @@ METHODS = {
     "ChangeTool": change_tool,
     "SetTool": change_tool,
     "GetChangeToolAction": get_change_tool_action,
+    "ReQualify": re_qualify,
     "GetProp": get_prop,
     "GetPropE": get_prop,
     "SetProp": set_prop,
     "EnumProp": enum_prop,
     "EnumAllProp": enum_all_prop,
+}
+METHODS_2_5 = {
+    "Tool": tool_in_use,
+    "FoundTool": found_tool,
+    "IsAlignable": is_alignable,
+    "EnumToolCollection": enum_tool_collection,
+    "EnumAllToolCollections": enum_all_tool_collections,
+    "OpenToolCollection": open_tool_collection,
 }

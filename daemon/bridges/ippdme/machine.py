@@ -44,12 +44,15 @@ class Machine:
         toolbox: Toolbox,
         systems: CoordinateSystems,
         select_tip: SelectTip,
+        reach_mm: float = math.inf,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        """*reach_mm*: no tip is ever further from the base frame's origin."""
         self.tips = tips
         self.toolbox = toolbox
         self.systems = systems
         self.select_tip = select_tip
+        self.reach_mm = reach_mm
         self.in_session: object | None = None
         """The one client that is."""
         self.temperatures_c: dict[str, float | None] = {}
@@ -72,6 +75,11 @@ class Machine:
         """Points arrive."""
         return self._clock() - self._heard_s < SILENT_S
 
+    @property
+    def homed(self) -> bool:
+        """Its joints are known: points arrive, and are valid."""
+        return self.in_reach and self._point is not None
+
     def just_lost(self) -> bool:
         """Once for each time that points stop."""
         before, self._lost = self._lost, not self.in_reach
@@ -93,6 +101,13 @@ class Machine:
         if self._point is None:
             raise DmeError(1000)
         return self._point
+
+    def check_reach(self, nominal: Mapping[str, float]) -> None:
+        """Raises `DmeError` if no tip can be where *nominal* (coordinates by axis) says."""
+        x, y, z = self.systems.position(np.zeros(3)).tolist()
+        base = {"X": x, "Y": y, "Z": z}
+        if math.hypot(*(value - base[axis] for axis, value in nominal.items())) > self.reach_mm:
+            raise DmeError(1008)
 
     def hit(self, measurement: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
         """A measurement's fields as OnPtMeasReport names them; it must have a position."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -95,7 +96,7 @@ class Server:
                 raise BadInput("the command line", where, f"{alias}={tip}", f"a tip: {known}")
         toolbox = Toolbox(tips, self._aliases, info["tip"])
         systems = CoordinateSystems(state_file(self._arm.serial))
-        self._machine = Machine(tips, toolbox, systems, self._select_tip)
+        self._machine = Machine(tips, toolbox, systems, self._select_tip, reach_mm(info, tips))
         loop = asyncio.get_running_loop()
         listeners: dict[str, Callable[[dict[str, Any]], None]] = {
             keys.MEASUREMENT: self._take_measurement,
@@ -179,6 +180,13 @@ class Server:
         task = asyncio.ensure_future(ask())
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+
+def reach_mm(info: Mapping[str, Any], tips: Tips) -> float:
+    """All links in one line, with the longest tip; 1 % for what a calibration makes of them."""
+    links = sum(abs(joint["a_mm"]) + abs(joint["d_mm"]) for joint in info["arm"]["joint"])
+    longest = max(math.hypot(*tip.offset_mm) for tip in tips.by_name.values())
+    return float(1.01 * (links + longest))
 
 
 def keys_of(buttons: list[int]) -> list[str]:
