@@ -1,15 +1,15 @@
 // Prints where the tip is, and tells when points were lost. Reads recorded points:
 //
 //   dotnet run < points.bin        (in a folder made by `dotnet new console`, this file as Program.cs)
+//   mcs subscriber.cs && mono subscriber.exe < points.bin
 //
 // Live: give each payload of the key armd/SERIAL/point to `Subscriber.Take`, from whatever binding of
 // Zenoh 1.x you use, in mode "client" with the daemon's endpoint (zenoh-csharp is the project's own).
 using System;
-using System.Buffers.Binary;
 using System.Globalization;
 using System.IO;
 
-/// <summary>armd.point.v1: 136 bytes, little-endian (docs/subscriber.md).</summary>
+/// <summary>armd.point.v1: 136 bytes, little-endian, as BinaryReader reads (docs/subscriber.md).</summary>
 public sealed class ArmdPoint
 {
     public const int Size = 136;
@@ -25,23 +25,25 @@ public sealed class ArmdPoint
     public uint Flags, Buttons;
     public string Calibration = "-";              // as JSON writes it; "-": none
 
-    public static ArmdPoint From(ReadOnlySpan<byte> b)
+    public static ArmdPoint From(byte[] payload)
     {
-        if (b.Length != Size) throw new InvalidDataException($"{b.Length} bytes, not {Size}");
-        var p = new ArmdPoint
+        if (payload.Length != Size) throw new InvalidDataException(payload.Length + " bytes, not " + Size);
+        var p = new ArmdPoint();
+        using (var from = new BinaryReader(new MemoryStream(payload)))
         {
-            Seq = BinaryPrimitives.ReadUInt64LittleEndian(b),
-            StampNs = BinaryPrimitives.ReadInt64LittleEndian(b[8..]),
-            MonotonicNs = BinaryPrimitives.ReadInt64LittleEndian(b[16..]),
-            Flags = BinaryPrimitives.ReadUInt32LittleEndian(b[116..]),
-            Buttons = BinaryPrimitives.ReadUInt32LittleEndian(b[128..]),
-        };
-        for (int i = 0; i < 3; i++) p.PositionMm[i] = BinaryPrimitives.ReadDoubleLittleEndian(b[(24 + 8 * i)..]);
-        for (int i = 0; i < 4; i++) p.Orientation[i] = BinaryPrimitives.ReadDoubleLittleEndian(b[(48 + 8 * i)..]);
-        for (int i = 0; i < 6; i++) p.CovarianceMm2[i] = BinaryPrimitives.ReadSingleLittleEndian(b[(80 + 4 * i)..]);
-        for (int i = 0; i < 3; i++) p.CorrectionMm[i] = BinaryPrimitives.ReadSingleLittleEndian(b[(104 + 4 * i)..]);
-        if (BinaryPrimitives.ReadUInt64LittleEndian(b[120..]) != 0)
-            p.Calibration = Convert.ToHexString(b.Slice(120, 8)).ToLowerInvariant();
+            p.Seq = from.ReadUInt64();
+            p.StampNs = from.ReadInt64();
+            p.MonotonicNs = from.ReadInt64();
+            for (int i = 0; i < 3; i++) p.PositionMm[i] = from.ReadDouble();
+            for (int i = 0; i < 4; i++) p.Orientation[i] = from.ReadDouble();
+            for (int i = 0; i < 6; i++) p.CovarianceMm2[i] = from.ReadSingle();
+            for (int i = 0; i < 3; i++) p.CorrectionMm[i] = from.ReadSingle();
+            p.Flags = from.ReadUInt32();
+            byte[] calibration = from.ReadBytes(8);
+            if (BitConverter.ToUInt64(calibration, 0) != 0)
+                p.Calibration = BitConverter.ToString(calibration).Replace("-", "").ToLowerInvariant();
+            p.Buttons = from.ReadUInt32();
+        }
         return p;
     }
 }
@@ -51,17 +53,18 @@ public sealed class Subscriber
     public ulong Upstream, Here, Restarts;
     private ulong? _last;
 
-    public void Take(ReadOnlySpan<byte> payload)
+    public void Take(byte[] payload)
     {
         var p = ArmdPoint.From(payload);
-        if (_last is ulong last)
+        if (_last.HasValue)
         {
+            ulong last = _last.Value;
             if (p.Seq >> 32 != last >> 32 || p.Seq <= last) Restarts++;
             else if ((p.Flags & ArmdPoint.SamplesLost) != 0) Upstream += p.Seq - last - 1;
             else Here += p.Seq - last - 1;
         }
         _last = p.Seq;
-        if ((p.Flags & ArmdPoint.Invalid) != 0) Console.WriteLine($"{p.Seq} invalid");
+        if ((p.Flags & ArmdPoint.Invalid) != 0) Console.WriteLine(p.Seq + " invalid");
         else
             Console.WriteLine(string.Format(
                 CultureInfo.InvariantCulture, "{0} {1:F6} {2:F6} {3:F6} mm flags {4} calibration {5}",
@@ -71,11 +74,14 @@ public sealed class Subscriber
     public static void Main()
     {
         var subscriber = new Subscriber();
-        using var input = Console.OpenStandardInput();
-        var payload = new byte[ArmdPoint.Size];
-        while (input.ReadAtLeast(payload, payload.Length, throwOnEndOfStream: false) == payload.Length)
-            subscriber.Take(payload);
+        using (var input = new BinaryReader(Console.OpenStandardInput()))
+        {
+            byte[] payload;
+            while ((payload = input.ReadBytes(ArmdPoint.Size)).Length == ArmdPoint.Size)
+                subscriber.Take(payload);
+        }
         Console.WriteLine(
-            $"lost: {subscriber.Upstream} upstream, {subscriber.Here} here, {subscriber.Restarts} restarts");
+            "lost: " + subscriber.Upstream + " upstream, " + subscriber.Here + " here, "
+            + subscriber.Restarts + " restarts");
     }
 }
