@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -61,42 +61,57 @@ class SessionFolder:
 
         A measurement that is no reading is left out, and its target stays the next.
         """
-        if reason := _unfit(measurement):
-            return f"left out, {reason}"
+        if reason := unfit(measurement):
+            return f"left out, {reason[1]}"
         if not self._rows:
             self._started_s = measurement["stamp_ns"] // 10**9
-        self._rows.append(self._row(measurement))
-        content = {
-            "schema": "armd.session/1",
-            "arm": self._arm.serial_number,
-            "started": datetime.datetime.fromtimestamp(self._started_s, datetime.UTC),
-            "artefact": self._artefact,
-        }
-        columns = {name: [row[name] for row in self._rows] for name in self._rows[0]}
-        write_session(self._path, content, columns)
+        where = self._placement, self.target
+        self._rows.append(reading_row(measurement, self._arm, self._started_s, *where))
+        write_readings(self._path, self._arm, self._artefact, self._started_s, self._rows)
         taken, self.target = self.target, next(self._targets)
         if measurement["standard_deviation_mm"] is None:
             return f"{taken}: one point, whose scatter nobody knows"
         spread_um = 1000 * math.hypot(*measurement["standard_deviation_mm"])
         return f"{taken}: {measurement['count']} points, scatter {spread_um:.1f} µm"
 
-    def _row(self, measurement: dict[str, Any]) -> dict[str, str | float]:
-        joints = range(1, self._arm.n_joints + 1)
-        unknown = [math.nan] * self._arm.n_joints
-        # At rest the rates tell sides only. Without the direction of travel a reader would take
-        # one from them, so they go together.
-        approach = measurement["approach"]
-        rates = measurement["rates_rad_s"] if approach else None
-        celsius = measurement["temperatures_c"]
-        return {
-            "time_s": (measurement["stamp_ns"] - self._started_s * 10**9) * 1e-9,
-            "placement": self._placement,
-            "target": self.target,
-            **{f"q{k}": value for k, value in zip(joints, measurement["angles_rad"], strict=True)},
-            **{f"w{k}": value for k, value in zip(joints, rates or unknown, strict=True)},
-            **{name: _number(celsius[name]) for name in self._arm.sensors},
-            **dict(zip(APPROACH, approach or [math.nan] * 3, strict=True)),
-        }
+
+def reading_row(
+    measurement: Mapping[str, Any], arm: Arm, started_s: int, placement: str, target: str
+) -> dict[str, str | float]:
+    """A measurement as published, as a row of a session that began at *started_s* (Unix time)."""
+    joints = range(1, arm.n_joints + 1)
+    unknown = [math.nan] * arm.n_joints
+    # At rest the rates tell sides only. Without the direction of travel a reader would take
+    # one from them, so they go together.
+    approach = measurement["approach"]
+    rates = measurement["rates_rad_s"] if approach else None
+    celsius = measurement["temperatures_c"]
+    return {
+        "time_s": (measurement["stamp_ns"] - started_s * 10**9) * 1e-9,
+        "placement": placement,
+        "target": target,
+        **{f"q{k}": value for k, value in zip(joints, measurement["angles_rad"], strict=True)},
+        **{f"w{k}": value for k, value in zip(joints, rates or unknown, strict=True)},
+        **{name: _number(celsius[name]) for name in arm.sensors},
+        **dict(zip(APPROACH, approach or [math.nan] * 3, strict=True)),
+    }
+
+
+def write_readings(
+    path: Path,
+    arm: Arm,
+    artefact: Mapping[str, Any],
+    started_s: int,
+    rows: Sequence[Mapping[str, str | float]],
+) -> None:
+    """The session's folder, whole; *rows* is not empty."""
+    content = {
+        "schema": "armd.session/1",
+        "arm": arm.serial_number,
+        "started": datetime.datetime.fromtimestamp(started_s, datetime.UTC),
+        "artefact": artefact,
+    }
+    write_session(path, content, {name: [row[name] for row in rows] for name in rows[0]})
 
 
 def load_artefact(path: Path | None, targets: Sequence[str]) -> Artefact:
@@ -107,16 +122,16 @@ def load_artefact(path: Path | None, targets: Sequence[str]) -> Artefact:
     return validate("--targets", {"name": SEAT, "target": seats}, Artefact)
 
 
-def _unfit(measurement: dict[str, Any]) -> str:
-    """Why a measurement is no reading; empty if it is one."""
+def unfit(measurement: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Why a measurement is no reading: the reason's name, and it in words; None if it is one."""
     flags = Flag(measurement["flags"])
     if measurement["count"] == 0:
-        return "the arm's points are invalid"
+        return "invalid", "the arm's points are invalid"
     if Flag.TEMPERATURE_STALE in flags:
-        return "a temperature in use is stale"
+        return "temperature", "a temperature in use is stale"
     if Flag.AT_REST not in flags:
-        return "the tip had not rested for half a second"
-    return ""
+        return "moving", "the tip had not rested for half a second"
+    return None
 
 
 def _number(value: float | None) -> float:

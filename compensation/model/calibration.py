@@ -123,14 +123,19 @@ def load_calibration(path: str | Path, arm: Arm | None = None) -> LoadedCalibrat
     calibration, or names the arm does not have.
     """
     data = read_input(path)
-    try:
-        calibration = _parse(path, data)
-    except (MemoryError, RecursionError, ValueError) as error:
-        found = f"content that cannot be read ({type(error).__name__})"
-        raise BadInput(path, "the file", found, "a calibration") from error
+    calibration = parse_calibration(path, data)
     if arm is not None:
         _belongs(path, calibration, arm)
     return LoadedCalibration(calibration, hashlib.sha256(data).hexdigest(), Path(path), data)
+
+
+def parse_calibration(path: str | Path, data: bytes) -> Calibration:
+    """The content of *data*, the bytes of the file *path*; raises `BadInput`."""
+    try:
+        return _parse(path, data)
+    except (MemoryError, RecursionError, ValueError) as error:
+        found = f"content that cannot be read ({type(error).__name__})"
+        raise BadInput(path, "the file", found, "a calibration") from error
 
 
 def save_calibration(path: str | Path, calibration: Calibration) -> LoadedCalibration:

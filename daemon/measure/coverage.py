@@ -1,0 +1,75 @@
+"""What a guided measurement has covered: targets by placement, joint ranges, temperatures."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.model.arm import Arm
+from armd.daemon.measure.progress import Progress
+from armd.daemon.measure.stations import Plan
+
+F64 = npt.NDArray[np.float64]
+FULL_TURN_DEG = 360.0
+
+
+def targets_covered(plan: Plan, progress: Progress) -> list[dict[str, Any]]:
+    """Each target in each placement of the plan: readings taken and wanted."""
+    wanted = Counter((station.placement, station.target) for station in plan.stations)
+    taken = Counter((reading.placement, reading.target) for reading in progress.readings)
+    left_out = Counter(
+        (plan.stations[i].placement, plan.stations[i].target) for i in progress.skipped
+    )
+    return [
+        {
+            "placement": placement,
+            "target": target,
+            "done": taken[placement, target],
+            "wanted": count,
+            "left_out": left_out[placement, target],
+        }
+        for (placement, target), count in wanted.items()
+    ]
+
+
+def joints_covered(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
+    """Each joint: the angles it has stood at, and what share of its range that is."""
+    angles = np.degrees(angles_of(progress, arm.n_joints))
+    rows = []
+    for k, joint in enumerate(arm.joint):
+        low = float(angles[:, k].min()) if len(angles) else None
+        high = float(angles[:, k].max()) if len(angles) else None
+        full = FULL_TURN_DEG
+        if joint.min_deg is not None and joint.max_deg is not None:
+            full = joint.max_deg - joint.min_deg
+        rows.append(
+            {
+                "joint": k + 1,
+                "low_deg": low,
+                "high_deg": high,
+                "min_deg": joint.min_deg,
+                "max_deg": joint.max_deg,
+                "share": 0.0 if low is None or high is None else min((high - low) / full, 1.0),
+            }
+        )
+    return rows
+
+
+def temperatures_covered(arm: Arm, progress: Progress) -> list[dict[str, Any]]:
+    """Each sensor: its lowest and highest value at a reading, °C."""
+    rows = []
+    for name in arm.sensors:
+        values = [reading.measurement["temperatures_c"].get(name) for reading in progress.readings]
+        known = [value for value in values if value is not None]
+        low, high = (min(known), max(known)) if known else (None, None)
+        rows.append({"sensor": name, "low_c": low, "high_c": high})
+    return rows
+
+
+def angles_of(progress: Progress, n_joints: int) -> F64:
+    """Joint angles (n, N) rad of the readings."""
+    rows = [reading.measurement["angles_rad"] for reading in progress.readings]
+    return np.array(rows, dtype=float).reshape(len(rows), n_joints)

@@ -1,0 +1,112 @@
+"""What is made of a session at its end: the very commands a person would type, run as they are."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from armd.daemon.measure.in_use import ARM, CALIBRATION
+from armd.daemon.measure.measuring import Measuring
+from armd.daemon.measure.stations import Kind
+from armd.errors import BadInput
+
+Then = Literal["calibrate", "diagnose", "verify", "interim", "tip", "none"]
+
+#: What a kind ends with, where a calibration is in force and where none is.
+_USUAL: dict[Kind, tuple[tuple[Then, ...], tuple[Then, ...]]] = {
+    "seats": (("diagnose",), ("calibrate",)),
+    "artefact": (("calibrate", "diagnose"), ("calibrate",)),
+    "poses": (("diagnose",), ("calibrate",)),
+    "verify": (("verify",), ("verify",)),
+    "tip": (("tip",), ("tip",)),
+    "interim": (("interim",), ("interim",)),
+}
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a person may say of the end."""
+
+    then: Sequence[Then] | None = None  # None: as the kind has it
+    others: Sequence[Path] = ()  # sessions measured before, that take part
+    mpe: Path | None = None  # of verify
+    history: Path | None = None  # of interim
+    tip_name: str | None = None  # of tip: what the history calls it
+
+
+def commands(measuring: Measuring, options: Options) -> list[list[str]]:
+    """Arguments of `armd`, command after command; their outputs go into the session's folder.
+
+    Raises `BadInput` for an end that lacks what it needs.
+    """
+    folder = measuring.folder
+    calibrated = measuring.in_use.calibration is not None
+    then = options.then
+    if then is None:
+        then = _USUAL[measuring.plan.kind][0 if calibrated else 1]
+    sessions = [*map(str, options.others), str(folder)]
+    arm = ["--arm", str(folder / ARM)]
+    in_force = ["--calibration", str(folder / CALIBRATION)] if calibrated else []
+    made: list[list[str]] = []
+    for name in then:
+        match name:
+            case "calibrate":
+                outputs = ["-o", str(folder / "calibration.json")]
+                outputs += _results(folder, "calibrate")
+                made.append(["calibrate", *sessions, *arm, *outputs])
+            case "diagnose":
+                outputs = [*_results(folder, "diagnose")]
+                outputs += ["--extended", str(folder / "extended.json")]
+                made.append(["diagnose", *sessions, *arm, *in_force, *outputs])
+            case "verify":
+                limits = [] if options.mpe is None else ["--mpe", str(options.mpe)]
+                outputs = _results(folder, "verify")
+                made.append(["verify", str(folder), *arm, *in_force, *limits, *outputs])
+            case "tip":
+                label = [] if options.tip_name is None else ["--name", options.tip_name]
+                made.append(["tip", "calibrate", str(folder), *label])
+            case "interim":
+                if options.history is None:
+                    continue  # the session is what was asked for
+                if not calibrated:
+                    found, expected = (
+                        "no calibration in force",
+                        "one that the checks are held against",
+                    )
+                    raise BadInput("armd interim", "--calibration", found, expected)
+                history = ["--history", str(options.history)]
+                made.append(["interim", "add", str(folder), *arm, *in_force, *history])
+            case "none":
+                pass
+    return made
+
+
+@dataclass(frozen=True)
+class Done:
+    """A command that has run."""
+
+    command: str  # as a person types it
+    code: int
+    output: str
+    error: str
+
+
+def run(command: Sequence[str]) -> Done:
+    """In a process of its own; `code` is the command's: 0, 1 (the answer is no) or 2."""
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", "armd.daemon.cli", *command],
+        capture_output=True,
+        text=True,
+        stdin=subprocess.DEVNULL,
+    )
+    shown = shlex.join(["armd", *command])
+    return Done(shown, done.returncode, done.stdout, done.stderr)
+
+
+def _results(folder: Path, name: str) -> list[str]:
+    return ["--json", str(folder / f"{name}.json"), "--report", str(folder / f"{name}.html")]

@@ -1,0 +1,131 @@
+"""What the readings taken so far already tell, with its uncertainty, and what is still missing."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from armd.compensation.data.session import load_sessions
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.estimate.poses import kabsch
+from armd.compensation.identify.calibrate import calibrate
+from armd.compensation.identify.tip import TipFit, fit_in_seat, fit_on_sphere
+from armd.compensation.model.arm import Arm
+from armd.daemon.measure.in_use import InUse
+from armd.daemon.measure.progress import Progress, Reading
+from armd.daemon.measure.stations import Plan
+from armd.errors import BadInput
+
+F64 = npt.NDArray[np.float64]
+
+
+def estimate(plan: Plan, progress: Progress, in_use: InUse) -> dict[str, Any]:
+    """At once, after every reading: `text` for a person, and its figures."""
+    if plan.kind == "tip":
+        return _tip(plan, progress, in_use)
+    return _scatter(plan, progress)
+
+
+def identified(folder: Path, arm: Arm, others: Sequence[Path] = ()) -> dict[str, Any]:
+    """What `armd calibrate` makes of the session in *folder*, with *others*, as it stands: `text`,
+    `enough` and figures. Takes seconds; for a thread of the face's own."""
+    try:
+        result = calibrate(load_sessions([*others, folder], arm), arm)
+    except BadInput as error:
+        text = f"not enough to calibrate yet: found {error.found}, expected {error.expected}"
+        return {"text": text, "enough": False}
+    unknowns = len(result.fit.unknowns.names)
+    words = f"{result.heldout_rms_um:.1f} µm RMS by {result.heldout_by}s left out"
+    if result.certificate.granted:
+        text = f"enough for geometry: {words}"
+    else:
+        text = f"not enough for a certificate yet: {result.certificate.reason}"
+    if result.thermal_order == 0 and arm.sensors:
+        text += "; no thermal terms: they want readings at two temperatures or more"
+    return {
+        "text": text,
+        "enough": result.certificate.granted,
+        "heldout_rms_um": result.heldout_rms_um,
+        "rms_um": result.rms_um,
+        "rank": result.fit.solution.rank,
+        "unknowns": unknowns,
+        "thermal_order": result.thermal_order,
+        "unidentifiable": result.unidentifiable,
+    }
+
+
+def tip_fit(plan: Plan, readings: Sequence[Reading], in_use: InUse) -> TipFit:
+    """The tip's offset of these readings; raises `ArithmeticError` where they do not tell it."""
+    if not readings:
+        raise ArithmeticError("no readings")
+    taken = [reading.measurement for reading in readings]
+    rotation = Rotation.from_quat([m["orientation"] for m in taken]).as_matrix()
+    origin = np.array([m["position_mm"] for m in taken]) - rotation @ in_use.offset_mm
+    if plan.sphere_mm is None:
+        return fit_in_seat(origin, rotation)
+    return fit_on_sphere(origin, rotation, in_use.offset_mm, plan.sphere_mm)
+
+
+def _tip(plan: Plan, progress: Progress, in_use: InUse) -> dict[str, Any]:
+    try:
+        found = tip_fit(plan, progress.readings, in_use)
+    except ArithmeticError as error:
+        return {"text": f"no tip yet: {error}"}
+    offset = ", ".join(f"{value:.3f}" for value in found.offset_mm)
+    expanded = ", ".join(f"{2 * value:.3f}" for value in found.uncertainty_mm)
+    text = f"offset [{offset}] mm, U = [{expanded}] mm (k = 2), form {found.form_error_mm:.3f} mm"
+    return {"text": text, **found.as_json()}
+
+
+def _scatter(plan: Plan, progress: Progress) -> dict[str, Any]:
+    """How well the live points repeat at seats, and fit the certified positions."""
+    squares, freedom = 0.0, 0
+    by_placement: defaultdict[str, list[Reading]] = defaultdict(list)
+    for reading in progress.readings:
+        by_placement[reading.placement].append(reading)
+    for readings in by_placement.values():
+        for part, unknowns in _residuals(plan.artefact, readings):
+            squares += float((part**2).sum())
+            freedom += part.size - unknowns
+    if freedom <= 0:
+        return {"text": "nothing was measured twice yet", "rms_um": None, "freedom": 0}
+    rms_um = 1e3 * math.sqrt(3 * squares / freedom)
+    uncertainty_um = rms_um / math.sqrt(2 * freedom)
+    return {
+        "text": f"the points fit together within {rms_um:.1f} ± {uncertainty_um:.1f} µm RMS (3-D)",
+        "rms_um": rms_um,
+        "standard_uncertainty_um": uncertainty_um,
+        "freedom": freedom,
+    }
+
+
+def _residuals(artefact: Artefact, readings: Sequence[Reading]) -> list[tuple[F64, int]]:
+    """Of one placement: residuals (n, 3) mm and how many unknowns they took, in parts that share
+    none: the certified targets, and each seat."""
+    certified = {
+        target.name: target.position_mm for target in artefact.targets if target.position_mm
+    }
+    parts = []
+    placed = [reading for reading in readings if reading.target in certified]
+    if len({reading.target for reading in placed}) >= 3:
+        local = np.array([certified[reading.target] for reading in placed])
+        base = _points(placed)
+        group, weight = np.zeros(len(placed), np.int64), np.ones(len(placed))
+        rotation, translation = kabsch(local, base, weight, group, 1)
+        parts.append((base - local @ rotation[0].T - translation[0], 6))
+    for name in {reading.target for reading in readings} - set(certified):
+        points = _points([reading for reading in readings if reading.target == name])
+        if len(points) > 1:
+            parts.append((points - points.mean(axis=0), 3))
+    return parts
+
+
+def _points(readings: Sequence[Reading]) -> F64:
+    return np.array([reading.measurement["position_mm"] for reading in readings], dtype=float)

@@ -1,0 +1,125 @@
+"""What the daemon measures with: arm, calibration and tip, and the files a result needs of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.client import Arm as Connection
+from armd.compensation.model.arm import Arm, Vector3
+from armd.compensation.model.calibration import (
+    Calibration,
+    parse_calibration,
+    save_calibration,
+)
+from armd.compensation.model.parameters import TIP_PARAMETERS
+from armd.errors import ArmdError
+from armd.files import write_whole
+
+F64 = npt.NDArray[np.float64]
+
+ARM, CALIBRATION = "arm.toml", "calibration_in_use.json"
+
+
+@dataclass(frozen=True)
+class InUse:
+    """The tip's offset and radius are already those of the tip in use."""
+
+    arm: Arm
+    calibration: Calibration | None  # None: nominal geometry
+    identity: str | None  # of the calibration's file, as measurements carry it
+    tip: str | None  # a name of [tips]; None: the calibration's own
+    data: bytes | None = None  # the calibration's file, where the tip is its own
+
+    @property
+    def constants(self) -> F64:
+        """The parameter vector (5 N + 9,), tip included."""
+        if self.calibration is None:
+            return self.arm.nominal()
+        return self.calibration.vector(self.arm.n_joints)
+
+    @property
+    def offset_mm(self) -> F64:
+        n = self.arm.n_joints
+        return self.constants[5 * n : 5 * n + 3]
+
+    def write(self, folder: Path) -> tuple[Path, Path | None]:
+        """arm.toml and, where there is one, the calibration, for commands to read."""
+        write_whole(folder / ARM, arm_toml(self.arm))
+        if self.calibration is None:
+            return folder / ARM, None
+        if self.data is not None:
+            write_whole(folder / CALIBRATION, self.data)
+        else:
+            save_calibration(folder / CALIBRATION, self.calibration)
+        return folder / ARM, folder / CALIBRATION
+
+
+def in_use_of(connection: Connection) -> InUse:
+    """Asked of a running daemon."""
+    info, text = connection.info(), connection.calibration_file()
+    try:
+        return in_use(info, text)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ArmdError(f"{connection.serial}: the answer is none of armd's: {error!r}") from error
+
+
+def in_use(info: Mapping[str, Any], calibration_text: str | None) -> InUse:
+    """From the daemon's `info` and its calibration file; raises `BadInput` for what is neither."""
+    arm = Arm.model_validate_json(json.dumps(info["arm"]))
+    calibration, identity, data = None, None, None
+    if calibration_text is not None:
+        data = calibration_text.encode()
+        calibration = parse_calibration("the daemon's calibration", data)
+        identity = hashlib.sha256(data).hexdigest()[:16]
+    tip = info["tip"]
+    if tip is not None:
+        given = info["configuration"]["tips"][tip]
+        radius_mm = given.get("radius_mm")
+        radius_mm = arm.tip.radius_mm if radius_mm is None else radius_mm
+        arm, calibration = _with_tip(arm, calibration, tuple(given["offset_mm"]), radius_mm)
+        data = None
+    return InUse(arm, calibration, identity, tip, data)
+
+
+def _with_tip(
+    arm: Arm, calibration: Calibration | None, offset_mm: Vector3, radius_mm: float
+) -> tuple[Arm, Calibration | None]:
+    tip = arm.tip.model_copy(update={"offset_mm": offset_mm, "radius_mm": radius_mm})
+    arm = arm.model_copy(update={"tip": tip})
+    if calibration is None:
+        return arm, None
+    offsets = dict(zip(TIP_PARAMETERS, offset_mm, strict=True))
+    constants = {**calibration.constants, **offsets}
+    return arm, calibration.model_copy(update={"constants": constants})
+
+
+def arm_toml(arm: Arm) -> str:
+    """The text of an arm.toml."""
+    content = arm.model_dump(mode="json", by_alias=True, exclude_none=True)
+    sensors, joints, tip = (content.pop(key) for key in ("temperature_sensor", "joint", "tip"))
+    lines = _lines(content)
+    for sensor in sensors:
+        lines += ["", "[[temperature_sensor]]", *_lines(sensor)]
+    for joint in joints:
+        lines += ["", "[[joint]]", *_lines(joint)]
+    return "\n".join([*lines, "", "[tip]", *_lines(tip)]) + "\n"
+
+
+def _lines(table: Mapping[str, Any]) -> list[str]:
+    return [f"{key} = {_value(value)}" for key, value in table.items()]
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, dict):
+        pairs = (f"{json.dumps(key)} = {_value(item)}" for key, item in value.items())
+        return f"{{ {', '.join(pairs)} }}"
+    # Strings, numbers and lists of numbers are written in TOML as in JSON.
+    return json.dumps(value, ensure_ascii=False)

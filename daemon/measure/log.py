@@ -1,0 +1,139 @@
+"""What happened in a guided measurement, line by line: JSON, appended and synced one by one.
+
+Whoever was told that a reading was taken finds it here after a kill or a power cut. The session's
+folder is made of it anew at any time.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from armd.compensation.data.session import READINGS
+from armd.errors import BadInput
+from armd.files import check_folder, told
+from armd.outputs import check_output_folder
+
+NAME = "measuring.jsonl"
+SCHEMA = "armd.measuring/1"
+#: Ten thousand readings at a kilobyte each, refusals besides.
+MOST_BYTES = 64 << 20
+
+Entry = dict[str, Any]
+
+
+class Log:
+    """One writer at a time: a second one is refused. Close it."""
+
+    def __init__(self, folder: Path, header: Mapping[str, Any]) -> None:
+        """Begin in *folder* with *header*, or go on where its log ends (`header` and `past` say
+        how it began). Raises `BadInput` for a folder of another session, or a damaged log."""
+        check_output_folder(folder)
+        path = folder / NAME
+        if not path.exists():
+            for name in ("session.toml", *READINGS):
+                if (folder / name).exists():
+                    expected = "a new folder, or one that `armd measure` began"
+                    raise BadInput(folder, "the folder", name, expected)
+        with told(path):
+            folder.mkdir(parents=True, exist_ok=True)
+            check_folder(folder)
+            flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+            self._handle = os.open(path, flags, 0o666)
+        try:
+            self._lock(path)
+            lines = self._whole_lines(path)
+            if lines:
+                self.header, self.past = lines[0], lines[1:]
+            else:
+                self.header, self.past = {"schema": SCHEMA, **header}, []
+                self.append(self.header)
+                _sync_folder(folder)
+        except BaseException:
+            self.close()
+            raise
+        if self.header.get("schema") != SCHEMA:
+            self.close()
+            raise BadInput(path, "line 1", repr(self.header.get("schema")), repr(SCHEMA))
+
+    @property
+    def is_new(self) -> bool:
+        return not self.past
+
+    def append(self, entry: Mapping[str, Any]) -> None:
+        """On the disk when this returns; raises `BadInput` where it cannot be, and then nothing of
+        it is there."""
+        data = (json.dumps(entry, allow_nan=False, separators=(",", ":")) + "\n").encode()
+        size = os.fstat(self._handle).st_size
+        with told(Path(NAME)):
+            try:
+                left = data
+                while left:
+                    left = left[os.write(self._handle, left) :]
+                os.fsync(self._handle)
+            except BaseException:
+                os.ftruncate(self._handle, size)
+                raise
+
+    def close(self) -> None:
+        if self._handle >= 0:
+            os.close(self._handle)
+            self._handle = -1
+
+    def _lock(self, path: Path) -> None:
+        try:
+            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            found = "another armd measuring into it"
+            raise BadInput(path, "the session", found, "one at a time") from None
+
+    def _whole_lines(self, path: Path) -> list[Entry]:
+        """What stands there; a line that a kill tore was never told of, and goes."""
+        size = os.fstat(self._handle).st_size
+        if size > MOST_BYTES:
+            raise BadInput(path, "the file", f"{size} bytes", f"{MOST_BYTES} at most")
+        data = b""
+        while len(data) < size and (piece := os.pread(self._handle, size - len(data), len(data))):
+            data += piece
+        whole = data.rfind(b"\n") + 1
+        if whole < len(data):
+            os.ftruncate(self._handle, whole)
+            os.fsync(self._handle)
+        lines = []
+        for number, line in enumerate(data[:whole].split(b"\n")[:-1], 1):
+            try:
+                entry = json.loads(line)
+            except (ValueError, RecursionError) as error:
+                raise BadInput(path, f"line {number}", "no JSON", "a line of this log") from error
+            if not isinstance(entry, dict):
+                raise BadInput(path, f"line {number}", "no object", "a line of this log")
+            lines.append(entry)
+        return lines
+
+
+def begun(folder: Path) -> Entry | None:
+    """How the log in *folder* begins; None where there is none. Raises `BadInput`."""
+    path = folder / NAME
+    if not path.exists():
+        return None
+    with told(path), path.open("rb") as file:
+        line = file.readline(MOST_BYTES)
+    try:
+        entry = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise BadInput(path, "line 1", "no JSON", "the log of a guided measurement") from error
+    if not isinstance(entry, dict) or entry.get("schema") != SCHEMA:
+        raise BadInput(path, "line 1", "something else", f"the schema {SCHEMA!r}")
+    return entry
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

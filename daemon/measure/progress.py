@@ -1,0 +1,122 @@
+"""Where a guided measurement stands: a pure fold over the entries of its log.
+
+An entry's `what` is one of
+
+- `reading`: `number` (never used twice), `station` (index into the plan; None: once more), the
+  `placement` and `target` measured, `artefact_c`, and the `measurement` as published;
+- `deleted`: `number` of the reading that goes;
+- `again`: the next reading is the last one's target once more;
+- `skipped`: a `station` that is left out;
+- `refused`: `reason`, `text`, and the `measurement`: it changes nothing but a count.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from armd.daemon.measure.stations import Plan, Station
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One that was taken and not deleted."""
+
+    number: int
+    station: int | None
+    placement: str
+    target: str
+    artefact_c: float | None
+    measurement: Mapping[str, Any]
+
+
+class Progress:
+    """`apply` is the one way anything changes."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan = plan
+        self.readings: list[Reading] = []
+        self.refused: Counter[str] = Counter()
+        self.skipped: set[int] = set()
+        self.last_number = 0
+        self._filled: set[int] = set()
+        self._again: Station | None = None
+
+    def apply(self, entry: Mapping[str, Any]) -> None:
+        """Raises `ValueError` or `KeyError` for an entry that cannot follow those before."""
+        match entry["what"]:
+            case "reading":
+                self._take(entry)
+            case "deleted":
+                self._delete(entry["number"])
+            case "again":
+                self._again = self._last_station()
+            case "skipped":
+                self._skip(entry["station"])
+            case "refused":
+                self.refused[str(entry["reason"])] += 1
+            case other:
+                raise ValueError(f"{other!r}, which is nothing that happens")
+
+    @property
+    def next_index(self) -> int | None:
+        """Of the station to go to next; None: the last one once more, or there is none."""
+        if self._again is not None:
+            return None
+        done = self._filled | self.skipped
+        return next((i for i in range(len(self._plan.stations)) if i not in done), None)
+
+    @property
+    def next_station(self) -> Station | None:
+        """None: everything is measured."""
+        if self._again is not None:
+            return self._again
+        index = self.next_index
+        return None if index is None else self._plan.stations[index]
+
+    @property
+    def done(self) -> int:
+        """Stations that have their reading."""
+        return len(self._filled)
+
+    def _take(self, entry: Mapping[str, Any]) -> None:
+        number, station = entry["number"], entry["station"]
+        if number != self.last_number + 1:
+            raise ValueError(f"reading {number} after {self.last_number}")
+        if station != self.next_index or self.next_station is None:
+            raise ValueError(f"a reading of station {station}, not of {self.next_index}")
+        reading = Reading(
+            number,
+            station,
+            entry["placement"],
+            entry["target"],
+            entry["artefact_c"],
+            entry["measurement"],
+        )
+        self.last_number = number
+        self.readings.append(reading)
+        if station is not None:
+            self._filled.add(station)
+        self._again = None
+
+    def _delete(self, number: int) -> None:
+        if not self.readings or self.readings[-1].number != number:
+            raise ValueError(f"reading {number} deleted, which is not the last")
+        gone = self.readings.pop()
+        if gone.station is not None:
+            self._filled.discard(gone.station)
+        self._again = None
+
+    def _skip(self, station: int) -> None:
+        if station != self.next_index:
+            raise ValueError(f"station {station} left out, which is not the next")
+        self.skipped.add(station)
+
+    def _last_station(self) -> Station:
+        if not self.readings:
+            raise ValueError("once more, and nothing was measured")
+        last = self.readings[-1]
+        how = "once more, the arm in another posture"
+        return Station(placement=last.placement, target=last.target, how=how)
