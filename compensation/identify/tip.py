@@ -68,7 +68,7 @@ def fit_in_seat(origin_mm: F64, rotation: F64) -> TipFit:
     found = np.linalg.lstsq(design, (middle - origin_mm).reshape(-1), rcond=None)[0]
     away = (design @ found - (middle - origin_mm).reshape(-1)).reshape(n, 3)
     variance = float((away**2).sum()) / (3 * n - 6)
-    covariance = variance * np.linalg.inv(design.T @ design)
+    covariance: F64 = variance * np.linalg.inv(design.T @ design)
     distance = np.linalg.norm(away, axis=1)
     return TipFit(
         offset_mm=found[:3],
@@ -125,7 +125,7 @@ def fit_on_sphere(
     slope = derivatives(fit.x)
     _require_full(slope)
     variance = float((fit.fun**2).sum()) / (n - 7)
-    covariance = variance * np.linalg.inv(slope.T @ slope)
+    covariance: F64 = np.asarray(variance * np.linalg.inv(slope.T @ slope), dtype=np.float64)
     return TipFit(
         offset_mm=fit.x[:3],
         covariance_mm2=covariance[:3, :3],

@@ -12,11 +12,11 @@ from typing import Any, Literal, get_args
 
 from pydantic import ValidationError
 
-from armd.compensation.data.session_format import Artefact, Target
+from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.inputs import MOST_TOML_BYTES, read_input
-from armd.schema import Strict
+from armd.schema import Strict, validate
 
 Kind = Literal["seats", "artefact", "verify", "poses", "tip", "interim"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -101,8 +101,8 @@ def rounds(
 
 def seats_artefact(names: Sequence[str]) -> Artefact:
     """Points that nobody knows, fixed where they are."""
-    targets = [Target(name=name) for name in dict.fromkeys(names)]
-    return Artefact(name="seats", target=targets)
+    targets = [{"name": name} for name in dict.fromkeys(names)]
+    return validate("the seats", {"name": "seats", "target": targets}, Artefact)
 
 
 def postures_of(path: Path, n_joints: int) -> list[tuple[float, ...]]:
