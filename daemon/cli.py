@@ -30,7 +30,7 @@ COMMANDS = {
     "ros2": "native ROS 2 topics, without ROS on the controller",
     "fleet": "all arms that can be heard: state, rate, lost, temperatures, calibration",
     "stream": "text lines over TCP: one per measurement, or per point",
-    "export": "measurements to .csv, .xyz, .ply or .qif",
+    "export": "measurements to .csv, .xyz, .ply or .qif, a recording to Foxglove's .mcap",
     "correct": "correct readings offline, same kernel",
     "recorrect": "measurements corrected again by a later calibration",
     "calibrate": "identify geometry and thermal model from sessions",

@@ -1,4 +1,5 @@
-"""`armd export [SERIAL | FILE]`: measurements to `.csv`, `.xyz`, `.ply` or `.qif`."""
+"""`armd export [SERIAL | FILE]`: measurements to `.csv`, `.xyz`, `.ply` or `.qif`;
+a recording to `.mcap` as Foxglove draws it."""
 
 from __future__ import annotations
 
@@ -14,6 +15,7 @@ from armd.daemon.bridges.export.source import Measured
 from armd.daemon.bridges.export.tables import as_csv, as_ply, as_xyz
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.measurement_log import log_folder, logs_folder
+from armd.drivers.replay.recording import Recording
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.outputs import Kind, add_force, check_outputs
@@ -24,6 +26,7 @@ WRITTEN_BEFORE: dict[str, Callable[[bytes], bool]] = {
     ".xyz": lambda head: len(head.split(b"\n")[0].split()) == 6,
     ".ply": lambda head: head.startswith(b"ply\nformat ascii 1.0\ncomment measured points"),
     ".qif": lambda head: b"<QIFDocument" in head and b"<Name>armd " in head,
+    ".mcap": lambda head: head.startswith(b"\x89MCAP") and b"foxglove-sdk" in head[:100],
 }
 SUFFIXES = tuple(WRITTEN_BEFORE)
 #: What a file without the arm's `info` says of its tip: the shaft is the last frame's own axis.
@@ -62,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
         raise BadInput(args.output, "the suffix", repr(suffix), f"one of {' '.join(SUFFIXES)}")
     kind = Kind("points of armd", WRITTEN_BEFORE[suffix])
     check_outputs({"-o": (args.output, kind)}, [args.source], args.force)
+    if suffix == source.RECORDING:
+        return _to_foxglove(args)
     since_ns = instant_ns(args.since) if args.since else None
     found = _find(args)
     chosen = [m for m in found.measurements if since_ns is None or m.stamp_ns >= since_ns]
@@ -82,6 +87,25 @@ def run(args: argparse.Namespace) -> int:
     print(f"armd: {args.output}: {len(chosen)} measurements{remark}")
     for sentence in found.left_out:
         print(f"armd: {sentence}")
+    return 0
+
+
+def _to_foxglove(args: argparse.Namespace) -> int:
+    path = Path(args.source or "")
+    if path.suffix != source.RECORDING or args.log or args.since:
+        found = "--since" if args.since else "--log" if args.log else repr(args.source or "")
+        expected = "a recording (.mcap) alone, for an .mcap that Foxglove draws"
+        raise BadInput("the command line", "SOURCE", found, expected)
+    try:
+        from armd.daemon.bridges.export.foxglove import write_foxglove
+    except ImportError as error:
+        needs = "it installed: pip install foxglove-sdk"
+        raise BadInput(args.output, "the package foxglove-sdk", "nothing", needs) from error
+    recording = Recording(path)
+    points, measurements = write_foxglove(recording, args.output)
+    print(f"armd: {args.output}: {points} points, {measurements} measurements, for Foxglove")
+    if recording.missing is not None:
+        print(f"armd: {recording.missing}")
     return 0
 
 

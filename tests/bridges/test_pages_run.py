@@ -60,6 +60,7 @@ FOR_EVER = [  # with --seconds 3, so that they end
     "armd fleet --endpoint tcp/plant.example:7447 --json",
 ]
 ELSEWHERE = {
+    "armd export recording.mcap -o drawn.mcap": "test_export_foxglove.py",
     "armd fleet --router plant-router.json5": "test_fleet.py: it needs certificates",
 }
 
