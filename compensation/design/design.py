@@ -22,6 +22,7 @@ from armd.compensation.design.criterion import Criterion, between, weakest
 from armd.compensation.diagnose.advice import most_doubtful
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
+from armd.compensation.diagnose.fitting.nuisance import IDENTIFIED, finding
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
@@ -35,6 +36,10 @@ WORTHWHILE = 1.01  # least factor by which an exchange must help
 WORTH_A_CLIMATE = 1.1  # least factor by which a climate must beat one of less trouble
 #: Prior of the unknowns, as a share of what the whole pool would tell: makes gauges invertible.
 RIDGE = 1e-9
+
+
+#: The block of the candidates that the experiment is to tell apart.
+ASKED = "asked"
 
 
 @dataclass(frozen=True)
@@ -96,24 +101,19 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
 
 def _known(last: Fit, candidates: list[Candidate], arm: Arm) -> F64:
     """Information (k, k) of the sessions there are; of the placement to come, nothing."""
-    own = last.nuisance.columns[:, last.layout.identified]
-    wanted = last.noise.whiten(np.hstack([own, *finding_columns(last.linear, candidates, arm)]))
-    others = np.ones(last.nuisance.columns.shape[1], dtype=bool)
-    others[last.layout.identified] = False
+    asked = np.hstack(finding_columns(last.linear, candidates, arm)) if candidates else None
+    problem = last.problem
+    if asked is not None:
+        white = last.noise.whiten(asked)
+        free = np.full(asked.shape[1], np.inf)
+        problem = problem.joined(ASKED, white.T @ white, last.across(asked), free)
+    # A finding that is asked about is there as a candidate.
     places = [candidate.place for candidate in candidates]
-    for finding, at in zip(last.findings, last.layout.findings, strict=True):
-        if finding.place in places:
-            others[at] = False
-    nuisance, scale = last.noise.whiten_to_unit(last.nuisance.columns[:, others])
-    ridge = 1.0 / (last.nuisance.variance[others] * scale**2) + RIDGE
-    across = nuisance.T @ wanted
-    clear = wanted.T @ wanted - across.T @ np.linalg.solve(
-        nuisance.T @ nuisance + np.diag(ridge), across
-    )
-    if last.baseline.held:  # the calibration's covariance: one per direction
-        clear[: own.shape[1], : own.shape[1]] += np.eye(own.shape[1])
-    known = np.zeros((len(clear) + 6, len(clear) + 6))
-    known[:-6, :-6] = (clear + clear.T) / 2
+    itself = [finding(i) for i, found in enumerate(last.findings) if found.place in places]
+    wanted = [IDENTIFIED, ASKED] if candidates else [IDENTIFIED]
+    told = problem.without(*itself).information(*wanted)
+    known = np.zeros((len(told) + 6, len(told) + 6))
+    known[:-6, :-6] = told
     return known
 
 

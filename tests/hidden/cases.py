@@ -14,7 +14,7 @@ from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.fitting.fit import Fit
 from armd.compensation.diagnose.fitting.noise import Noise as Whitening
-from armd.compensation.diagnose.scoring.evidence import inverse_factor
+from armd.compensation.estimate.linear_model import LinearModel
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.model.arm import load_arm
@@ -154,14 +154,9 @@ def projected_snr(first: Fit, error_mm: np.ndarray, noise: Whitening) -> float:
     mean = np.stack([np.bincount(rest_of, column) for column in error_mm.T], axis=1) / counts
     flat = np.zeros(len(first.residual))
     flat[: mean.size] = mean.ravel()
-    white = noise.whiten(first.nuisance.columns)
-    scale = np.sqrt((white**2).sum(axis=0))
-    scale[scale == 0.0] = 1.0
-    white /= scale
-    ridge = np.diag(1.0 / (first.nuisance.variance * scale**2))
-    factor = inverse_factor(white.T @ white + ridge)
-    signal = noise.whiten(flat)
-    towards = factor.T @ (white.T @ signal)
+    white, signal = noise.whiten(first.nuisance.columns), noise.whiten(flat)
+    model = LinearModel.of_rows([("all that absorbs", white, first.nuisance.variance)])
+    towards = model.project(white.T @ signal)
     return float(np.sqrt(max(signal @ signal - towards @ towards, 0.0)))
 
 

@@ -8,7 +8,6 @@ import pytest
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import model_under_test
 from armd.compensation.diagnose.fitting.fit import finding_columns, fit, solve_again
-from armd.compensation.diagnose.fitting.nuisance import with_gauge
 from armd.compensation.diagnose.fitting.problem import gather_rests
 from armd.compensation.diagnose.fitting.session_facts import gather_facts
 from armd.compensation.diagnose.fitting.signatures import compile_candidates
@@ -35,10 +34,18 @@ def problem(tmp_path_factory):
     return found, arm, candidates
 
 
+def whitened(noise, columns):
+    """Columns of unit length, and by what they were divided."""
+    white = noise.whiten(columns)
+    scale = np.linalg.norm(white, axis=0)
+    scale[scale == 0.0] = 1.0
+    return white / scale, scale
+
+
 def statistic(current, candidate, arm) -> float:
     """χ² of a candidate by one dense least-squares problem with all that absorbs."""
     variance = np.minimum(current.nuisance.variance, 1e12)
-    white, scale = current.noise.whiten_to_unit(current.nuisance.columns)
+    white, scale = whitened(current.noise, current.nuisance.columns)
     prior = np.diag(1.0 / np.sqrt(variance * scale**2))
     x = current.noise.whiten(finding_columns(current.linear, [candidate], arm)[0])
     left = current.noise.whiten(current.residual)
@@ -95,8 +102,9 @@ def test_a_fit_without_a_part_is_the_fit_of_the_others_alone(problem) -> None:
     whitener = np.where(out[:, None, None], 0.0, current.noise.whitener)
     without = solve_again(current, [], replace(current.noise, whitener=whitener), arm)
     kept = np.append(np.repeat(~out, 3), np.ones(len(current.residual) - 3 * len(out), bool))
-    white, scale = without.noise.whiten_to_unit(without.nuisance.columns)
-    prior = 1.0 / np.sqrt(with_gauge(without.nuisance.variance, without.layout)) / scale
+    white, scale = whitened(without.noise, without.nuisance.columns)
+    held = np.minimum(without.nuisance.variance, without.layout.drawing)
+    prior = 1.0 / np.sqrt(held) / scale
     heard = white[kept].any(axis=0)
     rows = np.vstack([white[kept], np.diag(prior)])[:, heard]
     side = np.append(current.noise.whiten(current.residual)[kept], np.zeros(len(prior)))

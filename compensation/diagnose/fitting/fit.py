@@ -16,17 +16,17 @@ from armd.compensation.diagnose.fitting.noise import Noise, Nuisance
 from armd.compensation.diagnose.fitting.nuisance import (
     Layout,
     amplitude_variance,
+    finding,
     for_noise,
     gather_nuisance,
     is_sized,
-    with_gauge,
     with_other_findings,
     with_some_findings,
 )
 from armd.compensation.diagnose.fitting.problem import Linear, ModelState, Rests, linearise
 from armd.compensation.diagnose.fitting.signatures import compile_candidates
-from armd.compensation.diagnose.scoring.evidence import pseudo_inverse_factor
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
@@ -61,13 +61,16 @@ class Fit:
     fitted: F64  # (N,) of it what the nuisance columns explain
     solution: F64  # (b,)
     inverse: F64  # (b, b) covariance of the solution
+    problem: LinearModel  # of the nuisance columns
+
+    def across(self, columns: F64) -> F64:
+        """Products (b, …) of the nuisance columns with others (N, …), both whitened."""
+        products: F64 = self._white.T @ self.noise.whiten(columns)
+        return products
 
     @cached_property
-    def white(self) -> tuple[F64, F64, F64]:
-        """Whitened nuisance columns (N, b) of unit length, by what they were divided, and their
-        products (b, b)."""
-        white, scale = self.noise.whiten_to_unit(self.nuisance.columns)
-        return white, scale, white.T @ white
+    def _white(self) -> F64:
+        return self.noise.whiten(self.nuisance.columns)
 
     def net_signature(self, index: int) -> F64:
         """Motion (n, 3) in mm of the tip by a finding, clear of all else in the model.
@@ -75,15 +78,9 @@ class Fit:
         What rests share by chance (certified targets, a slow drift) is noise: it weighs, but what
         it could take up is still the finding's.
         """
-        own = self.layout.findings[index]
-        moves = -self.nuisance.columns[:, own] @ self.amplitudes[index]
-        keep = np.delete(np.arange(len(self.solution)), own)
-        white, scale, gram = self.white
-        variance = with_gauge(self.nuisance.variance, self.layout)[keep]
-        ridge = np.diag(1.0 / (variance * scale[keep] ** 2))
-        factor = pseudo_inverse_factor(gram[np.ix_(keep, keep)] + ridge)
-        side = (white.T @ self.noise.whiten(moves))[keep]
-        taken = factor @ (factor.T @ side) / scale[keep]
+        moves = -self.nuisance.columns[:, self.layout.findings[index]] @ self.amplitudes[index]
+        keep = self.layout.blocks.but([finding(index)])
+        taken, _ = self.problem.only(keep).solve(self.across(moves)[keep])
         model = keep < self.layout.shared
         other = self.nuisance.columns[:, keep[model]] @ taken[model]
         net: F64 = (moves - other)[: 3 * self.linear.rests.n].reshape(-1, 3)
@@ -142,14 +139,15 @@ def fit(
         blocks = in_blocks(noisy.columns, linear)
         if noise is None:
             noise = noise_model.estimate(linear, residual, blocks, noisy.variance)
-        fitted = nuisance.columns @ _solve(blocks, nuisance.ridged(noise), layout, noise, residual)
+        fitted = nuisance.columns @ _solve(blocks, nuisance, layout, noise, residual)
         clipped = noise_model.winsorise(residual, fitted, noise)
         noise = noise_model.estimate(linear, clipped, blocks, noisy.variance, noise)
-        fitted = nuisance.columns @ _solve(blocks, nuisance.ridged(noise), layout, noise, clipped)
+        fitted = nuisance.columns @ _solve(blocks, nuisance, layout, noise, clipped)
         clipped = noise_model.winsorise(residual, fitted, noise)
-        normal = _normal(blocks, len(nuisance.variance), noise, clipped)
-        nuisance, sizes = _sized(nuisance.ridged(noise), layout, findings, sizes, normal)
-        solution, inverse = normal.solved(with_gauge(nuisance.variance, layout))
+        problem, side = _normal(blocks, nuisance.ridged(noise), layout, noise, clipped)
+        problem, sizes = _sized(problem, side, layout, findings, sizes)
+        nuisance = Nuisance(nuisance.columns, problem.variance)
+        solution, inverse = problem.solve(side)
         fitted = nuisance.columns @ solution
         before = amplitudes
         amplitudes = [-solution[at] for at in layout.findings]
@@ -181,6 +179,7 @@ def fit(
         fitted,
         solution,
         inverse,
+        problem,
     )
 
 
@@ -189,23 +188,10 @@ def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Ar
     columns = finding_columns(known.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
     nuisance, layout = with_other_findings(known.nuisance, known.layout, findings, columns, sizes)
-    normal = _normal(
-        in_blocks(nuisance.columns, known.linear), len(nuisance.variance), noise, known.residual
-    )
-    nuisance, _ = _sized(nuisance, layout, findings, sizes, normal)
-    solution, inverse = normal.solved(with_gauge(nuisance.variance, layout))
-    return replace(
-        known,
-        findings=tuple(findings),
-        amplitudes=tuple(-solution[at] for at in layout.findings),
-        covariances=tuple(inverse[at, at] for at in layout.findings),
-        noise=noise,
-        nuisance=nuisance,
-        layout=layout,
-        fitted=nuisance.columns @ solution,
-        solution=solution,
-        inverse=inverse,
-    )
+    blocks = in_blocks(nuisance.columns, known.linear)
+    problem, side = _normal(blocks, nuisance, layout, noise, known.residual)
+    problem, _ = _sized(problem, side, layout, findings, sizes)
+    return _solved(known, findings, nuisance.columns, layout, problem, side, noise)
 
 
 class Refits:
@@ -215,31 +201,45 @@ class Refits:
     def __init__(self, known: Fit, noise: Noise) -> None:
         self._known, self._noise = known, noise
         blocks = in_blocks(known.nuisance.columns, known.linear)
-        self._normal = _normal(blocks, len(known.solution), noise, known.residual)
+        self._problem, self._side = _normal(
+            blocks, known.nuisance, known.layout, noise, known.residual
+        )
 
     def with_some(self, some: Sequence[int]) -> Fit:
         """The fit with *some* of the findings, by number."""
-        known, whole = self._known, self._normal
-        kept, layout = with_some_findings(known.layout, some, len(known.solution))
-        normal = _Normal(whole.gram[np.ix_(kept, kept)], whole.side[kept], whole.scale[kept])
-        columns = known.nuisance.columns[:, kept]
+        known = self._known
+        kept, layout = with_some_findings(known.layout, some)
         findings = tuple(known.findings[i] for i in some)
-        nuisance = Nuisance(columns, known.nuisance.variance[kept])
-        sizes = [CURVE_SCALE] * len(findings)
-        nuisance, _ = _sized(nuisance, layout, findings, sizes, normal)
-        solution, inverse = normal.solved(with_gauge(nuisance.variance, layout))
-        return replace(
-            known,
-            findings=findings,
-            amplitudes=tuple(-solution[at] for at in layout.findings),
-            covariances=tuple(inverse[at, at] for at in layout.findings),
-            noise=self._noise,
-            nuisance=nuisance,
-            layout=layout,
-            fitted=columns @ solution,
-            solution=solution,
-            inverse=inverse,
-        )
+        problem, side = replace(self._problem.only(kept), layout=layout.blocks), self._side[kept]
+        problem, _ = _sized(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
+        columns = known.nuisance.columns[:, kept]
+        return _solved(known, findings, columns, layout, problem, side, self._noise)
+
+
+def _solved(
+    known: Fit,
+    findings: Sequence[Candidate],
+    columns: F64,
+    layout: Layout,
+    problem: LinearModel,
+    side: F64,
+    noise: Noise,
+) -> Fit:
+    """A fit about the same point, solved anew with other nuisance columns (N, b)."""
+    solution, inverse = problem.solve(side)
+    return replace(
+        known,
+        findings=tuple(findings),
+        amplitudes=tuple(-solution[at] for at in layout.findings),
+        covariances=tuple(inverse[at, at] for at in layout.findings),
+        noise=noise,
+        nuisance=Nuisance(columns, problem.variance),
+        layout=layout,
+        fitted=columns @ solution,
+        solution=solution,
+        inverse=inverse,
+        problem=problem,
+    )
 
 
 def _kinematic_part(
@@ -254,56 +254,43 @@ def _kinematic_part(
 
 
 def _sized(
-    nuisance: Nuisance,
+    problem: LinearModel,
+    side: F64,
     layout: Layout,
     findings: Sequence[Candidate],
     sizes: Sequence[float],
-    normal: _Normal,
-) -> tuple[Nuisance, list[float]]:
+) -> tuple[LinearModel, list[float]]:
     """With each curve's likely size as the data have it: expectation–maximisation, few steps."""
     sizes = list(sizes)
     curves = [i for i, candidate in enumerate(findings) if is_sized(candidate)]
     if not curves:
-        return nuisance, sizes
-    variance = nuisance.variance.copy()
+        return problem, sizes
     for _ in range(SIZING_STEPS):
-        solution, inverse = normal.solved(with_gauge(variance, layout))
+        solution, inverse = problem.solve(side)
+        variance = problem.variance.copy()
         for i in curves:
             at = layout.findings[i]
             unit = amplitude_variance(findings[i], 1.0)
             square = (solution[at] ** 2 + np.diag(inverse)[at]) / unit
             sizes[i] = float(np.clip(np.sqrt(square.mean()), *CURVE_SCALES))
             variance[at] = sizes[i] ** 2 * unit
-    return Nuisance(nuisance.columns, variance), sizes
+        problem = problem.with_variance(variance)
+    return problem, sizes
 
 
 def _solve(blocks: Blocks, nuisance: Nuisance, layout: Layout, noise: Noise, residual: F64) -> F64:
     """Generalised least squares: solution (b,) with B x ≈ residual."""
-    normal = _normal(blocks, len(nuisance.variance), noise, residual)
-    return normal.solved(with_gauge(nuisance.variance, layout))[0]
+    problem, side = _normal(blocks, nuisance.ridged(noise), layout, noise, residual)
+    return problem.solve(side)[0]
 
 
-@dataclass(frozen=True)
-class _Normal:
-    """Normal equations of whitened columns divided by *scale* (b,), to solve under any prior."""
-
-    gram: F64  # (b, b)
-    side: F64  # (b,)
-    scale: F64
-
-    def solved(self, variance: F64) -> tuple[F64, F64]:
-        """Solution (b,) and its covariance (b, b), amplitudes a priori of *variance* (b,).
-
-        What the rows say nothing of stays 0, and as uncertain as its prior has it.
-        """
-        factor = pseudo_inverse_factor(self.gram + np.diag(1.0 / (variance * self.scale**2)))
-        inverse = factor @ factor.T / np.outer(self.scale, self.scale)
-        return inverse @ (self.scale * self.side), inverse
-
-
-def _normal(blocks: Blocks, b: int, noise: Noise, residual: F64) -> _Normal:
-    """Of the first *b* columns."""
+def _normal(
+    blocks: Blocks, nuisance: Nuisance, layout: Layout, noise: Noise, residual: F64
+) -> tuple[LinearModel, F64]:
+    """The linear problem of the nuisance columns, the first of *blocks*, and its right side."""
+    b = layout.blocks.n
     products = blocks.products(noise.whitener, noise.distance_mm, residual)
-    scale = np.sqrt(np.diag(products)[:b])
-    scale[scale == 0.0] = 1.0
-    return _Normal(products[:b, :b] / np.outer(scale, scale), products[:b, -1] / scale, scale)
+    problem = LinearModel.of_products(
+        layout.blocks, products[:b, :b], nuisance.variance, drawing=layout.drawing
+    )
+    return problem, products[:b, -1]

@@ -69,14 +69,6 @@ class Noise:
         white[3 * n :] = flat[3 * n :] / self.distance_mm[:, None]
         return white.reshape(columns.shape)
 
-    def whiten_to_unit(self, columns: F64) -> tuple[F64, F64]:
-        """Whitened columns (N, m) of unit length, and by what they were divided (m,)."""
-        white = self.whiten(columns)
-        scale = np.sqrt((white**2).sum(axis=0))
-        scale[scale == 0.0] = 1.0
-        white /= scale
-        return white, scale
-
 
 def target_columns(linear: Linear) -> Nuisance:
     """What certified positions do not know: three columns per target, shared by its rests."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,6 +15,7 @@ from armd.compensation.diagnose.fitting.problem import Linear, ModelState
 from armd.compensation.diagnose.scoring.evidence import SCALES
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.unknown import SHAPE_OF
+from armd.compensation.estimate import linear_model
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.terms import Temperature, Term
@@ -31,16 +31,64 @@ GAUGE = {"mm": 1.0, "rad": 2e-3}
 PER_KELVIN = 0.1  # of that, for the slope of a term
 
 
+PLACEMENTS, IDENTIFIED, MOUNT, TARGETS, DRIFT = (
+    "placements and seats",
+    "identified",
+    "mount",
+    "targets",
+    "drift",
+)
+
+
 @dataclass(frozen=True)
 class Layout:
     """Which of the nuisance columns belong to whom."""
 
-    identified: slice  # constants and terms (when held: the directions of their covariance)
-    findings: tuple[slice, ...]
-    mount: slice  # one column or none: the first link's growth, see `mount_term`
-    shared: int  # first of those that targets and drift share
-    drift: slice
-    gauge: F64  # (identified,) variance with which to choose where the data leave it open
+    blocks: linear_model.Layout
+    drawing: F64  # (b,) variance with which to choose where the data leave it open; inf: none
+
+    @property
+    def identified(self) -> slice:
+        """Constants and terms (when held: the directions of their covariance)."""
+        return self.blocks[IDENTIFIED]
+
+    @property
+    def findings(self) -> tuple[slice, ...]:
+        """Of each finding."""
+        return tuple(self.blocks[finding(i)] for i in range(self._n_findings))
+
+    @property
+    def mount(self) -> slice:
+        """One column or none: the first link's growth, see `mount_term`."""
+        return self.blocks[MOUNT]
+
+    @property
+    def shared(self) -> int:
+        """First of those that targets and drift share."""
+        return int(self.blocks[TARGETS].start)
+
+    @property
+    def drift(self) -> slice:
+        """Of the wandering base."""
+        return self.blocks[DRIFT]
+
+    @property
+    def _n_findings(self) -> int:
+        return len(self.blocks.sizes) - 5  # the blocks that are always there
+
+    def with_findings(self, counts: Sequence[int]) -> Layout:
+        """With findings of so many columns each in the place of those that it has."""
+        first, stop = self.identified.stop, self.mount.start
+        open_ = np.full(sum(counts), np.inf)
+        drawing = np.concatenate([self.drawing[:first], open_, self.drawing[stop:]])
+        sizes = self.blocks.sizes
+        own = tuple((finding(i), int(count)) for i, count in enumerate(counts))
+        return Layout(linear_model.Layout((*sizes[:2], *own, *sizes[-3:])), drawing)
+
+
+def finding(index: int) -> str:
+    """The name of a finding's block."""
+    return f"finding {index + 1}"
 
 
 def gather_nuisance(
@@ -51,36 +99,29 @@ def gather_nuisance(
     columns: Sequence[F64],
     sizes: Sequence[float],
 ) -> tuple[Nuisance, Layout]:
+    """What the fit of *findings*, by their *columns* (N, m) in mm, lets absorb."""
     own = baseline.columns(linear, arm)
     if baseline.held:
         own = own @ baseline.root
-    targets = noise_model.target_columns(linear)
-    drift = noise_model.drift_columns(linear)
-    blocks = [
-        Nuisance(linear.nuisance, np.full(linear.nuisance.shape[1], np.inf)),
-        Nuisance(own, np.full(own.shape[1], 1.0 if baseline.held else np.inf)),
-        *(
-            Nuisance(block, amplitude_variance(candidate, size))
-            for candidate, block, size in zip(findings, columns, sizes, strict=True)
-        ),
-        _column_of_the_mount(linear, baseline, arm),
-        targets,
-        drift,
-    ]
-    edges = np.cumsum([0, *(block.columns.shape[1] for block in blocks)])
-    places = [slice(low, high) for low, high in itertools.pairwise(edges)]
+    blocks = {
+        PLACEMENTS: Nuisance(linear.nuisance, np.full(linear.nuisance.shape[1], np.inf)),
+        IDENTIFIED: Nuisance(own, np.full(own.shape[1], 1.0 if baseline.held else np.inf)),
+    }
+    for i, (candidate, block, size) in enumerate(zip(findings, columns, sizes, strict=True)):
+        blocks[finding(i)] = Nuisance(block, amplitude_variance(candidate, size))
+    blocks[MOUNT] = _column_of_the_mount(linear, baseline, arm)
+    blocks[TARGETS] = noise_model.target_columns(linear)
+    blocks[DRIFT] = noise_model.drift_columns(linear)
     joined = Nuisance(
-        np.hstack([block.columns for block in blocks]),
-        np.concatenate([block.variance for block in blocks]),
+        np.hstack([block.columns for block in blocks.values()]),
+        np.concatenate([block.variance for block in blocks.values()]),
     )
-    return joined, Layout(
-        places[1],
-        tuple(places[2:-3]),
-        places[-3],
-        places[-2].start,
-        places[-1],
-        _gauge(baseline, arm),
+    layout = linear_model.Layout(
+        tuple((name, block.columns.shape[1]) for name, block in blocks.items())
     )
+    drawing = np.full(layout.n, np.inf)
+    drawing[layout[IDENTIFIED]] = _gauge(baseline, arm)
+    return joined, Layout(layout, drawing)
 
 
 def with_other_findings(
@@ -92,38 +133,21 @@ def with_other_findings(
 ) -> tuple[Nuisance, Layout]:
     """The same with other findings in the place of those that it has."""
     first, stop = layout.identified.stop, layout.mount.start
-    edges = np.cumsum([first, *(block.shape[1] for block in columns)])
-    more = int(edges[-1]) - stop
     variances = map(amplitude_variance, findings, sizes)
     changed = Nuisance(
         np.hstack([nuisance.columns[:, :first], *columns, nuisance.columns[:, stop:]]),
         np.concatenate([nuisance.variance[:first], *variances, nuisance.variance[stop:]]),
     )
-    return changed, Layout(
-        layout.identified,
-        tuple(slice(low, high) for low, high in itertools.pairwise(edges)),
-        slice(layout.mount.start + more, layout.mount.stop + more),
-        layout.shared + more,
-        slice(layout.drift.start + more, layout.drift.stop + more),
-        layout.gauge,
-    )
+    return changed, layout.with_findings([block.shape[1] for block in columns])
 
 
-def with_some_findings(layout: Layout, some: Sequence[int], b: int) -> tuple[I64, Layout]:
-    """Which of *b* nuisance columns stay with *some* of the findings, and their layout."""
-    first, stop = layout.identified.stop, layout.mount.start
-    own = [np.arange(layout.findings[i].start, layout.findings[i].stop) for i in some]
-    kept = np.concatenate([np.arange(first), *own, np.arange(stop, b)])
-    edges = np.cumsum([first, *(len(columns) for columns in own)])
-    less = stop - int(edges[-1])
-    return kept, Layout(
-        layout.identified,
-        tuple(slice(low, high) for low, high in itertools.pairwise(edges)),
-        slice(layout.mount.start - less, layout.mount.stop - less),
-        layout.shared - less,
-        slice(layout.drift.start - less, layout.drift.stop - less),
-        layout.gauge,
-    )
+def with_some_findings(layout: Layout, some: Sequence[int]) -> tuple[I64, Layout]:
+    """Which nuisance columns stay with *some* of the findings, and their layout."""
+    names = [name for name, _ in layout.blocks.sizes]
+    own = [finding(i) for i in some]
+    kept = layout.blocks.of([*names[:2], *own, *names[-3:]])
+    sizes = dict(layout.blocks.sizes)
+    return kept, layout.with_findings([sizes[name] for name in own])
 
 
 def mount_term(model: ModelState, arm: Arm) -> Term | None:
@@ -198,10 +222,3 @@ def _gauge(baseline: Baseline, arm: Arm) -> F64:
     own = [baseline.model.terms[i].parameter for i in baseline.terms]
     slopes = [PER_KELVIN * GAUGE[parameters.unit(name)] for name in own]
     return np.square([*constants, *slopes])
-
-
-def with_gauge(variance: F64, layout: Layout) -> F64:
-    at = layout.identified
-    held = variance.copy()
-    held[at] = np.minimum(held[at], layout.gauge)
-    return held

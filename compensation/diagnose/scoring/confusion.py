@@ -11,7 +11,8 @@ import numpy.typing as npt
 from scipy.special import chdtrc
 
 from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
-from armd.compensation.diagnose.scoring.evidence import ABSORBED, inverse_factor
+from armd.compensation.diagnose.fitting.nuisance import finding
+from armd.compensation.diagnose.scoring.evidence import ABSORBED
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
@@ -30,7 +31,7 @@ def compare(
     candidate: Candidate, rivals: Sequence[Candidate], current: Fit, arm: Arm
 ) -> list[Likeness]:
     """How alike *candidate*, one of the fit's findings, and each of *rivals* are."""
-    own = current.layout.findings[current.findings.index(candidate)]
+    own = finding(current.findings.index(candidate))
     blocks = finding_columns(current.linear, [candidate, *rivals], arm)
     products = _products(np.hstack([current.residual[:, None], *blocks]), current, own)
     edges = np.cumsum([1, *(block.shape[1] for block in blocks)])
@@ -43,22 +44,20 @@ def compare(
     return likenesses
 
 
-def _products(columns: F64, current: Fit, without: slice) -> F64:
+def _products(columns: F64, current: Fit, without: str) -> F64:
     """Products (m, m) of *columns* (N, m), the residual and signatures, in the noise's metric,
-    clear of what absorbs but for *without*.
+    clear of what absorbs but for the block *without*.
 
     What absorbs with a finite variance is noise that rests share: the metric is the inverse of
     the whole covariance, not a projection. Signatures have unit length before that is cleared.
     """
-    keep = np.ones(len(current.nuisance.variance), dtype=bool)
-    keep[without] = False
-    white, scale, gram = current.white
-    ridge = 1.0 / (current.nuisance.variance[keep] * scale[keep] ** 2)
-    factor = inverse_factor(gram[np.ix_(keep, keep)] + np.diag(ridge))
-    signals, size = current.noise.whiten_to_unit(columns)
-    signals[:, 0] *= size[0]
-    towards = factor.T @ (white.T @ signals)[keep]
-    products: F64 = signals.T @ signals - towards.T @ towards
+    white = current.noise.whiten(columns)
+    size = np.sqrt((white**2).sum(axis=0))
+    size[size == 0.0] = 1.0
+    size[0] = 1.0  # the residual
+    keep = current.layout.blocks.but([without])
+    taken = current.problem.only(keep).project(current.across(columns)[keep])
+    products: F64 = (white.T @ white - taken.T @ taken) / np.outer(size, size)
     return products
 
 

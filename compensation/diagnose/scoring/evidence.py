@@ -6,26 +6,25 @@ cost a few matrix products, and any column may be taken out of the model again w
 
 from __future__ import annotations
 
+import operator
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import solve_triangular
 from scipy.special import chdtrc, logsumexp
 
 from armd.compensation.diagnose.fitting.signatures import Signatures
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.linear_model import LinearModel
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 #: A candidate of which less than this share of its squared norm survives projection is absorbed.
 ABSORBED = 1e-6
-#: Weight of nothing, beside columns of unit length.
-HELD = 1e-12
 #: Amplitudes may be this many times their typical size, with these probabilities.
 SCALES = {1.0: 0.6, 5.0: 0.3, 50.0: 0.1}
 #: What the catalogue does not know gets this prior share.
@@ -38,9 +37,7 @@ class Sums:
     r, clear of what absorbs in one placement only (but for the lengths)."""
 
     signatures: Signatures
-    variance: F64  # (b,) of the amplitudes of B
-    square: F64  # (b,) squared lengths of B before clearing
-    bb: F64  # (b, b)
+    shared: LinearModel  # of B
     br: F64  # (b,)
     bx: F64  # (b, K)
     xr: F64  # (K,)
@@ -53,9 +50,7 @@ def total(parts: Sequence[Sums]) -> Sums:
     first = parts[0]
     return Sums(
         first.signatures,
-        first.variance,
-        np.sum([part.square for part in parts], axis=0),
-        np.sum([part.bb for part in parts], axis=0),
+        reduce(operator.add, (part.shared for part in parts)),
         np.sum([part.br for part in parts], axis=0),
         np.sum([part.bx for part in parts], axis=0),
         np.sum([part.xr for part in parts], axis=0),
@@ -130,7 +125,8 @@ class Scores:
 
 def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
     """Statistics of all candidates, the shared columns *without* left out of the model."""
-    t, u = _clear(sums, np.setdiff1d(np.arange(len(sums.variance)), list(without)))
+    kept = np.setdiff1d(np.arange(sums.shared.layout.n), list(without))
+    t, u = _clear(sums, sums.shared.only(kept), kept)
     n = len(sums.signatures.candidates)
     statistic, freedom, evidence = np.zeros(n), np.zeros(n, dtype=np.int64), np.zeros(n)
     typical_snr = np.zeros(n)
@@ -158,7 +154,7 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
 
 def estimates(sums: Sums) -> list[F64]:
     """Amplitudes of each candidate, alone beside what absorbs."""
-    t, u = _clear(sums, np.arange(len(sums.variance)))
+    t, u = _clear(sums, sums.shared, slice(None))
     found: list[F64] = [np.empty(0)] * len(sums.signatures.candidates)
     for members, raw in sums.xx.values():
         for i, gram in zip(members, raw, strict=True):
@@ -168,63 +164,17 @@ def estimates(sums: Sums) -> list[F64]:
     return found
 
 
-def _clear(sums: Sums, keep: I64) -> tuple[F64, F64]:
-    """What the shared columns *keep* take of X: its coordinates (K, b) along an orthonormal basis
-    of them; and what of the products of X with the residual is left, (K,)."""
-    scale = np.sqrt(sums.square[keep])
-    scale[scale == 0.0] = 1.0
-    ridge = np.diag(1.0 / (sums.variance[keep] * scale**2))
-    factor = inverse_factor(sums.bb[np.ix_(keep, keep)] / np.outer(scale, scale) + ridge)
-    factor = factor / scale[:, None]
-    t = sums.bx[keep].T @ factor
-    return t, sums.xr - t @ (factor.T @ sums.br[keep])
+def _clear(sums: Sums, model: LinearModel, kept: I64 | slice) -> tuple[F64, F64]:
+    """What a *model* of the shared columns *kept* takes of X: its coordinates (K, b) along an
+    orthonormal basis of them; and what of the products of X with the residual is left, (K,)."""
+    t = model.project(sums.bx[kept]).T
+    return t, sums.xr - t @ model.project(sums.br[kept])
 
 
 def _log_tail(statistic: F64, freedom: I64) -> F64:
     """Log of the probability that χ² of so many degrees of freedom is larger."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(chdtrc(freedom, statistic)), dtype=np.float64)
-
-
-def inverse_factor(matrix: F64) -> F64:
-    """F (b, b) with F Fᵀ the inverse of a symmetric *matrix* of columns of unit length.
-
-    Directions of which it knows nothing (gauges) are held so softly that they clear as they should.
-    """
-    held = matrix + HELD * np.eye(len(matrix))
-    lower = np.linalg.cholesky(held)
-    inverse: F64 = solve_triangular(lower, np.eye(len(held)), lower=True, check_finite=False)
-    return inverse.T
-
-
-def pseudo_inverse_factor(matrix: F64, least: float = 1e-13) -> F64:
-    """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
-
-    Relative to the largest eigenvalue, *least* is still knowledge, each unknown in units of its
-    own diagonal: a prior far tighter than the rows of one unknown must not make the others look
-    as if nothing were known of them.
-    """
-    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    size[size == 0.0] = 1.0
-    matrix = matrix / np.outer(size, size)
-    if (known := _factor_of_known(matrix, least)) is not None:
-        return known / size[:, None]
-    values, vectors = np.linalg.eigh(matrix)
-    kept = values > least * max(float(values.max(initial=0.0)), 1e-300)
-    factor: F64 = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
-    return factor
-
-
-def _factor_of_known(matrix: F64, least: float) -> F64 | None:
-    """The same where everything is known for sure, which takes no eigenvalues to tell: none is
-    below one over the inverse's trace, none above the largest sum of a row."""
-    try:
-        lower = np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return None
-    factor: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
-    largest = float(np.abs(matrix).sum(axis=1).max(initial=0.0))
-    return factor if float((factor**2).sum()) * largest * least < 1.0 else None
 
 
 def _evidence(gram: F64, side: F64, typical: F64, reach: F64) -> F64:

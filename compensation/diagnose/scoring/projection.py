@@ -8,16 +8,19 @@ takes it out of the sum.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 
 import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.diagnose.fitting.fit import Fit
 from armd.compensation.diagnose.fitting.signatures import Signatures
-from armd.compensation.diagnose.scoring.evidence import Sums, inverse_factor, total
+from armd.compensation.diagnose.scoring.evidence import Sums, total
 from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
+from armd.compensation.estimate.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
@@ -46,20 +49,21 @@ class Projection:
     cells: tuple[Cell, ...]
     jacobian: F64  # (P, N) whitened
     place: I64  # (nuisance and shapes,) number among the shared columns; −1: eliminated
-    variance: F64  # (b,) of the shared columns' amplitudes
-    square: F64  # (parts, b) squared lengths before clearing
+    parts: tuple[LinearModel, ...]  # the shared columns' problem, on each part's rows
     clear: F64  # (N, b + 1) shared columns, then the residual, clear of the cells' own
-    gram: F64  # (parts, b, b + 1) products of the shared columns, and with the residual, clear
+    side: F64  # (parts, b) products of the shared columns with the residual, clear
+
+    @cached_property
+    def shared(self) -> LinearModel:
+        """The shared columns' problem, on all rows."""
+        return reduce(operator.add, self.parts)
 
     def clear_of_all(self, columns: F64) -> tuple[F64, F64]:
         """Columns (N, m), whitened, and the same clear of all that absorbs, the shapes included."""
         white = self.fit.noise.whiten(columns)
         clear = _cleared(white, self.cells)
-        size = _length(self.square.sum(axis=0))
-        shared = self.clear[:, :-1] / size
-        gram = self.gram.sum(axis=0)[:, :-1] / np.outer(size, size)
-        factor = inverse_factor(gram + np.diag(1.0 / (self.variance * size**2)))
-        return white, clear - shared @ (factor @ (factor.T @ (shared.T @ white)))
+        shared = self.clear[:, :-1]
+        return white, clear - shared @ self.shared.explain(shared.T @ white)
 
     def clear_of_cells(self, columns: F64) -> F64:
         """Columns (N, m), whitened and clear of what the cells' own absorb."""
@@ -67,7 +71,7 @@ class Projection:
 
     def without(self, part: int, fit: Fit) -> Projection:
         """Without the rests of a part, for a *fit* whose whitener is zero there."""
-        kept = np.arange(len(self.gram)) != part
+        nothing = self.parts[part].of_no_rows()
         clear = self.clear.copy()
         for cell in self.cells:
             if cell.part == part:
@@ -76,9 +80,9 @@ class Projection:
             self,
             fit=fit,
             cells=tuple(cell for cell in self.cells if cell.part != part),
+            parts=tuple(nothing if i == part else model for i, model in enumerate(self.parts)),
             clear=clear,
-            square=self.square * kept[:, None],
-            gram=self.gram * kept[:, None, None],
+            side=self.side * (np.arange(len(self.parts)) != part)[:, None],
         )
 
     def with_findings_of(self, fit: Fit) -> Projection:
@@ -87,34 +91,31 @@ class Projection:
         stop = fit.layout.mount.start
         shapes = with_shapes(fit, self.arm)
         more = np.hstack([fit.nuisance.columns[:, at:stop], shapes.nuisance.columns])
+        variance = np.concatenate([fit.nuisance.variance[at:stop], shapes.nuisance.variance])
         white = fit.noise.whiten(more)
         clear = _cleared(white, self.cells)
-        known, b = self.clear[:, :-1], len(self.variance)
-        gram = np.zeros((len(self.gram), b + more.shape[1], b + more.shape[1] + 1))
-        square = np.zeros((len(self.gram), gram.shape[1]))
-        gram[:, :b, :b], gram[:, :b, -1] = self.gram[:, :, :b], self.gram[:, :, b]
-        square[:, :b] = self.square
+        known, b, m = self.clear[:, :-1], self.shared.layout.n, more.shape[1]
+        across, own = np.zeros((len(self.parts), b, m)), np.zeros((len(self.parts), m, m))
+        side, square = np.zeros((len(self.parts), m)), np.zeros((len(self.parts), m))
         for cell in self.cells:
             rows = white[cell.rows]
-            across = known[cell.rows].T @ rows
-            gram[cell.part, :b, b:-1] += across
-            gram[cell.part, b:, :b] += across.T
-            gram[cell.part, b:, b:-1] += rows.T @ clear[cell.rows]
-            gram[cell.part, b:, -1] += rows.T @ self.clear[cell.rows, -1]
-            square[cell.part, b:] += (rows**2).sum(axis=0)
-        numbers = b + np.arange(more.shape[1])
+            across[cell.part] += known[cell.rows].T @ rows
+            own[cell.part] += rows.T @ clear[cell.rows]
+            side[cell.part] += rows.T @ self.clear[cell.rows, -1]
+            square[cell.part] += (rows**2).sum(axis=0)
+        numbers = b + np.arange(m)
         findings, of_shapes = numbers[: stop - at], numbers[stop - at :]
         return replace(
             self,
             fit=fit,
             shapes=shapes,
             place=np.concatenate([self.place[:at], findings, self.place[at:], of_shapes]),
-            variance=np.concatenate(
-                [self.variance, fit.nuisance.variance[at:stop], shapes.nuisance.variance]
+            parts=tuple(
+                model.joined("findings and shapes", own[i], across[i], variance, square[i])
+                for i, model in enumerate(self.parts)
             ),
-            square=square,
             clear=np.hstack([known, clear, self.clear[:, -1:]]),
-            gram=gram,
+            side=np.hstack([self.side, side]),
         )
 
     def sums(self, signatures: Signatures) -> Sums:
@@ -132,23 +133,21 @@ class Projection:
         return [
             Sums(
                 signatures,
-                self.variance,
-                self.square[part],
-                self.gram[part, :, :-1],
-                self.gram[part, :, -1],
+                self.parts[part],
+                self.side[part],
                 products[part, :, :-1].T,
                 products[part, :, -1],
                 lengths[part],
                 {m: (members, gram[part]) for m, (members, gram) in grams.items()},
             )
-            for part in range(len(self.gram))
+            for part in range(len(self.parts))
         ]
 
     def _products(self, signatures: Signatures) -> tuple[F64, dict[int, F64]]:
         """Products (parts, K, b + 1) of all columns with the shared ones and the residual; and of
         each part, what its cells' own columns take of them (K, l)."""
         k = signatures.n_columns
-        products = np.zeros((len(self.gram), k, self.clear.shape[1]))
+        products = np.zeros((len(self.parts), k, self.clear.shape[1]))
         taken: dict[int, list[F64]] = {cell.part: [] for cell in self.cells}
         changes, changed = self._changed(signatures)
         at_rests = self.jacobian[:, : 3 * self.fit.linear.rests.n]
@@ -176,13 +175,10 @@ class Projection:
         found = signatures.products(at_rests, more[: 3 * n].reshape(n, 3, -1), slice(None))
         changes, changed = self._changed(signatures)
         found[changes] += changed.T @ more
-        gram = self.gram.sum(axis=0)
         return replace(
             known,
-            variance=self.variance,
-            square=self.square.sum(axis=0),
-            bb=gram[:, :-1],
-            br=gram[:, -1],
+            shared=self.shared,
+            br=self.side.sum(axis=0),
             bx=np.vstack([known.bx, found.T]),
         )
 
@@ -198,12 +194,12 @@ class Projection:
     def _grams(self, signatures: Signatures) -> tuple[F64, dict[int, tuple[I64, F64]]]:
         """Squared lengths (parts, K) of all columns, and products (parts, c, m, m) within each
         candidate, by how many columns it has."""
-        lengths = np.zeros((len(self.gram), signatures.n_columns))
+        lengths = np.zeros((len(self.parts), signatures.n_columns))
         grams = {}
         rows_of = self._rows_of_parts()
         for m in map(int, np.unique(signatures.count)):
             members = np.flatnonzero(signatures.count == m)
-            gram = np.zeros((len(self.gram), len(members), m, m))
+            gram = np.zeros((len(self.parts), len(members), m, m))
             step = max(CHUNK // m, 1)
             for low in range(0, len(members), step):
                 some = members[low : low + step]
@@ -254,19 +250,20 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     cells = []
     for (part, own, rows), here in zip(places, touched, strict=True):
         of_cell = np.flatnonzero(local & here)
-        columns_here = white[rows][:, of_cell]
-        length = _length((columns_here**2).sum(axis=0))
-        columns_here = columns_here / length
-        ridge = np.diag(1.0 / (variance[of_cell] * length**2))
-        factor = inverse_factor(columns_here.T @ columns_here + ridge)
-        cells.append(Cell(part, own, rows, columns_here @ factor))
+        there = white[rows][:, of_cell]
+        alone = LinearModel.of_rows([("own", there, variance[of_cell])])
+        cells.append(Cell(part, own, rows, there @ alone.factor))
     shared = white[:, np.append(~local, True)]
     clear = _cleared(shared, cells)
-    gram = np.zeros((parts + 1, shared.shape[1] - 1, shared.shape[1]))
-    square = np.zeros((parts + 1, shared.shape[1] - 1))
+    b = shared.shape[1] - 1
+    gram, side, square = np.zeros((parts + 1, b, b)), *np.zeros((2, parts + 1, b))
     for cell in cells:
-        gram[cell.part] += shared[cell.rows, :-1].T @ clear[cell.rows]
-        square[cell.part] += (shared[cell.rows, :-1] ** 2).sum(axis=0)
+        there = shared[cell.rows, :-1]
+        gram[cell.part] += there.T @ clear[cell.rows, :-1]
+        side[cell.part] += there.T @ clear[cell.rows, -1]
+        square[cell.part] += (there**2).sum(axis=0)
+    layout = Layout((*fit.layout.blocks.sizes, ("shapes", shapes.nuisance.columns.shape[1])))
+    layout = layout.only(np.flatnonzero(~local))
     return Projection(
         fit,
         arm,
@@ -274,10 +271,12 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
         tuple(cells),
         np.ascontiguousarray(fit.noise.whiten(fit.linear.jacobian.T).T),
         np.where(local, -1, np.cumsum(~local) - 1),
-        variance[~local],
-        square,
+        tuple(
+            LinearModel.of_products(layout, gram[i], variance[~local], square=square[i])
+            for i in range(parts + 1)
+        ),
         clear,
-        gram,
+        side,
     )
 
 
@@ -287,10 +286,6 @@ def _cleared(white: F64, cells: Sequence[Cell]) -> F64:
     for cell in cells:
         clear[cell.rows] -= cell.own @ (cell.own.T @ white[cell.rows])
     return clear
-
-
-def _length(square: F64) -> F64:
-    return np.where(square > 0.0, np.sqrt(square), 1.0)
 
 
 def _rows(rests: I64) -> I64:

@@ -17,9 +17,9 @@ import numpy.typing as npt
 from armd.compensation.diagnose.fitting.fit import finding_columns
 from armd.compensation.diagnose.fitting.noise import WINSOR_AT
 from armd.compensation.diagnose.fitting.nuisance import most_plausible
-from armd.compensation.diagnose.scoring.evidence import inverse_factor
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.linear_model import LinearModel
 
 F64 = npt.NDArray[np.float64]
 
@@ -80,30 +80,26 @@ def _huber(left: F64, projection: Projection) -> float:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Columns of unit length that explain a residual, their amplitudes held by a prior."""
+    """Columns that explain a residual, their amplitudes held by a prior."""
 
     projection: Projection
     clear: F64  # (N, b)
-    gram: F64  # (b, b)
-    ridge: F64  # (b,)
+    model: LinearModel
 
     def joined(self, candidate: Candidate, projection: Projection) -> _Problem:
         """With a candidate's columns, amplitudes of up to the largest plausible size."""
         columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
-        own, length = _to_unit(projection.clear_of_cells(columns))
-        most = [most_plausible(column) for column in candidate.columns]
-        across = self.clear.T @ own
+        own = projection.clear_of_cells(columns)
+        most = np.array([most_plausible(column) for column in candidate.columns])
         return _Problem(
             projection,
             np.hstack([self.clear, own]),
-            np.block([[self.gram, across], [across.T, own.T @ own]]),
-            np.concatenate([self.ridge, 1.0 / np.maximum(most * length, 1e-150) ** 2]),
+            self.model.joined("candidate", own.T @ own, self.clear.T @ own, most**2),
         )
 
     def square(self, residual: F64) -> float:
         """Least half of the sum of squares, what holds the amplitudes included."""
-        factor = inverse_factor(self.gram + np.diag(self.ridge))
-        towards = factor.T @ (self.clear.T @ residual)
+        towards = self.model.project(self.clear.T @ residual)
         return 0.5 * float(residual @ residual - towards @ towards)
 
     def robust(self, residual: F64) -> tuple[F64, float]:
@@ -115,11 +111,11 @@ class _Problem:
         for _ in range(REWEIGHTINGS):
             rows = np.flatnonzero(np.repeat(less > 0, 3))
             taken = self.clear[rows] * np.repeat(less[less > 0], 3)[:, None]
-            gram = self.gram - taken.T @ self.clear[rows] + np.diag(self.ridge)
-            factor = inverse_factor(gram)
-            solution = factor @ (factor.T @ (side - taken.T @ residual[rows]))
+            weighted = replace(self.model, gram=self.model.gram - taken.T @ self.clear[rows])
+            solution = weighted.explain(side - taken.T @ residual[rows])
             left = residual - self.clear @ solution
-            loss = _huber(left, self.projection) + 0.5 * float(solution**2 @ self.ridge)
+            held = float(solution**2 @ (1.0 / self.model.variance))
+            loss = _huber(left, self.projection) + 0.5 * held
             if loss < best[1]:
                 best = solution, loss
             size = np.linalg.norm(left[: 3 * n].reshape(-1, 3), axis=1)
@@ -129,11 +125,8 @@ class _Problem:
 
 def _absorbing(projection: Projection) -> _Problem:
     """What placements share of what absorbs."""
-    clear, length = _to_unit(projection.clear[:, :-1])
-    return _Problem(projection, clear, clear.T @ clear, 1.0 / (projection.variance * length**2))
-
-
-def _to_unit(columns: F64) -> tuple[F64, F64]:
-    length = np.sqrt((columns**2).sum(axis=0))
-    length[length == 0.0] = 1.0
-    return columns / length, length
+    clear = projection.clear[:, :-1]
+    shared = projection.shared
+    # Columns clear of the cells are what is weighed here: their own lengths are the yardstick.
+    model = LinearModel.of_products(shared.layout, clear.T @ clear, shared.variance)
+    return _Problem(projection, clear, model)

@@ -1,0 +1,235 @@
+"""One linear least-squares problem: named blocks of columns, every amplitude with a prior.
+
+    residual = Σ columns · amplitudes + noise of unit variance
+
+It is kept as sums of products over whitened rows: asked many times, it passes over the rows once,
+and problems of different rows are added. Each question has one answer here, with one rule for what
+the rows do not hold:
+
+- `project`: what the blocks leave of other columns. A direction of which nothing is known (a
+  gauge) takes nothing: it is held softly, so that rounding is not mistaken for knowledge.
+- `solve`: the amplitudes, and their covariance. Along what the rows do not hold, each stays at
+  its `drawing`, good to a stated departure; where none is stated, it stays 0 (pseudo-inverse).
+- `information`: what rows and priors tell of some blocks, all others being fitted along.
+- `without`: the same problem without a block.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import solve_triangular
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+#: Weight of nothing, beside columns of unit length: far above rounding (1e-16), far below what
+#: decides anything (a candidate's share of 1e-6 that survives projection).
+HELD = 1e-12
+#: Relative to the largest eigenvalue, each unknown in units of its own diagonal: still knowledge.
+LEAST_KNOWN = 1e-13
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which columns belong to which block, in their order."""
+
+    sizes: tuple[tuple[str, int], ...]  # names are unique
+
+    @cached_property
+    def _slices(self) -> dict[str, slice]:
+        edges = np.cumsum([0, *(size for _, size in self.sizes)]).tolist()
+        names = (name for name, _ in self.sizes)
+        return {
+            name: slice(low, high)
+            for name, (low, high) in zip(names, itertools.pairwise(edges), strict=True)
+        }
+
+    @property
+    def n(self) -> int:
+        """How many columns there are."""
+        return sum(size for _, size in self.sizes)
+
+    def __getitem__(self, name: str) -> slice:
+        return self._slices[name]
+
+    def of(self, names: Iterable[str]) -> I64:
+        """Numbers of the columns of some blocks, block after block."""
+        numbers = np.arange(self.n)
+        return np.concatenate([np.empty(0, dtype=np.int64), *(numbers[self[n]] for n in names)])
+
+    def but(self, names: Iterable[str]) -> I64:
+        """Numbers of the columns of all other blocks."""
+        left_out = frozenset(names)
+        return self.of(name for name, _ in self.sizes if name not in left_out)
+
+    def only(self, columns: I64) -> Layout:
+        """The layout of some columns, ascending; blocks of which none is left stay, empty."""
+        owner = np.repeat(np.arange(len(self.sizes)), [size for _, size in self.sizes])
+        left = np.bincount(owner[columns], minlength=len(self.sizes))
+        names = (name for name, _ in self.sizes)
+        return Layout(tuple(zip(names, left.tolist(), strict=True)))
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Sums of products over whitened rows of b columns, in blocks; amplitudes normal about zero."""
+
+    layout: Layout
+    gram: F64  # (b, b) products of the columns
+    variance: F64  # (b,) of the amplitudes a priori; inf: free
+    square: F64  # (b,) squared lengths of the columns before anything was projected out
+    drawing: F64  # (b,) variance with which to choose where the rows leave it open; inf: none
+
+    @classmethod
+    def of_products(
+        cls,
+        layout: Layout,
+        gram: F64,
+        variance: F64,
+        *,
+        drawing: F64 | None = None,
+        square: F64 | None = None,
+    ) -> LinearModel:
+        """By the columns' products (b, b); *square* (b,) where something was projected out of
+        them before."""
+        drawing = np.full(len(gram), np.inf) if drawing is None else drawing
+        return cls(layout, gram, variance, np.diag(gram) if square is None else square, drawing)
+
+    @classmethod
+    def of_rows(cls, blocks: Sequence[tuple[str, F64, F64]]) -> LinearModel:
+        """Of blocks: a name, whitened columns (N, m) and the variances (m,) of their amplitudes."""
+        layout = Layout(tuple((name, columns.shape[1]) for name, columns, _ in blocks))
+        rows = np.hstack([columns for _, columns, _ in blocks])
+        return cls.of_products(layout, rows.T @ rows, np.concatenate([v for *_, v in blocks]))
+
+    def only(self, columns: I64) -> LinearModel:
+        """The problem of some columns, by number, ascending."""
+        return LinearModel(
+            self.layout.only(columns),
+            self.gram[np.ix_(columns, columns)],
+            self.variance[columns],
+            self.square[columns],
+            self.drawing[columns],
+        )
+
+    def without(self, *names: str) -> LinearModel:
+        """The problem without some blocks."""
+        return self.only(self.layout.but(names))
+
+    def with_variance(self, variance: F64) -> LinearModel:
+        """The same rows under other priors (b,)."""
+        return replace(self, variance=variance)
+
+    def of_no_rows(self) -> LinearModel:
+        """The same unknowns with their priors, and nothing measured."""
+        return replace(self, gram=np.zeros_like(self.gram), square=np.zeros_like(self.square))
+
+    def joined(
+        self, name: str, own: F64, across: F64, variance: F64, square: F64 | None = None
+    ) -> LinearModel:
+        """With one block more: products of its columns (m, m), with those there (b, m), and the
+        variances (m,) of its amplitudes; *square* (m,) as in `of_products`."""
+        return LinearModel(
+            Layout((*self.layout.sizes, (name, len(own)))),
+            np.block([[self.gram, across], [across.T, own]]),
+            np.concatenate([self.variance, variance]),
+            np.concatenate([self.square, np.diag(own) if square is None else square]),
+            np.concatenate([self.drawing, np.full(len(own), np.inf)]),
+        )
+
+    def __add__(self, other: LinearModel) -> LinearModel:
+        """The problem of both's rows."""
+        return replace(self, gram=self.gram + other.gram, square=self.square + other.square)
+
+    @cached_property
+    def length(self) -> F64:
+        """(b,) lengths of the columns; 1 for one that is zero."""
+        return np.where(self.square > 0.0, np.sqrt(self.square), 1.0)
+
+    @cached_property
+    def factor(self) -> F64:
+        """F (b, b), F Fᵀ what projects: columns · F are an orthonormal basis of what they take."""
+        return inverse_factor(self._unit(self.variance)) / self.length[:, None]
+
+    def project(self, across: F64) -> F64:
+        """Coordinates (b, …) along that basis of what the blocks take of other columns, from their
+        products (b, …) with these: products of what is left are those less these coordinates'."""
+        coordinates: F64 = self.factor.T @ across
+        return coordinates
+
+    def explain(self, across: F64) -> F64:
+        """Amplitudes (b, …) that explain other columns best, from their products (b, …)."""
+        amplitudes: F64 = self.factor @ (self.factor.T @ across)
+        return amplitudes
+
+    def solve(self, side: F64) -> tuple[F64, F64]:
+        """Amplitudes (b,) from the products (b,) with a residual, and their covariance (b, b).
+
+        What neither rows, prior nor drawing say anything of stays 0.
+        """
+        factor = pseudo_inverse_factor(self._unit(np.minimum(self.variance, self.drawing)))
+        factor = factor / self.length[:, None]
+        covariance = factor @ factor.T
+        return covariance @ side, covariance
+
+    def information(self, *names: str) -> F64:
+        """(m, m) of some blocks, in the order of *names*, their own priors included, all other
+        amplitudes being fitted along."""
+        own = self.layout.of(names)
+        others = self.layout.but(names)
+        taken = self.only(others).project(self.gram[np.ix_(others, own)])
+        found: F64 = self.gram[np.ix_(own, own)] - taken.T @ taken
+        return (found + found.T) / 2.0 + np.diag(1.0 / self.variance[own])
+
+    def _unit(self, variance: F64) -> F64:
+        """(b, b) products of columns of unit length, priors of that *variance* on the diagonal."""
+        scaled = self.gram / np.outer(self.length, self.length)
+        scaled[np.diag_indices_from(scaled)] += 1.0 / (variance * self.length**2)
+        return scaled
+
+
+def inverse_factor(matrix: F64) -> F64:
+    """F (b, b) with F Fᵀ the inverse of a symmetric *matrix* of columns of unit length.
+
+    Directions of which it knows nothing (gauges) are held so softly that they clear as they should.
+    """
+    held = matrix + HELD * np.eye(len(matrix))
+    lower = np.linalg.cholesky(held)
+    inverse: F64 = solve_triangular(lower, np.eye(len(held)), lower=True, check_finite=False)
+    return inverse.T
+
+
+def pseudo_inverse_factor(matrix: F64, least: float = LEAST_KNOWN) -> F64:
+    """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
+
+    Relative to the largest eigenvalue, *least* is still knowledge, each unknown in units of its
+    own diagonal: a prior far tighter than the rows of one unknown must not make the others look
+    as if nothing were known of them.
+    """
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    size[size == 0.0] = 1.0
+    matrix = matrix / np.outer(size, size)
+    if (known := _factor_of_known(matrix, least)) is not None:
+        return known / size[:, None]
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > least * max(float(values.max(initial=0.0)), 1e-300)
+    factor: F64 = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+    return factor
+
+
+def _factor_of_known(matrix: F64, least: float) -> F64 | None:
+    """The same where everything is known for sure, which takes no eigenvalues to tell: none is
+    below one over the inverse's trace, none above the largest sum of a row."""
+    try:
+        lower = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    factor: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
+    largest = float(np.abs(matrix).sum(axis=1).max(initial=0.0))
+    return factor if float((factor**2).sum()) * largest * least < 1.0 else None
