@@ -45,7 +45,7 @@ def arm(n_joints: int = 6) -> Arm:
 def disturbed(arm: Arm, rng: np.random.Generator, size: float = 1.0) -> np.ndarray:
     """True constants: up to *size* mm and 0.5° · *size* from the drawing; no base, no β."""
     truth = arm.nominal()
-    for i, name in enumerate(parameters.names(arm.n_joints)):
+    for i, name in enumerate(arm.layout.names):
         if not name.startswith(("base", "beta")):
             spread = size * (np.radians(0.5) if parameters.unit(name) == "rad" else 1.0)
             truth[i] += rng.uniform(-spread, spread)

@@ -84,9 +84,7 @@ class Corrector:
         ranges = content.temperature_range_c if content else {}
         low_high = [ranges.get(name, (-np.inf, np.inf)) for name in arm.sensors]
         self._range_c = np.array(low_high).reshape(-1, 2).T
-        limits = [(joint.min_deg, joint.max_deg) for joint in arm.joint]
-        self._low = np.radians([-np.inf if low is None else low for low, _ in limits])
-        self._high = np.radians([np.inf if high is None else high for _, high in limits])
+        self._low, self._high = arm.limits_rad
         reference_c = content.reference_temperature_c if content else arm.reference_temperature_c
         self._held_c = np.full(len(arm.sensors), reference_c)
 

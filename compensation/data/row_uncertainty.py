@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration
@@ -44,19 +43,19 @@ def row_uncertainties(arm: Arm, calibration: Calibration, states: States) -> F64
 
 
 def _piece(arm: Arm, calibration: Calibration, states: States) -> F64:
-    names = parameters.names(arm.n_joints)
+    layout = arm.layout
     terms, noise = calibration.terms, calibration.noise
     constants = calibration.vector(arm.n_joints)
     reference_c = calibration.reference_temperature_c
     values = basis_values(terms, states, arm, reference_c, constants)
     _, moved = jacobian(states.q, parameter_rows(constants, terms, values))
     # A coefficient moves the tip as its parameter does, times the term's basis.
-    of_term = [names.index(term.parameter) for term in terms]
+    of_term = layout.indices(term.parameter for term in terms)
     by_term = moved[:, :, of_term] * values[:, None, :]
 
     columns = [
-        moved[:, :, names.index(name)]
-        if name in names
+        moved[:, :, layout.index(name)]
+        if name in layout
         else by_term[:, :, int(name.removeprefix("term "))]
         for name in calibration.covariance_of
     ]
@@ -64,8 +63,8 @@ def _piece(arm: Arm, calibration: Calibration, states: States) -> F64:
     if columns:
         each = np.stack(columns, axis=-1)
         variance += (each @ np.array(calibration.covariance) * each).sum(axis=2)
-    for k, deviation in enumerate(noise.encoder_rad):
-        variance += (moved[:, :, 5 * k + parameters.THETA] * deviation) ** 2
+    angles = moved[:, :, layout.angles][:, :, : len(noise.encoder_rad)]
+    variance += ((angles * noise.encoder_rad) ** 2).sum(axis=2)
     variance += noise.reading_mm**2  # what the encoders do not explain
     if noise.temperature_c:
         thermal = [i for i, term in enumerate(terms) if _thermal(term)]

@@ -12,7 +12,6 @@ from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.fitting.fit import Fit
 from armd.compensation.diagnose.fitting.noise import LEVER_MM, Noise
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import frames, jacobian, joint_jacobian
@@ -91,12 +90,9 @@ def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
 
 def _ranges(arm: Arm, seen: F64) -> tuple[F64, F64]:
     """Lowest and highest angles (N,) that a joint is known to reach, rad."""
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    for k, joint in enumerate(arm.joint):
-        if joint.min_deg is not None:
-            low[k] = np.radians(joint.min_deg)
-        if joint.max_deg is not None:
-            high[k] = np.radians(joint.max_deg)
+    low, high = arm.limits_rad
+    low = np.where(np.isfinite(low), low, seen.min(axis=0))
+    high = np.where(np.isfinite(high), high, seen.max(axis=0))
     return low, high
 
 
@@ -164,14 +160,13 @@ def rows_of(
 
 def _moves(terms: Sequence[Term], states: States, jac: F64, last: Fit, arm: Arm) -> F64:
     """Motion of the tip (n, 3), mm per unit of a tie of terms."""
-    names = {name: i for i, name in enumerate(parameters.names(arm.n_joints))}
     model = last.linear.model
     values = np.nan_to_num(
         basis_values(list(terms), states, arm, model.reference_c, model.constants)
     )
     total = np.zeros(jac.shape[:2])
     for term, value in zip(terms, values.T, strict=True):
-        total += term.coefficient * value[:, None] * jac[:, :, names[term.parameter]]
+        total += term.coefficient * value[:, None] * jac[:, :, arm.layout.index(term.parameter)]
     return total
 
 

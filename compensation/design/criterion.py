@@ -16,7 +16,6 @@ from scipy.special import logsumexp
 
 from armd.compensation.diagnose.advice import Doubt, alike
 from armd.compensation.diagnose.fitting.fit import Fit
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.state import States
@@ -173,7 +172,7 @@ def weakest(last: Fit, arm: Arm, known: F64, richest: F64, poses: States) -> Wea
     baseline = last.baseline
     if not baseline.parameters:
         raise BadInput("calibration", "covariance", "none", "that of the constants to tighten")
-    names = parameters.names(arm.n_joints)
+    names = arm.layout.names
     moves = jacobian(poses.q, last.model.constants)[1]  # (n, 3, P) mm per unit
     lever_um = 1e3 * np.sqrt((moves**2).sum(axis=1).mean(axis=0))
     indices = list(baseline.parameters)

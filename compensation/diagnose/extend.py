@@ -16,7 +16,6 @@ from armd.compensation.diagnose.fitting.curves import as_curve
 from armd.compensation.diagnose.fitting.fit import Fit
 from armd.compensation.diagnose.fitting.nuisance import is_curve, mount_term
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration, constants_of
 from armd.compensation.model.terms import Term
@@ -54,7 +53,7 @@ def extended(
     directions = baseline.root @ own if baseline.held else own
     model = moved(last.model, baseline, directions)
     constants = model.constants.copy()
-    names = parameters.names(arm.n_joints)
+    names = list(arm.layout.names)
     # Each row says how an identified quantity moves with the solution: for the covariance.
     rows: list[tuple[str, F64]] = _own_rows(baseline, last, names)
     terms = list(model.terms)

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.model.arm import Arm
+from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.compensation.model.terms import Factor, Temperature, Term
 
 F64 = npt.NDArray[np.float64]
@@ -110,8 +111,7 @@ class SessionFacts:
 
     def constant(self, joint: int, name: str) -> float:
         """Constant of a joint (1…N): "theta", "d", "a", "alpha", "beta"; mm and rad."""
-        k = ("theta", "d", "a", "alpha", "beta").index(name)
-        return float(self.constants[5 * (joint - 1) + k])
+        return float(self.constants[self.arm.layout.index(f"{name}_{joint}")])
 
     def weights(self, joint: int) -> dict[str, float]:
         """The sensors of a joint, those with data only."""
@@ -162,10 +162,9 @@ def lengths(facts: SessionFacts, joint: int) -> list[tuple[str, float]]:
 
 def stylus(facts: SessionFacts) -> list[tuple[str, float]]:
     """The tip's offset in mm by parameter: what the stylus would change by expanding."""
-    first = 5 * facts.arm.n_joints
-    values = facts.constants[first : first + 3]
-    names = ("tip_x", "tip_y", "tip_z")
-    return [(name, float(v)) for name, v in zip(names, values, strict=True) if abs(v) > 1.0]
+    values = facts.constants[facts.arm.layout.tip]
+    named = zip(TIP_PARAMETERS, values, strict=True)
+    return [(name, float(value)) for name, value in named if abs(value) > 1.0]
 
 
 def temperature(weights: dict[str, float], **options: float) -> Temperature:

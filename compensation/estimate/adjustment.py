@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.parameters import ParameterLayout
 
 F64 = npt.NDArray[np.float64]
 
@@ -26,10 +27,10 @@ TURNS = 2
 
 def adjusted(q: F64, parameters: F64, placed_mm: F64) -> F64:
     """Angles (n, N) nearest *q* that put the tip at *placed_mm* (n, 3); parameters (n, P)."""
-    there = q.copy()
+    there, angles = q.copy(), ParameterLayout(q.shape[1]).angles
     for _ in range(TURNS):
         position, columns = jacobian(there, parameters)
-        joints = columns[:, :, 0 : 5 * q.shape[1] : 5]
+        joints = columns[:, :, angles]
         off = placed_mm - position
         there = there + (backwards(joints) @ off[:, :, None])[:, :, 0]
         turn = there - q

@@ -103,7 +103,7 @@ def _reason(vector: F64, names: Sequence[str], together: Sequence[str], arm: Arm
         return "the last joint's constants and the tip's offset place the same point"
     if all(name in ("theta_1", "d_1") for name in together):
         return "moving the whole arm about its first axis moves every placement alike"
-    drawn = dict(zip(parameters.names(arm.n_joints), arm.nominal().tolist(), strict=True))
+    drawn = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
     lengths = np.array([drawn.get(name, 0.0) * (parameters.unit(name) == "mm") for name in names])
     if abs(vector @ lengths) > ALL_LENGTHS * np.linalg.norm(vector) * np.linalg.norm(lengths):
         return "no certified length tells the scale of the arm well enough"

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from armd.compensation.estimate.adjustment import adjusted
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import Poses, centres, pose_columns, target_columns
-from armd.compensation.model import parameters
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.terms import Term
@@ -61,13 +60,12 @@ class Linearisation:
     @property
     def joints(self) -> F64:
         """d tip / d angle (n, 3, N) mm/rad."""
-        joints: F64 = self.jacobian[:, :, 0 : 5 * self.observations.arm.n_joints : 5]
+        joints: F64 = self.jacobian[:, :, self.observations.arm.layout.angles]
         return joints
 
     def constant_columns(self, names: Sequence[str]) -> F64:
         """d residual / d constant (n, 3, len(names))."""
-        n_joints = self.observations.arm.n_joints
-        return self.jacobian[:, :, [parameters.index(name, n_joints) for name in names]]
+        return self.jacobian[:, :, self.observations.arm.layout.indices(names)]
 
     def term_columns(self, terms: Sequence[Term], basis: F64) -> F64:
         """d residual / d coefficient (n, 3, T): the parameter's column times the basis (n, T)."""

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from armd.compensation.estimate.gauge import PLAUSIBLE
 from armd.compensation.model import parameters
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Temperature, Term
 
 F64 = npt.NDArray[np.float64]
@@ -53,10 +54,10 @@ class Unknowns:
 
         Zero for θ₁ and d₁: moving the whole arm about its first axis moves every placement alike.
         """
-        n_joints = (jacobian.shape[2] - 9) // 5
-        asked = [parameters.index(terms[i].parameter, n_joints) for i in self.terms]
+        layout = ParameterLayout.of(jacobian.shape[2])
+        asked = layout.indices(terms[i].parameter for i in self.terms)
         by_term = jacobian[:, :, asked] * basis[:, None, list(self.terms)]
-        by_constant = jacobian[:, :, [parameters.index(name, n_joints) for name in self.constants]]
+        by_constant = jacobian[:, :, layout.indices(self.constants)]
         by_constant[:, :, [name in ("theta_1", "d_1") for name in self.constants]] = 0.0
         return np.concatenate([by_constant, by_term], axis=2)
 
@@ -70,8 +71,7 @@ class Unknowns:
         return np.array(sizes)
 
     def _indices(self, constants: F64) -> list[int]:
-        n_joints = (len(constants) - 9) // 5
-        return [parameters.index(name, n_joints) for name in self.constants]
+        return ParameterLayout.of(len(constants)).indices(self.constants)
 
 
 def in_words(term: Term) -> str:

@@ -226,10 +226,9 @@ def _calibrate(
 def as_calibration(found: Fit, provenance: dict[str, Any]) -> Calibration:
     """A fit as the file the daemon runs."""
     arm, states = found.observations.arm, found.observations.states
-    used = {name for joint in arm.joint for name in joint.weights}
     ranges = {}
     for name, column in zip(arm.sensors, states.temperature_c.T, strict=True):
-        if name in used and np.isfinite(column).any():
+        if name in arm.used_sensors and np.isfinite(column).any():
             ranges[name] = (float(np.nanmin(column)), float(np.nanmax(column)))
     return Calibration(
         arm=arm.serial_number,

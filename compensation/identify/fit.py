@@ -38,6 +38,7 @@ from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.regions import in_region
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Term
 
 F64 = npt.NDArray[np.float64]
@@ -173,7 +174,7 @@ def gauge_of(
 ) -> F64:
     """(C, k) directions, in unknowns over *scale* (C,), that move no point wherever the joints
     stand; *basis* (n, T): the terms' values in the readings."""
-    n_joints = (len(constants) - 9) // 5
+    n_joints = ParameterLayout.of(len(constants)).n_joints
     values = basis[np.arange(GAUGE_POSTURES) % len(basis)]
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (GAUGE_POSTURES, n_joints))
     columns = jacobian(q, parameter_rows(constants, terms, values))[1]

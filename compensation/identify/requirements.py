@@ -11,7 +11,6 @@ from armd.compensation.estimate.gauge import unidentifiable
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.fit import Fit
 from armd.compensation.identify.thermal import temperature_groups
-from armd.compensation.model import parameters
 from armd.errors import BadInput
 
 Mask = npt.NDArray[np.bool_]
@@ -36,7 +35,7 @@ def choose_readings(
     arm = observations.arm
     if wanted == 0:
         return observations, []
-    sensors = [s for s in arm.sensors if any(joint.weights.get(s) for joint in arm.joint)]
+    sensors = arm.used_sensors
     temperature_c = observations.states.temperature_c[:, [arm.sensors.index(s) for s in sensors]]
     complete: Mask = np.all(np.isfinite(temperature_c), axis=1)
     if not sensors or not complete.any():
@@ -144,9 +143,9 @@ def require_plausible(found: Fit, files: str) -> None:
             " directions, offsets, targets?)",
         )
     arm = found.observations.arm
-    links = slice(0, 5 * (arm.n_joints - 1))  # the last link and the tip may be anything
-    names = parameters.names(arm.n_joints)[links]
-    lengths = np.array([parameters.unit(name) == "mm" for name in names])
+    # The last link and the tip may be anything.
+    links = slice(0, arm.layout.joint(arm.n_joints).start)
+    names, lengths = arm.layout.names[links], arm.layout.are_lengths[links]
     drawn = arm.nominal()[links]
     change = np.abs(found.constants[links] - drawn) * lengths
     most = np.minimum(ABSURD_CHANGE_MM, np.maximum(ABSURD_SHARE * np.abs(drawn), SHORT_MM))

@@ -60,7 +60,7 @@ class Trial:
 
 def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
     """Temperatures measured at, ascending: mean in °C, and its readings (n,)."""
-    used = [s for s in observations.arm.sensors if _weighs(observations.arm, s)]
+    used = observations.arm.used_sensors
     if not used:
         return []
     columns = [observations.arm.sensors.index(name) for name in used]
@@ -111,7 +111,7 @@ def component_terms(arm: Arm, observations: Observations) -> list[Term]:
     The mean temperature is the first direction of sensors that move together; as many components
     as explain 99.5 % of the variance.
     """
-    names = [s for s in arm.sensors if _weighs(arm, s)]
+    names = arm.used_sensors
     columns = [arm.sensors.index(name) for name in names]
     values = observations.states.temperature_c[:, columns]
     _, s, vt = np.linalg.svd(values - values.mean(axis=0), full_matrices=False)
@@ -237,7 +237,7 @@ class Comparison:
             ):
                 order = m
         arm = self.fit.observations.arm
-        names = [s for s in arm.sensors if _weighs(arm, s)]
+        names = arm.used_sensors
         weights = {name: 1.0 / len(names) for name in names}
         found = regressed(
             self.fit, self._identified_alone, self._temperature_c, weights, order, offset
@@ -314,7 +314,3 @@ def _lengths(arm: Arm) -> list[tuple[str, dict[str, float]]]:
         for name, weights, length in lengths
         if weights and name != "d_1" and abs(length) > LEAST_LENGTH_MM
     ]
-
-
-def _weighs(arm: Arm, sensor: str) -> bool:
-    return any(joint.weights.get(sensor, 0.0) != 0.0 for joint in arm.joint)

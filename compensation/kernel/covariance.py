@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, sensors_of
 from armd.compensation.model.terms import Term
@@ -92,18 +91,15 @@ class Uncertainty:
 def _parts(
     arm: Arm, calibration: Calibration | None, slow: Sequence[Term], pose: Sequence[Term]
 ) -> tuple[I64, Parts]:
-    n = arm.n_joints
-    names = parameters.names(n)
-    index = {name: i for i, name in enumerate(names)}
+    layout = arm.layout
+    names = layout.names
     terms = [*slow, *pose]
-    of_term = np.array([index[term.parameter] for term in terms], np.int64)
+    of_term = np.array(layout.indices(term.parameter for term in terms), np.int64)
     pose_rows = np.arange(len(names), len(names) + len(pose))
     acts_in = np.concatenate([of_term[: len(slow)], pose_rows])  # as numbered in `rows`
 
     # What the low-rank factor is judged by: an angle moves the tip by the arm's reach.
-    lengths = np.hypot(arm.nominal()[1 : 5 * n : 5], arm.nominal()[2 : 5 * n : 5])
-    reach_mm = float(lengths.sum() + np.linalg.norm(arm.tip.offset_mm)) or 1.0
-    scale = np.array([1.0 if parameters.unit(name) == "mm" else reach_mm for name in names])
+    scale = np.where(layout.are_lengths, 1.0, arm.reach_mm or 1.0)
     scale = np.concatenate([scale, scale[of_term[len(slow) :]]])
 
     covariance_of = [] if calibration is None else calibration.covariance_of
@@ -114,8 +110,8 @@ def _parts(
     if calibration is not None:
         place = {id(term): t for t, term in enumerate(terms)}
         for i, name in enumerate(covariance_of):
-            if name in index:
-                row[i] = index[name]
+            if name in layout:
+                row[i] = layout.index(name)
                 continue
             scaled_by[i] = place[id(calibration.terms[int(name.removeprefix("term "))])]
             row[i] = acts_in[scaled_by[i]]
@@ -124,8 +120,9 @@ def _parts(
         )
         root = scale[row, None] * directions * np.sqrt(np.maximum(variances, 0.0))
         identified = root @ root.T
-        for k, deviation in enumerate(calibration.noise.encoder_rad):
-            encoder[5 * k] = (scale[5 * k] * deviation) ** 2
+        deviation = np.array(calibration.noise.encoder_rad)
+        angles = np.arange(len(names))[layout.angles][: len(deviation)]
+        encoder[angles] = (scale[angles] * deviation) ** 2
         if calibration.noise.temperature_c:
             warm = np.flatnonzero([bool(sensors_of([term])) for term in terms])
     rows = np.unique(np.concatenate([row, np.flatnonzero(encoder), acts_in[warm]]))

@@ -13,7 +13,6 @@ from armd.compensation.kernel.memory import Amounts, fold
 from armd.compensation.kernel.points import fill
 from armd.compensation.kernel.program import by_parameter, compile_terms, state_of
 from armd.compensation.kernel.slow_factors import SlowFactors
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import Delay, basis_values
 from armd.compensation.model.calibration import LoadedCalibration
@@ -40,13 +39,14 @@ class Model:
             arm.reference_temperature_c if content is None else content.reference_temperature_c
         )
         terms = [] if content is None else content.terms
-        place = {name: i for i, name in enumerate(parameters.names(n))}
         slow = [term for term in terms if term.slow]
         pose = by_parameter([term for term in terms if not term.slow], n)
         self._slow_parts = [_slow_part(term) for term in (*slow, *pose)]
         self._slow = SlowFactors([*slow, *pose], arm, self._reference_c)
         self._amounts = Amounts(
-            slow_parameter=np.array([place[term.parameter] for term in slow], dtype=np.int64),
+            slow_parameter=np.array(
+                arm.layout.indices(term.parameter for term in slow), dtype=np.int64
+            ),
             slow=np.array([term.coefficient for term in slow]),
             pose=np.array([term.coefficient for term in pose]),
         )

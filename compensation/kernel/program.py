@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from armd.compensation.kernel import pose_factors as codes
 from armd.compensation.kernel.memory import Folded, Program, State
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import AXES, curve_spline
 from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
+from armd.compensation.model.parameters import PER_JOINT, ParameterLayout
 from armd.compensation.model.terms import (
     SLOW_FACTORS,
     Angle,
@@ -33,16 +33,16 @@ F64 = npt.NDArray[np.float64]
 
 def by_parameter(terms: Sequence[Term], n_joints: int) -> list[Term]:
     """Terms in the order of the parameters they change, as a `Program` wants its pose terms."""
-    place = {name: i for i, name in enumerate(parameters.names(n_joints))}
-    return sorted(terms, key=lambda term: place[term.parameter])
+    layout = ParameterLayout(n_joints)
+    return sorted(terms, key=lambda term: layout.index(term.parameter))
 
 
 def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
     """The program of pose terms, which stand in the order of `by_parameter`."""
-    n = arm.n_joints
-    place = {name: i for i, name in enumerate(parameters.names(n))}
-    parameter = np.array([place[term.parameter] for term in terms], dtype=np.int64)
-    groups = [*range(0, 5 * n + 1, 5), 5 * n + 3, 5 * n + 9]
+    layout = arm.layout
+    parameter = np.array(layout.indices(term.parameter for term in terms), dtype=np.int64)
+    groups = [*range(0, layout.tip.start, PER_JOINT), layout.tip.start, layout.base.start]
+    groups.append(layout.count)
     distinct: dict[str, int] = {}
     rows: list[tuple[int, int, int]] = []
     pieces: list[int] = []
@@ -83,7 +83,7 @@ def state_of(program: Program, constants: F64) -> State:
 
     One by one, because a live sample comes alone, to cold caches: 64 wide the scratch is 50 KB.
     """
-    n = (len(constants) - 9) // 5
+    n = ParameterLayout.of(len(constants)).n_joints
     n_terms, n_factors = len(program.parameter), len(program.factors)
     matrices = np.zeros((n + 1, 3, 4))
     folded = Folded(matrices, matrices, constants, constants, np.zeros(n_terms))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
-from armd.compensation.model import parameters
+from armd.compensation.model.parameters import ParameterLayout
 from armd.schema import Strict, load_toml
 
 Vector3 = Annotated[tuple[float, float, float], Field(description="three numbers")]
@@ -19,6 +20,9 @@ Millimetres = Annotated[float, Field(ge=-1e5, le=1e5)]
 Degrees = Annotated[float, Field(ge=-3600, le=3600)]
 Celsius = Annotated[float, Field(ge=-273.15, le=1000)]
 Offset = Annotated[tuple[Millimetres, Millimetres, Millimetres], Field(description="x, y, z")]
+
+
+_layout = cache(ParameterLayout)  # which keeps the names that it has looked up
 
 
 class TemperatureSensor(Strict):
@@ -88,22 +92,46 @@ class Arm(Strict):
         return len(self.joint)
 
     @property
+    def layout(self) -> ParameterLayout:
+        """Where its parameters stand."""
+        return _layout(self.n_joints)
+
+    @property
     def sensors(self) -> list[str]:
         """Sensor names in the order of the wire's channels."""
         return [sensor.name for sensor in self.temperature_sensor]
 
+    @property
+    def used_sensors(self) -> list[str]:
+        """Those whose temperature a joint has, by a weight that is not 0; in the same order."""
+        return [s for s in self.sensors if any(joint.weights.get(s) for joint in self.joint)]
+
+    @property
+    def reach_mm(self) -> float:
+        """As drawn, no joint's lever to the tip is longer."""
+        links = sum(math.hypot(joint.a_mm, joint.d_mm) for joint in self.joint)
+        return links + math.hypot(*self.tip.offset_mm)
+
+    @property
+    def limits_rad(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """(N,) lowest and highest angles of the joints, ∓inf where arm.toml has none."""
+        low = [-math.inf if joint.min_deg is None else joint.min_deg for joint in self.joint]
+        high = [math.inf if joint.max_deg is None else joint.max_deg for joint in self.joint]
+        return np.radians(low), np.radians(high)
+
     def nominal(self) -> npt.NDArray[np.float64]:
         """The drawing's parameter vector (5 N + 9,), in mm and rad, ordered as `parameters`."""
-        values = np.zeros(parameters.count(self.n_joints))
-        for k, joint in enumerate(self.joint):
-            values[5 * k : 5 * k + 5] = (
+        layout = self.layout
+        values = np.zeros(layout.count)
+        for k, joint in enumerate(self.joint, 1):
+            values[layout.joint(k)] = (
                 math.radians(joint.theta_deg),
                 joint.d_mm,
                 joint.a_mm,
                 math.radians(joint.alpha_deg),
                 math.radians(joint.beta_deg),
             )
-        values[5 * self.n_joints : 5 * self.n_joints + 3] = self.tip.offset_mm
+        values[layout.tip] = self.tip.offset_mm
         return values
 
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.gravity import gravity_directions, gravity_moments, gravity_torques
 from armd.compensation.model.kinematics import forward
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States, lagged
 from armd.compensation.model.terms import (
     After,
@@ -79,11 +79,10 @@ def basis_values(
 
 def parameter_rows(constants: F64, terms: Sequence[Term], values: F64) -> F64:
     """Parameters (n, P) of each row: *constants* (P,) + Σ coefficient · *values* (n, T)."""
-    n_joints = (len(constants) - 9) // 5
-    names = {name: i for i, name in enumerate(parameters.names(n_joints))}
+    layout = ParameterLayout.of(len(constants))
     rows = np.tile(constants, (len(values), 1))
     for term, value in zip(terms, values.T, strict=True):
-        rows[:, names[term.parameter]] += term.coefficient * value
+        rows[:, layout.index(term.parameter)] += term.coefficient * value
     return rows
 
 

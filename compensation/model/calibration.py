@@ -22,6 +22,7 @@ from pydantic import Field, model_validator
 
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm, Celsius, Vector3
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Temperature, TemperatureRate, Term, Time
 from armd.errors import BadInput
 from armd.files import write_whole
@@ -88,7 +89,7 @@ class Calibration(Strict):
 
     def vector(self, n_joints: int) -> npt.NDArray[np.float64]:
         """Constants as the parameter vector (5 N + 9,)."""
-        names = parameters.names(n_joints)
+        names = ParameterLayout(n_joints).names
         return np.array([self.constants.get(name, 0.0) for name in names])
 
     def content(self) -> dict[str, Any]:
@@ -113,7 +114,7 @@ class LoadedCalibration:
 
 def constants_of(vector: npt.NDArray[np.float64], n_joints: int) -> dict[str, float]:
     """A parameter vector as the mapping a calibration stores."""
-    return dict(zip(parameters.names(n_joints), map(float, vector), strict=True))
+    return dict(zip(ParameterLayout(n_joints).names, map(float, vector), strict=True))
 
 
 def load_calibration(path: str | Path, arm: Arm | None = None) -> LoadedCalibration:
@@ -235,25 +236,26 @@ def _ended(term: Term, created_unix_s: float) -> Term:
 
 def used_sensors(arm: Arm, calibration: Calibration | None) -> set[str]:
     """Names of the sensors that a joint or a term of the calibration depends on."""
-    used = {name for joint in arm.joint for name, weight in joint.weights.items() if weight}
+    used = set(arm.used_sensors)
     return used | sensors_of(calibration.terms) if calibration is not None else used
 
 
 def sensors_of(terms: Sequence[Term]) -> set[str]:
-    """Names of the sensors that terms depend on."""
+    """Names of the sensors that terms depend on, by a weight that is not 0."""
     return {
         name
         for term in terms
         for factor in term.basis
         if isinstance(factor, Temperature | TemperatureRate)
-        for name in factor.weights
+        for name, weight in factor.weights.items()
+        if weight
     }
 
 
 def _belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
     if calibration.arm != arm.serial_number:
         raise BadInput(path, "arm", repr(calibration.arm), f"{arm.serial_number!r}, as in arm.toml")
-    known = set(parameters.names(arm.n_joints))
+    known = set(arm.layout.names)
     for name, value in calibration.constants.items():
         if name not in known:
             raise BadInput(path, f"constants.{name}", "this name", "a parameter of the arm")

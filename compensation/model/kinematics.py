@@ -12,6 +12,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from armd.compensation.model.parameters import ParameterLayout
 from armd.jit import jit
 
 F64 = npt.NDArray[np.float64]
@@ -21,8 +22,7 @@ def forward(q: F64, p: F64) -> tuple[F64, F64]:
     """Tip position (n, 3) in mm and rotation (n, 3, 3) of the last frame, of angles (n, N) rad."""
     origins, rotations = frames(q, p)
     p = np.asarray(p)
-    n_joints = q.shape[1]
-    tip = np.broadcast_to(p[..., 5 * n_joints : 5 * n_joints + 3], (len(q), 3))
+    tip = np.broadcast_to(p[..., ParameterLayout(q.shape[1]).tip], (len(q), 3))
     last = rotations[:, -1]
     return origins[:, -1] + np.einsum("nij,nj->ni", last, tip), last
 
@@ -51,8 +51,8 @@ def jacobian(q: F64, p: F64) -> tuple[F64, F64]:
 
 def joint_jacobian(q: F64, p: F64) -> F64:
     """Derivatives (n, 3, N) of the tip position by the joint angles, mm/rad."""
-    n_joints = q.shape[1]
-    return np.ascontiguousarray(jacobian(q, p)[1][:, :, 0 : 5 * n_joints : 5])
+    angles = ParameterLayout(q.shape[1]).angles
+    return np.ascontiguousarray(jacobian(q, p)[1][:, :, angles])
 
 
 def _rows(q: F64, p: F64) -> tuple[F64, F64]:
@@ -60,7 +60,7 @@ def _rows(q: F64, p: F64) -> tuple[F64, F64]:
     q = np.ascontiguousarray(q, dtype=np.float64)
     p = np.atleast_2d(np.ascontiguousarray(p, dtype=np.float64))
     n, n_joints = q.shape
-    if p.shape[1] != 5 * n_joints + 9 or len(p) not in (1, n):
+    if p.shape[1] != ParameterLayout(n_joints).count or len(p) not in (1, n):
         raise ValueError(f"parameters {p.shape} do not fit angles {q.shape}")
     return q, p
 

@@ -47,13 +47,12 @@ def known_expansion(
                         effect=f"link_expansion link {k}",
                     )
                 )
-    used = {name for joint in arm.joint for name in joint.weights}
     deviations = [term.standard_uncertainty or 0.0 for term in terms]
     return Calibration(
         arm=arm.serial_number,
         created=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         reference_temperature_c=arm.reference_temperature_c,
-        temperature_range_c={name: temperature_range_c for name in arm.sensors if name in used},
+        temperature_range_c=dict.fromkeys(arm.used_sensors, temperature_range_c),
         constants=constants,
         terms=terms,
         covariance_of=[f"term {i}" for i in range(len(terms))],

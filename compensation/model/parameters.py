@@ -1,38 +1,102 @@
-"""The parameters an arm's model has, by index and by name.
+"""The parameters an arm's model has, by place and by name.
 
 One flat vector holds them all, so that a term, a Jacobian column and an identified constant
 speak of the same number: five per joint (θ offset, d, a, α, Hayati β), the tip's offset, and the
 base's small displacement. Millimetres and radians throughout.
+
+`ParameterLayout` says where each stands. Compiled code, which takes no such objects, steps through
+the vector by itself: joint k from 5 k, then the tip, then the base.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
 
 from armd.errors import ArmdError
 
 JOINT_PARAMETERS = ("theta", "d", "a", "alpha", "beta")
 TIP_PARAMETERS = ("tip_x", "tip_y", "tip_z")
 BASE_PARAMETERS = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
-#: Offsets of the five within a joint's block of the vector.
-THETA, D, A, ALPHA, BETA = range(5)
+
+PER_JOINT = len(JOINT_PARAMETERS)
+BESIDE_JOINTS = len(TIP_PARAMETERS) + len(BASE_PARAMETERS)
 
 
-def count(n_joints: int) -> int:
-    """Length of the parameter vector of an arm with *n_joints* joints: 5 N + 3 + 6."""
-    return 5 * n_joints + len(TIP_PARAMETERS) + len(BASE_PARAMETERS)
+@dataclass(frozen=True)
+class ParameterLayout:
+    """Where the parameters of an arm with so many joints stand in the vector (P,)."""
 
+    n_joints: int
 
-def names(n_joints: int) -> list[str]:
-    """All names in order: theta_1 … beta_N, tip_x …, base_rz."""
-    joints = [f"{name}_{k}" for k in range(1, n_joints + 1) for name in JOINT_PARAMETERS]
-    return [*joints, *TIP_PARAMETERS, *BASE_PARAMETERS]
+    @classmethod
+    def of(cls, count: int) -> ParameterLayout:
+        """That of a vector of *count* parameters; raises `ArmdError` where no arm has so many."""
+        n_joints, left = divmod(count - BESIDE_JOINTS, PER_JOINT)
+        if left or n_joints < 1:
+            raise ArmdError(f"no arm has {count} parameters")
+        return cls(n_joints)
 
+    @property
+    def count(self) -> int:
+        """P: 5 N + 3 + 6."""
+        return PER_JOINT * self.n_joints + BESIDE_JOINTS
 
-def index(name: str, n_joints: int) -> int:
-    """Index of a parameter by name; raises `ArmdError` for a name this arm does not have."""
-    try:
-        return names(n_joints).index(name)
-    except ValueError:
-        raise ArmdError(f"no parameter {name!r} on an arm of {n_joints} joints") from None
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """All names in order: theta_1 … beta_N, tip_x …, base_rz."""
+        joints = (f"{name}_{k}" for k in range(1, self.n_joints + 1) for name in JOINT_PARAMETERS)
+        return (*joints, *TIP_PARAMETERS, *BASE_PARAMETERS)
+
+    @cached_property
+    def _place(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.names)}
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._place
+
+    def index(self, name: str) -> int:
+        """Place of a parameter by name; raises `ArmdError` for a name this arm does not have."""
+        try:
+            return self._place[name]
+        except KeyError:
+            raise ArmdError(f"no parameter {name!r} on an arm of {self.n_joints} joints") from None
+
+    def indices(self, names: Iterable[str]) -> list[int]:
+        """Places of several parameters, as `index`."""
+        return [self.index(name) for name in names]
+
+    def joint(self, number: int) -> slice:
+        """The five of a joint (1…N)."""
+        return slice(PER_JOINT * (number - 1), PER_JOINT * number)
+
+    def each(self, name: str) -> slice:
+        """One of `JOINT_PARAMETERS` of all joints."""
+        return slice(JOINT_PARAMETERS.index(name), PER_JOINT * self.n_joints, PER_JOINT)
+
+    @property
+    def angles(self) -> slice:
+        """θ of all joints: where a Jacobian's columns are d tip / d angle."""
+        return self.each("theta")
+
+    @property
+    def tip(self) -> slice:
+        """The tip's offset x, y, z."""
+        return slice(PER_JOINT * self.n_joints, PER_JOINT * self.n_joints + len(TIP_PARAMETERS))
+
+    @property
+    def base(self) -> slice:
+        """The base's displacement and turn."""
+        return slice(self.tip.stop, self.count)
+
+    @cached_property
+    def are_lengths(self) -> npt.NDArray[np.bool_]:
+        """(P,) which are in mm."""
+        return np.array([unit(name) == "mm" for name in self.names])
 
 
 def unit(name: str) -> str:

@@ -160,7 +160,7 @@ def _residuals_by_column(page: Page, found: Fit) -> None:
 def _parameters(page: Page, result: Result) -> None:
     found = result.fit
     arm = found.observations.arm
-    nominal = dict(zip(parameters.names(arm.n_joints), arm.nominal().tolist(), strict=True))
+    nominal = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
     identified = result.calibration.constants
     deviation = dict(
         zip(found.unknowns.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True)

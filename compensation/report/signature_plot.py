@@ -76,7 +76,7 @@ def _in_the_parameter(
         for _, weight, basis in parts:
             effect += amplitude * weight * signatures.bases[basis]
     effect -= effect.mean()  # a constant is the parameter's own
-    number = parameters.index(parameter, diagnosis.arm.n_joints)
+    number = diagnosis.arm.layout.index(parameter)
     lever = last.linear.jacobian[number, : 3 * n].reshape(n, 3)
     left = (last.residual - last.fitted)[: 3 * n].reshape(n, 3)
     square = (lever**2).sum(axis=1)

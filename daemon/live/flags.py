@@ -27,15 +27,11 @@ class Flagger:
     """What `finish` must know of one arm, and remembers between batches of any size."""
 
     def __init__(self, arm: Arm) -> None:
-        limits = [(joint.min_deg, joint.max_deg) for joint in arm.joint]
-        low = np.array(
-            [-math.inf if low is None else math.radians(low + END_STOP_DEG) for low, _ in limits]
-        )
-        high = np.array(
-            [math.inf if high is None else math.radians(high - END_STOP_DEG) for _, high in limits]
-        )
+        low, high = arm.limits_rad
+        stop = math.radians(END_STOP_DEG)
         self.memory = np.zeros(1, _memory(arm.n_joints))
-        self.memory["low"], self.memory["high"], self.memory["last_seq"] = low, high, -1
+        self.memory["low"], self.memory["high"] = low + stop, high - stop
+        self.memory["last_seq"] = -1
 
     def judge_by(
         self, slow: Flag, stale_after_ns: int, invalid_after_ns: int, calibration: int

@@ -66,7 +66,7 @@ class Pipeline:
     def __init__(self, arm: Arm, calibration: LoadedCalibration | None, limits: Limits) -> None:
         turns = [joint.counts_per_turn or 1 for joint in arm.joint]
         self._encoders = _encoders(arm, turns)
-        self._motion = Motion(turns, _reach_mm(arm))
+        self._motion = Motion(turns, arm.reach_mm)
         self._flagger = Flagger(arm)
         self._make_room(ROOM, len(turns))
         self.temperature = TemperatureWatch(arm, limits)
@@ -205,9 +205,3 @@ def _encoders(arm: Arm, counts_per_turn: list[int]) -> npt.NDArray[np.void]:
     encoders["middle"] = np.radians((low + high) / 2)
     encoders["one_turn"] = high - low <= 360
     return encoders
-
-
-def _reach_mm(arm: Arm) -> float:
-    """No joint's lever to the tip is longer."""
-    links = sum(math.hypot(joint.a_mm, joint.d_mm) for joint in arm.joint)
-    return links + math.hypot(*arm.tip.offset_mm)

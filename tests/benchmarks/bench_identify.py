@@ -24,9 +24,9 @@ from armd.compensation.estimate.poses import centres, fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import fit
 from armd.compensation.identify.thermal import length_terms
-from armd.compensation.model import parameters
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward
+from armd.compensation.model.parameters import ParameterLayout
 
 TEMPERATURES_C = (15.0, 20.0, 25.0, 30.0)
 ARCSEC = np.pi / 180 / 3600
@@ -41,7 +41,7 @@ def run(repeats: int = 3) -> dict[str, Any]:
 def _run(repeats: int) -> dict[str, Any]:
     rng = np.random.default_rng(1)
     arm = synthetic_arm()
-    names = parameters.names(6)[:33]
+    names = ParameterLayout(6).names[:33]
     lengths = length_terms(arm, [1, 2, 3, 4])
     terms = lengths[:24]
     truth = disturbed(arm, rng, 0.5)

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.gravity import (
@@ -17,6 +16,7 @@ from armd.compensation.model.gravity import (
     link_masses,
 )
 from armd.compensation.model.kinematics import forward, frames
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 
@@ -140,8 +140,8 @@ def test_parameter_rows_add_up() -> None:
     values = np.array([[1.0, 2.0, 4.0], [0.0, 0.0, 0.0]])
     rows = parameter_rows(arm.nominal(), terms, values)
     changed = rows[0] - arm.nominal()
-    assert changed[parameters.index("a_2", 4)] == 1.5
-    assert changed[parameters.index("tip_z", 4)] == -2.0
+    assert changed[ParameterLayout(4).index("a_2")] == 1.5
+    assert changed[ParameterLayout(4).index("tip_z")] == -2.0
     assert np.count_nonzero(changed) == 2
     assert np.array_equal(rows[1], arm.nominal())
 

@@ -27,6 +27,7 @@ from armd.compensation.model.calibration import (
     load_calibration,
     save_calibration,
 )
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term, Time
 from armd.errors import BadInput
@@ -37,7 +38,7 @@ RELEASED = sorted(DATA.glob("calibration-*.json"))  # one per released version, 
 
 def plain(**changes) -> Calibration:
     arm = an_arm(3)
-    names = module.parameters.names(3)
+    names = ParameterLayout(3).names
     return Calibration.model_validate(
         {
             "schema": "armd.calibration/1",

@@ -21,6 +21,7 @@ from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Term
 
 ARM = synthetic.arm()
@@ -60,7 +61,7 @@ def test_thermal_coefficients_return_too() -> None:
     rng = np.random.default_rng(5)
     truth = disturbed(ARM, rng)
     terms = length_terms(ARM, [1, 2])
-    lengths = dict(zip(parameters.names(6), ARM.nominal().tolist(), strict=True))
+    lengths = dict(zip(ParameterLayout(6).names, ARM.nominal().tolist(), strict=True))
     true_terms = [
         term.model_copy(
             update={
@@ -148,11 +149,11 @@ def test_hayati_replaces_d_between_parallel_axes() -> None:
     assert "d_3" in names
     rng = np.random.default_rng(3)
     truth = disturbed(arm, rng)
-    truth[parameters.index("beta_2", 6)] = 0.003
-    truth[parameters.index("d_2", 6)] = arm.nominal()[parameters.index("d_2", 6)]
+    truth[ParameterLayout(6).index("beta_2")] = 0.003
+    truth[ParameterLayout(6).index("d_2")] = arm.nominal()[ParameterLayout(6).index("d_2")]
     found = identify(arm, gather([session(arm, truth, rng, readings=300)], arm))
     assert found.solution.rank == LENGTH
-    assert found.constants[parameters.index("beta_2", 6)] == pytest.approx(0.003, rel=1e-6)
+    assert found.constants[ParameterLayout(6).index("beta_2")] == pytest.approx(0.003, rel=1e-6)
 
 
 def test_outliers_are_found_and_do_not_matter() -> None:

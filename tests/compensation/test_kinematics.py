@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armd.compensation.model import kinematics, parameters
+from armd.compensation.model.parameters import ParameterLayout
 
 
 def rotation(axis: int, angle: float) -> np.ndarray:
@@ -41,7 +42,7 @@ def matrix_product(q: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def an_arm(seed: int, n_joints: int, n: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
-    lengths = [parameters.unit(name) == "mm" for name in parameters.names(n_joints)]
+    lengths = [parameters.unit(name) == "mm" for name in ParameterLayout(n_joints).names]
     scale = np.where(lengths, 600.0, 3.0)
     return rng.uniform(-4, 4, (n, n_joints)), rng.uniform(-1, 1, len(scale)) * scale
 
@@ -63,7 +64,7 @@ def test_jacobian_is_the_slope_of_the_matrix_product(seed: int, n_joints: int) -
     q, p = an_arm(seed, n_joints, 1)
     position, derivatives = kinematics.jacobian(q, p)
     assert position[0] == pytest.approx(matrix_product(q[0], p)[:3, 3], abs=1e-9)
-    for i, name in enumerate(parameters.names(n_joints)):
+    for i, name in enumerate(ParameterLayout(n_joints).names):
         step = np.zeros(len(p))
         step[i] = 1e-5 if parameters.unit(name) == "rad" else 1e-3
         up, down = matrix_product(q[0], p + step), matrix_product(q[0], p - step)

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from armd import POINT
 from armd.compensation.kernel import kernel
 from armd.compensation.kernel.model import Model
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
 from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
 
 REFERENCE_C = 20.0
@@ -71,7 +71,7 @@ def an_arm(n_joints: int) -> Arm:
 
 def calibrated(arm: Arm, terms: list[dict[str, object]], **more: object) -> LoadedCalibration:
     rng = np.random.default_rng(8)
-    constants = arm.nominal() + rng.normal(0, 1e-3, parameters.count(arm.n_joints))
+    constants = arm.nominal() + rng.normal(0, 1e-3, arm.layout.count)
     content = Calibration.model_validate(
         {
             "schema": "armd.calibration/1",
@@ -130,7 +130,7 @@ def test_each_factor_on_its_own(factor: dict[str, object]) -> None:
     check(an_arm(4), [term("theta_2", factor)])
 
 
-@pytest.mark.parametrize("name", parameters.names(3))
+@pytest.mark.parametrize("name", ParameterLayout(3).names)
 def test_each_parameter_may_depend_on_the_pose(name: str) -> None:
     check(an_arm(3), [term(name, POSE_FACTORS[0], WARM)])
 
@@ -144,7 +144,7 @@ def test_no_terms_is_plain_forward_kinematics() -> None:
 def test_any_terms_together(data: st.DataObject, n_joints: int) -> None:
     factors = st.sampled_from(POSE_FACTORS + SLOW_FACTORS)
     drawn = st.tuples(
-        st.sampled_from(parameters.names(n_joints)), st.lists(factors, min_size=1, max_size=3)
+        st.sampled_from(ParameterLayout(n_joints).names), st.lists(factors, min_size=1, max_size=3)
     )
     terms = data.draw(st.lists(drawn, min_size=1, max_size=12))
     arm = an_arm(n_joints)
@@ -227,7 +227,7 @@ def test_half_turns_have_an_orientation() -> None:
 def test_covariance_is_jacobian_times_covariance() -> None:
     constants = calibrated(LIVE_ARM, []).content.vector(4)
     derivatives = jacobian(STATES.q, constants)[1]
-    index = {name: i for i, name in enumerate(parameters.names(4))}
+    index = {name: i for i, name in enumerate(ParameterLayout(4).names)}
     harmonic = np.sin(STATES.q[:, 1])
     warm = 0.4 * 25.0 + 0.6 * 24.0 - REFERENCE_C
     columns = [

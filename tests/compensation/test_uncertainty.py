@@ -11,9 +11,10 @@ from test_model import POSE_FACTORS, WARM, an_arm, calibrated, term
 from armd.compensation.kernel.covariance import NEGLECTED, pivoted_cholesky
 from armd.compensation.kernel.model import Model
 from armd.compensation.model import parameters
+from armd.compensation.model.parameters import ParameterLayout
 
 N_JOINTS = 3
-NAMES = parameters.names(N_JOINTS)
+NAMES = ParameterLayout(N_JOINTS).names
 
 
 def factor_of(covariance: np.ndarray) -> np.ndarray:

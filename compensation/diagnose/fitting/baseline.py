@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.diagnose.fitting.problem import Linear, ModelState
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
@@ -38,10 +37,9 @@ class Baseline:
         states = linear.rests.observations.states
         probes = [term.model_copy(update={"coefficient": 1.0}) for term in chosen]
         values = basis_values(probes, states, arm, self.model.reference_c, self.model.constants)
-        index = {name: i for i, name in enumerate(parameters.names(arm.n_joints))}
         constants = [linear.jacobian[i] for i in self.parameters]
         slopes = [
-            linear.signature(index[term.parameter], value)
+            linear.signature(arm.layout.index(term.parameter), value)
             for term, value in zip(chosen, values.T, strict=True)
         ]
         size = len(linear.residual)
@@ -51,7 +49,7 @@ class Baseline:
 
 def from_calibration(calibration: Calibration, arm: Arm, held: bool) -> Baseline:
     """The baseline of a calibration; one without covariance is taken as exact when held."""
-    names = parameters.names(arm.n_joints)
+    names = arm.layout.names
     constants = [i for i, name in enumerate(names) if name in calibration.covariance_of]
     terms = [i for i in range(len(calibration.terms)) if f"term {i}" in calibration.covariance_of]
     order = [calibration.covariance_of.index(names[i]) for i in constants]

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from armd.compensation.diagnose.fitting.fit import Fit
 from armd.compensation.diagnose.fitting.nuisance import is_curve
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.model import parameters
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Curve, Harmonic, Term
 
 F64 = npt.NDArray[np.float64]
@@ -57,7 +57,7 @@ def as_written(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
         seen = _seen(q[~out, joint - 1])
         strange = np.flatnonzero(out & ~seen[_nearest(q[:, joint - 1])])
         rows = (3 * strange[:, None] + np.arange(3)).ravel()
-        index = parameters.index(parameter, q.shape[1])
+        index = ParameterLayout(q.shape[1]).index(parameter)
         means = np.array([wave[seen].mean() for _, _, wave in waves])
         yield at, rows, linear.jacobian[index, rows][:, None] * means
 

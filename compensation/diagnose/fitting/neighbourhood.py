@@ -77,9 +77,9 @@ def _too_far(fit: Fit, arm: Arm) -> str:
     given = baseline.model
     values = basis_values(given.terms, states, arm, given.reference_c, given.constants)
     apart = np.abs(_rows(fit, arm) - parameter_rows(given.constants, given.terms, values))
-    names = parameters.names(arm.n_joints)
-    # The base may have been carried anywhere: it changes no size.
-    most = np.array([np.inf if b else PLAUSIBLE[parameters.unit(n)] for n, b in _with_base(names)])
+    names = arm.layout.names
+    most = np.array([PLAUSIBLE[parameters.unit(name)] for name in names])
+    most[arm.layout.base] = np.inf  # it may have been carried anywhere: that changes no size
     furthest = int(np.argmax(apart.max(axis=0) / most))
     largest = float(apart[:, furthest].max())
     if largest <= most[furthest]:
@@ -132,10 +132,7 @@ def _rows(fit: Fit, arm: Arm) -> F64:
     return rows
 
 
-def _with_base(names: list[str]) -> list[tuple[str, bool]]:
-    return [(name, name in parameters.BASE_PARAMETERS) for name in names]
-
-
-def _is_length(arm: Arm) -> F64:
-    names = _with_base(parameters.names(arm.n_joints))
-    return np.array([parameters.unit(name) == "mm" and not of_base for name, of_base in names])
+def _is_length(arm: Arm) -> npt.NDArray[np.bool_]:
+    lengths = arm.layout.are_lengths.copy()
+    lengths[arm.layout.base] = False
+    return lengths

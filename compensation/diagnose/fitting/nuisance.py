@@ -171,7 +171,7 @@ def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> Nuisan
     weights = arm.joint[0].weights
     temperature = sum(w * states.temperature_c[:, arm.sensors.index(s)] for s, w in weights.items())
     rise = np.nan_to_num(temperature - linear.model.reference_c)
-    column = linear.signature(parameters.index(term.parameter, arm.n_joints), rise)
+    column = linear.signature(arm.layout.index(term.parameter), rise)
     return Nuisance(column[:, None], np.array([np.inf]))
 
 
@@ -217,7 +217,7 @@ def for_noise(nuisance: Nuisance, layout: Layout, extra: Sequence[F64]) -> Nuisa
 def _gauge(baseline: Baseline, arm: Arm) -> F64:
     if baseline.held:
         return np.full(baseline.root.shape[1], np.inf)
-    names = parameters.names(arm.n_joints)
+    names = arm.layout.names
     constants = [GAUGE[parameters.unit(names[i])] for i in baseline.parameters]
     own = [baseline.model.terms[i].parameter for i in baseline.terms]
     slopes = [PER_KELVIN * GAUGE[parameters.unit(name)] for name in own]

@@ -176,8 +176,7 @@ def require_spare(observations: Observations, files: str) -> None:
 
 def _complete(raw: Observations, arm: Arm) -> npt.NDArray[np.bool_]:
     """Readings that have the temperatures of all joints; all of them, if none has."""
-    needed = [s for s in arm.sensors if any(joint.weights.get(s) for joint in arm.joint)]
-    columns = [arm.sensors.index(name) for name in needed]
+    columns = [arm.sensors.index(name) for name in arm.used_sensors]
     complete = np.asarray(np.isfinite(raw.states.temperature_c[:, columns]).all(axis=1))
     return complete if complete.any() else np.ones(raw.n, dtype=bool)
 

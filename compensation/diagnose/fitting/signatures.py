@@ -14,7 +14,6 @@ from scipy.sparse import csr_array
 from armd.compensation.diagnose.fitting.noise import Noise
 from armd.compensation.diagnose.fitting.problem import Linear
 from armd.compensation.effects.effect import ArtefactChange, Candidate
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.terms import Factor, Term
@@ -115,7 +114,7 @@ class Signatures:
 
 def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm) -> Signatures:
     """Evaluate each distinct basis once, and say every column by its parts."""
-    index = {name: i for i, name in enumerate(parameters.names(arm.n_joints))}
+    layout = arm.layout
     basis_of: dict[str, int] = {}
     bases: list[list[Factor]] = []
     parts: list[tuple[Part, ...]] = []
@@ -131,7 +130,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
                 if key not in basis_of:
                     basis_of[key] = len(bases)
                     bases.append(term.basis)
-                of_column.append((index[term.parameter], term.coefficient, basis_of[key]))
+                of_column.append((layout.index(term.parameter), term.coefficient, basis_of[key]))
             parts.append(tuple(of_column))
             changes.append(column.artefact)
             typical.append(column.typical)

@@ -22,8 +22,7 @@ AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if not facts.approach:
         return
-    first = 5 * facts.arm.n_joints
-    stylus = facts.constants[first : first + 3]
+    stylus = facts.constants[facts.arm.layout.tip]
     length = float(np.linalg.norm(stylus))
     along = stylus / length if length > 1.0 else np.array([0.0, 0.0, 1.0])
     columns = (

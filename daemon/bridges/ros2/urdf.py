@@ -32,7 +32,7 @@ def write(info: Mapping[str, Any], calibration: str | None, namespace: str, fram
     prefix = namespace.replace("/", "_")
     robot = Xml.Element("robot", name=prefix)
     origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
-    tip = parameters[5 * arm.n_joints : 5 * arm.n_joints + 3]
+    tip = parameters[arm.layout.tip]
     # A joint's row is Rz(q) and then what is constant: joint k stands where row k−1 has led.
     steps = [(rotations[0], origins[0])] + [
         (
