@@ -11,8 +11,10 @@ from collections.abc import Sequence
 
 from armd import __version__
 from armd.daemon.terminal import hush
+from armd.daemon.usage import USAGE
 from armd.errors import ArmdError, BadInput
 from armd.printable import printable
+from armd.suggest import did_you_mean
 
 #: name (and module in `armd.daemon.commands`) → its line in `armd --help`
 COMMANDS = {
@@ -89,7 +91,9 @@ def _run(arguments: list[str]) -> int:
 
         simulate.become(arguments[1:])
     parser = argparse.ArgumentParser(
-        prog="armd", description="The open driver for articulated measuring arms."
+        prog="armd",
+        description="The open driver for articulated measuring arms.",
+        epilog="armd COMMAND --help: options, an example, units, exit codes, the page in docs/.",
     )
     parser.add_argument("--version", action="version", version=f"armd {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -97,10 +101,17 @@ def _run(arguments: list[str]) -> int:
     chosen = next((word for word in arguments if not word.startswith("-")), None)
     if chosen == "run":  # before anything is read, a reload has nothing to do
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    if chosen is not None and chosen not in COMMANDS:
+        guess = did_you_mean(chosen, COMMANDS) or " (armd --help lists them)"
+        raise BadInput("command line", "COMMAND", repr(chosen), f"a command of armd{guess}")
     module = None
     for name, help_line in COMMANDS.items():
-        command = commands.add_parser(name, help=help_line, description=help_line + ".")
+        description = help_line[:1].upper() + help_line[1:] + "."
+        command = commands.add_parser(name, help=help_line, description=description)
         if name == chosen:
+            if name in USAGE:
+                command.formatter_class = argparse.RawDescriptionHelpFormatter
+                command.epilog = USAGE[name].text()
             module = importlib.import_module(f"armd.daemon.commands.{name}")
             module.add_arguments(command)
     namespace = parser.parse_args(arguments)

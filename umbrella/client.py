@@ -272,6 +272,8 @@ def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Ses
 
 
 def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
+    if "/" not in endpoint and not endpoint.endswith(".json5"):
+        raise ArmdError(f"endpoint: found {endpoint!r}, expected its protocol too: tcp/{endpoint}")
     settings: dict[str, Any] = {
         "connect/timeout_ms": round(timeout_s * 1000),
         "transport/link/rx/max_message_size": MOST_RECEIVED_BYTES,
@@ -300,5 +302,10 @@ def _find(session: zenoh.Session, serial: str | None, endpoint: str, timeout_s: 
         if found:
             raise ArmdError(f"{endpoint}: several arms, name one: {', '.join(sorted(found))}")
         if time.monotonic() > end_s:
-            raise ArmdError(f"{endpoint}: no arm {serial or ''} within {timeout_s:g} s")
+            if serial is None:
+                raise ArmdError(f"{endpoint}: no arm within {timeout_s:g} s")
+            replies = session.liveliness().get(keys.key("*", keys.ALIVE))
+            there = sorted(str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok)
+            said = f"there is {', '.join(there)}" if there else "nor any other"
+            raise ArmdError(f"{endpoint}: no arm {serial} within {timeout_s:g} s; {said}")
         time.sleep(0.1)

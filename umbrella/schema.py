@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import tomllib
 from collections.abc import Mapping
@@ -12,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd.errors import BadInput
 from armd.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
+from armd.suggest import hint, keys_at
 
 
 class Strict(BaseModel):
@@ -27,6 +29,9 @@ Model = TypeVar("Model", bound=BaseModel)
 MOST_VALUES = 100_000
 MOST_FAULTS = 100
 MOST_DOTS = 1000
+
+#: What editors on Windows put before a text.
+MARKS = {codecs.BOM_UTF8: "UTF-8", codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF16_BE: "UTF-16"}
 
 #: The type of a `PydanticCustomError` by which a model's own check names a key of the model: its
 #: context has `key`, `found` and `expected`.
@@ -110,6 +115,10 @@ def _text(path: str | Path, content: bytes) -> str:
     values = content.count(b",") + content.count(b"=")
     if values > MOST_VALUES:
         raise BadInput(path, "the file", f"{values} values", f"{MOST_VALUES} at most")
+    for mark, name in MARKS.items():
+        if content.startswith(mark):
+            found = f"a byte order mark of {name} before the text"
+            raise BadInput(path, "byte 0", found, "UTF-8 without one: save it so in the editor")
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -159,7 +168,9 @@ def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
         case "missing":
             return "nothing", "this key"
         case "extra_forbidden":
-            return "an unknown key", "one of the documented keys"
+            *table, key = fault["loc"]
+            known = keys_at(model, table)
+            return "an unknown key", f"one of the documented keys{hint(str(key), known)}"
         case "union_tag_invalid":
             return repr(fault["ctx"]["tag"]), f"one of {fault['ctx']['expected_tags']}"
     shown = repr(fault["input"])

@@ -6,6 +6,7 @@ text, to find the cell at fault.
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 from collections import Counter
@@ -22,11 +23,14 @@ import pyarrow.parquet
 
 from armd.errors import BadInput
 from armd.inputs import check_input, open_input
+from armd.suggest import did_you_mean, few
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 MISSING = ("", "nan", "NaN", "NAN")
+#: Of tables as Excel writes them where a comma is the decimal point.
+SEPARATORS = {";": "semicolons", "\t": "tabs"}
 #: A longer line is no row of a table, but something else under its name.
 LONGEST_LINE_BYTES = 1 << 16
 
@@ -91,7 +95,9 @@ class Readings:
 
     def _must_have(self, name: str) -> None:
         if not self.has(name):
-            raise BadInput(self.path, f"column {name}", "no such column", "this column")
+            meant = did_you_mean(name, self.header).replace("did you mean", "is it")
+            found = "no such column" if meant else f"no such column among {few(self.header)}"
+            raise BadInput(self.path, f"column {name}", found, f"this column{meant}")
 
 
 def load_readings(path: Path, numbers: list[str], texts: list[str]) -> Readings:
@@ -123,6 +129,9 @@ def read_header(path: Path) -> list[str]:
 def _csv_header(path: Path) -> list[str]:
     with open_input(path) as file:
         line = file.readline(LONGEST_LINE_BYTES + 1)
+    if line.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        expected = "UTF-8: in Excel, save as `CSV UTF-8`"
+        raise BadInput(path, "byte 0", "UTF-16 text", expected)
     if len(line) > LONGEST_LINE_BYTES:
         expected = f"a header of {LONGEST_LINE_BYTES} bytes at most"
         raise BadInput(path, "line 1", "a longer line", expected)
@@ -132,6 +141,10 @@ def _csv_header(path: Path) -> list[str]:
         raise BadInput(path, "the header", str(error), "a CSV header in UTF-8") from error
     if not header:
         raise BadInput(path, "the file", "nothing", "a header and one row per reading")
+    for mark, name in SEPARATORS.items():
+        if len(header) == 1 and header[0].count(mark) > 1:
+            expected = "commas, and points in numbers: `armd import` reads such tables"
+            raise BadInput(path, "the header", f"columns parted by {name}", expected)
     return header
 
 

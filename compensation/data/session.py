@@ -24,6 +24,7 @@ from armd.compensation.model.state import States
 from armd.errors import BadInput
 from armd.inputs import open_input
 from armd.schema import load_toml
+from armd.suggest import hint
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -99,9 +100,7 @@ def load_session(path: str | Path, arm: Arm) -> Session:
     Raises `BadInput` naming file, row, column, found and expected.
     """
     folder = Path(path)
-    if not folder.is_dir():
-        found = "a file" if folder.exists() else "nothing"
-        raise BadInput(folder, "the session", found, "a folder with session.toml and readings.csv")
+    check_is_session(folder)
     file = load_toml(folder / "session.toml", SessionFile)
     if file.arm != arm.serial_number:
         expected = f"{arm.serial_number!r}, as in arm.toml"
@@ -135,6 +134,26 @@ def load_session(path: str | Path, arm: Arm) -> Session:
             name for name in readings.header if name not in (*numbers, "placement", "target")
         ],
     )
+
+
+def check_is_session(folder: Path) -> None:
+    """Raises `BadInput` for what is no session's folder, and says where one is nearby."""
+    expected = "a folder with session.toml and readings.csv"
+    if not folder.is_dir():
+        found = "a file" if folder.exists() else "nothing"
+        if folder.is_file() and (folder.parent / "session.toml").is_file():
+            found, expected = "a file of a session", f"its folder, {folder.parent}"
+        raise BadInput(folder, "the session", found, expected)
+    if (folder / "session.toml").exists():
+        return
+    below = sorted(path.parent.name for path in folder.glob("*/session.toml"))
+    if below:
+        found = f"a folder of {len(below)} session{'' if len(below) == 1 else 's'}"
+        expected = f"sessions, as {' '.join(str(folder / name) for name in below[:2])}"
+        raise BadInput(folder, "the session", found, expected + " …" * (len(below) > 2))
+    if (folder.parent / "session.toml").is_file():
+        found = "a folder within a session"
+        raise BadInput(folder, "the session", found, f"the session, {folder.parent}")
 
 
 def angles(readings: Readings, arm: Arm, unit: AngleUnit, *, missing_allowed: bool = False) -> F64:
@@ -246,8 +265,8 @@ def _targets(readings: Readings, artefact: Artefact) -> I64:
     for code, name in enumerate(names):
         if name not in known:
             row = int(np.argmax(codes == code))
-            shown = ", ".join(list(known)[:12]) + (", …" if len(known) > 12 else "")
-            raise readings.fault(row, "target", repr(name), f"a target of session.toml: {shown}")
+            expected = f"a target of session.toml{hint(name, known)}"
+            raise readings.fault(row, "target", repr(name), expected)
     return np.array([known[name] for name in names], dtype=np.int64)[codes]
 
 

@@ -11,6 +11,7 @@ from importlib.resources import files
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.schema import load_toml
+from armd.suggest import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,9 @@ def canonical(name: str) -> str:
     """The table's spelling of *name*; raises `BadInput` for an arm that is not in it."""
     found = name.lower().replace("_", "-")
     if found not in KNOWN:
-        raise BadInput("armd arm", "NAME", repr(name), f"one of {', '.join(KNOWN)}, microscribe")
+        names = [*KNOWN, "microscribe"]
+        expected = f"one of {', '.join(names)}{did_you_mean(found, names)}"
+        raise BadInput("armd arm", "NAME", repr(name), expected)
     return found
 
 

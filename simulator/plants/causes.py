@@ -28,13 +28,14 @@ from armd.simulator.truth.effects import (
     StretchedTape,
 )
 from armd.simulator.truth.nominal import sensor_names
+from armd.suggest import did_you_mean
 
 
 def plant_all(campaign: Campaign, plants: Sequence[Plant], rng: np.random.Generator) -> Campaign:
     """The campaign with all *plants* in it; raises `BadInput` for what cannot be planted."""
     for plant in plants:
         if plant.cause not in CAUSES:
-            expected = f"one of {', '.join(CAUSES)}"
+            expected = f"one of {', '.join(CAUSES)}{did_you_mean(plant.cause, CAUSES)}"
             raise BadInput("--plant", plant.cause, "an unknown cause", expected)
         _check_location(campaign, plant)
         campaign = CAUSES[plant.cause].plant(campaign, plant, rng)

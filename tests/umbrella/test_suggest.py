@@ -1,0 +1,137 @@
+"""What somebody may have meant is named, and what is far from everything is not guessed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import pytest
+from pydantic import Field
+
+from armd import ArmdError, BadInput, connect
+from armd.compensation.data.readings import load_readings
+from armd.compensation.data.session import check_is_session
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+from armd.daemon.catalogue.known import canonical
+from armd.daemon.cli import main
+from armd.schema import Strict, parse_json, parse_toml
+from armd.suggest import did_you_mean, few, hint, keys_at
+
+
+class Cat(Strict):
+    kind: Literal["cat"]
+    purrs: bool
+
+
+class Dog(Strict):
+    kind: Literal["dog"]
+    barks: bool
+
+
+class House(Strict):
+    pet: Cat | Dog = Field(discriminator="kind")
+    rooms: dict[str, Dog] = {}
+    several: list[Cat | None] = Field([], alias="many")
+
+
+@pytest.mark.parametrize(
+    ("word", "expected"),
+    [("alfa_deg", "alpha_deg"), ("Theta_Deg", "theta_deg"), ("a", None), ("", None)],
+)
+def test_the_nearest(word: str, expected: str | None) -> None:
+    known = ["theta_deg", "alpha_deg", "d_mm"]
+    assert did_you_mean(word, known) == (f": did you mean {expected}?" if expected else "")
+    if expected is None:
+        assert hint(word, known) == ": theta_deg, alpha_deg, d_mm"
+
+
+def test_many_are_cut_short() -> None:
+    assert few("abc") == "a, b, c"
+    assert few(map(str, range(100))).endswith("10, 11, …")
+    assert hint("x", []) == ""
+
+
+def test_keys_of_a_table_wherever_it_is() -> None:
+    assert keys_at(House, []) == ["pet", "rooms", "many"]
+    assert keys_at(House, ["pet", "dog"]) == ["kind", "barks"]
+    assert keys_at(House, ["rooms", "kitchen"]) == ["kind", "barks"]
+    assert keys_at(House, ["many", 3]) == ["kind", "purrs"]
+    assert keys_at(House, ["nothing"]) == []
+    assert "alpha_deg" in keys_at(Arm, ["joint", 0])
+    assert "coefficient" in keys_at(Calibration, ["terms", 2])
+
+
+def test_a_key_of_arm_toml() -> None:
+    text = 'schema = "armd.arm/1"\nserial_number = "A"\n[[joint]]\nalfa_deg = 90.0\n'
+    with pytest.raises(
+        BadInput, match=r"joint\[1\].alfa_deg: found an unknown key, .* alpha_deg\?"
+    ):
+        parse_toml("arm.toml", text.encode(), Arm)
+
+
+@pytest.mark.parametrize(
+    ("start", "name"),
+    [(b"\xef\xbb\xbf", "UTF-8"), (b"\xff\xfe", "UTF-16"), (b"\xfe\xff", "UTF-16")],
+)
+def test_a_byte_order_mark_is_told_as_one(start: bytes, name: str) -> None:
+    for parse in (parse_toml, parse_json):
+        with pytest.raises(BadInput, match=f"found a byte order mark of {name} before the text"):
+            parse("file", start + b"a = 1", Arm)
+
+
+def test_tables_of_excel(tmp_path: Path) -> None:
+    path = tmp_path / "readings.csv"
+
+    def refused() -> str:
+        with pytest.raises(BadInput) as caught:
+            load_readings(path, ["q1"], ["target"]).number("q1")
+        return str(caught.value)
+
+    path.write_text("time_s;q1;target\n0;0,5;S1\n")
+    assert "the header: found columns parted by semicolons, expected commas" in refused()
+    path.write_text("time_s\tq1\ttarget\n0\t0.5\tS1\n")
+    assert "found columns parted by tabs" in refused()
+    path.write_bytes("time_s,q1\n0,0\n".encode("utf-16"))
+    assert "byte 0: found UTF-16 text" in refused()
+    path.write_text("time_s,Q1,target\n0,0.5,S1\n")
+    assert "column q1: found no such column, expected this column: is it Q1?" in refused()
+    path.write_text("time_s,angle,target\n0,0.5,S1\n")
+    assert "found no such column among time_s, angle, target" in refused()
+    path.write_bytes(b"\xef\xbb\xbftime_s,q1\n0,0.5\n")
+    assert load_readings(path, ["q1"], []).number("q1").tolist() == [0.5]
+
+
+def test_folders_one_level_off(tmp_path: Path) -> None:
+    session = tmp_path / "measured" / "T20"
+    (session / "raw").mkdir(parents=True)
+    (tmp_path / "empty").mkdir()
+    for name in ("session.toml", "readings.csv"):
+        (session / name).write_text("")
+
+    def refused(path: Path) -> str:
+        with pytest.raises(BadInput) as caught:
+            check_is_session(path)
+        return str(caught.value)
+
+    above = refused(tmp_path / "measured")
+    assert above.endswith(f"found a folder of 1 session, expected sessions, as {session}")
+    (tmp_path / "measured" / "T30").mkdir()
+    (tmp_path / "measured" / "T30" / "session.toml").write_text("")
+    assert f"2 sessions, expected sessions, as {session} " in refused(tmp_path / "measured")
+    assert f"expected its folder, {session}" in refused(session / "readings.csv")
+    assert f"expected the session, {session}" in refused(session / "raw")
+    check_is_session(session)
+
+
+@pytest.mark.parametrize("endpoint", ["127.0.0.1:7447", "controller"])
+def test_an_endpoint_without_its_protocol(endpoint: str) -> None:
+    with pytest.raises(ArmdError, match=f"expected its protocol too: tcp/{endpoint}"):
+        connect(endpoint=endpoint)
+
+
+def test_a_command_and_an_arm(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrte"]) == 2
+    assert "did you mean calibrate?" in capsys.readouterr().err
+    with pytest.raises(BadInput, match=r"did you mean so101\?"):
+        canonical("so10")

@@ -1,0 +1,73 @@
+"""What somebody may have meant: the nearest of the words that are known."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+#: Below this likeness (difflib's ratio) a suggestion is a guess: `q9` for `q1` has 0.5, `alfa_deg`
+#: for `alpha_deg` 0.82, a word with one letter too few of six 0.91.
+ALIKE = 0.7
+#: So many words can be read in one line.
+MOST_SHOWN = 12
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """`: did you mean alpha_deg?`, or nothing."""
+    by_lower = {name.lower(): name for name in known}
+    near = difflib.get_close_matches(word.lower(), by_lower, 1, ALIKE)
+    return f": did you mean {by_lower[near[0]]}?" if near else ""
+
+
+def hint(word: str, known: Iterable[str]) -> str:
+    """`: did you mean alpha_deg?`, or where none is near, `: theta_deg, d_mm, …`."""
+    names = list(known)
+    return did_you_mean(word, names) or (f": {few(names)}" if names else "")
+
+
+def few(names: Iterable[str]) -> str:
+    """All of them, or as many as can be read in one line."""
+    shown = list(names)
+    return ", ".join(shown[:MOST_SHOWN]) + (", …" if len(shown) > MOST_SHOWN else "")
+
+
+def keys_at(model: type[BaseModel], location: Iterable[int | str]) -> list[str]:
+    """The keys that *model* knows in the table at *location*, a place as pydantic's errors say
+    it: keys, numbers of list elements, tags of unions."""
+    schema = model.model_json_schema(by_alias=True)
+    tables = list(_resolved(schema, schema))
+    for part in location:
+        tables = [
+            below
+            for table in tables
+            for child in _children(table, part)
+            for below in _resolved(child, schema)
+        ]
+    return list(dict.fromkeys(key for table in tables for key in table.get("properties", {})))
+
+
+def _children(table: dict[str, Any], part: int | str) -> Iterator[dict[str, Any]]:
+    if isinstance(part, int):
+        if isinstance(table.get("items"), dict):
+            yield table["items"]
+    elif part in table.get("properties", {}):
+        yield table["properties"][part]
+    elif isinstance(table.get("additionalProperties"), dict):
+        yield table["additionalProperties"]
+    elif any(part == one.get("const") for one in table.get("properties", {}).values()):
+        yield table  # the tag of a union, of which this is the member
+
+
+def _resolved(table: dict[str, Any], schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Without references and alternatives."""
+    if "$ref" in table:
+        name = table["$ref"].removeprefix("#/$defs/")
+        yield from _resolved(schema["$defs"][name], schema)
+    for word in ("anyOf", "oneOf", "allOf"):
+        for one in table.get(word, []):
+            yield from _resolved(one, schema)
+    yield table
