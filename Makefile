@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test test-slow lint bench clean hidden soak fuzz system-test deb paper real so101
+.PHONY: install demo test test-slow lint bench clean hidden soak fuzz system-test deb paper real so101 page browser
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -79,6 +79,19 @@ so101: install
 real: install
 	$(BIN)/python tests/real/marks.py $(DATA)
 	$(BIN)/python tests/real/diagnosis_marks.py $(DATA)
+
+# The libraries of the page of `armd view`, bundled anew from npm; the result is committed
+PAGE := daemon/bridges/view
+page:
+	built=$$(mktemp -d) && cp $(PAGE)/recipe/* $$built && cd $$built \
+	    && npm install --no-package-lock --no-audit --no-fund --silent && npm run --silent build \
+	    && cp out/* $(CURDIR)/$(PAGE)/page/vendor/ && rm -r $$built
+
+# A browser for the page's tests, where one may install it; without it they are skipped
+browser:
+	command -v chromium >/dev/null || { [ "$$(id -u)" = 0 ] && apt-get update -qq \
+	    && apt-get install -y -qq --no-install-recommends chromium; } \
+	    || echo "no Chromium: the browser tests of the page will be skipped"
 
 # Figures and ratios measured in one run, as text and as out/bench.json; BENCH="kernel wire"
 bench: install

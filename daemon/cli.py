@@ -28,6 +28,7 @@ COMMANDS = {
     "reload": "have a daemon read its calibration again",
     "record": "record frames, samples and points to an MCAP file",
     "replay": "play a recording back through decoder and kernel",
+    "view": "the page: the arm live in a browser",
     "ippdme": "an I++ DME server for inspection software",
     "ros2": "native ROS 2 topics, without ROS on the controller",
     "fleet": "all arms that can be heard: state, rate, lost, temperatures, calibration",

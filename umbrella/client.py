@@ -55,7 +55,14 @@ class Stream(_Closing):
     """One subscription. A reader that stands still delays nobody else: what waits too long is
     dropped here, the oldest first. What *gate* does not let through is passed over."""
 
-    def __init__(self, session: zenoh.Session, serial: str, what: str, gate: Gate) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        serial: str,
+        what: str,
+        gate: Gate,
+        waiting: int | None = None,
+    ) -> None:
         key = keys.key(serial, what)
         self._what = what
         self._gate = gate
@@ -68,7 +75,8 @@ class Stream(_Closing):
                 history=ext.HistoryConfig(detect_late_publishers=True),
             )
         else:
-            waiting = WAITING_POINTS if what in (keys.POINT, keys.RAW) else WAITING_MESSAGES
+            if waiting is None:
+                waiting = WAITING_POINTS if what in (keys.POINT, keys.RAW) else WAITING_MESSAGES
             self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
 
     def close(self) -> None:
@@ -189,9 +197,10 @@ class Arm(_Closing):
         selector = ";".join(f"{key}={value}" for key, value in parameters.items())
         return str(self._ask(f"{keys.COMMAND}/{name}", selector).get("done", ""))
 
-    def stream(self, what: str) -> Stream:
-        """A subscription to poll, for a program with a loop of its own."""
-        return Stream(self._session, self.serial, what, self._gate)
+    def stream(self, what: str, waiting: int | None = None) -> Stream:
+        """A subscription to poll, for a program with a loop of its own; *waiting* is how many may
+        wait to be taken (1: only the newest is of interest), of events and measurements all do."""
+        return Stream(self._session, self.serial, what, self._gate, waiting)
 
     @contextmanager
     def calling(self, what: str, callback: Callable[[bytes], None]) -> Iterator[None]:

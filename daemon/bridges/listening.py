@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import socket
+import ssl
 from collections.abc import Callable
 from typing import cast
 
@@ -76,11 +77,13 @@ class Client(asyncio.Protocol):
             self._transport.close()
 
 
-async def listen(address: Address, client: Callable[[], Client]) -> tuple[asyncio.Server, str]:
+async def listen(
+    address: Address, client: Callable[[], asyncio.Protocol], tls: ssl.SSLContext | None = None
+) -> tuple[asyncio.Server, str]:
     """A server, and where it listens; raises `BadInput` if it cannot."""
     host, port = address
     try:
-        server = await asyncio.get_running_loop().create_server(client, host, port)
+        server = await asyncio.get_running_loop().create_server(client, host, port, ssl=tls)
     except OSError as error:
         found = f"{host}:{port}: {error.strerror}"
         raise BadInput("the command line", "--listen", found, "an address to listen on") from error

@@ -9,10 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import armd
-from armd.daemon.bridges.export import source
-from armd.daemon.bridges.export.qif import as_qif
+from armd.daemon.bridges.export import formats, source
 from armd.daemon.bridges.export.source import Measured
-from armd.daemon.bridges.export.tables import as_csv, as_ply, as_xyz
 from armd.daemon.bridges.tips import Tips
 from armd.daemon.measurement_log import log_folder, logs_folder
 from armd.drivers.replay.recording import Recording
@@ -20,12 +18,9 @@ from armd.errors import BadInput
 from armd.files import write_whole
 from armd.outputs import Kind, add_force, check_outputs
 
-#: The formats, and how a file of each is known that was written before.
+#: Beside the texts, how a recording's file is known that was written before.
 WRITTEN_BEFORE: dict[str, Callable[[bytes], bool]] = {
-    ".csv": lambda head: head.startswith(b"stamp_ns,x_mm,y_mm,z_mm,"),
-    ".xyz": lambda head: len(head.split(b"\n")[0].split()) == 6,
-    ".ply": lambda head: head.startswith(b"ply\nformat ascii 1.0\ncomment measured points"),
-    ".qif": lambda head: b"<QIFDocument" in head and b"<Name>armd " in head,
+    **formats.WRITTEN_BEFORE,
     ".mcap": lambda head: head.startswith(b"\x89MCAP") and b"foxglove-sdk" in head[:100],
 }
 SUFFIXES = tuple(WRITTEN_BEFORE)
@@ -71,16 +66,7 @@ def run(args: argparse.Namespace) -> int:
     found = _find(args)
     chosen = [m for m in found.measurements if since_ns is None or m.stamp_ns >= since_ns]
     tips = Tips(found.info or NO_INFO)
-    match suffix:
-        case ".csv":
-            text = as_csv(chosen, tips)
-        case ".xyz":
-            text = as_xyz(chosen, tips)
-        case ".ply":
-            text = as_ply(chosen, tips)
-        case _:
-            text = as_qif(chosen, tips, found.serial)
-    write_whole(args.output, text)
+    write_whole(args.output, formats.as_text(suffix, chosen, tips, found.serial))
     without = sum(m.position_mm is None for m in chosen)
     left_out = "their fields empty" if suffix == ".csv" else "left out"
     remark = f", {without} of them without a position: {left_out}" if without else ""

@@ -18,7 +18,7 @@ from typing import Any
 from armd.files import write_whole
 
 #: Modules bench_NAME beside this file, each with run() → (nested) figures.
-NAMES = ["kernel", "wire", "daemon", "rate", "identify", "diagnose", "timing", "servo"]
+NAMES = ["kernel", "wire", "daemon", "rate", "identify", "diagnose", "timing", "servo", "view"]
 
 #: figure → (least, most) that was aimed at
 MARKS: dict[str, tuple[float | None, float | None]] = {

@@ -13,7 +13,7 @@ import pytest
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [
     "stream.md", "ippdme.md", "pc-dmis.md", "verisurf.md", "ros2.md", "fleet.md", "export.md",
-    "recorrect.md",
+    "recorrect.md", "view.md",
 ]  # fmt: skip
 
 

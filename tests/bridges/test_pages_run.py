@@ -45,6 +45,8 @@ SERVING = [
     "armd ippdme --listen 192.0.2.10:1294",
     "armd ros2 --router tcp/ros-host.example:7447",
     "armd fleet --endpoint tcp/plant.example:7447 --metrics 127.0.0.1:9470",
+    "armd view",
+    "armd view --allow-commands",
 ]
 #: Those that end by themselves, in this order, and what each must leave behind.
 DONE = {
@@ -62,6 +64,8 @@ FOR_EVER = [  # with --seconds 3, so that they end
 ELSEWHERE = {
     "armd export recording.mcap -o drawn.mcap": "test_export_foxglove.py",
     "armd fleet --router plant-router.json5": "test_fleet.py: it needs certificates",
+    "armd view --listen 192.0.2.10:8470 --name controller.example --certificate controller.pem"
+    " --key controller.key --token token": "test_view.py: likewise",
 }
 
 
@@ -112,7 +116,7 @@ def here(line: str, place: Place) -> list[str]:
     text = re.sub(r"192\.0\.2\.10:1294|127\.0\.0\.1:9470", own[0], line)
     text = text.replace("tcp/plant.example:7447", own[1])
     words = shlex.split(text.replace("tcp/ros-host.example:7447", place.router))[1:]
-    if words[0] in ("stream", "ippdme") and "--listen" not in words:
+    if words[0] in ("stream", "ippdme", "view") and "--listen" not in words:
         words += ["--listen", own[0]]
     live = "measured.jsonl" not in words and "--log" not in words
     return words if "--endpoint" in words or not live else [*words, "--endpoint", own[1]]
@@ -152,6 +156,9 @@ def test_who_serves_is_of_use(place: Place, line: str) -> None:
             a_line(bridge, "00001 %", "00001 StartSession()\r\n")
             asked = "00001 StartSession()\r\n00002 EnumTools()\r\n"
             a_line(bridge, '00002 # "PROBE1.TIP1A0B0"' if "alias" in line else "00002 %", asked)
+        elif "view" in line:
+            page = urllib.request.urlopen(f"http://{bridge.where}/", timeout=PATIENCE_S)
+            assert b"<title>armd</title>" in page.read()
         elif "--metrics" in line:
             page = urllib.request.urlopen(f"http://{bridge.where}/metrics", timeout=PATIENCE_S)
             assert b'serial="SIM-0001"' in page.read()

@@ -1,0 +1,110 @@
+"""Who may look, and who may do: by the name he asked for, by a token, by where his page is from."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import ipaddress
+from collections.abc import Iterable
+from http import HTTPStatus
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from armd.daemon.bridges.view.http import Refused, Request
+from armd.errors import BadInput
+from armd.inputs import read_input
+
+COOKIE = "armd_view"
+SHORTEST_TOKEN = 16
+OTHERS_MAY_READ = 0o004
+
+
+class Access:
+    """The rules of one server.
+
+    A name in the browser's address bar that is none of ours is refused: a foreign site whose name
+    was made to lead to this machine (DNS rebinding) has its own name there.
+    """
+
+    def __init__(
+        self, names: Iterable[str] = (), token: str | None = None, secure: bool = False
+    ) -> None:
+        """*names*: by which the server is reached, beside those of loopback; *secure*: by TLS."""
+        self._names = {name.lower() for name in names}
+        self._secure = "; Secure" if secure else ""
+        self._token = token
+
+    @property
+    def wants_token(self) -> bool:
+        return self._token is not None
+
+    def check_host(self, request: Request) -> None:
+        """Raises `Refused`. Any port is right: a tunnel has one of its own."""
+        host = request.headers.get("host", "")
+        if not self._is_ours(host):
+            raise Refused(HTTPStatus.FORBIDDEN, f"found Host {host[:100]!r}, expected ours")
+
+    def check_origin(self, request: Request) -> None:
+        """Of what does something: it must come from our own page; raises `Refused`."""
+        origin = request.headers.get("origin")
+        host = request.headers.get("host", "")
+        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+            raise Refused(HTTPStatus.FORBIDDEN, f"found Origin {origin[:100]!r}, expected our page")
+        if request.headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+            raise Refused(HTTPStatus.FORBIDDEN, "found another site's page, expected our own")
+
+    def check_token(self, request: Request) -> None:
+        """Raises `Refused` without the token, as cookie or as `Authorization: Bearer`."""
+        if not self.knows(request):
+            raise Refused(HTTPStatus.UNAUTHORIZED, "expected the token")
+
+    def knows(self, request: Request) -> bool:
+        if self._token is None:
+            return True
+        shown = request.headers.get("authorization", "")
+        if shown.startswith("Bearer "):
+            return self.is_token(shown.removeprefix("Bearer ").strip())
+        cookie = request.cookie(COOKIE)
+        return cookie is not None and hmac.compare_digest(cookie.encode(), self._cookie().encode())
+
+    def is_token(self, text: str) -> bool:
+        return self._token is not None and hmac.compare_digest(
+            text.strip().encode(), self._token.encode()
+        )
+
+    def cookie_header(self) -> str:
+        """For whoever showed the token; it is not the token, and no script reads it."""
+        return f"{COOKIE}={self._cookie()}; Path=/; HttpOnly; SameSite=Strict{self._secure}"
+
+    def _cookie(self) -> str:
+        assert self._token is not None
+        return hmac.new(self._token.encode(), b"armd view cookie", hashlib.sha256).hexdigest()
+
+    def _is_ours(self, host: str) -> bool:
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:
+            return False
+        return is_loopback(name) or name in self._names
+
+
+def is_loopback(name: str) -> bool:
+    """Whether a host's name or address can only mean the machine itself."""
+    if name == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+def read_token(path: Path) -> str:
+    """The one line of a file that not everybody may read; raises `BadInput`."""
+    token = read_input(path).decode("utf-8", "replace").strip()
+    if len(token) < SHORTEST_TOKEN or len(token.split()) != 1 or not token.isascii():
+        expected = f"one word of {SHORTEST_TOKEN} letters or more, as of: openssl rand -hex 16"
+        raise BadInput(path, "the token", f"{len(token)} letters", expected)
+    mode = path.stat().st_mode
+    if mode & OTHERS_MAY_READ:
+        raise BadInput(path, "its mode", f"{mode & 0o777:o}", "640 or stricter: it is a secret")
+    return token

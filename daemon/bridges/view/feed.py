@@ -1,0 +1,201 @@
+"""One arm's streams, as the page is told of them; finds its daemon again whenever it comes back."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any
+
+import numpy as np
+
+import armd
+from armd import POINT, Arm, joints_dtype, keys
+from armd.client import Stream
+from armd.daemon.bridges.process import CLOSE_S, in_thread
+from armd.daemon.bridges.view import told
+from armd.daemon.bridges.view.board import KEPT, Board
+from armd.daemon.bridges.view.history import History
+from armd.errors import ArmdError
+
+#: The page is told so often where the tip is; nobody sees more.
+LIVE_HZ = 30.0
+#: Health comes every second; without it for so long the daemon is gone.
+SILENT_S = 2.5
+#: Silent for so long, the session is made anew: what Zenoh has not mended by then it will not.
+GIVEN_UP_S = 15.0
+CONNECT_S, RETRY_S = 5.0, 1.0
+#: Of points and joints the newest is wanted: what waits is dropped inside Zenoh, at no cost.
+NEWEST = 2
+
+
+class Feed:
+    """Puts on *board* what arrives. Points and joints are asked for only while somebody looks."""
+
+    def __init__(
+        self, board: Board, serial: str | None, endpoint: str, watched: Callable[[], bool]
+    ) -> None:
+        self._board = board
+        self._serial = serial
+        self._endpoint = endpoint
+        self._watched = watched
+        self.history = History()
+        self.arm: Arm | None = None
+        """While the daemon is there."""
+        self.info: dict[str, Any] | None = None
+        self._health: dict[str, Any] = {}
+        self._heard_s = self._uptime_s = 0.0
+        self._said = ""
+        self._described: tuple[Any, ...] = ()  # what `info` was asked for
+        self._asking: asyncio.Task[None] | None = None
+        self._events: list[dict[str, Any]] = []
+        self._seen: dict[tuple[str, int, str], None] = {}
+
+    async def run(self) -> None:
+        """For ever."""
+        self._say(False, "looking for the daemon")
+        while True:
+            try:
+                arm = await in_thread(lambda: armd.connect(self._serial, self._endpoint, CONNECT_S))
+            except ArmdError as error:
+                self._say(False, str(error))
+                await asyncio.sleep(RETRY_S)
+                continue
+            self._serial = arm.serial  # the same one ever after
+            try:
+                await self._follow(arm)
+            finally:
+                self.arm = None
+                closing = threading.Thread(target=arm.close, daemon=True)
+                closing.start()
+                closing.join(CLOSE_S)
+
+    async def _follow(self, arm: Arm) -> None:
+        """Until the daemon has been silent for too long."""
+        self.arm, self._described, self._heard_s = arm, (), time.monotonic()
+        with ExitStack() as stack:
+            health = stack.enter_context(arm.stream(keys.HEALTH))
+            events = stack.enter_context(arm.stream(keys.EVENT))
+            measurements = stack.enter_context(arm.stream(keys.MEASUREMENT))
+            live = stack.enter_context(_Live(arm))
+            while time.monotonic() - self._heard_s < GIVEN_UP_S:
+                await asyncio.sleep(1 / LIVE_HZ)
+                for payload in events.take():
+                    self._take_event(json.loads(payload))
+                for payload in measurements.take():
+                    self._take_measurement(json.loads(payload))
+                for payload in health.take():
+                    self._take_health(payload, arm)
+                if time.monotonic() - self._heard_s > SILENT_S:
+                    silent_s = time.monotonic() - self._heard_s
+                    self._say(False, f"no word from the daemon for {silent_s:.0f} s")
+                if (text := live.newest(self._watched())) is not None:
+                    self._board.put("live", text)
+
+    def _take_event(self, event: dict[str, Any]) -> None:
+        if self._is_new("event", event["stamp_ns"], event["kind"] + event["text"]):
+            self._events.append(event)
+            del self._events[:-KEPT]
+            self._board.append("event", told.event(event))
+            self._described = self._described if event["kind"] not in _CHANGES else ()
+
+    def _take_measurement(self, measurement: dict[str, Any]) -> None:
+        if self._is_new("measurement", measurement["stamp_ns"], str(measurement["seq"])):
+            self._board.append("measurement", told.measurement(measurement))
+
+    def _is_new(self, what: str, stamp_ns: int, which: str) -> bool:
+        """The past comes again with every new session."""
+        key = what, stamp_ns, which
+        if key in self._seen:
+            return False
+        self._seen[key] = None
+        if len(self._seen) > 2 * KEPT:
+            self._seen.pop(next(iter(self._seen)))
+        return True
+
+    def _take_health(self, payload: bytes, arm: Arm) -> None:
+        self._heard_s = time.monotonic()
+        self._health = json.loads(payload)
+        self._board.put("health", json.dumps(self._health))
+        self.history.add(self._health)
+        self._say(True, "")
+        if self._health["uptime_s"] < self._uptime_s:  # started anew, maybe with another arm.toml
+            self._described = ()
+        self._uptime_s = self._health["uptime_s"]
+        described = self._health["calibration"], self._health["tip"]
+        if described != self._described and (self._asking is None or self._asking.done()):
+            self._asking = asyncio.ensure_future(self._ask(arm, described))
+
+    async def _ask(self, arm: Arm, described: tuple[Any, ...]) -> None:
+        """For what changes seldom; again with the next health if nobody answers."""
+        try:
+            info = await in_thread(arm.info)
+            text = await in_thread(arm.calibration_file)
+            calibration = None if text is None else json.loads(text)
+            said = told.arm(info, calibration, self._health, self._since_ms())
+        except (ArmdError, ValueError, KeyError, TypeError):
+            return
+        self.info, self._described = info, described
+        self._board.put("arm", said)
+
+    def _since_ms(self) -> dict[str, float]:
+        """When the calibration and the tip in force came into force."""
+        started_ms = self._health["stamp_ns"] / 1e6 - 1000 * self._health["uptime_s"]
+        since = dict.fromkeys(_CHANGES, started_ms)
+        for event in self._events:
+            if event["kind"] in since:
+                since[event["kind"]] = max(started_ms, event["stamp_ns"] / 1e6)
+        return since
+
+    def _say(self, here: bool, text: str) -> None:
+        """Whether the daemon is there, and what is known if not."""
+        said = json.dumps(
+            {"here": here, "text": text, "serial": self._serial, "endpoint": self._endpoint}
+        )
+        if said != self._said:
+            self._said = said
+            self._board.put("link", said)
+
+
+_CHANGES = ("calibration", "tip")
+
+
+class _Live:
+    """Points and joints, subscribed to while somebody looks."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._streams: tuple[Stream, Stream] | None = None
+        self._angles: list[float] | None = None
+
+    def __enter__(self) -> _Live:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._end()
+
+    def newest(self, watched: bool) -> str | None:
+        """The newest point since the last call, as the page is told; None if there is none."""
+        if not watched:
+            self._end()
+            return None
+        if self._streams is None:
+            point, joints = (
+                self._arm.stream(what, waiting=NEWEST) for what in (keys.POINT, keys.JOINTS)
+            )
+            self._streams = point, joints
+        points, angles = (stream.take() for stream in self._streams)
+        if angles:
+            n = int.from_bytes(angles[-1][16:20], "little")
+            if len(angles[-1]) == joints_dtype(n).itemsize:
+                row = np.frombuffer(angles[-1], joints_dtype(n))[0]
+                self._angles = row["angle_rad"].tolist()
+        return told.live(np.frombuffer(points[-1], POINT)[0], self._angles) if points else None
+
+    def _end(self) -> None:
+        for stream in self._streams or ():
+            stream.close()
+        self._streams, self._angles = None, None

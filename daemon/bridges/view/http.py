@@ -1,0 +1,111 @@
+"""As much of HTTP/1.1 as one page needs: a request that was read, and an answer's bytes."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http import HTTPStatus
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qsl, unquote, urlsplit
+
+MOST_HEAD_BYTES = 16 << 10
+MOST_BODY_BYTES = 64 << 10
+#: From connecting to the last byte of the request.
+PATIENCE_S = 10.0
+
+#: The page takes nothing from anywhere else, and nobody else puts it into a page of his.
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+GUARDS = {
+    "Content-Security-Policy": POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+}
+
+
+class Refused(Exception):
+    """A request that is not served, and why."""
+
+    def __init__(self, status: HTTPStatus, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+@dataclass(frozen=True)
+class Request:
+    """Header names are in lower case."""
+
+    method: str
+    path: str
+    query: Mapping[str, str]
+    headers: Mapping[str, str]
+    body: bytes = b""
+
+    def cookie(self, name: str) -> str | None:
+        try:
+            found = SimpleCookie(self.headers.get("cookie", "")).get(name)
+        except CookieError:
+            return None
+        return None if found is None else found.value
+
+
+async def read_request(reader: asyncio.StreamReader) -> Request:
+    """Raises `Refused` for what is none, and what `asyncio` does for a connection that ends."""
+    async with asyncio.timeout(PATIENCE_S):
+        try:
+            head = await reader.readuntil(b"\r\n\r\n")
+        except asyncio.LimitOverrunError as error:
+            status = HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
+            raise Refused(status, f"found a head of more than {MOST_HEAD_BYTES} bytes") from error
+        request = parse(head)
+        length = request.headers.get("content-length", "0")
+        if "transfer-encoding" in request.headers or not (length.isascii() and length.isdigit()):
+            raise Refused(HTTPStatus.LENGTH_REQUIRED, "expected a body of known length")
+        if int(length) > MOST_BODY_BYTES:
+            raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"found {length} bytes")
+        body = await reader.readexactly(int(length))
+    return Request(request.method, request.path, request.query, request.headers, body)
+
+
+def parse(head: bytes) -> Request:
+    """A request's head, up to its empty line; raises `Refused`."""
+    line, _, rest = head.partition(b"\r\n")
+    words = line.decode("latin-1").split(" ")
+    if len(words) != 3 or not words[2].startswith("HTTP/1."):
+        raise Refused(HTTPStatus.BAD_REQUEST, "expected METHOD TARGET HTTP/1.1")
+    try:
+        fields = http.client.parse_headers(io.BytesIO(rest)).items()
+        target = urlsplit(words[1])
+    except (http.client.HTTPException, ValueError) as error:
+        raise Refused(HTTPStatus.BAD_REQUEST, f"found {type(error).__name__}") from error
+    headers: dict[str, str] = {}
+    for name, value in fields:
+        if name.lower() in headers and name.lower() in ("host", "content-length", "origin"):
+            raise Refused(HTTPStatus.BAD_REQUEST, f"found {name} twice")
+        headers[name.lower()] = value
+    query = dict(parse_qsl(target.query, keep_blank_values=True, max_num_fields=None))
+    return Request(words[0], unquote(target.path), query, headers)
+
+
+def answer(
+    status: HTTPStatus, kind: str, body: bytes = b"", more: Mapping[str, str] | None = None
+) -> bytes:
+    """A whole answer; the connection ends with it."""
+    length = {"Content-Length": str(len(body)), "Connection": "close"}
+    return head(status, kind, length | dict(more or {})) + body
+
+
+def head(status: HTTPStatus, kind: str, more: Mapping[str, str]) -> bytes:
+    """Up to the empty line."""
+    fields = {"Content-Type": kind, "Cache-Control": "no-store", **GUARDS, **more}
+    lines = [f"HTTP/1.1 {status.value} {status.phrase}"]
+    lines += [f"{name}: {value}" for name, value in fields.items()]
+    return ("\r\n".join(lines) + "\r\n\r\n").encode("latin-1")

@@ -1,0 +1,237 @@
+"""The page's server: files, the stream of what is new, tables to take away, and commands."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import ssl
+from collections.abc import Awaitable, Callable, Mapping
+from http import HTTPStatus
+from urllib.parse import parse_qs
+
+from armd import Arm
+from armd.daemon.bridges.listening import Address, listen
+from armd.daemon.bridges.process import in_thread, ready
+from armd.daemon.bridges.tips import Tips
+from armd.daemon.bridges.view.access import Access
+from armd.daemon.bridges.view.board import Board
+from armd.daemon.bridges.view.feed import LIVE_HZ, Feed
+from armd.daemon.bridges.view.files import Files
+from armd.daemon.bridges.view.http import (
+    MOST_HEAD_BYTES,
+    Refused,
+    Request,
+    answer,
+    head,
+    read_request,
+)
+from armd.errors import ArmdError
+
+TEXT = "text/plain; charset=utf-8"
+JSON = "application/json"
+#: Browsers that look at once; a further one is told so.
+MOST_LOOKING = 64
+MOST_CONNECTIONS = 2 * MOST_LOOKING
+#: What the system may hold for one page; a page that does not read misses what is live meanwhile.
+SEND_BUFFER_BYTES = 1 << 16
+#: A page that has not read for so long is hung up on; it comes back by itself.
+STALLED_S = 20.0
+#: Said into a silent stream, so that both sides notice when the other is gone.
+HEARTBEAT_S = 5.0
+#: After a wrong token, so that nobody tries many.
+WRONG_TOKEN_S = 1.0
+#: By suffix, the kind that a browser is told.
+TABLES = {
+    ".csv": "text/csv; charset=utf-8",
+    ".xyz": TEXT,
+    ".ply": TEXT,
+    ".qif": "application/xml",
+}
+COMMANDS = {"reload": (), "tip": ("name",)}
+
+Do = Callable[[Request], Awaitable[object]]
+"""Does what a POST asks for; its answer is sent as JSON. Raises `ArmdError`, `Refused`."""
+
+
+def _table(arm: Arm, suffix: str) -> str:
+    from armd.daemon.bridges.export import formats, source  # pydantic, only when wanted
+
+    found = source.from_arm(arm)
+    return formats.as_text(suffix, found.measurements, Tips(found.info or {}), found.serial)
+
+
+class Server:
+    """Serves one board to many browsers, none of which another waits for."""
+
+    def __init__(
+        self, access: Access, serial: str | None, endpoint: str, allow_commands: bool
+    ) -> None:
+        self._access = access
+        self._board = Board()
+        self._feed = Feed(self._board, serial, endpoint, lambda: bool(self.transports))
+        self._files = Files()
+        self._connections = 0
+        self.transports: set[asyncio.WriteTransport] = set()
+        """Of the browsers that look."""
+        self._deeds: Mapping[str, Do] = {"/command": self._command} if allow_commands else {}
+
+    async def serve(self, address: Address, context: ssl.SSLContext | None = None) -> None:
+        """Until cancelled; raises `BadInput` if it cannot listen there."""
+        server, where = await listen(address, self._connection, context)
+        async with server:
+            ready("view", where)
+            await self._feed.run()
+
+    def _connection(self) -> asyncio.StreamReaderProtocol:
+        reader = asyncio.StreamReader(limit=MOST_HEAD_BYTES)
+        return asyncio.StreamReaderProtocol(reader, self._answer)
+
+    async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if self._connections >= MOST_CONNECTIONS:
+            writer.transport.abort()
+            return
+        self._connections += 1
+        try:
+            try:
+                request = await read_request(reader)
+                self._access.check_host(request)
+                if request.path == "/events" and request.method == "GET":
+                    await self._tell(request, writer)
+                else:
+                    await self._reply(writer, await self._served(request))
+            except Refused as refused:
+                text = f"armd view: {refused}\n".encode()
+                await self._reply(writer, answer(refused.status, TEXT, text))
+        except (OSError, TimeoutError, EOFError):  # it went away, or says nothing
+            pass
+        finally:
+            self._connections -= 1
+            writer.transport.abort()
+
+    async def _reply(self, writer: asyncio.StreamWriter, data: bytes) -> None:
+        async with asyncio.timeout(STALLED_S):
+            writer.write(data)
+            await writer.drain()
+            writer.close()
+            await writer.wait_closed()
+
+    async def _served(self, request: Request) -> bytes:
+        """The whole answer to anything but the stream."""
+        if request.method == "POST":
+            return await self._done(request)
+        if request.method not in ("GET", "HEAD"):
+            raise Refused(HTTPStatus.METHOD_NOT_ALLOWED, f"found {request.method[:20]!r}")
+        path = request.path
+        if path == "/" and not self._access.knows(request):
+            path = "/login.html"
+        if self._files.get(path) is not None:
+            return self._file(request, path)
+        self._access.check_token(request)
+        if path == "/temperatures":
+            return answer(HTTPStatus.OK, JSON, self._feed.history.text().encode())
+        if path.startswith("/measurements."):
+            return await self._table(path)
+        raise Refused(HTTPStatus.NOT_FOUND, f"found nothing at {path[:100]!r}")
+
+    def _file(self, request: Request, path: str) -> bytes:
+        file = self._files.get(path)
+        assert file is not None
+        # Kept by the browser, and asked for again each time: an upgrade is seen at once.
+        more = {"Cache-Control": "no-cache", "ETag": file.tag, "Vary": "Accept-Encoding"}
+        if request.headers.get("if-none-match") == file.tag:
+            return head(HTTPStatus.NOT_MODIFIED, file.kind, more | {"Connection": "close"})
+        if "gzip" in request.headers.get("accept-encoding", ""):
+            return answer(
+                HTTPStatus.OK, file.kind, file.packed, more | {"Content-Encoding": "gzip"}
+            )
+        return answer(HTTPStatus.OK, file.kind, file.data, more)
+
+    async def _table(self, path: str) -> bytes:
+        """All measurements that the daemon still has, as `armd export` writes them."""
+        suffix = path.removeprefix("/measurements")
+        if suffix not in TABLES:
+            raise Refused(HTTPStatus.NOT_FOUND, f"found {suffix[:20]!r}, expected {list(TABLES)}")
+        arm = self._feed.arm
+        if arm is None:
+            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE, "found no daemon to ask")
+        try:
+            text = await in_thread(lambda: _table(arm, suffix))
+        except ArmdError as error:
+            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from error
+        name = "".join(c if c.isalnum() or c in "-_" else "_" for c in arm.serial)
+        more = {"Content-Disposition": f'attachment; filename="{name}{suffix}"'}
+        return answer(HTTPStatus.OK, TABLES[suffix], text.encode(), more)
+
+    async def _done(self, request: Request) -> bytes:
+        self._access.check_origin(request)
+        if request.path == "/login":
+            return await self._login(request)
+        self._access.check_token(request)
+        deed = self._deeds.get("/" + request.path.split("/")[1])
+        if deed is None:
+            raise Refused(
+                HTTPStatus.FORBIDDEN, "found a command, expected none: this page may look"
+            )
+        if request.headers.get("content-type") != JSON:  # no form of a foreign site can say so
+            raise Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"expected {JSON}")
+        try:
+            said = json.dumps(await deed(request)).encode()
+        except ArmdError as error:
+            said = json.dumps({"error": str(error)}).encode()
+            return answer(HTTPStatus.CONFLICT, JSON, said)
+        return answer(HTTPStatus.OK, JSON, said)
+
+    async def _login(self, request: Request) -> bytes:
+        """The token, once; from then on a cookie."""
+        shown = parse_qs(request.body.decode("utf-8", "replace")).get("token", [""])[0]
+        if not self._access.is_token(shown):
+            await asyncio.sleep(WRONG_TOKEN_S)
+            return answer(HTTPStatus.SEE_OTHER, TEXT, b"", {"Location": "/login.html#wrong"})
+        cookie = {"Location": "/", "Set-Cookie": self._access.cookie_header()}
+        return answer(HTTPStatus.SEE_OTHER, TEXT, b"", cookie)
+
+    async def _command(self, request: Request) -> object:
+        """`/command/reload`, `/command/tip`: the daemon's own, if it obeys any."""
+        name = request.path.removeprefix("/command/")
+        if name not in COMMANDS:
+            raise Refused(HTTPStatus.NOT_FOUND, f"found {name[:40]!r}, expected {list(COMMANDS)}")
+        try:
+            content = json.loads(request.body or b"{}")
+            parameters = {key: str(content[key]) for key in COMMANDS[name]}
+        except (ValueError, KeyError, TypeError) as error:
+            raise Refused(HTTPStatus.BAD_REQUEST, f"found {error!r}") from error
+        arm = self._feed.arm
+        if arm is None:
+            raise ArmdError("the daemon is not there")
+        return {"done": await in_thread(lambda: arm.command(name, **parameters))}
+
+    async def _tell(self, request: Request, writer: asyncio.StreamWriter) -> None:
+        """Server-Sent Events until the page is closed."""
+        self._access.check_token(request)
+        if len(self.transports) >= MOST_LOOKING:
+            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE, f"found {MOST_LOOKING} browsers already")
+        transport = writer.transport
+        connection = transport.get_extra_info("socket")
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        hello = {"version": self._files.version, "writing": bool(self._deeds)}
+        writer.write(head(HTTPStatus.OK, "text/event-stream", {"Connection": "close"}))
+        writer.write(f"retry: 1000\nevent: hello\ndata: {json.dumps(hello)}\n\n".encode())
+        loop = asyncio.get_running_loop()
+        read, spoke_s = 0, loop.time()
+        self.transports.add(transport)
+        try:
+            while not transport.is_closing():
+                now_s = loop.time()
+                if transport.get_write_buffer_size() == 0:  # it reads: what is new, at once
+                    data, read = self._board.since(read)
+                    if not data and now_s - spoke_s > HEARTBEAT_S:
+                        data = b": still here\n\n"
+                    if data:
+                        writer.write(data)
+                        spoke_s = now_s
+                elif now_s - spoke_s > STALLED_S:
+                    return
+                await asyncio.sleep(1 / LIVE_HZ)
+        finally:
+            self.transports.discard(transport)

@@ -1,0 +1,190 @@
+"""What the page is told, as JSON: made of what the daemon publishes, knowing no network."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from armd import Flag
+from armd.compensation.model.parameters import (
+    BASE_PARAMETERS,
+    JOINT_PARAMETERS,
+    TIP_PARAMETERS,
+)
+
+#: Each flag in two words, how grave it is, and what it means for the number on the screen.
+FLAGS: dict[Flag, tuple[str, str, str]] = {
+    Flag.INVALID: (
+        "No position",
+        "error",
+        "A joint or a temperature is invalid: there is no position, and none is guessed.",
+    ),
+    Flag.TEMPERATURE_RANGE: (
+        "Outside calibration",
+        "warning",
+        "A temperature, or the time, lies outside what the calibration was identified in.",
+    ),
+    Flag.TEMPERATURE_STALE: (
+        "Temperature missing",
+        "warning",
+        "A sensor in use is invalid or silent; its last value is held.",
+    ),
+    Flag.TEMPERATURE_RATE: (
+        "Temperature changes",
+        "warning",
+        "A temperature changes faster than the model can follow.",
+    ),
+    Flag.JOINT_WARNING: ("Joint warns", "warning", "A joint warns; its angle still holds."),
+    Flag.END_STOP: ("End stop", "warning", "A joint stands within 0.5° of a limit."),
+    Flag.SAMPLES_LOST: (
+        "Samples lost",
+        "warning",
+        "Samples before this one never reached the daemon.",
+    ),
+    Flag.NOT_CALIBRATED: (
+        "Not calibrated",
+        "warning",
+        "Nominal geometry: no calibration is loaded.",
+    ),
+    Flag.CLOCK: ("Clock", "warning", "Time stamps are times of arrival."),
+    Flag.AT_REST: ("At rest", "info", "The tip has rested for half a second."),
+}
+
+
+def live(point: np.void, angles_rad: Sequence[float] | None) -> str:
+    """The newest point of `armd.POINT`, and the joints' angles where they are known."""
+    valid = not int(point["flags"]) & Flag.INVALID
+    return json.dumps(
+        {
+            "seq": int(point["seq"]),
+            "ms": int(point["stamp_ns"]) / 1e6,
+            "p": point["position_mm"].tolist() if valid else None,
+            "o": point["orientation"].tolist() if valid else None,
+            "u": standard_uncertainty_mm(point["covariance_mm2"].tolist()),
+            "c": point["correction_mm"].tolist() if valid else None,
+            "f": int(point["flags"]),
+            "b": int(point["buttons"]),
+            "q": None if angles_rad is None else [_or_none(angle) for angle in angles_rad],
+        }
+    )
+
+
+def measurement(content: Mapping[str, Any]) -> str:
+    """One row of the page's list."""
+    return json.dumps(
+        {
+            "seq": content["seq"],
+            "ms": content["stamp_ns"] / 1e6,
+            "id": f"{content['stamp_ns']}-{content['seq']}",
+            "p": content["position_mm"],
+            "sd": content.get("standard_deviation_mm"),
+            "u": standard_uncertainty_mm(content.get("covariance_mm2")),
+            "n": content.get("count", 1),
+            "s": content.get("duration_s", 0.0),
+            "f": content["flags"],
+            "tip": content.get("tip"),
+            "trigger": content.get("trigger", ""),
+            "calibration": content.get("calibration"),
+        }
+    )
+
+
+def event(content: Mapping[str, Any]) -> str:
+    return json.dumps(
+        {
+            "ms": content["stamp_ns"] / 1e6,
+            "kind": content["kind"],
+            "text": content["text"],
+            "severity": content.get("severity", "info"),
+        }
+    )
+
+
+def arm(
+    info: Mapping[str, Any],
+    calibration: Mapping[str, Any] | None,
+    health: Mapping[str, Any],
+    since_ms: Mapping[str, float],
+) -> str:
+    """What changes seldom: the arm's geometry, its calibration and tip, and since when."""
+    described = info["calibration"]
+    return json.dumps(
+        {
+            "serial": info["arm"]["serial_number"],
+            "armd": info["armd"],
+            "driver": info["driver"],
+            "geometry": geometry(info, calibration),
+            "sensors": [sensor["name"] for sensor in info["arm"].get("temperature_sensor", [])],
+            "reference_c": info["arm"]["reference_temperature_c"],
+            "calibration": None
+            if described is None
+            else {
+                "file": described["file"],
+                "sha256": described["sha256"],
+                "created": described["created"],
+                "range_c": described["temperature_range_c"],
+                "terms": described["terms"],
+            },
+            "tip": health["tip"],
+            "tips": list(info["configuration"]["tips"]),
+            "since_ms": since_ms,
+            "commands": info["commands_enabled"],
+            "flags": {
+                str(flag.bit_length() - 1): {
+                    "name": flag.name,
+                    "title": t,
+                    "severity": s,
+                    "text": w,
+                }
+                for flag, (t, s, w) in FLAGS.items()
+            },
+        }
+    )
+
+
+def geometry(info: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Rows θ0, d, a, α, β of the joints, base and tip, mm and rad: by the calibration in force,
+    or the drawing without one."""
+    joints = info["arm"]["joint"]
+    numbers = range(1, len(joints) + 1)
+    tip = info["arm"]["tip"]
+    if calibration is None:
+        rows = [
+            [
+                math.radians(joint["theta_deg"]),
+                joint["d_mm"],
+                joint["a_mm"],
+                math.radians(joint["alpha_deg"]),
+                math.radians(joint.get("beta_deg") or 0.0),
+            ]
+            for joint in joints
+        ]
+        base, offset = [0.0] * len(BASE_PARAMETERS), tip["offset_mm"]
+    else:
+        known = calibration["constants"]
+        rows = [[known.get(f"{name}_{k}", 0.0) for name in JOINT_PARAMETERS] for k in numbers]
+        base = [known.get(name, 0.0) for name in BASE_PARAMETERS]
+        offset = [known.get(name, 0.0) for name in TIP_PARAMETERS]
+    radius_mm = tip["radius_mm"]
+    chosen = info["configuration"]["tips"].get(info["tip"]) if info["tip"] else None
+    if chosen is not None:
+        offset = chosen["offset_mm"]
+        radius_mm = radius_mm if chosen.get("radius_mm") is None else chosen["radius_mm"]
+    limits = [[joint.get("min_deg"), joint.get("max_deg")] for joint in joints]
+    return {"rows": rows, "base": base, "tip": offset, "radius_mm": radius_mm, "limits": limits}
+
+
+def standard_uncertainty_mm(covariance_mm2: Sequence[float] | None) -> list[float] | None:
+    """Of x, y, z; None where the covariance (xx xy xz yy yz zz) is not known."""
+    if covariance_mm2 is None or not all(map(math.isfinite, covariance_mm2)):
+        return None
+    xx, _, _, yy, _, zz = covariance_mm2
+    return [math.sqrt(max(value, 0.0)) for value in (xx, yy, zz)]
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,322 @@
+"""The page of `armd view` in a real browser, fed by a live arm."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, Page, sync_playwright
+from running_bridge import RunningBridge, running_bridge
+from running_daemon import Daemon, free_endpoint, running_daemon
+from simulated_arm import SimulatedArm, simulated_arm
+
+import armd
+from armd import keys
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.kinematics import forward
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
+
+AXE = Path(__file__).parent / "axe" / "axe.min.js"
+OUT = Path(__file__).parents[2] / "out"
+PATIENCE_MS = 60_000
+TIPS = "[commands]\nenabled = true\n[tips.ruby]\noffset_mm = [0.0, 0.0, 150.0]\nradius_mm = 1.5\n"
+#: Notes each figure with the seq it belongs to, as a person's screen has them.
+NOTE = """() => {
+  window.noted = [];
+  const figures = document.getElementById("figures");
+  new MutationObserver(() => window.noted.push(
+    [Number(figures.dataset.seq), performance.now(),
+     ...["x", "y", "z"].map((axis) => document.getElementById(axis).textContent)],
+  )).observe(figures, { attributes: true, attributeFilter: ["data-seq"] });
+}"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    found = shutil.which("chromium") or shutil.which("google-chrome")
+    if found is None:
+        pytest.skip("no browser: `make browser` installs Debian's Chromium")
+    software = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=found, args=software)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatedArm]:
+    with simulated_arm(tmp_path_factory.mktemp("view"), seconds=500) as arm:
+        yield arm
+
+
+@pytest.fixture(scope="module")
+def daemon(arm: SimulatedArm) -> Iterator[Daemon]:
+    with running_daemon(arm.folder, arm.port, extra=TIPS) as daemon:
+        yield daemon
+
+
+@contextmanager
+def viewing(endpoint: str, *more: str, listen: str = "127.0.0.1:0") -> Iterator[RunningBridge]:
+    options = ("SIM-0001", "--endpoint", endpoint, "--listen", listen, *more)
+    with running_bridge("view", *options) as view:
+        yield view
+
+
+@pytest.fixture(scope="module")
+def view(daemon: Daemon) -> Iterator[RunningBridge]:
+    with viewing(daemon.endpoint, "--allow-commands") as view:
+        yield view
+
+
+@contextmanager
+def opened(browser: Browser, where: str, **context: Any) -> Iterator[Page]:
+    """A page with figures on it; fails on any error of its own, and on any foreign request."""
+    complaints: list[str] = []
+    with browser.new_context(accept_downloads=True, **context) as own:
+        page = own.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on(
+            "request",
+            lambda request: (
+                request.url.startswith((f"http://{where}/", "data:", "blob:"))
+                or complaints.append(request.url)
+            ),
+        )
+        page.on(
+            "console",
+            lambda said: (
+                said.type == "error"
+                and "ERR_" not in said.text  # a server that is away
+                and complaints.append(said.text)
+            ),
+        )
+        page.goto(f"http://{where}/")
+        live(page)
+        yield page
+        assert complaints == []
+
+
+def live(page: Page) -> None:
+    """Until the figures are those of now, and the arm's geometry is known."""
+    page.wait_for_function(
+        "() => !document.getElementById('readout').classList.contains('old')"
+        " && /\\d\\.\\d{3}$/.test(document.getElementById('x').textContent)"
+        " && document.getElementById('tip').textContent !== '–'"
+    )
+
+
+def test_the_figures_are_the_streams_many_times_a_second(
+    browser: Browser, daemon: Daemon, view: RunningBridge
+) -> None:
+    with daemon.listen() as heard, opened(browser, view.where) as page:
+        page.evaluate(NOTE)
+        page.wait_for_timeout(5000)
+        noted = page.evaluate("window.noted")
+        heard.wait_for(lambda: heard.points()["seq"][-1] > noted[-1][0])
+        positions = {int(p["seq"]): p["position_mm"] for p in heard.points()}
+        compared = 0
+        for seq, _, *texts in noted:
+            if texts[0] != "–":
+                shown = np.array([float(text) for text in texts])
+                assert np.abs(shown - positions[seq]).max() <= 0.0005 + 1e-9
+                compared += 1
+        seconds = (noted[-1][1] - noted[0][1]) / 1000
+        print(f"{(len(noted) - 1) / seconds:.1f} updates a second, {compared} compared")
+        assert compared > 30
+        assert (len(noted) - 1) / seconds >= 10  # by the contract
+        kept = page.evaluate("performance.getEntriesByType('resource').map((r) => r.name)")
+        assert all(name.startswith(f"http://{view.where}/") for name in kept)
+
+
+def test_the_arm_is_drawn_where_the_kernel_has_it(
+    browser: Browser, arm: SimulatedArm, view: RunningBridge
+) -> None:
+    nominal = load_arm(arm.arm_toml).nominal()
+    nominal[-6:] = [3.0, -2.0, 1.0, 0.02, -0.03, 0.04]  # a base that is displaced
+    q = np.random.default_rng(5).uniform(-3, 3, (20, 6))
+    geometry = {
+        "rows": nominal[:30].reshape(6, 5).tolist(),
+        "tip": nominal[30:33].tolist(),
+        "base": nominal[33:].tolist(),
+    }
+    with opened(browser, view.where) as page:
+        drawn = page.evaluate(
+            "async ([geometry, all]) => {"
+            " const { tip } = await import('/kinematics.js');"
+            " return all.map((q) => tip(geometry, q)); }",
+            [geometry, q.tolist()],
+        )
+        assert np.allclose(drawn, forward(q, nominal)[0], atol=1e-9)
+        told = page.evaluate("import('/main.js').then((main) => main.page.arm.geometry.rows)")
+        assert np.allclose(told, load_arm(arm.arm_toml).nominal()[:30].reshape(6, 5))
+        # The picture is not empty, and it moves.
+        canvas = page.locator("#canvas")
+        first = canvas.screenshot()
+        page.wait_for_timeout(1500)
+        assert len(first) > 5000
+        assert canvas.screenshot() != first
+
+
+def test_keyboard_alone(browser: Browser, daemon: Daemon, view: RunningBridge) -> None:
+    with opened(browser, view.where) as page:
+        page.wait_for_selector("#rows tr")
+        page.keyboard.press("Tab")
+        page.keyboard.press("Enter")  # "To the read-out"
+        assert page.evaluate("document.activeElement.id") == "readout"
+        reached = set()
+        for _ in range(40):
+            page.keyboard.press("Tab")
+            reached.add(
+                page.evaluate("document.activeElement.id || document.activeElement.className")
+            )
+        assert {
+            "csv",
+            "show-drift",
+            "tips",
+            "use-tip",
+            "reload",
+            "sound",
+            "theme",
+            "canvas",
+        } <= reached
+        before = page.evaluate("document.documentElement.dataset.theme")
+        page.keyboard.press("t")
+        assert page.evaluate("document.documentElement.dataset.theme") != before
+        page.keyboard.press("d")
+        assert page.get_attribute("#show-drift", "aria-pressed") == "true"
+        page.keyboard.press("s")
+        assert page.inner_text("#sound") == "Sound off"
+        page.keyboard.press("k")
+        assert "No. " in page.inner_text("#picked")
+        page.keyboard.press("Escape")
+        assert page.inner_text("#picked") == ""
+        page.keyboard.press("?")
+        assert page.is_visible("#help")
+        assert "No position" in page.inner_text("#meanings")
+        page.keyboard.press("Escape")
+        assert not page.is_visible("#help")
+        with page.expect_download() as taken:
+            page.keyboard.press("e")
+        rows = list(csv.DictReader(io.StringIO(Path(taken.value.path()).read_text())))
+        with armd.connect("SIM-0001", daemon.endpoint) as arm:
+            there = {measured["seq"] for measured in arm.past(keys.MEASUREMENT)}
+        assert rows
+        assert {int(row["seq"]) for row in rows} <= there
+        assert taken.value.suggested_filename == "SIM-0001.csv"
+
+
+def test_a_press_is_heard_and_listed(browser: Browser, daemon: Daemon, view: RunningBridge) -> None:
+    with daemon.listen() as heard, opened(browser, view.where) as page:
+        page.evaluate(
+            "window.tones = 0; addEventListener('armd-sound', () => { window.tones += 1; })"
+        )
+        page.wait_for_timeout(2000)
+        page.evaluate("window.tones = 0")
+        n = len(heard.json("measurement"))
+        heard.wait_for(lambda: len(heard.json("measurement")) > n)
+        page.wait_for_function("() => window.tones > 0")
+        measured = heard.json("measurement")[n]
+        x = f"{measured['position_mm'][0]:.3f}"
+        page.wait_for_function(
+            "(x) => [...document.querySelectorAll('#rows tr td:nth-child(2)')]"
+            ".some((cell) => cell.textContent === x)",
+            arg=x,
+        )
+
+
+def test_a_tip_is_changed_and_told(browser: Browser, view: RunningBridge) -> None:
+    with opened(browser, view.where) as page:
+        page.select_option("#tips", "ruby")
+        page.click("#use-tip")
+        page.wait_for_function(
+            "() => document.getElementById('tip').textContent.startsWith('ruby, radius 1.500 mm')"
+        )
+        assert "offset 0.000, 0.000, 150.000 mm; since" in page.inner_text("#tip")
+        page.select_option("#tips", "")
+        page.click("#use-tip")
+        page.wait_for_function(
+            "() => document.getElementById('tip').textContent.startsWith('the cal')"
+        )
+
+
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+@pytest.mark.parametrize("width", [390, 1920])
+def test_nothing_stands_in_anybodys_way(
+    browser: Browser, view: RunningBridge, scheme: Any, width: int
+) -> None:
+    """axe-core finds nothing serious; nothing is cut off; the figures are on the first screen."""
+    height = 844 if width == 390 else 1080
+    size: Any = {"width": width, "height": height}
+    with opened(browser, view.where, viewport=size, color_scheme=scheme) as page:
+        page.wait_for_selector("#rows tr")
+        page.wait_for_timeout(1500)
+        assert page.evaluate("document.documentElement.dataset.theme") == scheme
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        box = page.locator("#z").bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] < height
+        assert box["height"] > 24
+        OUT.mkdir(exist_ok=True)
+        page.screenshot(path=OUT / f"view-{scheme}-{width}.png", full_page=width == 390)
+        page.evaluate(AXE.read_text(encoding="utf-8"))
+        for dialog in (False, True):
+            if dialog:
+                page.click("#help-open")
+            found = page.evaluate("axe.run().then((result) => result.violations)")
+            grave = [
+                (v["id"], [node["html"] for node in v["nodes"]])
+                for v in found
+                if v["impact"] in ("serious", "critical")
+            ]
+            assert grave == []
+
+
+def test_daemon_and_view_go_and_come_without_a_reload(browser: Browser, tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with (
+        simulated_arm(tmp_path, seconds=300) as arm,
+        running_daemon(tmp_path, arm.port, endpoint=endpoint) as daemon,
+        viewing(endpoint) as view,
+        opened(browser, view.where) as page,
+    ):
+        page.evaluate("window.loadedOnce = true")
+        page.wait_for_selector("#rows tr")
+        daemon.process.kill()
+        daemon.process.wait()
+        page.wait_for_function(
+            "() => document.getElementById('state-word').textContent === 'No daemon'"
+        )
+        assert "no point for" in page.inner_text("#held")
+        assert page.evaluate("document.getElementById('readout').classList.contains('old')")
+        page.screenshot(path=OUT / "view-no-daemon.png")
+        with running_daemon(tmp_path, arm.port, endpoint=endpoint):
+            began_s = time.monotonic()
+            live(page)
+            print(f"live again {time.monotonic() - began_s:.1f} s after the daemon")
+            where = view.where
+            view.process.kill()
+            view.process.wait()
+            page.wait_for_function(
+                "() => document.getElementById('state-word').textContent === 'No connection'"
+            )
+            with viewing(endpoint, listen=where):
+                live(page)
+                page.wait_for_selector("#rows tr")
+                assert page.evaluate("window.loadedOnce") is True
+                assert page.evaluate(
+                    "new Set([...document.querySelectorAll('#rows tr')]"
+                    ".map((row) => row.dataset.id)).size"
+                    " === document.querySelectorAll('#rows tr').length"
+                )
+                # Read-only: there is nothing to do.
+                assert not page.is_visible("#writing")
