@@ -36,6 +36,8 @@ class Acquaintance:
         self._tries = 0
         #: geometries that the last verdict was about, by servo id
         self._judged: dict[int, dict[str, Any]] | None = None
+        self._version = -1  # of the roster, when it was judged last
+        self._idle_version = -1  # of the roster, when there was nothing to write
         self._remembered_ns = 0
         self._look_due_ns = 0
         self._adapter_asked = False
@@ -54,9 +56,21 @@ class Acquaintance:
         self._tries += 1
         return self._plan.identity(wanted)
 
+    @property
+    def idle(self) -> bool:
+        """Nobody has changed, and nothing is to be asked or written."""
+        roster = self._decoder.roster
+        return (
+            roster.version == self._version == self._idle_version
+            and not roster.changed
+            and not self._check
+        )
+
     def notes(self, now_ns: int) -> Iterator[bytes]:
         """What the decoder must be told before the next request."""
         roster = self._decoder.roster
+        if roster.version == self._version and not roster.changed:
+            return
         if not self._adapter_asked:
             self._adapter_asked = True
             yield from self._adapter()
@@ -68,6 +82,7 @@ class Acquaintance:
                 yield note(note="missing", servos=missing)
         now_known = {servo: who.geometry for servo, who in roster.servos.items()}
         known = self._judged is not None and now_known.items() <= self._judged.items()
+        self._version = roster.version
         if known and not self._accepted_meanwhile(now_ns):
             return
         self._judged = (self._judged or {}) | now_known
@@ -111,7 +126,7 @@ class Acquaintance:
     def write_due(self) -> bytes | None:
         """What [driver] torque_off and return_delay_us want, once each; nothing else is written."""
         family, roster = self._decoder.family, self._decoder.roster
-        if self._judged is None:
+        if self._judged is None or roster.version == self._idle_version:
             return None
         for servo, who in roster.servos.items():
             wanted = []
@@ -125,4 +140,5 @@ class Acquaintance:
                     self._written.add((servo, register))
                     self._check = [*self._check, servo]
                     return family.write(servo, register, bytes([value]))
+        self._idle_version = roster.version
         return None

@@ -14,10 +14,11 @@ from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.family import FAMILIES
+from armd.drivers.poll.packet import ReadRequest
 from armd.drivers.poll.roster import Roster
 from armd.drivers.poll.sampler import ServoSampler
 from armd.drivers.poll.servo import Servo
-from armd.drivers.poll.slots import instants
+from armd.drivers.poll.slots import Lateness, instants
 from armd.drivers.poll.warmth import RESOLUTION_C, Warmth
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures
 from armd.drivers.unwrap import warm_up
@@ -57,8 +58,10 @@ class ServoDecoder:
         self.chain_broken = False  # the last cycle's answers ended early, all in one packet
         self._sampler = ServoSampler(config.ids, config.max_joint_rate_deg_s)
         self._warmth = Warmth(sensors)
+        self._lateness = Lateness()
         self._splitter = family.splitter()
         self._own = family.splitter()  # of what we say
+        self._asked: dict[bytes, ReadRequest | None] = {}  # what it means, by packet
         self._sizes = range(0)  # of answers to the last request
         self._number = -1  # of the present cycle
         self._settled = False  # it is known whose arm this is
@@ -74,6 +77,7 @@ class ServoDecoder:
         return {name: self._counted[name] for name in COUNTED} | {
             "samples": self._sampler.delivered,
             "lost": self._sampler.lost,
+            "untimed": self._sampler.untimed,
             "bad_sum": self._splitter.bad_sum,
             "junk": self._splitter.junk,
             **missed,
@@ -102,6 +106,7 @@ class ServoDecoder:
             servos={servo: found.as_json() for servo, found in self.roster.servos.items()},
             changed=self.roster.changed,
             warmth=self._warmth.state(),
+            late=list(self._lateness.seen_ns),
             sampler=self._sampler.state(),
         )
         began = self._under_way[0]._replace(direction="link", data=state)
@@ -124,8 +129,10 @@ class ServoDecoder:
         items = self._close(frame)
         self._before = self._number, self.chain_broken
         self._under_way = [frame]
-        (packet,) = self._own.push(frame.data)
-        request = self.family.request(packet)
+        if frame.data not in self._asked:
+            (packet,) = self._own.push(frame.data)
+            self._asked[frame.data] = self.family.request(packet)
+        request = self._asked[frame.data]
         if request is None:  # a write: its answers say nothing that is not read again
             return items
         retry, self.chain_broken = self.chain_broken and not request.fast, False
@@ -209,6 +216,7 @@ class ServoDecoder:
             self._number,
             [positions.get(servo) for servo in self.joints],
             at_ns[: len(self.joints)],
+            self._lateness.doubt_ns(round(self._late_ns(exchange))),
             unix_minus_monotonic_ns,
             self.roster.unusable,
             warned,
@@ -231,6 +239,17 @@ class ServoDecoder:
         size_ns = self.family.answer_bytes(request) * self.byte_ns
         gaps_ns = [0.0 if request.fast else self.gap_ns(servo) for servo in request.ids]
         return instants(exchange.sent.monotonic_ns, arrived, size_ns, gaps_ns)
+
+    def _late_ns(self, exchange: Exchange) -> float:
+        """How long after the line's own time the last answer was here."""
+        assert self.last_heard_ns is not None
+        request = exchange.request
+        needs_ns = (len(exchange.sent.data) * self.byte_ns) + sum(
+            self.family.answer_bytes(request) * self.byte_ns
+            + (0.0 if request.fast else self.gap_ns(servo))
+            for servo in exchange.answers
+        )
+        return self.last_heard_ns - exchange.sent.monotonic_ns - needs_ns
 
     def gap_ns(self, servo: int) -> float:
         """The pause before a servo's answer."""
@@ -279,6 +298,7 @@ class ServoDecoder:
                 self.roster.heard_ns = {int(s): at_ns for s, at_ns in note["heard"].items()}
                 self.roster.changed = {int(s): phrases for s, phrases in note["changed"].items()}
                 self._warmth.restore(note["warmth"])
+                self._lateness.seen_ns.extend(note["late"])
                 self._sampler.restore(note["sampler"])
         return []
 

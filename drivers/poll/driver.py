@@ -44,6 +44,7 @@ class ServoDriver:
         self._time = HostTime()
         self._line = LineHealth(config.port, RENEW_NS)
         self._port: serial.Serial | None = None
+        self._packets: dict[ReadRequest, bytes] = {}  # those that were asked for
         self._raw: deque[RawFrame] = deque(maxlen=RAW_FRAMES_KEPT)
         self._period_ns = 0 if config.rate_hz is None else round(1e9 / config.rate_hz)
         self._due_ns = 0  # the next cycle
@@ -51,6 +52,8 @@ class ServoDriver:
         self._needs_ns = 0.0  # what the exchange under way needs on the line, at least
         self._heard_ns = 0  # its last bytes; 0: none yet
         self._is_cycle = False
+        self._side: ReadRequest | None = None  # due besides the cycles
+        self._next: ReadRequest | None = None  # the next cycle's, should the present one complete
 
     @property
     def connected(self) -> bool:
@@ -115,6 +118,8 @@ class ServoDriver:
             return items
         exchange = self._decoder.exchange
         if exchange is not None:
+            if self._is_cycle and self._next is None:
+                self._think_ahead(now_ns)
             end_ns = self._end_ns(exchange)
             look_ns = exchange.sent.monotonic_ns + round(ASLEEP * self._needs_ns)
             if self._heard_ns == 0 and min(look_ns, deadline_ns) > now_ns:
@@ -147,6 +152,7 @@ class ServoDriver:
 
     def _end(self, now_ns: int) -> list[Item]:
         items = self._feed("link", OVER)
+        self._next = None
         self._ended(False, now_ns)
         return self._heard(items)
 
@@ -170,8 +176,9 @@ class ServoDriver:
         write = self._known.write_due()
         if write is not None:
             self._hold_ns = now_ns + WRITE_NS
-            return items + self._send(port, write)
-        request = self._known.question(now_ns) or self._plan.side_question(now_ns)
+            return items + self._take(self._write(port, write))
+        request = self._known.question(now_ns) or self._side or self._plan.side_question(now_ns)
+        self._side = None
         self._is_cycle = request is None
         if request is None:
             if now_ns < self._due_ns:
@@ -179,7 +186,16 @@ class ServoDriver:
             if not self._decoder.chain_broken:
                 self._set_next_due(now_ns)
             request = self._plan.cycle(now_ns)
+            self._plan.asked(request, now_ns)
         return items + self._ask(port, request)
+
+    def _think_ahead(self, now_ns: int) -> None:
+        """While answers are under way: what to ask as soon as the last of them is here."""
+        if self._period_ns or self._side is not None or not self._known.idle:
+            return
+        self._side = self._plan.side_question(now_ns)
+        if self._side is None:
+            self._next = self._plan.cycle(now_ns)
 
     def _set_next_due(self, now_ns: int) -> None:
         if self._period_ns:
@@ -187,15 +203,25 @@ class ServoDriver:
             self._due_ns = max(self._due_ns, now_ns - late) + self._period_ns
 
     def _ask(self, port: serial.Serial, request: ReadRequest) -> list[Item]:
+        return self._asked(request, self._write(port, self._packet(request)))
+
+    def _packet(self, request: ReadRequest) -> bytes:
+        packet = self._packets.get(request)
+        if packet is None:
+            packet = self._packets[request] = self._decoder.family.sync_read(
+                request.ids, request.address, request.length, request.fast
+            )
+        return packet
+
+    def _asked(self, request: ReadRequest, sent: RawFrame) -> list[Item]:
+        """*request* went out; the items of what was under way before."""
         decoder = self._decoder
-        packet = decoder.family.sync_read(
-            request.ids, request.address, request.length, request.fast
-        )
+        items = self._take(sent)
         answers = len(request.ids) * decoder.family.answer_bytes(request)
         gaps_ns = 0.0 if request.fast else sum(decoder.gap_ns(servo) for servo in request.ids)
-        self._needs_ns = (len(packet) + answers) * decoder.byte_ns + gaps_ns
+        self._needs_ns = (len(sent.data) + answers) * decoder.byte_ns + gaps_ns
         self._heard_ns = 0
-        return self._send(port, packet)
+        return items
 
     # --- the port --------------------------------------------------------------------------
 
@@ -215,6 +241,7 @@ class ServoDriver:
         self._port = port
         self._line.opened(now_ns)
         self._plan.restart(now_ns)
+        self._side = self._next = None
         self._due_ns = self._hold_ns = now_ns
         items = self._feed("link", note(note="up"))
         self._known.restart()
@@ -246,24 +273,35 @@ class ServoDriver:
             return self._unplugged(str(error))
         if not data:
             return self._unplugged("end of file")
-        items = self._feed("rx", data)
-        self._heard_ns = now_ns = time.monotonic_ns()
-        exchange = self._decoder.exchange
-        if exchange is None or not exchange.complete:
+        frame, exchange, request = self._frame("rx", data), self._decoder.exchange, self._next
+        self._heard_ns = now_ns = frame.monotonic_ns
+        if exchange is None:
+            return self._take(frame)
+        sent: RawFrame | None = None
+        if request is not None and self._decoder.family.is_all(data, exchange.request):
+            sent = self._write(port, self._packet(request))  # what it says can wait
+        items = self._take(frame)
+        if sent is None and not exchange.complete:
             return items
-        self._pace.took(now_ns - exchange.sent.monotonic_ns - self._needs_ns)
-        self._ended(True, now_ns)
-        if self._is_cycle:
+        sent_ns, needs_ns = exchange.sent.monotonic_ns, self._needs_ns
+        if request is not None:
+            self._next = None
+            items += self._asked(request, sent or self._write(port, self._packet(request)))
+        self._pace.took(now_ns - sent_ns - needs_ns)
+        self._ended(exchange.complete, now_ns)
+        if request is not None:
+            self._plan.asked(request, now_ns)
+        elif self._is_cycle:
             items += self._ask_if_due(port, now_ns)
         if self._decoder.exchange is exchange:  # else the next request has ended it
             items += self._feed("link", OVER)
         return self._heard(items)
 
-    def _send(self, port: serial.Serial, packet: bytes) -> list[Item]:
+    def _write(self, port: serial.Serial, packet: bytes) -> RawFrame:
         frame = self._frame("tx", packet)
         with suppress(OSError):  # a full or broken line shows itself when reading
             os.write(port.fileno(), packet)
-        return self._take(frame)
+        return frame
 
     def _feed(self, direction: Direction, data: bytes) -> list[Item]:
         return self._take(self._frame(direction, data))

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 
+from fastcrc import crc16
+
 from armd.drivers.poll.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
 
 HEADER = b"\xff\xff\xfd\x00"
@@ -41,31 +43,16 @@ HARDWARE_ERRORS = {
 }
 
 
-def _crc_table() -> tuple[int, ...]:
-    table = []
-    for byte in range(256):
-        crc = byte << 8
-        for _ in range(8):
-            crc = (crc << 1 ^ 0x8005) & 0xFFFF if crc & 0x8000 else crc << 1
-        table.append(crc)
-    return tuple(table)
-
-
-_CRC = _crc_table()
-
-
-def crc16(data: bytes | bytearray, crc: int = 0) -> int:
-    """CRC-16 with polynomial 0x8005, from 0, neither reflected nor inverted."""
-    for byte in data:
-        crc = (crc << 8 & 0xFF00) ^ _CRC[crc >> 8 ^ byte]
-    return crc
+#: CRC-16 with polynomial 0x8005, from 0, neither reflected nor inverted; goes on from a second
+#: argument.
+_crc = crc16.umts
 
 
 def build(servo_id: int, instruction: int, params: bytes = b"") -> bytes:
     """A whole packet, stuffed."""
     body = (bytes([instruction]) + params).replace(b"\xff\xff\xfd", b"\xff\xff\xfd\xfd")
     packet = HEADER + bytes([servo_id]) + (len(body) + 2).to_bytes(2, "little") + body
-    return packet + crc16(packet).to_bytes(2, "little")
+    return packet + _crc(packet).to_bytes(2, "little")
 
 
 def ping(servo_id: int) -> bytes:
@@ -107,9 +94,9 @@ def fast_status_blocks(answers: Sequence[Status]) -> list[bytes]:
     blocks, crc = [], 0
     for i, answer in enumerate(answers):
         block = (b"" if i else head) + bytes([answer.error, answer.id]) + answer.data
-        crc = crc16(block, crc)
+        crc = _crc(block, crc)
         check = crc.to_bytes(2, "little")
-        crc = crc16(check, crc)
+        crc = _crc(check, crc)
         blocks.append(block + check)
     return blocks
 
@@ -117,6 +104,17 @@ def fast_status_blocks(answers: Sequence[Status]) -> list[bytes]:
 def fast_status_size(n: int, length: int) -> int:
     """Bytes on the wire of a fast status of *n* servos with *length* bytes of data each."""
     return OVERHEAD - 2 + n * (4 + length)
+
+
+def is_fast_status(data: bytes, n: int, length: int) -> bool:
+    """Whether *data* are one whole intact fast status, of that size."""
+    return (
+        len(data) == fast_status_size(n, length)
+        and data.startswith(HEADER)
+        and data[4] == BROADCAST
+        and data[7] == STATUS
+        and _crc(data[:-2]) == data[-2] | data[-1] << 8
+    )
 
 
 def splitter() -> Splitter:
@@ -134,7 +132,7 @@ def _cut(buffer: bytearray, at: int, sizes: Container[int]) -> Packet | Cut:
     if len(buffer) < end:
         return Cut.INCOMPLETE
     raw = bytes(buffer[at:end])
-    if crc16(raw[:-2]) != raw[-2] | raw[-1] << 8:
+    if _crc(raw[:-2]) != raw[-2] | raw[-1] << 8:
         return Cut.BAD_SUM
     body = raw[7:-2]
     if not (servo_id == BROADCAST and body[0] == STATUS):  # a fast status is never stuffed

@@ -47,6 +47,10 @@ class Family(Protocol):
         """What one servo puts on the wire."""
         ...
 
+    def is_all(self, data: bytes, request: ReadRequest) -> bool:
+        """Whether *data* alone are all that is to come, as can be told at a glance."""
+        ...
+
     def position_of(self, data: bytes) -> int: ...
 
     def celsius_of(self, data: bytes) -> float: ...
@@ -94,6 +98,9 @@ class Feetech:
 
     def answer_bytes(self, request: ReadRequest) -> int:
         return feetech.status_size(request.length)
+
+    def is_all(self, data: bytes, request: ReadRequest) -> bool:
+        return False  # each servo sends a packet of its own
 
     def position_of(self, data: bytes) -> int:
         return feetech.signed(data[0] | data[1] << 8, 15)
@@ -160,6 +167,9 @@ class Dynamixel:
 
     def answer_bytes(self, request: ReadRequest) -> int:
         return 4 + request.length if request.fast else dynamixel.status_size(request.length)
+
+    def is_all(self, data: bytes, request: ReadRequest) -> bool:
+        return request.fast and dynamixel.is_fast_status(data, len(request.ids), request.length)
 
     def position_of(self, data: bytes) -> int:
         return int.from_bytes(data[:4], "little", signed=True)

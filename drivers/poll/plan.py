@@ -77,21 +77,30 @@ class Plan:
         return None
 
     def cycle(self, now_ns: int) -> ReadRequest:
-        """All positions, and the temperatures where these are due."""
+        """All positions, and the temperatures where these are due; nothing is changed by asking
+        for it, `asked` tells that it was sent."""
         decoder, family = self._decoder, self._decoder.family
-        warm = self._asked_warm = now_ns >= self._warm_due_ns
-        if warm:
-            self._warm_due_ns = now_ns + WARM_EVERY_NS
+        warm = now_ns >= self._warm_due_ns
         ids = decoder.everyone if warm else decoder.cycle_ids
-        self._extra = (self._extra + 1) % (2 if self._calm >= CALM_CYCLES else 4)
-        length = (family.warm_bytes if warm else family.position_bytes) + self._extra
-        self._asked_fast = (
+        extra = (self._extra + 1) % (2 if self._calm >= CALM_CYCLES else 4)
+        length = (family.warm_bytes if warm else family.position_bytes) + extra
+        fast = (
             family.has_fast
             and not decoder.chain_broken
             and now_ns >= self._fast_from_ns
-            and all(servo in decoder.roster.servos for servo in ids)
+            and all(map(decoder.roster.servos.__contains__, ids))
         )
-        return ReadRequest(ids, family.position, length, self._asked_fast)
+        return ReadRequest(ids, family.position, length, fast)
+
+    def asked(self, request: ReadRequest, now_ns: int) -> None:
+        """A `cycle` went out."""
+        family = self._decoder.family
+        self._asked_fast = request.fast
+        self._asked_warm = request.length >= family.warm_bytes
+        least = family.warm_bytes if self._asked_warm else family.position_bytes
+        self._extra = request.length - least
+        if self._asked_warm:
+            self._warm_due_ns = now_ns + WARM_EVERY_NS
 
     def ended(self, complete: bool, now_ns: int) -> None:
         """The last cycle's answers have come, or will not."""

@@ -30,6 +30,7 @@ class Roster:
         self._often = often
         self._everyone = everyone
         self.servos: dict[int, Servo] = {}  # identified since they were last absent
+        self.version = 0  # grows whenever `servos` becomes another
         self.changed: dict[int, list[str]] = {}  # what their geometry differs in
         self.foreign = ""  # why this is not our arm, if it is not
         self.heard_ns: dict[int, int] = {}  # when each was heard last
@@ -56,6 +57,7 @@ class Roster:
     def forget(self) -> None:
         """Another connection: whoever answers there must say anew who he is."""
         self.servos.clear()
+        self.version += 1
         self.heard_ns.clear()
         self._misses.clear()
         self._alerts.clear()
@@ -67,7 +69,9 @@ class Roster:
     def identify(self, servo: int, found: Servo, now_ns: int) -> list[Event]:
         """A servo has told its registers."""
         before = self._announced.get(servo)
-        self.servos[servo] = self._announced[servo] = found
+        if self.servos.get(servo) != found:
+            self.servos[servo] = self._announced[servo] = found
+            self.version += 1
         self.heard_ns[servo] = now_ns
         events = []
         if before is None or before.geometry != found.geometry or before.firmware != found.firmware:
@@ -117,7 +121,8 @@ class Roster:
         self._misses[servo] += 1
         if self._absent(servo, now_ns):
             self.heard_ns.pop(servo, None)
-            self.servos.pop(servo, None)
+            if self.servos.pop(servo, None) is not None:
+                self.version += 1
             self._alerts.pop(servo, None)
 
     def given_up(self, servo: int) -> bool:

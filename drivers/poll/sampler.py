@@ -13,6 +13,8 @@ from armd.drivers.sample import Item, SampleArray, sample_dtype
 from armd.drivers.unwrap import Unwrapper
 
 HALF_TURN = COUNTS_PER_TURN // 2
+#: A motion too slow to be seen in this time moves by no more than a few counts in a stall.
+PAST_NS = 20_000_000
 
 
 class ServoSampler:
@@ -20,7 +22,8 @@ class ServoSampler:
 
     def __init__(self, ids: Sequence[int], max_joint_rate_deg_s: float) -> None:
         self.delivered = 0
-        self.lost = 0  # cycles in which nobody answered
+        self.lost = 0  # cycles in which nobody answered, or nobody knows at which instant
+        self.untimed = 0  # of these: the latter
         n = len(ids)
         self._dtype = sample_dtype(n)
         self._unwrapper = Unwrapper(
@@ -28,6 +31,9 @@ class ServoSampler:
         )
         self._raw = np.zeros((1, n), np.int64)
         self._last: list[tuple[int, float] | None] = [None] * n  # count and instant
+        #: all counts one `PAST_NS` before the last row at the least, and since
+        self._past: list[list[int]] = [[0] * n, [0] * n]
+        self._past_ns = 0
         self._first_ns: int | None = None  # where the arm's own time begins
         self._next_number: int | None = None
         self._buttons = 0
@@ -40,6 +46,7 @@ class ServoSampler:
         number: int,
         positions: Sequence[int | None],
         at_ns: Sequence[float],
+        doubt_ns: float,
         unix_minus_monotonic_ns: int,
         unusable: int,
         warned: int,
@@ -48,10 +55,14 @@ class ServoSampler:
         """The sample of cycle *number*, after the events its joints give rise to.
 
         *positions* (N,) as the servos told them, at the instants *at_ns* (N,), the first of which
-        is the row's; bits of joints that are *unusable* though they answer, and of those that
-        *warned*; *pressed*: the button, None if it was not heard.
+        is the row's; where these are in doubt by *doubt_ns* and a joint moves, nobody knows where
+        it was at any instant, and the cycle counts as lost; bits of joints that are *unusable*
+        though they answer, and of those that *warned*; *pressed*: the button, None if unheard.
         """
         row_ns = round(at_ns[0])
+        if doubt_ns and self._moves(positions):
+            self.untimed += 1
+            return []
         if self._first_ns is None:
             self._first_ns = row_ns
         silent = 0
@@ -68,6 +79,7 @@ class ServoSampler:
             self._buttons = int(pressed)
         out: SampleArray = np.zeros(1, self._dtype)
         out["count"][0] = self._moved(counts[0].tolist(), at_ns, row_ns, silent | jumps)
+        self._note_past(row_ns)
         out["seq"] = number
         out["device_ns"] = row_ns - self._first_ns
         out["monotonic_ns"] = row_ns
@@ -86,6 +98,21 @@ class ServoSampler:
             *self._jump_watch.events(out, jumped),
             out,
         ]
+
+    def _moves(self, positions: Sequence[int | None]) -> bool:
+        """Whether a joint stands elsewhere than at its last reading, or stood elsewhere shortly
+        before that; flickering by a count is no motion."""
+        for k, (position, last) in enumerate(zip(positions, self._last, strict=True)):
+            if position is not None and last is not None:
+                step = (position - last[0]) % COUNTS_PER_TURN - HALF_TURN
+                if max(abs(step), abs(last[0] - self._past[0][k])) > 1:
+                    return True
+        return False
+
+    def _note_past(self, row_ns: int) -> None:
+        if row_ns - self._past_ns >= PAST_NS:
+            here = [0 if last is None else last[0] for last in self._last]
+            self._past, self._past_ns = [self._past[1], here], row_ns
 
     def _moved(
         self, counts: list[int], at_ns: Sequence[float], row_ns: int, doubtful: int
@@ -110,6 +137,7 @@ class ServoSampler:
             "next_number": self._next_number,
             "buttons": self._buttons,
             "last": self._last,
+            "past": [self._past, self._past_ns],
             "unwrap": [memory[name].tolist() for name in memory.dtype.names or ()],
         }
 
@@ -118,6 +146,7 @@ class ServoSampler:
         self._first_ns, self._next_number = state["first_ns"], state["next_number"]
         self._buttons = state["buttons"]
         self._last = [None if last is None else (last[0], last[1]) for last in state["last"]]
+        self._past, self._past_ns = state["past"]
         memory = self._unwrapper.memory
         for name, values in zip(memory.dtype.names or (), state["unwrap"], strict=True):
             memory[name] = values

@@ -18,6 +18,7 @@ from armd.simulator.servobus.servo import SimulatedServo
 SCHEDULE_HZ = 1000
 TRUTH_HZ = 500
 TURN_ROUND_NS = {"feetech": 50_000, "dynamixel": 40_000}  # before each answer, at the least
+AWAKE_NS = 60_000  # before the last answer, which the host waits for: sleep is as inexact
 LATE_NS = 100_000  # by how much a write may be late, and its slot still count as kept
 MUTE = ("silence", "reboot")
 GARBAGE = b"\xff\xff\x01\xff\xff\xfd\x00\x02\xff"
@@ -147,7 +148,7 @@ class ServoBus:
                 spoilt = bytearray(status)
                 spoilt[-3] ^= 1 << int(self._rng.integers(8))
                 status = bytes(spoilt)
-            end_ns = self._say(status, end_ns, n)
+            end_ns = self._say(status, end_ns, n, last=n == ids[-1])
             if self._kept and is_cycle and not once:
                 self._port.write(self._kept)
                 self._kept = b""
@@ -172,17 +173,19 @@ class ServoBus:
         blocks = dynamixel.fast_status_blocks(whole)[: len(there)]
         if blocks:
             data = b"".join(blocks)
-            self._say(data, heard_ns, ids[0])
+            self._say(data, heard_ns, ids[0], last=True)
 
     def _gap_ns(self, servo: SimulatedServo) -> float:
         return max(self._turn_round_ns, 2000 * servo.table[servo.where.return_delay])
 
-    def _say(self, status: bytes, free_ns: float, n: int) -> float:
+    def _say(self, status: bytes, free_ns: float, n: int, last: bool = False) -> float:
         """A status once the line is free, its last bit at its true instant; when that is."""
         end_ns = free_ns + self._gap_ns(self._servos[n]) + len(status) * self._byte_ns
-        wait_ns = end_ns - time.monotonic_ns()
+        wait_ns = end_ns - time.monotonic_ns() - (AWAKE_NS if last else 0)
         if wait_ns > 0:
             time.sleep(wait_ns * 1e-9)
+        while last and time.monotonic_ns() < end_ns:
+            pass
         self._port.write(status)
         return max(end_ns, time.monotonic_ns() - LATE_NS)
 

@@ -1,6 +1,7 @@
 """The servo driver over a pty: servos written from the manuals alone, and everything that goes
 wrong with them, injected on the wire."""
 
+import os
 import time
 from contextlib import closing
 
@@ -10,6 +11,7 @@ from fake_servos import Dynamixel, FakeServos, Feetech
 
 from armd.drivers.config import ServoConfig, Trigger
 from armd.drivers.identity import Expectation
+from armd.drivers.poll import driver as poll_driver
 from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.poll.memory import Memory
 from armd.drivers.sample import Event, Temperatures
@@ -219,6 +221,68 @@ def test_the_seam_and_many_turns(tmp_path, family):
     assert np.abs(steps).max() < 5
     assert rows["count"][-1, 0] > 2047  # ran on across the seam
     assert rows["count"][0].min() >= -2048 and rows["count"][0].max() < 2048
+
+
+@pytest.mark.parametrize("where", ["before the request is out", "before the answers are read"])
+def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
+    tmp_path, monkeypatch, where
+):
+    """All joints move at 260°/s; every 25th cycle the host stands still for 30 ms: unnoticed, the
+    next cycle would seem to jump, and this one's instant would be wrong by 30 ms."""
+    counts_per_s, stall_s = 3000.0, 0.03
+
+    def true_count(at_ns):
+        turn = (at_ns - began_ns) * 1e-9 * counts_per_s
+        return turn[:, None] * [1, 1, -1]
+
+    with (
+        FakeServos(Feetech, tmp_path) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        taken = Taken(driver)
+        taken.rows(40)  # what is usual
+        began_ns = time.monotonic_ns()
+
+        def turn(cycle):
+            (counts,) = true_count(np.array([time.monotonic_ns()]))
+            for servo, count in enumerate(counts, 1):
+                servos.move(servo, round(2048 + count) % 4096)
+
+        class StandingStill:
+            """`os`, for a host that stops between the request's instant and its write."""
+
+            writes = 0
+
+            def __getattr__(self, name):
+                return getattr(os, name)
+
+            def write(self, *arguments):
+                self.writes += 1
+                if self.writes % 25 == 12:
+                    time.sleep(stall_s)
+                return os.write(*arguments)
+
+        def late(cycle, statuses):
+            if cycle % 25 == 12:
+                time.sleep(stall_s)
+            return statuses
+
+        servos.before_reading = turn
+        if where == "before the request is out":
+            monkeypatch.setattr(poll_driver, "os", StandingStill())
+        else:
+            servos.before_answers = late
+        rows = taken.rows(200)[20:]  # it starts with a jerk
+        servos.before_reading = servos.before_answers = None
+        counters = driver.counters
+    valid = rows[rows["joint_invalid"] == 0]
+    apart = valid["count"] - true_count(valid["monotonic_ns"])
+    apart = np.abs((apart + 2048) % 4096 - 2048)  # nobody can tell turns made in a long stall
+    assert len(valid) > 100
+    assert apart.max() < 0.6 * stall_s * counts_per_s
+    assert (rows["joint_invalid"] == 0).all() and not taken.told("count_jump")
+    assert 5 <= counters["untimed"] <= counters["lost"]
+    assert rows["lost_before"].sum() >= 5
 
 
 def test_a_cycle_in_which_nobody_answers_was_never_there(tmp_path):
