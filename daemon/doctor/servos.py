@@ -9,9 +9,8 @@ from collections.abc import Iterable, Sequence
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.line import Line
 from armd.drivers.poll import dynamixel, feetech
-from armd.drivers.poll.family import FAMILIES, Family
+from armd.drivers.poll.family import FAMILIES, Family, Servo, model_name
 from armd.drivers.poll.packet import Status
-from armd.drivers.poll.servo import Servo, model_name
 
 #: Rates that servos can be set to, the usual ones first.
 BAUDS = {

@@ -18,7 +18,7 @@ from armd.drivers.can.sync_time import SyncTime
 from armd.drivers.can.thermometers import Thermometers
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures
-from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
+from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, warm_up
 
 COUNTED = ("malformed", "unknown", "error_frames", "foreign_sync")
 
@@ -76,6 +76,10 @@ class CanDecoder:
     def accepted(self) -> bool:
         """Every joint has been configured at least once, and no arm but ours has been found."""
         return self._sampler.ready and not self._foreign
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache: before the first sample, not while it waits."""
+        warm_up()
 
     def may_sync(self, now_ns: int) -> bool:
         """Whether a SYNC now leaves no doubt which answers are its own."""

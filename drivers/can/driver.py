@@ -7,7 +7,6 @@ What blocks (opening an interface, configuring a node by SDO) is a `Job` beside 
 from __future__ import annotations
 
 import time
-from collections import deque
 
 import can
 import numpy as np
@@ -18,11 +17,9 @@ from armd.drivers.can.job import Job
 from armd.drivers.can.objects import SDO_REPLY_BASE, CanFrame
 from armd.drivers.can.setup import NodeSetup
 from armd.drivers.config import CanConfig
-from armd.drivers.host_time import HostTime
 from armd.drivers.identity import Expectation
-from armd.drivers.line_health import SILENCE_NS, STALE_NS, LineHealth
-from armd.drivers.sample import RAW_FRAMES_KEPT, Item, RawFrame
-from armd.drivers.unwrap import warm_up
+from armd.drivers.sample import Item
+from armd.drivers.shell import Shell
 from armd.errors import BadInput
 
 RENEW_NS = 2_000_000_000  # a bus that stays silent is built anew this often
@@ -32,56 +29,34 @@ OPENING_MOST_NS = 3_000_000_000  # after this a person is told
 SLICE_S = 0.01  # the longest wait for a frame: a job may have ended meanwhile
 
 
-class CanDriver:
+class CanDriver(Shell[CanDecoder]):
     """See `armd.drivers.sample.Driver`."""
 
     def __init__(self, config: CanConfig, expectation: Expectation) -> None:
+        decoder = CanDecoder(expectation, config.rate_hz, config.max_joint_rate_deg_s)
+        name = f"{config.interface} {config.channel or ''}".strip()
+        super().__init__(decoder, name, RENEW_NS, "can")
         self._config = config
-        self._decoder = CanDecoder(expectation, config.rate_hz, config.max_joint_rate_deg_s)
         serial_numbers = config.encoder_serial_numbers
         if serial_numbers is not None and len(serial_numbers) != expectation.n_joints:
             found, expected = f"{len(serial_numbers)} numbers", f"{expectation.n_joints}"
             raise BadInput("armd.toml", "driver.encoder_serial_numbers", found, expected)
         self._setup = NodeSetup(expectation, config.rate_hz, serial_numbers)
-        self._time = HostTime()
-        self._line = LineHealth(f"{config.interface} {config.channel or ''}".strip(), RENEW_NS)
         self._network: OwnNetwork | None = None
         self._opening: Job[can.BusABC] | None = None
-        self._raw: deque[RawFrame] = deque(maxlen=RAW_FRAMES_KEPT)
         self._send_faults = self._garbled = 0  # of networks that are closed
         self._opening_since_ns = 0
         self._period_ns = round(1e9 / config.rate_hz)
         self._sync_due_ns = 0
 
     @property
-    def connected(self) -> bool:
-        return self._decoder.accepted and self._without_sample_ns < SILENCE_NS
-
-    @property
-    def stale(self) -> bool:
-        return not self._decoder.accepted or self._without_sample_ns > STALE_NS
-
-    @property
-    def _without_sample_ns(self) -> int:
-        return time.monotonic_ns() - (self._decoder.last_sample_ns or 0)
-
-    @property
-    def hindrance(self) -> str:
-        return ""
-
-    @property
     def counters(self) -> dict[str, int]:
         network = self._network
         return {
-            **self._decoder.counters,
+            **super().counters,
             "send_faults": self._send_faults + (network.send_faults if network else 0),
             "garbled": self._garbled + (network.garbled if network else 0),
-            "reconnects": self._line.reconnects,
         }
-
-    def open(self) -> None:
-        """Get ready; the bus itself is opened within `read`, which goes on trying."""
-        warm_up()
 
     def close(self) -> None:
         if self._network is not None:
@@ -89,14 +64,6 @@ class CanDriver:
             self._garbled += self._network.garbled
             self._network.close()
             self._network = None
-
-    def take_raw(self) -> list[RawFrame]:
-        raw = list(self._raw)
-        self._raw.clear()
-        return raw
-
-    def preamble(self) -> list[RawFrame]:
-        return self._decoder.preamble()
 
     def read(self, timeout_s: float) -> list[Item]:
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
@@ -147,7 +114,7 @@ class CanDriver:
                 self._sync_if_due(network)
                 break
             items += self._feed_sent(network)  # what was sent before this came
-            items += self._feed(frame)
+            items += self._take(frame)
             message = CanFrame.from_bytes(frame.data)
             if message.identifier & ~0x7F == SDO_REPLY_BASE:
                 network.notify(message.identifier, bytearray(message.data), 0.0)
@@ -204,15 +171,11 @@ class CanDriver:
     def _feed_sent(self, network: OwnNetwork) -> list[Item]:
         items: list[Item] = []
         while network.sent:
-            items += self._feed(network.sent.popleft())
+            items += self._take(network.sent.popleft())
         return items
 
     def _note(self, data: bytes) -> list[Item]:
-        return self._feed(RawFrame(*self._time.now(), "link", data, "can"))
-
-    def _feed(self, frame: RawFrame) -> list[Item]:
-        self._raw.append(frame)
-        return self._decoder.feed(frame)
+        return self._feed("link", data)
 
 
 def _joined(items: list[Item]) -> list[Item]:

@@ -31,7 +31,7 @@ class MicroScribeDecoder:
         self.session = Session()
         self.accepted = False  # whether the connected arm is the expected one
         self.homing: Homing | None = None  # of an accepted arm
-        self.last_reply_ns: int | None = None  # arrival of the last reading, host monotonic
+        self.last_sample_ns: int | None = None  # arrival of the last reading, host monotonic
         self._expected = expectation
         self._max_rate = max_joint_rate_deg_s
         self._dtype = sample_dtype(expectation.n_joints)
@@ -104,7 +104,7 @@ class MicroScribeDecoder:
             return self._greet(wire.counts_per_turn(packet), frame)
         if command == wire.HOME:
             return self._homed(frame)
-        self.last_reply_ns = frame.monotonic_ns
+        self.last_sample_ns = frame.monotonic_ns
         if not self.accepted or self.homing is None:
             self._counted["foreign"] += 1
             return []

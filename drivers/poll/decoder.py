@@ -12,13 +12,11 @@ from typing import Any
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.exchange import Exchange
-from armd.drivers.poll.family import FAMILIES
+from armd.drivers.poll.exchange import Exchange, Lateness
+from armd.drivers.poll.family import FAMILIES, Servo
 from armd.drivers.poll.packet import ReadRequest
 from armd.drivers.poll.roster import Roster
 from armd.drivers.poll.sampler import ServoSampler
-from armd.drivers.poll.servo import Servo
-from armd.drivers.poll.slots import Lateness, instants
 from armd.drivers.poll.warmth import RESOLUTION_C, Warmth
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures
 from armd.drivers.unwrap import warm_up
@@ -159,7 +157,7 @@ class ServoDecoder:
             return []
         exchange.take(self._splitter.flush(), frame.monotonic_ns)
         if exchange.answers:
-            self.last_heard_ns = max(answer.arrived_ns for answer in exchange.answers.values())
+            self.last_heard_ns = exchange.heard_ns
         address = exchange.request.address
         if address == self.family.position:
             return self._cycle(exchange)
@@ -204,7 +202,7 @@ class ServoDecoder:
         if len(silent) == len(request.ids):
             return items
         self.last_sample_ns = self.last_heard_ns
-        at_ns = self._instants(exchange)
+        at_ns = exchange.instants(self.byte_ns, self.gap_ns)
         unix_minus_monotonic_ns = exchange.sent.unix_ns - now_ns
         items += self._temperatures(exchange, silent, round(at_ns[0]), unix_minus_monotonic_ns)
         positions = {
@@ -216,7 +214,7 @@ class ServoDecoder:
             self._number,
             [positions.get(servo) for servo in self.joints],
             at_ns[: len(self.joints)],
-            self._lateness.doubt_ns(round(self._late_ns(exchange))),
+            self._lateness.doubt_ns(exchange.late_ns(self.byte_ns, self.gap_ns)),
             unix_minus_monotonic_ns,
             self.roster.unusable,
             warned,
@@ -229,27 +227,6 @@ class ServoDecoder:
         if trigger is None or trigger.id not in positions:
             return None
         return positions[trigger.id] % 4096 < trigger.pressed_below
-
-    def _instants(self, exchange: Exchange) -> list[float]:
-        request = exchange.request
-        arrived = [
-            None if (answer := exchange.answers.get(servo)) is None else answer.arrived_ns
-            for servo in request.ids
-        ]
-        size_ns = self.family.answer_bytes(request) * self.byte_ns
-        gaps_ns = [0.0 if request.fast else self.gap_ns(servo) for servo in request.ids]
-        return instants(exchange.sent.monotonic_ns, arrived, size_ns, gaps_ns)
-
-    def _late_ns(self, exchange: Exchange) -> float:
-        """How long after the line's own time the last answer was here."""
-        assert self.last_heard_ns is not None
-        request = exchange.request
-        needs_ns = (len(exchange.sent.data) * self.byte_ns) + sum(
-            self.family.answer_bytes(request) * self.byte_ns
-            + (0.0 if request.fast else self.gap_ns(servo))
-            for servo in exchange.answers
-        )
-        return self.last_heard_ns - exchange.sent.monotonic_ns - needs_ns
 
     def gap_ns(self, servo: int) -> float:
         """The pause before a servo's answer."""
@@ -284,7 +261,9 @@ class ServoDecoder:
             case "missing":
                 return [*self.roster.miss(note["servos"], self._port, now_ns)]
             case "verdict":
-                return self._judged(note, now_ns)
+                first, self._settled = not self._settled, True
+                changed = {int(servo): phrases for servo, phrases in note["changed"].items()}
+                return [*self.roster.judge(changed, first, self._expected.serial_number, now_ns)]
             case "foreign":
                 self.roster.foreign = note["text"]
                 return [Event("foreign_arm", note["text"], now_ns, "error")]
@@ -301,28 +280,3 @@ class ServoDecoder:
                 self._lateness.seen_ns.extend(note["late"])
                 self._sampler.restore(note["sampler"])
         return []
-
-    def _judged(self, note: dict[str, Any], now_ns: int) -> list[Item]:
-        """What was remembered of the servos, compared with what they say."""
-        before, first = self.roster.changed, not self._settled
-        changed = {int(servo): phrases for servo, phrases in note["changed"].items()}
-        absent = {s: phrases for s, phrases in before.items() if s not in self.roster.servos}
-        changed = absent | changed
-        self.roster.changed, self._settled = changed, True
-        events: list[Item] = []
-        for servo, phrases in changed.items():
-            if before.get(servo) == phrases:
-                continue
-            text = f"{self.roster.name(servo)}: {'; '.join(phrases)}; the arm's geometry no"
-            text += " longer holds, nothing valid is published: put it back, or measure the arm"
-            text += " anew and say `armd accept CONFIG`"
-            kind = "foreign_arm" if phrases[0].startswith("model") else "offsets_changed"
-            events.append(Event(kind, text, now_ns, "error", {"servo": servo, "found": phrases}))
-        if before and not changed:
-            text = "the servos' offsets are accepted as they are"
-            events.append(Event("offsets_accepted", text, now_ns, "info"))
-        if first and not changed:
-            text = f"arm {self._expected.serial_number}: {len(self.roster.servos)} of "
-            text += f"{len(self.everyone)} servos identified"
-            events.append(Event("identified", text, now_ns, "info"))
-        return events

@@ -6,46 +6,37 @@ next request is on the line before anybody looks at what the last one brought.
 
 from __future__ import annotations
 
-import os
 import select
-import termios
 import time
-from collections import deque
-from contextlib import suppress
 
 import serial
 
 from armd.drivers.config import ServoConfig
-from armd.drivers.host_time import HostTime
 from armd.drivers.identity import Expectation
-from armd.drivers.line_health import SILENCE_NS, STALE_NS, LineHealth
 from armd.drivers.poll.acquaintance import Acquaintance
 from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, note
 from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.packet import ReadRequest
 from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, Pace, Plan
-from armd.drivers.sample import RAW_FRAMES_KEPT, Direction, Item, RawFrame
+from armd.drivers.sample import Item, RawFrame
+from armd.drivers.shell import SerialShell
 
-READ_BYTES = 1 << 12
-RENEW_NS = 1_000_000_000  # a port that stays silent is opened afresh this often
 WRITE_NS = 10_000_000  # what a servo needs to keep a register, and to say so
 ASLEEP = 0.9  # of the time that answers need on the line at least, nobody listens for them
 
 
-class ServoDriver:
+class ServoDriver(SerialShell[ServoDecoder]):
     """See `armd.drivers.sample.Driver`."""
 
+    DOWN = note(note="down")
+
     def __init__(self, config: ServoConfig, expectation: Expectation) -> None:
-        self._config = config
-        self._decoder = ServoDecoder(config, expectation)
+        super().__init__(ServoDecoder(config, expectation), config.port, CHANNEL)
+        self._baud = config.baud
         self._plan = Plan(self._decoder)
         self._pace = Pace()
         self._known = Acquaintance(config, self._decoder, self._plan, expectation.serial_number)
-        self._time = HostTime()
-        self._line = LineHealth(config.port, RENEW_NS)
-        self._port: serial.Serial | None = None
         self._packets: dict[ReadRequest, bytes] = {}  # those that were asked for
-        self._raw: deque[RawFrame] = deque(maxlen=RAW_FRAMES_KEPT)
         self._period_ns = 0 if config.rate_hz is None else round(1e9 / config.rate_hz)
         self._due_ns = 0  # the next cycle
         self._hold_ns = 0  # nothing is sent before: a servo is busy with a write
@@ -56,44 +47,10 @@ class ServoDriver:
         self._next: ReadRequest | None = None  # the next cycle's, should the present one complete
 
     @property
-    def connected(self) -> bool:
-        return self._decoder.accepted and self._without_sample_ns < SILENCE_NS
-
-    @property
-    def stale(self) -> bool:
-        return not self._decoder.accepted or self._without_sample_ns > STALE_NS
-
-    @property
-    def _without_sample_ns(self) -> int:
-        return time.monotonic_ns() - (self._decoder.last_sample_ns or 0)
-
-    @property
     def hindrance(self) -> str:
         if self._port is None:
             return ""
         return self._decoder.roster.hindrance(time.monotonic_ns())
-
-    @property
-    def counters(self) -> dict[str, int]:
-        return {**self._decoder.counters, "reconnects": self._line.reconnects}
-
-    def open(self) -> None:
-        """Get ready; the port itself is opened by the first `read`, which goes on trying."""
-        self._decoder.warm_up()
-
-    def close(self) -> None:
-        if self._port is not None:
-            with suppress(OSError):
-                self._port.close()
-            self._port = None
-
-    def take_raw(self) -> list[RawFrame]:
-        raw = list(self._raw)
-        self._raw.clear()
-        return raw
-
-    def preamble(self) -> list[RawFrame]:
-        return self._decoder.preamble()
 
     def read(self, timeout_s: float) -> list[Item]:
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
@@ -232,13 +189,9 @@ class ServoDriver:
         return self._try_open(time.monotonic_ns()) if self._line.open_due_ns <= due_ns else []
 
     def _try_open(self, now_ns: int) -> list[Item]:
-        try:
-            port = serial.Serial(self._config.port, self._config.baud, timeout=0, exclusive=True)
-        except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
-            return self._line.lost("port_missing", str(error), now_ns)
-        with suppress(OSError, ValueError):  # a pty has no such mode
-            port.set_low_latency_mode(True)
-        self._port = port
+        missing = self._open_port(self._baud, now_ns)
+        if self._port is None:
+            return missing
         self._line.opened(now_ns)
         self._plan.restart(now_ns)
         self._side = self._next = None
@@ -247,32 +200,9 @@ class ServoDriver:
         self._known.restart()
         return items
 
-    def _renew(self) -> list[Item]:
-        """Silence: perhaps the adapter hangs, perhaps the name now means another device."""
-        self._hang_up()
-        now_ns = time.monotonic_ns()
-        return [*self._line.silent(now_ns), *self._try_open(now_ns)]
-
-    def _unplugged(self, reason: str) -> list[Item]:
-        self._hang_up()
-        text = f"the line to {self._config.port} broke: {reason}"
-        return self._line.lost("unplugged", text, time.monotonic_ns())
-
-    def _hang_up(self) -> None:
-        self.close()
-        self._feed("link", note(note="down"))
-
     # --- bytes -----------------------------------------------------------------------------
 
-    def _receive(self, port: serial.Serial) -> list[Item]:
-        try:
-            data = os.read(port.fileno(), READ_BYTES)
-        except BlockingIOError:
-            return []
-        except OSError as error:
-            return self._unplugged(str(error))
-        if not data:
-            return self._unplugged("end of file")
+    def _received(self, port: serial.Serial, data: bytes) -> list[Item]:
         frame, exchange, request = self._frame("rx", data), self._decoder.exchange, self._next
         self._heard_ns = now_ns = frame.monotonic_ns
         if exchange is None:
@@ -296,20 +226,3 @@ class ServoDriver:
         if self._decoder.exchange is exchange:  # else the next request has ended it
             items += self._feed("link", OVER)
         return self._heard(items)
-
-    def _write(self, port: serial.Serial, packet: bytes) -> RawFrame:
-        frame = self._frame("tx", packet)
-        with suppress(OSError):  # a full or broken line shows itself when reading
-            os.write(port.fileno(), packet)
-        return frame
-
-    def _feed(self, direction: Direction, data: bytes) -> list[Item]:
-        return self._take(self._frame(direction, data))
-
-    def _frame(self, direction: Direction, data: bytes) -> RawFrame:
-        monotonic_ns, unix_ns = self._time.now()
-        return RawFrame(monotonic_ns, unix_ns, direction, data, CHANNEL)
-
-    def _take(self, frame: RawFrame) -> list[Item]:
-        self._raw.append(frame)
-        return self._decoder.feed(frame)

@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from pydantic import Field
 
-from armd.drivers.poll.servo import Servo, differences
+from armd.drivers.poll.family import Servo, differences
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.schema import Strict, load_json

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from armd.drivers.joint_watch import GOOD_FOR_NS
-from armd.drivers.poll.family import Family
-from armd.drivers.poll.servo import Servo, model_name
+from armd.drivers.poll.family import Family, Servo, model_name
 from armd.drivers.sample import Event
 
 #: A servo that was not heard for longer is absent: one that is asked in each cycle, and one that
@@ -109,6 +108,31 @@ class Roster:
             )
             for servo in servos
         ]
+
+    def judge(
+        self, changed: dict[int, list[str]], first: bool, arm: str, now_ns: int
+    ) -> list[Event]:
+        """What was remembered of the servos of *arm*, compared with what they say: *changed*;
+        *first*: of this connection."""
+        before = self.changed
+        absent = {s: phrases for s, phrases in before.items() if s not in self.servos}
+        self.changed = changed = absent | changed
+        events: list[Event] = []
+        for servo, phrases in changed.items():
+            if before.get(servo) == phrases:
+                continue
+            text = f"{self.name(servo)}: {'; '.join(phrases)}; the arm's geometry no"
+            text += " longer holds, nothing valid is published: put it back, or measure the arm"
+            text += " anew and say `armd accept CONFIG`"
+            kind = "foreign_arm" if phrases[0].startswith("model") else "offsets_changed"
+            events.append(Event(kind, text, now_ns, "error", {"servo": servo, "found": phrases}))
+        if before and not changed:
+            text = "the servos' offsets are accepted as they are"
+            events.append(Event("offsets_accepted", text, now_ns, "info"))
+        if first and not changed:
+            text = f"arm {arm}: {len(self.servos)} of {len(self._everyone)} servos identified"
+            events.append(Event("identified", text, now_ns, "info"))
+        return events
 
     # --- how they do -----------------------------------------------------------------------
 

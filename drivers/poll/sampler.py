@@ -112,7 +112,8 @@ class ServoSampler:
     def _note_past(self, row_ns: int) -> None:
         if row_ns - self._past_ns >= PAST_NS:
             here = [0 if last is None else last[0] for last in self._last]
-            self._past, self._past_ns = [self._past[1], here], row_ns
+            self._past = [self._past[1] if self._past_ns else here, here]
+            self._past_ns = row_ns
 
     def _moved(
         self, counts: list[int], at_ns: Sequence[float], row_ns: int, doubtful: int

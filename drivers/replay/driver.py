@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from typing import Protocol
 
 from armd.drivers.can.decoder import CanDecoder
 from armd.drivers.config import (
@@ -20,23 +19,12 @@ from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.replay.recording import Recording
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.serial.decoder import SerialDecoder
+from armd.drivers.shell import Decoder
 from armd.errors import BadInput
 from armd.schema import validate
 
 _CAN_KEYS = {"rate_hz", "max_joint_rate_deg_s"}
 BATCH = 256  # frames fed in one `read` at most
-
-
-class Decoder(Protocol):
-    """What all decoders have in common."""
-
-    @property
-    def accepted(self) -> bool: ...
-
-    @property
-    def counters(self) -> dict[str, int]: ...
-
-    def feed(self, frame: RawFrame) -> list[Item]: ...
 
 
 def decoder_of(recording: Recording, expectation: Expectation) -> Decoder:

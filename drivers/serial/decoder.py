@@ -6,7 +6,7 @@ test needs no hardware.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 
 import numpy as np
 from cobs import cobs
@@ -15,13 +15,13 @@ from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures
 from armd.drivers.serial import wire
 from armd.drivers.serial.assembler import SampleAssembler
-from armd.drivers.serial.clock import PROMISED_NS, WINDOW, DeviceClock
+from armd.drivers.serial.clock import DeviceClock
+from armd.drivers.serial.exchanges import Exchanges
+from armd.drivers.serial.held import Held, Reading, weight
 from armd.drivers.serial.sequence import Rows, SequenceExtender
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 
 EPOCH = b"epoch "  # a "link" frame that says in which epoch a recording begins
-HELD_SAMPLES = 8192  # kept while nobody has said whose arm this is
-PINGS_REMEMBERED = 64
 COUNTED = (
     *("bad_crc", "bad_cobs", "malformed", "unknown", "foreign", "unidentified"),
     "clock_contradictions",
@@ -48,12 +48,10 @@ class SerialDecoder:
         self._synchronised = False  # a first 0x00 has been seen on this connection
         self._sequence = SequenceExtender()
         self._boot_id: int | None = None
-        self._pings: dict[int, RawFrame] = {}  # by nonce, sent and not answered yet
+        self._exchanges = Exchanges(self.clock)
         self._greeting: RawFrame | None = None  # what told whose arm this is
         self._warmth: RawFrame | None = None  # what told the temperatures last
-        self._exchanges: deque[tuple[RawFrame, RawFrame]] = deque(maxlen=WINDOW)
-        self._held: deque[tuple[Rows | wire.TemperatureReading, int, int]] = deque()
-        self._n_held = 0
+        self._held = Held()
         self._counted: Counter[str] = Counter()
 
     @property
@@ -81,7 +79,7 @@ class SerialDecoder:
                 self._connection_changed()
             return []
         if frame.direction == "tx":
-            self._note_pings(frame)
+            self._exchanges.sent(frame)
             return []
         return self._decode(frame)
 
@@ -98,7 +96,7 @@ class SerialDecoder:
         frames = [self._greeting._replace(direction="link", data=epoch), self._greeting]
         if self._warmth is not None:
             frames.append(self._warmth)
-        return frames + [frame for exchange in self._exchanges for frame in exchange]
+        return frames + self._exchanges.frames()
 
     # --- packets -------------------------------------------------------------------------
 
@@ -145,39 +143,14 @@ class SerialDecoder:
             case wire.Type.PONG:
                 pong = wire.decode_pong(data)
                 if pong is not None:
-                    self._exchange(self._pings.pop(pong.nonce, None), pong, frame)
+                    agrees = self._exchanges.received(pong, frame, self._sequence)
+                    self._counted["clock_contradictions"] += not agrees
                     return []
             case _:
                 self._counted["unknown"] += 1
                 return []
         self._counted["malformed"] += 1
         return []
-
-    def _exchange(self, ping: RawFrame | None, pong: wire.Pong, frame: RawFrame) -> None:
-        if ping is None:
-            return
-        if not self._is_samples_clock(ping, pong, frame):
-            self._counted["clock_contradictions"] += 1
-            self._forget_clock()
-            return
-        if not self.clock.add(ping.monotonic_ns, frame.monotonic_ns, pong.t_us * 1000):
-            self._counted["clock_contradictions"] += 1
-            self._exchanges.clear()  # as the clock has done
-        alone = frame._replace(data=wire.encode_pong(pong.nonce, pong.t_us))
-        self._exchanges.append((ping, alone))
-
-    def _is_samples_clock(self, ping: RawFrame, pong: wire.Pong, frame: RawFrame) -> bool:
-        """Whether a PONG's time fits the last sample's before it on the line, which cannot have
-        been under way for longer than the PONG itself and the time since. Only a sample that came
-        after the last exchange tells of the clock as it is now."""
-        kept = self._sequence.memory[0]
-        last_ns = self._exchanges[-1][1].monotonic_ns if self._exchanges else frame.monotonic_ns
-        if kept["seq"] < 0 or kept["arrival_ns"] <= last_ns:
-            return True
-        ahead_ns = 1000 * (pong.t_us - int(kept["t_us"]))
-        since_ns = frame.monotonic_ns - int(kept["arrival_ns"])
-        under_way_ns = frame.monotonic_ns - ping.monotonic_ns
-        return -PROMISED_NS <= ahead_ns <= since_ns + under_way_ns + PROMISED_NS
 
     def _samples(self, run: list[bytes], frame: RawFrame) -> list[Item]:
         if not run:
@@ -192,19 +165,10 @@ class SerialDecoder:
         """Another line may mean another arm: ask again, map its clock again."""
         self._splitter.reset()
         self._synchronised = False
-        self._forget_held("unidentified")
-        self._forget_clock()
+        self._counted["unidentified"] += self._held.forget()
+        self._exchanges.forget()
         self.hello = None
         self.accepted = False
-
-    def _note_pings(self, frame: RawFrame) -> None:
-        for packet in frame.data.split(b"\0"):
-            data = wire.unpack(packet) if packet else None
-            nonce = wire.decode_ping(data) if data and data[0] == wire.Type.PING else None
-            if nonce is not None:
-                self._pings[nonce] = frame
-        while len(self._pings) > PINGS_REMEMBERED:
-            del self._pings[next(iter(self._pings))]
 
     def _greet(self, hello: wire.Hello, frame: RawFrame) -> list[Item]:
         if hello == self.hello:
@@ -222,14 +186,16 @@ class SerialDecoder:
             faults = [f"bits: found {list(hello.bits)}, expected 1 to 32 each"]
         self.accepted = not faults
         if faults:
-            self._forget_held("foreign")
+            self._counted["foreign"] += self._held.forget()
             text = f"a foreign arm is connected: {'; '.join(faults)}"
             return [Event("foreign_arm", text, frame.monotonic_ns, "error", {"faults": faults})]
         items = self._welcome(hello, frame)
         unix_minus_monotonic_ns = frame.unix_ns - frame.monotonic_ns
         for rows, arrival_ns in self._sequence.take_cleared():
             items += self._follow(rows, arrival_ns, unix_minus_monotonic_ns)
-        return [*items, *self._release()]
+        for what, arrival_ns, unix_ns in self._held.take():
+            items += self._deliver(what, arrival_ns, unix_ns)
+        return items
 
     def _welcome(self, hello: wire.Hello, frame: RawFrame) -> list[Item]:
         """Our arm. Has it booted since we knew it?"""
@@ -257,43 +223,24 @@ class SerialDecoder:
             items.append(Event("sensor_count", text, frame.monotonic_ns, "warning"))
         return items
 
-    def _forget_clock(self) -> None:
-        self.clock.reset()
-        self._pings.clear()
-        self._exchanges.clear()
-
     def _new_boot(self) -> None:
         """The device's clock and its encoders' turns start afresh."""
-        self._forget_clock()
+        self._exchanges.forget()
         self._assembler.new_boot()
 
     # --- holding and delivering ----------------------------------------------------------
 
-    def _deliver_or_hold(self, what: Rows | wire.TemperatureReading, frame: RawFrame) -> list[Item]:
+    def _deliver_or_hold(self, what: Reading, frame: RawFrame) -> list[Item]:
         if self.accepted:
             return self._deliver(what, frame.monotonic_ns, frame.unix_ns)
         if self.hello is not None:
-            self._counted["foreign"] += _weight(what)
+            self._counted["foreign"] += weight(what)
             return []
-        self._held.append((what, frame.monotonic_ns, frame.unix_ns))
-        self._n_held += _weight(what)
-        while self._n_held > HELD_SAMPLES:
-            dropped = _weight(self._held.popleft()[0])
-            self._n_held -= dropped
-            self._counted["unidentified"] += dropped
+        dropped = self._held.add(what, frame.monotonic_ns, frame.unix_ns)
+        self._counted["unidentified"] += dropped
         return []
 
-    def _release(self) -> list[Item]:
-        held, self._held, self._n_held = self._held, deque(), 0
-        return [item for what, mono, unix in held for item in self._deliver(what, mono, unix)]
-
-    def _forget_held(self, reason: str) -> None:
-        self._counted[reason] += self._n_held
-        self._held, self._n_held = deque(), 0
-
-    def _deliver(
-        self, what: Rows | wire.TemperatureReading, arrival_ns: int, unix_ns: int
-    ) -> list[Item]:
+    def _deliver(self, what: Reading, arrival_ns: int, unix_ns: int) -> list[Item]:
         if isinstance(what, wire.TemperatureReading):
             return [self._temperatures(what, arrival_ns, unix_ns - arrival_ns)]
         unix_minus_monotonic_ns = unix_ns - arrival_ns
@@ -326,7 +273,3 @@ class SerialDecoder:
         if self.clock.mapped:  # one from the future would never grow old
             instant_ns = min(self.clock.to_host(device_ns), arrival_ns)
         return Temperatures(celsius, device_ns, instant_ns, instant_ns + unix_minus_monotonic_ns)
-
-
-def _weight(what: Rows | wire.TemperatureReading) -> int:
-    return 1 if isinstance(what, wire.TemperatureReading) else len(what)

@@ -11,7 +11,8 @@ import pytest
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import RawFrame
 from armd.drivers.serial import wire
-from armd.drivers.serial.decoder import HELD_SAMPLES, SerialDecoder
+from armd.drivers.serial.decoder import SerialDecoder
+from armd.drivers.serial.held import HELD_SAMPLES
 
 N = 6
 EXPECTED = Expectation("SIM-0001", N, 6, (1 << 23,) * N)
@@ -84,7 +85,7 @@ def fuzz(n_packets, seed):
                 if isinstance(item, np.ndarray):
                     delivered += [int(seq) for seq in item["seq"]]
         assert len(decoder._splitter._tail) <= wire.PACKET_LIMIT
-        assert len(decoder._pings) <= 64 and decoder._n_held <= HELD_SAMPLES
+        assert len(decoder._exchanges._pings) <= 64 and decoder._held._weight <= HELD_SAMPLES
     return fuzzer, decoder, delivered
 
 

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, RawFrame, Temperatures
 from armd.drivers.serial import wire
-from armd.drivers.serial.decoder import HELD_SAMPLES, SerialDecoder
+from armd.drivers.serial.decoder import SerialDecoder
+from armd.drivers.serial.held import HELD_SAMPLES
 
 MS = 1_000_000
 EXPECTED = Expectation("SIM-0001", 3, 2, (1 << 20,) * 3)

@@ -1,0 +1,71 @@
+"""PINGs that went out, the PONGs that came for them, and what both say of the device's clock."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from armd.drivers.sample import RawFrame
+from armd.drivers.serial import wire
+from armd.drivers.serial.clock import PROMISED_NS, WINDOW, DeviceClock
+from armd.drivers.serial.sequence import SequenceExtender
+
+PINGS_REMEMBERED = 64
+
+
+class Exchanges:
+    """Sets a `DeviceClock`, unless what it hears contradicts the samples or the clock itself."""
+
+    def __init__(self, clock: DeviceClock) -> None:
+        self._clock = clock
+        self._pings: dict[int, RawFrame] = {}  # by nonce, sent and not answered yet
+        self._answered: deque[tuple[RawFrame, RawFrame]] = deque(maxlen=WINDOW)
+
+    def forget(self) -> None:
+        """The clock too: the device's may run from zero again."""
+        self._clock.reset()
+        self._pings.clear()
+        self._answered.clear()
+
+    def frames(self) -> list[RawFrame]:
+        """What makes the clock again."""
+        return [frame for exchange in self._answered for frame in exchange]
+
+    def sent(self, frame: RawFrame) -> None:
+        """Notes the PINGs in it."""
+        for packet in frame.data.split(b"\0"):
+            data = wire.unpack(packet) if packet else None
+            nonce = wire.decode_ping(data) if data and data[0] == wire.Type.PING else None
+            if nonce is not None:
+                self._pings[nonce] = frame
+        while len(self._pings) > PINGS_REMEMBERED:
+            del self._pings[next(iter(self._pings))]
+
+    def received(self, pong: wire.Pong, frame: RawFrame, samples: SequenceExtender) -> bool:
+        """Whether the PONG, if it was asked for, agrees with the last *samples* and the clock."""
+        ping = self._pings.pop(pong.nonce, None)
+        if ping is None:
+            return True
+        if not self._is_samples_clock(ping, pong, frame, samples):
+            self.forget()
+            return False
+        agrees = self._clock.add(ping.monotonic_ns, frame.monotonic_ns, pong.t_us * 1000)
+        if not agrees:
+            self._answered.clear()  # as the clock has done
+        alone = frame._replace(data=wire.encode_pong(pong.nonce, pong.t_us))
+        self._answered.append((ping, alone))
+        return agrees
+
+    def _is_samples_clock(
+        self, ping: RawFrame, pong: wire.Pong, frame: RawFrame, samples: SequenceExtender
+    ) -> bool:
+        """Whether a PONG's time fits the last sample's before it on the line, which cannot have
+        been under way for longer than the PONG itself and the time since. Only a sample that came
+        after the last exchange tells of the clock as it is now."""
+        kept = samples.memory[0]
+        last_ns = self._answered[-1][1].monotonic_ns if self._answered else frame.monotonic_ns
+        if kept["seq"] < 0 or kept["arrival_ns"] <= last_ns:
+            return True
+        ahead_ns = 1000 * (pong.t_us - int(kept["t_us"]))
+        since_ns = frame.monotonic_ns - int(kept["arrival_ns"])
+        under_way_ns = frame.monotonic_ns - ping.monotonic_ns
+        return -PROMISED_NS <= ahead_ns <= since_ns + under_way_ns + PROMISED_NS

@@ -1,0 +1,46 @@
+"""What has come before it is known whose arm it is of: kept, then delivered or dropped."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from armd.drivers.serial.sequence import Rows
+from armd.drivers.serial.wire import TemperatureReading
+
+HELD_SAMPLES = 8192  # the oldest go
+
+Reading = Rows | TemperatureReading
+
+
+class Held:
+    """Readings with their arrival, host monotonic and Unix ns."""
+
+    def __init__(self) -> None:
+        self._readings: deque[tuple[Reading, int, int]] = deque()
+        self._weight = 0
+
+    def add(self, what: Reading, arrival_ns: int, unix_ns: int) -> int:
+        """How many had to go for it."""
+        self._readings.append((what, arrival_ns, unix_ns))
+        self._weight += weight(what)
+        before = self._weight
+        while self._weight > HELD_SAMPLES:
+            self._weight -= weight(self._readings.popleft()[0])
+        return before - self._weight
+
+    def take(self) -> list[tuple[Reading, int, int]]:
+        """All of them, which are held no longer."""
+        readings = list(self._readings)
+        self.forget()
+        return readings
+
+    def forget(self) -> int:
+        """How many were dropped."""
+        dropped, self._weight = self._weight, 0
+        self._readings.clear()
+        return dropped
+
+
+def weight(what: Reading) -> int:
+    """Packets."""
+    return 1 if isinstance(what, TemperatureReading) else len(what)

@@ -1,0 +1,186 @@
+"""What is around every decoder: the frames it was fed, and how its line does. `SerialShell` adds a
+serial port that may vanish.
+
+Nothing here knows what bytes mean; a decoder never sees a port.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import termios
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from contextlib import suppress
+from typing import Generic, Protocol, TypeVar
+
+import serial
+
+from armd.drivers.host_time import HostTime
+from armd.drivers.line_health import SILENCE_NS, STALE_NS, LineHealth
+from armd.drivers.sample import RAW_FRAMES_KEPT, Direction, Item, RawFrame
+
+
+class Decoder(Protocol):
+    """Frames → what is delivered, and nothing else: no port, no clock."""
+
+    @property
+    def accepted(self) -> bool:
+        """Whether what answers is the expected arm."""
+        ...
+
+    @property
+    def last_sample_ns(self) -> int | None:
+        """When the last sample arrived, host monotonic."""
+        ...
+
+    @property
+    def counters(self) -> dict[str, int]: ...
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache: before the first sample, not while it waits."""
+        ...
+
+    def feed(self, frame: RawFrame) -> list[Item]: ...
+
+    def preamble(self) -> list[RawFrame]: ...
+
+
+D = TypeVar("D", bound=Decoder)
+
+
+class Shell(ABC, Generic[D]):
+    """What drivers answer alike; see `armd.drivers.sample.Driver`."""
+
+    def __init__(self, decoder: D, name: str, renew_ns: int, channel: str = "serial") -> None:
+        """*name* of the line, for people; *channel*: which decoder its frames are for."""
+        self._decoder = decoder
+        self._line = LineHealth(name, renew_ns)
+        self._channel = channel
+        self._time = HostTime()
+        self._raw: deque[RawFrame] = deque(maxlen=RAW_FRAMES_KEPT)
+
+    @property
+    def connected(self) -> bool:
+        return self._decoder.accepted and self._without_sample_ns < SILENCE_NS
+
+    @property
+    def stale(self) -> bool:
+        return not self._decoder.accepted or self._without_sample_ns > STALE_NS
+
+    @property
+    def _without_sample_ns(self) -> int:
+        return time.monotonic_ns() - (self._decoder.last_sample_ns or 0)
+
+    @property
+    def hindrance(self) -> str:
+        return ""
+
+    @property
+    def counters(self) -> dict[str, int]:
+        return {**self._decoder.counters, "reconnects": self._line.reconnects}
+
+    def open(self) -> None:
+        """Get ready; the line itself is opened by the first `read`, which goes on trying."""
+        self._decoder.warm_up()
+
+    @abstractmethod
+    def close(self) -> None: ...
+
+    def take_raw(self) -> list[RawFrame]:
+        raw = list(self._raw)
+        self._raw.clear()
+        return raw
+
+    def preamble(self) -> list[RawFrame]:
+        return self._decoder.preamble()
+
+    def _frame(self, direction: Direction, data: bytes) -> RawFrame:
+        """*data* as of now."""
+        monotonic_ns, unix_ns = self._time.now()
+        return RawFrame(monotonic_ns, unix_ns, direction, data, self._channel)
+
+    def _take(self, frame: RawFrame) -> list[Item]:
+        """Noted before anybody decodes it."""
+        self._raw.append(frame)
+        return self._decoder.feed(frame)
+
+    def _feed(self, direction: Direction, data: bytes) -> list[Item]:
+        return self._take(self._frame(direction, data))
+
+
+class SerialShell(Shell[D]):
+    """A port is opened by `_try_open` and read by `_receive`; both are told by a driver's `read`.
+
+    pyserial opens and configures; then bytes are read from its descriptor, whatever is there at
+    once.
+    """
+
+    READ_BYTES = 1 << 16
+    RENEW_NS = 1_000_000_000  # a port that stays silent is opened afresh this often
+    DOWN = b"down"  # the "link" frame of a port that is closed
+
+    def __init__(self, decoder: D, port: str, channel: str = "serial") -> None:
+        super().__init__(decoder, port, self.RENEW_NS, channel)
+        self._path = port
+        self._port: serial.Serial | None = None
+        self._poll = select.poll()
+
+    def close(self) -> None:
+        if self._port is not None:
+            with suppress(OSError):
+                self._poll.unregister(self._port.fileno())
+            with suppress(OSError):
+                self._port.close()
+            self._port = None
+
+    @abstractmethod
+    def _try_open(self, now_ns: int) -> list[Item]:
+        """`_open_port`, and what this line begins with."""
+
+    @abstractmethod
+    def _received(self, port: serial.Serial, data: bytes) -> list[Item]:
+        """Bytes have come."""
+
+    def _open_port(self, baud: int, now_ns: int) -> list[Item]:
+        """Makes `_port`, or leaves it None; then a word on it, unless it is known."""
+        try:
+            self._port = serial.Serial(self._path, baud, timeout=0, exclusive=True)
+        except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
+            return self._line.lost("port_missing", str(error), now_ns)
+        with suppress(OSError, ValueError):  # a pty has no such mode
+            self._port.set_low_latency_mode(True)
+        self._poll.register(self._port.fileno(), select.POLLIN)
+        return []
+
+    def _renew(self) -> list[Item]:
+        """Silence: perhaps the adapter hangs, perhaps the name now means another device."""
+        self._hang_up()
+        now_ns = time.monotonic_ns()
+        return [*self._line.silent(now_ns), *self._try_open(now_ns)]
+
+    def _unplugged(self, reason: str) -> list[Item]:
+        self._hang_up()
+        text = f"the line to {self._path} broke: {reason}"
+        return self._line.lost("unplugged", text, time.monotonic_ns())
+
+    def _hang_up(self) -> None:
+        self.close()
+        self._feed("link", self.DOWN)
+
+    def _receive(self, port: serial.Serial) -> list[Item]:
+        try:
+            data = os.read(port.fileno(), self.READ_BYTES)
+        except BlockingIOError:
+            return []
+        except OSError as error:
+            return self._unplugged(str(error))
+        return self._received(port, data) if data else self._unplugged("end of file")
+
+    def _write(self, port: serial.Serial, data: bytes) -> RawFrame:
+        """*data* goes out; the decoder is to be told by the frame returned."""
+        frame = self._frame("tx", data)
+        with suppress(OSError):  # a full or broken line shows itself when reading
+            os.write(port.fileno(), data)
+        return frame
