@@ -63,6 +63,10 @@ USAGE = {
         ("armd replay morning.mcap",), "recording.md", LIVE_UNITS,
         "the points are not those that were recorded",
     ),
+    "view": Usage(
+        ("armd view", "armd view SIM-0001 --allow-commands"), "view.md",
+        "mm, °C, K/h; standard deviations and uncertainties in a list in µm",
+    ),
     "ippdme": Usage(
         ("armd ippdme", "armd ippdme --listen 192.0.2.10:1294 --alias PROBE1.TIP1A0B0=ball3"),
         "ippdme.md", "mm, degrees, °C, seconds, as I++ DME has them",
