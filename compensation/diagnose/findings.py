@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -183,5 +182,5 @@ def _without_a_name(
 
 def _variables(unknown: Candidate) -> set[str]:
     """What an unknown structure depends on, the angle of the joint that it moves included."""
-    joint = re.match(r"[a-z]+_(\d+)\(", unknown.location)
-    return {*unknown.depends_on, *([f"q{joint[1]}"] if joint else [])}
+    where = unknown.location
+    return {*unknown.depends_on, *([f"q{where.joint}"] if where.kind == "parameter" else [])}

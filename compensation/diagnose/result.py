@@ -20,6 +20,7 @@ from armd.compensation.diagnose.search import MOST_FINDINGS
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, plain
 from armd.compensation.effects.encoder import encoder_periodic
+from armd.compensation.effects.location import ROWS
 
 F64 = npt.NDArray[np.float64]
 
@@ -229,7 +230,7 @@ def _finding(diagnosis: Diagnosis, index: int, found: Finding, gain: Gain) -> di
 
 def place_of(candidate: Candidate) -> str:
     """The location as the contract has it: nothing is claimed of what is unknown."""
-    return "-" if candidate.cause == "unknown" else candidate.location
+    return "-" if candidate.cause == "unknown" else str(candidate.location)
 
 
 def reading_of(diagnosis: Diagnosis, index: int) -> str:
@@ -289,7 +290,8 @@ def curve_size(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
     """
     last = diagnosis.search.last
     candidate = last.findings[index]
-    joint = int(candidate.location.split()[-1])
+    joint = candidate.location.joint
+    assert joint is not None  # a curve is over the turn of one
     q = last.linear.rests.observations.states.q[:, joint - 1]
     seen = np.unique(np.round(np.degrees(q))) * np.pi / 180.0
     orders = range(encoder_periodic.ORDERS.start, 3 + len(candidate.columns) // 2)
@@ -340,7 +342,7 @@ def _outliers(diagnosis: Diagnosis, gain: Gain) -> dict[str, Any]:
         "alternatives": [],
         "gain": _gain(gain),
         "depends_on": [],
-        "reading": effect.reading(Candidate("outliers", "rows", (), ()), np.zeros(len(rows))),
+        "reading": effect.reading(Candidate("outliers", ROWS, (), ()), np.zeros(len(rows))),
         "reason": effect.reason,
         "confounded_with": effect.confounded_with,
     }

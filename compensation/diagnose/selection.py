@@ -19,7 +19,7 @@ from armd.compensation.diagnose.scoring.evidence import Scores, estimates, kind,
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
 from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
-from armd.compensation.diagnose.scoring.shape import shape_of
+from armd.compensation.diagnose.scoring.shape import shape_candidate
 from armd.compensation.diagnose.scoring.threshold import significant
 from armd.compensation.effects.effect import Candidate
 
@@ -160,7 +160,7 @@ def _if_bent(
     straight = score_candidates(projection, causes)
     bent = []
     for cause, amplitudes in zip(causes, estimates(straight.sums), strict=True):
-        shape = shape_of(cause, amplitudes, projection.arm.n_joints)
+        shape = shape_candidate(cause, amplitudes, projection.arm.n_joints)
         bent.append(replace(cause, columns=(*cause.columns, *(shape.columns if shape else ()))))
     gained = score_candidates(projection, bent).scores.log_evidence - straight.scores.log_evidence
     numbers = [best, *named.values(), *named.values()]

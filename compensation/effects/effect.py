@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from armd.compensation.effects.location import Location
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.compensation.model.terms import Factor, Temperature, Term
@@ -59,7 +60,7 @@ class Candidate:
     """A cause at a place; `setting` holds the grid's values (order, instant, time constant)."""
 
     cause: str
-    location: str
+    location: Location
     columns: tuple[Column, ...]
     depends_on: tuple[str, ...]
     setting: tuple[tuple[str, float, str], ...] = ()  # (name, value, unit)
@@ -69,8 +70,8 @@ class Candidate:
 
     @cached_property
     def place(self) -> tuple[str, str]:
-        """What a finding is told apart by: cause and location."""
-        return self.cause, self.location
+        """What a finding is told apart by: cause and location, as results have them."""
+        return self.cause, str(self.location)
 
     def within(self, other: Candidate) -> bool:
         """Whether *other* has all that this one could add: an order of a curve, say."""

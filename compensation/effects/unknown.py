@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -32,8 +33,6 @@ from armd.compensation.model.terms import (
 
 #: A named cause of more columns than this is a curve.
 MOST_NAMED = 6
-#: The location of what is a finding's own shape: this, then its cause and location.
-SHAPE_OF = "shape of "
 TYPICAL = {"mm": 5e-3, "rad": 10e-6}
 
 
@@ -43,20 +42,22 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             unit = "mm" if name in ("d", "a") else "rad"
             turning = k if name == "theta" else None
             for variables, functions in _functions(facts, turning):
-                yield _candidate(f"{name}_{k}", unit, variables, functions, _general(variables))
+                yield _candidate(k, name, unit, variables, functions, _general(variables))
 
 
 _Function = tuple[str, str, float, tuple[Factor, ...]]  # label, unit, typical size, factors
 
 
 def _candidate(
-    parameter: str,
+    joint: int,
+    stem: str,
     unit: str,
     variables: tuple[str, ...],
     functions: Sequence[_Function],
     more: Sequence[_Function] = (),
 ) -> Candidate:
     """Functions that go together; *more*: those of a richer candidate in the same variables."""
+    parameter = f"{stem}_{joint}"
     columns = tuple(
         Column(
             f"{parameter} × {label}",
@@ -68,10 +69,10 @@ def _candidate(
     )
 
     def refine() -> Sequence[Candidate]:
-        return [_candidate(parameter, unit, variables, more)]
+        return [_candidate(joint, stem, unit, variables, more)]
 
-    location = f"{parameter}({', '.join(variables)})"
-    return Candidate("unknown", location, columns, variables, refine=refine if more else None)
+    where = location.parameter(joint, f"{parameter}({', '.join(variables)})")
+    return Candidate("unknown", where, columns, variables, refine=refine if more else None)
 
 
 def _general(variables: tuple[str, ...]) -> list[_Function]:
@@ -207,8 +208,8 @@ def _moved(column: Column) -> str:
 
 
 def reading(candidate: Candidate, _: F64) -> str:
-    if candidate.location.startswith(SHAPE_OF):
-        cause, place = candidate.location.removeprefix(SHAPE_OF).split(" ", 1)
+    if candidate.location.of is not None:
+        cause, place = candidate.location.of
         of = f"{cause.replace('_', ' ')} ({place})"
         turning = " and ".join(candidate.depends_on)
         return f"{of} is not quite of the catalogue's form: its size varies with {turning}"

@@ -14,7 +14,6 @@ from armd.compensation.diagnose.fitting.noise import Nuisance
 from armd.compensation.diagnose.fitting.problem import Linear, ModelState
 from armd.compensation.diagnose.scoring.evidence import SCALES
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.effects.unknown import SHAPE_OF
 from armd.compensation.estimate import linear_model
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
@@ -177,7 +176,7 @@ def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> Nuisan
 
 def is_sized(candidate: Candidate) -> bool:
     """Whether it is a nearly free function, its amplitudes held together by one likely size."""
-    own_shape = candidate.location.startswith(SHAPE_OF)
+    own_shape = candidate.location.kind == "shape"
     return len(candidate.columns) > MOST_FREE_COLUMNS and not own_shape
 
 

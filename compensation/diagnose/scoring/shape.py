@@ -20,7 +20,7 @@ from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
 from armd.compensation.diagnose.fitting.noise import Nuisance
 from armd.compensation.diagnose.fitting.nuisance import is_sized
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.effects.unknown import SHAPE_OF
+from armd.compensation.effects.location import TIP, Location, shape_of
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.terms import Harmonic
 
@@ -33,12 +33,12 @@ ORDERS = (1, 2)
 
 def is_shape(candidate: Candidate) -> bool:
     """Whether a candidate is another one's shape."""
-    return candidate.location.startswith(SHAPE_OF)
+    return candidate.location.kind == "shape"
 
 
-def shape_place(candidate: Candidate) -> str:
+def shape_place(candidate: Candidate) -> Location:
     """The location of a candidate's shape."""
-    return f"{SHAPE_OF}{candidate.cause} {candidate.location}"
+    return shape_of(candidate.cause, candidate.location)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
     """The shapes of all findings that have none in the model yet."""
     known = {c.location for c in current.findings}
     candidates = tuple(
-        None if shape_place(c) in known else shape_of(c, values, arm.n_joints)
+        None if shape_place(c) in known else shape_candidate(c, values, arm.n_joints)
         for c, values in zip(current.findings, current.amplitudes, strict=True)
     )
     blocks = finding_columns(current.linear, [c for c in candidates if c is not None], arm)
@@ -81,7 +81,7 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
     return Shapes(Nuisance(joined, np.full(joined.shape[1], OFF**2)), candidates, tuple(columns))
 
 
-def shape_of(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:
+def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:
     """A finding's own signature times harmonics of the joints at its place."""
     joints = _joints(candidate, n_joints)
     if not joints or is_sized(candidate):  # which has any shape
@@ -115,9 +115,9 @@ def _joints(candidate: Candidate, n_joints: int) -> list[int]:
     """Joints (1…N) at a finding's place; for the tip those of the wrist that turn it."""
     if is_shape(candidate):
         return []
-    if candidate.location == "tip":
+    if candidate.location == TIP:
         return [n_joints - 1, n_joints]
     if candidate.cause == "unknown":
         return [int(name[1:]) for name in candidate.depends_on if re.fullmatch(r"q\d+", name)]
-    found = re.fullmatch(r"(?:joint|link) (\d+)", candidate.location)
-    return [int(found[1])] if found else []
+    joint = candidate.location.joint
+    return [] if joint is None else [joint]

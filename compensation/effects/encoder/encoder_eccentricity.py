@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -37,7 +38,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         yield Candidate(
             "encoder_eccentricity",
-            f"joint {k}",
+            location.joint(k),
             harmonic_columns(k, 1, 6 * ARC_SECOND),
             (f"q{k}",),
         )

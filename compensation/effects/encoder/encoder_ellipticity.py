@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -18,7 +19,7 @@ from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_colu
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         columns = harmonic_columns(k, 2, 3 * ARC_SECOND)
-        yield Candidate("encoder_ellipticity", f"joint {k}", columns, (f"q{k}",))
+        yield Candidate("encoder_ellipticity", location.joint(k), columns, (f"q{k}",))
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

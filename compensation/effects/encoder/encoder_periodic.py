@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -25,7 +26,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         for order in ORDERS:
             columns = harmonic_columns(k, order, 2 * ARC_SECOND)
             setting = (("order", float(order), "1/turn"),)
-            yield Candidate("encoder_periodic", f"joint {k}", columns, (f"q{k}",), setting)
+            yield Candidate("encoder_periodic", location.joint(k), columns, (f"q{k}",), setting)
         for highest in CURVES:
             group = tuple(
                 column
@@ -33,7 +34,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                 for column in harmonic_columns(k, order, 2 * ARC_SECOND)
             )
             setting = (("highest order", float(highest), "1/turn"),)
-            yield Candidate("encoder_periodic", f"joint {k}", group, (f"q{k}",), setting)
+            yield Candidate("encoder_periodic", location.joint(k), group, (f"q{k}",), setting)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
@@ -44,10 +45,10 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     )
 
 
-def curve_reading(location: str, rms_rad: float, order: int) -> str:
+def curve_reading(where: location.Location, rms_rad: float, order: int) -> str:
     """The same of a curve over the turn."""
     return (
-        f"the angle of {location} is wrong by {seconds_of_arc(rms_rad)} (root mean square over "
+        f"the angle of {where} is wrong by {seconds_of_arc(rms_rad)} (root mean square over "
         f"the angles at which it stood) along a stable curve, most of it near {order} periods a "
         f"turn; {UNDECIDED}"
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -19,7 +20,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         terms = tie([(f"theta_{k}", 1.0)], Angle(joint=k))
         column = Column("gain", "rad/rad", 5 * ARC_SECOND, terms)
-        yield Candidate("encoder_scale", f"joint {k}", (column,), (f"q{k}",))
+        yield Candidate("encoder_scale", location.joint(k), (column,), (f"q{k}",))
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

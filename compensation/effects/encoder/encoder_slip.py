@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -25,7 +26,7 @@ def _at(facts: SessionFacts, joint: int, instant: float, finest: bool) -> Candid
 
     return Candidate(
         "encoder_slip",
-        f"joint {joint}",
+        location.joint(joint),
         (column,),
         ("time_s",),
         (("instant", instant, "s (Unix)"),),

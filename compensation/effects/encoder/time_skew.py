@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -20,7 +21,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         terms = tie([(f"theta_{k}", 1.0)], Rate(joint=k))
         column = Column("delay", "s", 80e-6, terms)
-        yield Candidate("time_skew", f"joint {k}", (column,), (f"w{k}",))
+        yield Candidate("time_skew", location.joint(k), (column,), (f"w{k}",))
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

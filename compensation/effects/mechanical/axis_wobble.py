@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -51,7 +52,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                     for kind in ("sin", "cos")
                 )
                 setting = (("order", float(order), "1/turn"),)
-                yield Candidate("axis_wobble", f"joint {k}", columns, (f"q{k}",), setting)
+                yield Candidate("axis_wobble", location.joint(k), columns, (f"q{k}",), setting)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -38,7 +39,7 @@ def _at(facts: SessionFacts, joint: int, name: str, instant: float, finest: bool
 
     return Candidate(
         "geometry_shift",
-        f"joint {joint}",
+        location.joint(joint),
         (Column(name, unit, TYPICAL[name], terms),),
         ("time_s",),
         (("instant", instant, "s (Unix)"),),
@@ -55,7 +56,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             if facts.held:
                 unit = "mm" if name in ("d", "a") else "rad"
                 column = Column(name, unit, typical, tie([(f"{name}_{k}", 1.0)]))
-                yield Candidate("geometry_shift", f"joint {k}", (column,), ())
+                yield Candidate("geometry_shift", location.joint(k), (column,), ())
             if name != "theta":  # a step of the angle is the encoder's: encoder_slip
                 for instant in facts.instants_unix_s:
                     yield _at(facts, k, name, instant, False)

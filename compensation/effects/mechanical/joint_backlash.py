@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -21,7 +22,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
         terms = tie([(f"theta_{k}", 1.0)], Side(joint=k))
         column = Column("half width", "rad", 2 * ARC_SECOND, terms)
-        yield Candidate("joint_backlash", f"joint {k}", (column,), (f"w{k}",))
+        yield Candidate("joint_backlash", location.joint(k), (column,), (f"w{k}",))
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -19,7 +20,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         terms = tie([(f"theta_{k}", 1.0)], GravityTorque(joint=k))
         column = Column("compliance", "rad/Nm", 6e-6, terms)
         depends = tuple(f"q{j}" for j in facts.joints if j >= min(2, k))
-        yield Candidate("joint_compliance", f"joint {k}", (column,), depends)
+        yield Candidate("joint_compliance", location.joint(k), (column,), depends)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

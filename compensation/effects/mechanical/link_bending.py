@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import F64, Candidate, Column, Effect, SessionFacts, plain
 from armd.compensation.effects.twist import link_vector, twist_weights
 from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
@@ -53,7 +54,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         column = _column(facts, k)
         if column is not None:
             depends = tuple(f"q{j}" for j in facts.joints if j > 1)
-            yield Candidate("link_bending", f"link {k}", (column,), depends)
+            yield Candidate("link_bending", location.link(k), (column,), depends)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     ArtefactChange,
@@ -32,23 +33,23 @@ def expansion(facts: SessionFacts) -> Iterator[Candidate]:
         for name, of in _each(facts):
             change = ArtefactChange("expansion", artefact=name)
             column = Column(f"per kelvin{of}", "1/K", 2.5e-6, artefact=change)
-            yield Candidate("artefact_expansion", "artefact", (column,), ("artefact_c",))
+            yield Candidate("artefact_expansion", location.ARTEFACT, (column,), ("artefact_c",))
 
 
 def length(facts: SessionFacts) -> Iterator[Candidate]:
     for name, of in _each(facts):
         scale = Column(f"scale{of}", "1", 20e-6, artefact=ArtefactChange("scale", artefact=name))
-        yield Candidate("artefact_length", "artefact", (scale,), ("target",))
+        yield Candidate("artefact_length", location.ARTEFACT, (scale,), ("target",))
     for name in facts.targets:
         columns = tuple(
             Column("xyz"[axis], "mm", 10e-3, artefact=ArtefactChange("target", name, axis))
             for axis in range(3)
         )
-        yield Candidate("artefact_length", f"target {name}", columns, ("target",))
+        yield Candidate("artefact_length", location.target(name), columns, ("target",))
     for index, name in enumerate(facts.distances):
         change = ArtefactChange("distance", name, index=index)
         column = Column(f"distance {name}", "mm", 50e-3, artefact=change)
-        yield Candidate("artefact_length", "artefact", (column,), ("target",))
+        yield Candidate("artefact_length", location.ARTEFACT, (column,), ("target",))
 
 
 def read_expansion(candidate: Candidate, amplitudes: F64) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -33,7 +34,7 @@ def _at(facts: SessionFacts, instant: float, finest: bool) -> Candidate:
 
     return Candidate(
         "mount_drift",
-        "base",
+        location.BASE,
         _columns(After(instant_unix_s=instant), ""),
         ("time_s",),
         (("instant", instant, "s (Unix)"),),
@@ -45,7 +46,7 @@ def steady_drift(facts: SessionFacts) -> Candidate:
     """The base moving at one rate throughout; before and after nobody knows."""
     seen = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
     columns = _columns(seen, "/h")
-    return Candidate("mount_drift", "base", columns, ("time_s",))
+    return Candidate("mount_drift", location.BASE, columns, ("time_s",))
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -30,7 +31,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         _deflection("across the stylus", np.eye(3) - np.outer(along, along)),
     )
     depends = ("approach_x", "approach_y", "approach_z")
-    yield Candidate("probing_force", "tip", columns, depends)
+    yield Candidate("probing_force", location.TIP, columns, depends)
 
 
 def _deflection(name: str, response: F64) -> Column:

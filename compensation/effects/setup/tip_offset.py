@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -29,7 +30,7 @@ def _at(facts: SessionFacts, instant: float, finest: bool) -> Candidate:
 
     return Candidate(
         "tip_offset",
-        "tip",
+        location.TIP,
         _columns(After(instant_unix_s=instant)),
         ("time_s",),
         (("instant", instant, "s (Unix)"),),
@@ -39,7 +40,7 @@ def _at(facts: SessionFacts, instant: float, finest: bool) -> Candidate:
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.held:
-        yield Candidate("tip_offset", "tip", _columns(), ())
+        yield Candidate("tip_offset", location.TIP, _columns(), ())
     for instant in facts.instants_unix_s:
         yield _at(facts, instant, False)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -29,7 +30,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                         name, f"rad/K^{order}", typical, tie([(f"{name}_{k}", 1.0)], factor)
                     )
                     setting = (("order", float(order), "1"),)
-                    where = f"joint {k}"
+                    where = location.joint(k)
                     yield Candidate("joint_thermal", where, (column,), tuple(weights), setting)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -31,7 +32,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                 factor = temperature(weights)
                 column = Column("per kelvin", "1/K", TYPICAL_PER_K, tie(lengths_mm, factor))
                 depends = tuple(weights)
-                yield Candidate("link_expansion", f"link {k}", (column,), depends)
+                yield Candidate("link_expansion", location.link(k), (column,), depends)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

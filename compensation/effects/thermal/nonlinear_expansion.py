@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -26,7 +27,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             terms = tie(lengths_mm, temperature(weights, order=order))
             column = Column("per kelvin to the order", f"1/K^{order}", typical, terms)
             setting = (("order", float(order), "1"),)
-            where = f"link {k}"
+            where = location.link(k)
             yield Candidate("nonlinear_expansion", where, (column,), tuple(weights), setting)
 
 

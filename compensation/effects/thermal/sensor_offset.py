@@ -5,6 +5,7 @@ Only a calibration made before can tell: a fit to the same sessions absorbs it i
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import F64, Candidate, Column, Effect, SessionFacts, plain
 from armd.compensation.model.terms import Temperature, Term
 
@@ -17,7 +18,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         if terms:
             # A sensor tens of kelvin off is noticed long before any length is.
             column = Column("offset", "K", 0.5, terms, reach=5.0)
-            yield Candidate("sensor_offset", f"sensor {name}", (column,), (name,))
+            yield Candidate("sensor_offset", location.sensors(name), (column,), (name,))
 
 
 def _derivative(term: Term, sensor: str) -> Iterator[Term]:

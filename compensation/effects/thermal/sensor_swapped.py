@@ -7,6 +7,7 @@ Under a calibration given, every term of one sensor takes the other's temperatur
 from collections.abc import Iterator
 from itertools import combinations
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -26,7 +27,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for a, b in combinations(facts.sensors, 2):
         columns = _exchanged(facts, a, b) if facts.held else _wanted(facts, a, b)
         if columns:
-            yield Candidate("sensor_swapped", f"sensors {a}, {b}", columns, (a, b))
+            yield Candidate("sensor_swapped", location.sensors(a, b), columns, (a, b))
 
 
 def _exchanged(facts: SessionFacts, a: str, b: str) -> tuple[Column, ...]:

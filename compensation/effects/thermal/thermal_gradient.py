@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -45,7 +46,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                 )
                 for i in range(2)
             )
-            yield Candidate("thermal_gradient", f"link {k}", columns, (warm, cold))
+            yield Candidate("thermal_gradient", location.link(k), columns, (warm, cold))
 
 
 def _differences(facts: SessionFacts, link: int) -> list[tuple[str, str]]:

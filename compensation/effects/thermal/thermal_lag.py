@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -28,7 +29,7 @@ def _lagging(
         [pair for k in links for pair in lengths(facts, k)], weights, lag_s
     )
     # Where one link has the sensor to itself, the link is the place; otherwise the sensor.
-    where = f"link {links[0]}" if len(links) == 1 else f"sensor {', '.join(weights)}"
+    where = location.link(links[0]) if len(links) == 1 else location.sensors(*weights)
 
     def refine() -> list[Candidate]:
         return [_lagging(facts, weights, lag_s * f, True) for f in (0.7, 0.8, 0.9, 1.1, 1.25, 1.4)]
