@@ -9,8 +9,6 @@ from armd.compensation.diagnose.findings import Finding, Rival
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 
-#: Causes that show only by the side of approach or the moment.
-MOVING = ("joint_backlash", "encoder_slip", "mount_drift", "time_skew")
 #: A finding less probable than this is worth an experiment of its own.
 SURE = 0.95
 
@@ -85,7 +83,8 @@ def _unrecorded(diagnosis: Diagnosis) -> str:
         for what, known in (("the time", facts.timed), ("the joint rates", facts.rates))
         if not known
     ]
-    of_them = [c.replace("_", " ") for c in MOVING if c in untold]
+    by_motion = [cause for cause, effect in CATALOGUE.items() if effect.by_motion]
+    of_them = [cause.replace("_", " ") for cause in by_motion if cause in untold]
     if not (wanted and of_them):
         return ""
     return (

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from armd.compensation.diagnose.advice import next_experiment
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.findings import Finding
+from armd.compensation.diagnose.fitting.curves import orders_of
 from armd.compensation.diagnose.fitting.nuisance import is_curve
 from armd.compensation.diagnose.fitting.problem import spare_rows
 from armd.compensation.diagnose.fitting.target_steps import TargetStep, steps, target_steps
@@ -19,7 +20,6 @@ from armd.compensation.diagnose.gain import Gain
 from armd.compensation.diagnose.search import MOST_FINDINGS
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, plain
-from armd.compensation.effects.encoder import encoder_periodic
 from armd.compensation.effects.location import ROWS
 
 F64 = npt.NDArray[np.float64]
@@ -32,8 +32,6 @@ BEYOND_NOISE = 1.5
 WOULD_SHOW, LEAST_SPARE = 5.0, 30
 #: A size is known when it is so many of its standard uncertainties.
 SIZE_SIGMAS = 2.0
-#: Causes whose amplitude is per weight carried.
-OF_WEIGHT = ("joint_compliance", "link_bending")
 
 
 def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
@@ -236,12 +234,13 @@ def place_of(candidate: Candidate) -> str:
 def reading_of(diagnosis: Diagnosis, index: int) -> str:
     """What the amplitudes mean, in words."""
     candidate = diagnosis.search.last.findings[index]
-    if is_curve(candidate):
+    of_curve = CATALOGUE[candidate.cause].curve_reading
+    if of_curve is not None and is_curve(candidate):
         rms, _, order = curve_size(diagnosis, index)
-        return encoder_periodic.curve_reading(candidate.location, rms, order)
-    cause = diagnosis.found[index].candidate.cause
-    text = CATALOGUE[cause].reading(candidate, diagnosis.search.last.amplitudes[index])
-    if cause in OF_WEIGHT and any(joint.mass_kg is None for joint in diagnosis.arm.joint):
+        return of_curve(candidate, rms, order)
+    effect = CATALOGUE[diagnosis.found[index].candidate.cause]
+    text = effect.reading(candidate, diagnosis.search.last.amplitudes[index])
+    if effect.by_weight and any(joint.mass_kg is None for joint in diagnosis.arm.joint):
         text += " (masses that arm.toml does not give are assumed)"
     if not size_known(diagnosis, index):
         text += "; this size is within its own uncertainty, and not to be relied on"
@@ -294,7 +293,7 @@ def curve_size(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
     assert joint is not None  # a curve is over the turn of one
     q = last.linear.rests.observations.states.q[:, joint - 1]
     seen = np.unique(np.round(np.degrees(q))) * np.pi / 180.0
-    orders = range(encoder_periodic.ORDERS.start, 3 + len(candidate.columns) // 2)
+    orders = orders_of(candidate)
     waves = np.array([wave(order * seen) for order in orders for wave in (np.sin, np.cos)])
     level = waves - waves.mean(axis=1, keepdims=True)
     curve = last.amplitudes[index] @ level

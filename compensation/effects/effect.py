@@ -144,6 +144,15 @@ class Effect:
     needs: str = ""
     #: a blow, a slip, a wrong certificate: of any size; others are bounded by their typical one
     accident: bool = False
+    #: shows by the rate, the side of approach or the moment only, never by the pose
+    by_motion: bool = False
+    #: amplitudes are per weight carried
+    by_weight: bool = False
+    #: as large as the arm is coarsely made, of which its encoders tell
+    as_coarse_as_encoders: bool = False
+    #: the same reading where many harmonics of one joint make a curve over its turn: from the
+    #: curve's root mean square in rad and its strongest order
+    curve_reading: Callable[[Candidate, float, int], str] | None = None
 
 
 def tie(parameter_weights: Sequence[tuple[str, float]], *basis: Factor) -> tuple[Term, ...]:

@@ -62,6 +62,12 @@ def as_written(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
         yield at, rows, linear.jacobian[index, rows][:, None] * means
 
 
+def orders_of(candidate: Candidate) -> list[int]:
+    """The orders of a curve's harmonics, ascending."""
+    factors = [factor for c in candidate.columns for term in c.terms for factor in term.basis]
+    return sorted({factor.order for factor in factors if isinstance(factor, Harmonic)})
+
+
 def _wave(column: Column) -> tuple[int, str, F64]:
     """Joint, parameter, and a harmonic's column over the turn (CURVE_POINTS,)."""
     (term,) = column.terms

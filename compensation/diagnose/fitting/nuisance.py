@@ -13,6 +13,7 @@ from armd.compensation.diagnose.fitting.baseline import Baseline
 from armd.compensation.diagnose.fitting.noise import Nuisance
 from armd.compensation.diagnose.fitting.problem import Linear, ModelState
 from armd.compensation.diagnose.scoring.evidence import SCALES
+from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate import linear_model
 from armd.compensation.model import parameters
@@ -182,7 +183,7 @@ def is_sized(candidate: Candidate) -> bool:
 
 def is_curve(candidate: Candidate) -> bool:
     """Whether it is such a function over the turn of one joint."""
-    return candidate.cause == "encoder_periodic" and is_sized(candidate)
+    return CATALOGUE[candidate.cause].curve_reading is not None and is_sized(candidate)
 
 
 def most_plausible(column: Column) -> float:

@@ -61,4 +61,5 @@ EFFECT = Effect(
     "turn the joint through its whole range at one seat, the others held",
     candidates,
     reading,
+    as_coarse_as_encoders=True,
 )

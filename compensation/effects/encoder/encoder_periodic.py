@@ -45,12 +45,12 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     )
 
 
-def curve_reading(where: location.Location, rms_rad: float, order: int) -> str:
+def curve_reading(candidate: Candidate, rms_rad: float, order: int) -> str:
     """The same of a curve over the turn."""
     return (
-        f"the angle of {where} is wrong by {seconds_of_arc(rms_rad)} (root mean square over "
-        f"the angles at which it stood) along a stable curve, most of it near {order} periods a "
-        f"turn; {UNDECIDED}"
+        f"the angle of {candidate.location} is wrong by {seconds_of_arc(rms_rad)} (root mean "
+        f"square over the angles at which it stood) along a stable curve, most of it near {order} "
+        f"periods a turn; {UNDECIDED}"
     )
 
 
@@ -61,4 +61,6 @@ EFFECT = Effect(
     "measure one seat at small steps of this joint, several to the shortest period",
     candidates,
     reading,
+    as_coarse_as_encoders=True,
+    curve_reading=curve_reading,
 )

@@ -54,4 +54,5 @@ EFFECT = Effect(
     reading,
     "the time of each reading (time_s)",
     accident=True,
+    by_motion=True,
 )

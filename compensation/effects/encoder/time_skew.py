@@ -36,4 +36,5 @@ EFFECT = Effect(
     candidates,
     reading,
     "joint rates at the readings (w1, w2, …), some of them taken in motion",
+    by_motion=True,
 )

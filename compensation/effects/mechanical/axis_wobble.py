@@ -71,4 +71,5 @@ EFFECT = Effect(
     "measure with a second, bent stylus",
     candidates,
     reading,
+    as_coarse_as_encoders=True,
 )

@@ -37,4 +37,6 @@ EFFECT = Effect(
     candidates,
     reading,
     "joint rates at the readings (w1, w2, …): their signs tell the side from which each joint came",
+    by_motion=True,
+    as_coarse_as_encoders=True,
 )

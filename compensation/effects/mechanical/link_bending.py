@@ -68,4 +68,6 @@ EFFECT = Effect(
     "repeat the poses with half a kilogram at the wrist",
     candidates,
     reading,
+    by_weight=True,
+    as_coarse_as_encoders=True,
 )

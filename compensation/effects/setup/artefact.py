@@ -87,3 +87,4 @@ LENGTH = Effect(
     "certified positions or lengths that can contradict each other, or a calibration to test",
     accident=True,
 )
+EFFECTS = (EXPANSION, LENGTH)
