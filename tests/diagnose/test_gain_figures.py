@@ -1,0 +1,55 @@
+"""What a step is worth on readings held out: the figure, its interval, and when it is shown."""
+
+import numpy as np
+import pytest
+
+from armd.compensation.diagnose.gain import gain, gains
+
+
+def squares(rng: np.random.Generator, groups: np.ndarray, sigma_mm: float) -> np.ndarray:
+    return (sigma_mm * rng.normal(size=(len(groups), 3)) ** 2).sum(axis=1)
+
+
+GROUPS = np.repeat(np.arange(40), 5)
+
+
+def test_the_figures_are_root_mean_squares_in_micrometres() -> None:
+    before, after = np.full(200, 4e-4), np.full(200, 1e-4)
+    found = gain(before, after, GROUPS)
+    assert (found.before_um, found.after_um) == (pytest.approx(20.0), pytest.approx(10.0))
+    assert found.interval_um == (pytest.approx(10.0), pytest.approx(10.0)) and found.shown
+
+
+def test_the_interval_holds_the_true_difference_and_nothing_gained_is_not_shown() -> None:
+    """Errors of a group move together: resampling single readings would call chance a gain."""
+    rng = np.random.default_rng(1)
+    held, shown = [], []
+    for seed in range(150):
+        common = rng.normal(size=(40, 3))[GROUPS] * 1e-2
+        before = ((rng.normal(size=(200, 3)) * 1e-2 + common) ** 2).sum(axis=1)
+        other = rng.normal(size=(40, 3))[GROUPS] * 1e-2
+        after = ((rng.normal(size=(200, 3)) * 1e-2 + other) ** 2).sum(axis=1)
+        found = gain(before, after, GROUPS, seed=seed)
+        held.append(found.interval_um[0] < 0.0 < found.interval_um[1])
+        shown.append(found.shown)
+    assert np.mean(held) >= 0.88
+    assert np.mean(shown) <= 0.08
+
+
+def test_most_groups_better_is_shown_though_a_few_spoil_the_mean() -> None:
+    before = np.full(200, 4e-4)
+    after = np.where(GROUPS < 3, 1e-2, 1e-4)
+    found = gain(before, after, GROUPS)
+    assert not found.shown  # the mean is no better
+    after = np.where(GROUPS < 3, 4e-3, 1e-5)
+    found = gain(before, after, GROUPS)
+    assert found.interval_um[0] < 0.0 and found.after_um < found.before_um and found.shown
+
+
+def test_the_last_step_leaves_out_the_readings_it_names() -> None:
+    kept = np.arange(200) != 7
+    base = np.full(200, 1e-4)
+    base[7] = 1.0
+    first, last = gains([base, base, base], GROUPS, kept)
+    assert first.after_um == pytest.approx(first.before_um)
+    assert last.after_um == pytest.approx(10.0)

@@ -1,0 +1,105 @@
+"""Variances by restricted likelihood, against dense matrices; sums by placement; clipping."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from small_fit import unit_noise
+
+from armd.compensation.diagnose.fitting import noise as noise_model
+from armd.compensation.diagnose.fitting.blocks import in_blocks
+
+N = 12
+
+
+def linear(seed: int = 1, n: int = N, placements: int = 3) -> Any:
+    rng = np.random.default_rng(seed)
+    distances = SimpleNamespace(standard_uncertainty_mm=np.array([0.5, 2.0]))
+    observations = SimpleNamespace(placement=np.arange(n) % placements, distances=distances)
+    return SimpleNamespace(
+        rests=SimpleNamespace(n=n, observations=observations),
+        joints=rng.normal(size=(n, 3, 4)) * 300.0,
+    )
+
+
+def columns_of(problem: Any, seed: int = 2) -> np.ndarray:
+    """Two columns that absorb freely, in one placement each, and three that rests share."""
+    n = problem.rests.n
+    found = np.random.default_rng(seed).normal(size=(3 * n + 2, 5))
+    for i in range(2):
+        elsewhere = np.repeat(problem.rests.observations.placement != i, 3)
+        found[: 3 * n][elsewhere, i] = 0.0
+    found[3 * n :, :2] = 0.0
+    return found
+
+
+def test_products_by_placement_are_those_of_all_rows() -> None:
+    problem = linear()
+    columns = columns_of(problem)
+    residual = np.random.default_rng(3).normal(size=len(columns))
+    whitener = np.random.default_rng(4).normal(size=(N, 3, 3))
+    distance = np.array([0.5, 2.0])
+    found = in_blocks(columns, problem).products(whitener, distance, residual)
+    both = np.column_stack([columns, residual])
+    white = np.vstack(
+        [
+            (whitener @ both[: 3 * N].reshape(N, 3, -1)).reshape(3 * N, -1),
+            both[3 * N :] / distance[:, None],
+        ]
+    )
+    np.testing.assert_allclose(found, white.T @ white, atol=1e-12)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.7])
+def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float) -> None:
+    """Up to a constant: differences between two sets of variances are compared."""
+    problem = linear()
+    columns = columns_of(problem)
+    residual = np.random.default_rng(5).normal(size=len(columns))
+    free, shared = columns[:, :2], columns[:, 2:]
+    distance = problem.rests.observations.distances.standard_uncertainty_mm
+    # A scale is common to all rows: the lengths' own is taken along by it.
+    whitener = noise_model._unit_whitener(problem, share)
+    products = in_blocks(columns, problem).products(whitener, distance, residual)
+    sums = noise_model._sums(whitener, products, 2, len(residual))
+
+    def dense(scale: float, relative: np.ndarray) -> float:
+        covariance = np.zeros((len(residual),) * 2)
+        for i, block in enumerate(noise_model._blocks(problem, share)):
+            covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
+        covariance[3 * N :, 3 * N :] = np.diag(distance**2)
+        covariance = scale**2 * (covariance + shared @ np.diag(relative) @ shared.T)
+        inverse = np.linalg.inv(covariance)
+        normal = free.T @ inverse @ free
+        left = inverse - inverse @ free @ np.linalg.solve(normal, free.T @ inverse)
+        logs = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(normal)[1]
+        return float(logs + residual @ left @ residual)
+
+    one, other = (0.8, np.array([0.3, 2.0, 1.0])), (1.7, np.array([5.0, 0.1, 0.01]))
+    difference = noise_model._likelihood(sums, *one) - noise_model._likelihood(sums, *other)
+    assert difference == pytest.approx(dense(*one) - dense(*other), rel=1e-8)
+
+
+def test_the_noise_of_many_rests_is_found() -> None:
+    n, scale, share = 1500, 0.02, 0.6
+    problem = linear(7, n, 10)
+    problem.rests.observations.distances.standard_uncertainty_mm = np.zeros(0)
+    rng = np.random.default_rng(8)
+    root = np.linalg.cholesky(noise_model._blocks(problem, share))
+    residual = scale * (root @ rng.normal(size=(n, 3, 1))).ravel()
+    nothing = in_blocks(np.zeros((3 * n, 0)), problem)
+    found = noise_model.estimate(problem, residual, nothing, np.zeros(0))
+    assert found.scale_mm == pytest.approx(scale, rel=0.05)
+    assert found.encoder_share == pytest.approx(share, abs=0.05)
+    assert found.encoder_rad == pytest.approx(
+        scale * np.sqrt(share) / noise_model.LEVER_MM, rel=0.06
+    )
+
+
+def test_a_rest_far_off_counts_as_the_edge_in_its_own_direction() -> None:
+    residual = np.zeros(9)
+    residual[3:6] = [0.0, 6.0, 8.0]
+    residual[6:] = [1.0, 1.0, 1.0]
+    clipped = noise_model.winsorise(residual, np.zeros(9), unit_noise(3), at=5.0)
+    np.testing.assert_allclose(clipped, [0, 0, 0, 0, 3, 4, 1, 1, 1])
