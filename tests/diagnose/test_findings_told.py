@@ -1,0 +1,131 @@
+"""What is told of findings: under which name, beside whom; shapes; curves; who joins."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from small_fit import candidate
+
+from armd.compensation.diagnose.advice import alike
+from armd.compensation.diagnose.findings import Finding, Rival, likelier_rival
+from armd.compensation.diagnose.findings import _honest as honest
+from armd.compensation.diagnose.fitting.curves import CURVE_POINTS, as_curve, orders_of
+from armd.compensation.diagnose.scoring.shape import OFF, is_shape, shape_candidate, shape_place
+from armd.compensation.diagnose.selection import joined
+from armd.compensation.effects import location
+from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
+from armd.compensation.model.basis import basis_values, curve_spline
+from armd.compensation.model.terms import Curve, Harmonic
+
+NAMED = candidate("encoder_scale", 3)
+OTHER = candidate("encoder_eccentricity", 3)
+
+
+def unknown(joint: int, *variables: str) -> Candidate:
+    where = location.parameter(joint, f"d_{joint}({', '.join(variables)})")
+    return Candidate("unknown", where, (Column("d", "mm", 1.0),), variables)
+
+
+def finding(of: Candidate, probability: float = 0.9, statistic: float = 50.0, rivals=()) -> Finding:
+    told = tuple(Rival(c, share, 10.0) for c, share in rivals)
+    return Finding(of, 1e-9, statistic, probability, told, ())
+
+
+def test_a_name_stays_where_nothing_is_likelier() -> None:
+    found = finding(NAMED, 0.6, rivals=[(OTHER, 0.3), (unknown(3, "q3"), 0.1)])
+    assert honest([found]) == (found,)
+    assert likelier_rival(found) is None
+
+
+def test_a_likelier_rival_takes_the_name_and_the_probability_is_of_either() -> None:
+    found = finding(NAMED, 0.3, rivals=[(replace(OTHER, depends_on=("q3", "t1")), 0.6)])
+    (told,) = honest([found])
+    assert told.candidate.cause == "unknown"
+    assert told.candidate.depends_on == ("q3", "t1")
+    assert told.probability == pytest.approx(0.9)
+
+
+def test_an_unknown_structure_clearly_likelier_takes_it_too_a_little_likelier_not() -> None:
+    strange = unknown(2, "q2", "q3")
+    (told,) = honest([finding(NAMED, 0.05, rivals=[(strange, 0.9)])])
+    assert told.candidate.cause == "unknown"
+    assert set(told.candidate.depends_on) == {"q2", "q3"}
+
+
+def test_no_name_for_a_part_of_a_stronger_unknown_at_the_same_joint() -> None:
+    """The joint that the unknown moves counts among its variables."""
+    structure = finding(unknown(3, "t1"), statistic=500.0)
+    part, elsewhere = finding(NAMED), finding(candidate("encoder_scale", 5))
+    _, told, kept = honest([structure, part, elsewhere])
+    assert told.candidate.cause == "unknown" and kept == elsewhere
+    weaker = finding(unknown(3, "t1"), statistic=5.0)
+    assert honest([weaker, part])[1] == part
+
+
+def test_a_finding_takes_the_place_of_those_it_contains() -> None:
+    first, both = (
+        harmonic_columns(2, 3, 1.0),
+        harmonic_columns(2, 3, 1.0) + harmonic_columns(2, 4, 1.0),
+    )
+    one = Candidate("encoder_periodic", location.joint(2), first, ("q2",))
+    more = Candidate("encoder_periodic", location.joint(2), both, ("q2",))
+    assert joined([one, NAMED], more) == [NAMED, more]
+    assert joined([NAMED], one) == [NAMED, one]
+
+
+def test_what_an_experiment_need_not_part() -> None:
+    assert alike(NAMED, replace(NAMED, columns=()))
+    assert alike(unknown(1, "q1"), unknown(2, "q1"))
+    assert not alike(NAMED, OTHER) and not alike(unknown(1, "q1"), unknown(1, "q2"))
+
+
+def test_a_shape_is_the_signature_times_harmonics_of_the_joints_at_its_place() -> None:
+    own = Candidate("encoder_eccentricity", location.joint(2), harmonic_columns(2, 1, 1.0), ("q2",))
+    shape = shape_candidate(own, np.array([3.0, 4.0]), 6)
+    assert shape is not None and is_shape(shape) and shape.location == shape_place(own)
+    assert len(shape.columns) == 4 and shape.depends_on == ("q2",)
+    arm: Any = SimpleNamespace(sensors=[])
+    q = np.random.default_rng(1).uniform(-3, 3, (50, 6))
+    states: Any = SimpleNamespace(n=50, q=q)
+
+    def moved(column: Column) -> np.ndarray:
+        values = basis_values(column.terms, states, arm, 20.0, np.zeros(39))
+        return values @ [term.coefficient for term in column.terms]
+
+    signature = 3.0 * moved(own.columns[0]) + 4.0 * moved(own.columns[1])
+    expected = np.sqrt(2.0) * signature * np.sin(q[:, 1])
+    np.testing.assert_allclose(moved(shape.columns[0]), expected)
+    assert {column.typical for column in shape.columns} == {OFF}
+    assert shape_candidate(shape, np.ones(4), 6) is None  # a shape has none of its own
+    tip = Candidate("tip_offset", location.TIP, own.columns, ())
+    of_tip = shape_candidate(tip, np.ones(2), 6)
+    assert of_tip is not None and of_tip.depends_on == ("q5", "q6")
+
+
+def test_a_curve_is_its_harmonics_where_the_joint_stood_and_their_mean_elsewhere() -> None:
+    columns = tuple(c for order in (3, 4) for c in harmonic_columns(2, order, 1.0))
+    curve = Candidate("encoder_periodic", location.joint(2), columns, ("q2",))
+    assert orders_of(curve) == [3, 4]
+    values = np.array([1.0, -0.5, 0.3, 2.0])
+    q = np.zeros((100, 6))
+    q[:, 1] = np.linspace(0.5, 2.0, 100)
+    term = as_curve(curve, values, q)
+    (factor,) = term.basis
+    assert isinstance(factor, Curve) and factor.joint == 2 and term.parameter == "theta_2"
+    assert len(factor.values) == CURVE_POINTS
+    orders = [(column.terms[0].basis[0], column.terms[0].coefficient) for column in columns]
+    expected = np.zeros(100)
+    for (wave, weight), value in zip(orders, values, strict=True):
+        assert isinstance(wave, Harmonic)
+        turn = np.sin if wave.kind == "sin" else np.cos
+        expected += value * weight * turn(wave.order * q[:, 1])
+    at = curve_spline(factor.values)(q[:, 1])
+    # Where the mean begins, a step, the spline swings by half a per cent of the curve.
+    largest = np.abs(expected).max()
+    np.testing.assert_allclose(at, expected, atol=5e-3 * largest)
+    np.testing.assert_allclose(at[5:-5], expected[5:-5], atol=1e-4 * largest)
+    unseen = np.array(factor.values)[200:300]
+    assert np.ptp(unseen) == 0.0 and abs(unseen[0]) < np.abs(expected).max()
