@@ -16,14 +16,16 @@ from scipy.special import logsumexp
 
 from armd.compensation.diagnose.advice import Doubt, alike
 from armd.compensation.diagnose.fitting.fit import Fit
+from armd.compensation.estimate.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.state import States
 from armd.errors import BadInput
 
 F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
+#: The block of the columns of the causes that are to be told apart.
+ASKED = "asked"
 #: A parameter of which less than this share stays when all others are fitted along, though the
 #: whole pool is measured, is a gauge: the placement or the tip's offset does the same.
 GAUGE_SHARE = 1e-5
@@ -38,8 +40,6 @@ class Between:
     """Which of several causes it is: how far they stand apart."""
 
     words: str
-    common: I64  # (c,) unknowns that are in every model
-    extra: I64  # (e,) those of the causes
     signals: F64  # (e, l) what each of the causes to be told would show, by its unknowns
     rivals: tuple[slice, ...]  # r causes they are told from, each its part of the extra unknowns
     weight: F64  # (l, r) zero: a pair that is not to be told apart
@@ -50,24 +50,24 @@ class Between:
         several = ", the likeliest and nearest counting most" if self.weight.size > 1 else ""
         return f"projected signal-to-noise of one with the other in the model{several}"
 
-    def merit(self, information: F64, rows: F64 | None = None) -> F64:
-        """Noise units (n,) for all pairs, of *information* (k, k) of all unknowns, with each of
+    def merit(self, known: LinearModel, rows: F64 | None = None) -> F64:
+        """Noise units (n,) for all pairs, by what is *known* of the k unknowns, with each of
         *rows* (n, 3, k) as one more reading, or (1,) as it is.
 
         The chance to take one of two causes for the other, d noise units away, is at most
         √(p₁p₂)·exp(−d²/8) (Bhattacharyya): these add up.
         """
-        square = self.apart(information, rows) ** 2
+        square = self.apart(known, rows) ** 2
         doubt = logsumexp(-square / 8.0, axis=(1, 2), b=self.weight / self.weight.sum())
         together: F64 = np.sqrt(np.maximum(-8.0 * doubt, 0.0))
         return together
 
-    def apart(self, information: F64, rows: F64 | None = None) -> F64:
+    def apart(self, known: LinearModel, rows: F64 | None = None) -> F64:
         """(n, l, r) projected signal-to-noise of each signal with each rival in the model."""
-        c, e = self.common, self.extra
-        covariance = inverse(information[np.ix_(c, c)])
-        across = covariance @ information[np.ix_(c, e)]
-        clear = information[np.ix_(e, e)] - information[np.ix_(e, c)] @ across
+        c, e = known.layout.but([ASKED]), known.layout.of([ASKED])
+        covariance = known.only(c).covariance
+        across = covariance @ known.gram[np.ix_(c, e)]
+        clear = known.information(ASKED)
         gained: F64 = np.zeros((1, 3, len(e)))
         left = gained
         if rows is not None:
@@ -108,9 +108,9 @@ class Weakest:
     direction: F64  # (k,) in the space of unknowns, in `unit`
     unit: str = "µm at the tip"
 
-    def merit(self, information: F64, rows: F64 | None = None) -> F64:
+    def merit(self, known: LinearModel, rows: F64 | None = None) -> F64:
         """One over the standard uncertainty, as `Between.merit`."""
-        covariance = inverse(information)
+        covariance = known.covariance
         towards = covariance @ self.direction
         variance = np.array([self.direction @ towards])
         if rows is not None:
@@ -133,41 +133,40 @@ class Weakest:
 Criterion = Between | Weakest
 
 
-def between(doubt: Doubt, last: Fit, known: F64, richest: F64) -> Between:
-    """Which of the finding and its rivals it is, *known* (k, k) of the unknowns by now.
+def between(doubt: Doubt, last: Fit, known: LinearModel, richest: LinearModel) -> Between:
+    """Which of the finding and its rivals it is, by what is *known* by now.
 
     Pairs that stay one signal even to the *richest* information are left out where others do not.
-    The unknowns are the identified ones, the finding's columns, each rival's, and the placement's
-    six. The finding may be wrong: a rival that is likely must stand out from the others too.
+    The block `ASKED` has the finding's columns, then each rival's. The finding may be wrong: a
+    rival that is likely must stand out from the others too.
     """
-    first = last.layout.identified.stop - last.layout.identified.start
-    extra = np.arange(first, len(known) - 6)
-    common = np.setdiff1d(np.arange(len(known)), extra)
     candidates = [doubt.found.candidate, *doubt.rivals]
     share = np.array([doubt.found.probability, *doubt.share])
     ends = np.cumsum([0, *(len(c.columns) for c in candidates)])
     own = tuple(slice(low, high) for low, high in itertools.pairwise(ends))
-    finding = np.zeros(len(extra))
+    clear = known.information(ASKED)
+    finding = np.zeros(len(clear))
     finding[own[0]] = last.amplitudes[doubt.index]
     leads = [i for i in range(len(own)) if i == 0 or share[i] >= LEADING * share.max()]
-    signals = [finding, *(_passing(known, common, extra, finding, own[i]) for i in leads[1:])]
+    signals = [finding, *(_passing(clear, finding, own[i]) for i in leads[1:])]
     told = [[not alike(candidates[i], rival) for rival in candidates] for i in leads]
     weight = np.sqrt(share[leads][:, None] * share) * told
-    criterion = Between(doubt.words, common, extra, np.stack(signals, axis=1), own, weight)
+    criterion = Between(doubt.words, np.stack(signals, axis=1), own, weight)
     able = weight * (criterion.apart(richest)[0] >= APART)
     return replace(criterion, weight=able if able.any() else weight)
 
 
-def _passing(known: F64, common: I64, extra: I64, signal: F64, rival: slice) -> F64:
-    """What a rival shows (e,) that passes best for a *signal* (e,) in what was measured."""
-    across = known[np.ix_(common, extra)]
-    clear = known[np.ix_(extra, extra)] - across.T @ inverse(known[np.ix_(common, common)]) @ across
-    found = np.zeros(len(extra))
+def _passing(clear: F64, signal: F64, rival: slice) -> F64:
+    """What a rival shows (e,) that passes best for a *signal* (e,) in what was measured, of which
+    *clear* (e, e) is the information."""
+    found = np.zeros(len(clear))
     found[rival] = np.linalg.lstsq(clear[rival, rival], clear[rival] @ signal, rcond=1e-9)[0]
     return found
 
 
-def weakest(last: Fit, arm: Arm, known: F64, richest: F64, poses: States) -> Weakest:
+def weakest(
+    last: Fit, arm: Arm, known: LinearModel, richest: LinearModel, poses: States
+) -> Weakest:
     """The constant known least well, in µm at the tip, of those that poses can settle at all."""
     baseline = last.baseline
     if not baseline.parameters:
@@ -176,16 +175,16 @@ def weakest(last: Fit, arm: Arm, known: F64, richest: F64, poses: States) -> Wea
     moves = jacobian(poses.q, last.model.constants)[1]  # (n, 3, P) mm per unit
     lever_um = 1e3 * np.sqrt((moves**2).sum(axis=1).mean(axis=0))
     indices = list(baseline.parameters)
-    directions = np.zeros((len(known), len(indices)))
+    directions = np.zeros((known.layout.n, len(indices)))
     if baseline.held:
         directions[: baseline.root.shape[1]] = baseline.root[: len(indices)].T
         settled = np.ones(len(indices), dtype=bool)
     else:
         directions[: len(indices)] = np.eye(len(indices))
-        alone = np.diag(richest)[: len(indices)]
-        settled = 1.0 / np.diag(inverse(richest))[: len(indices)] > GAUGE_SHARE * alone
+        alone = np.diag(richest.gram)[: len(indices)]
+        settled = 1.0 / np.diag(richest.covariance)[: len(indices)] > GAUGE_SHARE * alone
     directions *= lever_um[indices]
-    variance = np.einsum("ki,kl,li->i", directions, inverse(known), directions)
+    variance = np.einsum("ki,kl,li->i", directions, known.covariance, directions)
     worst = int(np.argmax(np.where(settled, variance, -1.0)))
     name = names[indices[worst]]
     return Weakest(
@@ -193,10 +192,3 @@ def weakest(last: Fit, arm: Arm, known: F64, richest: F64, poses: States) -> Wea
         f"standard uncertainty of {name}",
         directions[:, worst],
     )
-
-
-def inverse(information: F64) -> F64:
-    """Covariance (k, k) of unknowns in any units."""
-    scale = np.sqrt(np.diag(information))
-    scaled: F64 = np.linalg.inv(information / np.outer(scale, scale)) / np.outer(scale, scale)
-    return scaled

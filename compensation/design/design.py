@@ -7,6 +7,7 @@ while that helps.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 import numpy.typing as npt
@@ -18,12 +19,18 @@ from armd.compensation.design.conditions import (
     in_climate,
     rows_of,
 )
-from armd.compensation.design.criterion import Criterion, between, weakest
+from armd.compensation.design.criterion import (
+    ASKED,
+    Criterion,
+    between,
+    weakest,
+)
 from armd.compensation.diagnose.advice import most_doubtful
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
 from armd.compensation.diagnose.fitting.nuisance import IDENTIFIED, finding
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 
@@ -34,12 +41,9 @@ TOLD_AT_ALL = 2.0  # noise units between two causes under which they are not tol
 MOST_EXCHANGES = 3
 WORTHWHILE = 1.01  # least factor by which an exchange must help
 WORTH_A_CLIMATE = 1.1  # least factor by which a climate must beat one of less trouble
+PLACEMENT = "placement"  # of the poses to be chosen
 #: Prior of the unknowns, as a share of what the whole pool would tell: makes gauges invertible.
 RIDGE = 1e-9
-
-
-#: The block of the candidates that the experiment is to tell apart.
-ASKED = "asked"
 
 
 @dataclass(frozen=True)
@@ -70,16 +74,17 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
     drawn = draw_poses(diagnosis, seed)
     choices = [(c, in_climate(drawn, c, diagnosis)) for c in climates(diagnosis)]
     rows = [rows_of(states, climate, last, candidates, arm) for climate, states in choices]
-    pool = sum(_gram(whitened) for whitened, _ in rows)
-    known = known + np.diag(RIDGE * np.diag(known + pool) + 1e-300)
+    pool = reduce(LinearModel.measured, (whitened for whitened, _ in rows), known)
+    held = 1.0 / (RIDGE * np.diag(pool.gram) + 1e-300)
+    known, pool = known.with_variance(held), pool.with_variance(held)
     criterion: Criterion
     if doubt is None:
-        criterion = weakest(last, arm, known, known + pool, drawn)
+        criterion = weakest(last, arm, known, pool, drawn)
     else:
-        criterion = between(doubt, last, known, known + pool)
+        criterion = between(doubt, last, known, pool)
     greedy = [_greedy(known, whitened, criterion, poses or FEW) for whitened, _ in rows]
     reached = [
-        _merit(known + _gram(whitened[chosen]), criterion)
+        _merit(known.measured(whitened[chosen]), criterion)
         for (whitened, _), chosen in zip(rows, greedy, strict=True)
     ]
     best = int(np.argmax(WORTH_A_CLIMATE * np.array(reached) >= max(reached)))
@@ -94,13 +99,13 @@ def design(diagnosis: Diagnosis, poses: int | None = None, seed: int = 1) -> Exp
         states.rows(np.array(chosen, dtype=np.int64)),
         tip[chosen],
         criterion.figure(_merit(known, criterion)),
-        criterion.figure(_merit(known + _gram(whitened[chosen]), criterion)),
+        criterion.figure(_merit(known.measured(whitened[chosen]), criterion)),
         last.model.constants,
     )
 
 
-def _known(last: Fit, candidates: list[Candidate], arm: Arm) -> F64:
-    """Information (k, k) of the sessions there are; of the placement to come, nothing."""
+def _known(last: Fit, candidates: list[Candidate], arm: Arm) -> LinearModel:
+    """What the sessions there are tell of the unknowns; of the placement to come, nothing."""
     asked = np.hstack(finding_columns(last.linear, candidates, arm)) if candidates else None
     problem = last.problem
     if asked is not None:
@@ -112,23 +117,19 @@ def _known(last: Fit, candidates: list[Candidate], arm: Arm) -> F64:
     itself = [finding(i) for i, found in enumerate(last.findings) if found.place in places]
     wanted = [IDENTIFIED, ASKED] if candidates else [IDENTIFIED]
     told = problem.without(*itself).information(*wanted)
-    known = np.zeros((len(told) + 6, len(told) + 6))
-    known[:-6, :-6] = told
-    return known
+    sizes = dict(problem.layout.sizes)
+    layout = Layout((*((name, sizes[name]) for name in wanted), (PLACEMENT, 6)))
+    known = np.zeros((layout.n, layout.n))
+    known[: len(told), : len(told)] = told
+    return LinearModel.of_products(layout, known, np.full(layout.n, np.inf))
 
 
-def _gram(rows: F64) -> F64:
-    flat = rows.reshape(-1, rows.shape[-1])
-    gram: F64 = flat.T @ flat
-    return gram
-
-
-def _merit(information: F64, criterion: Criterion) -> float:
+def _merit(information: LinearModel, criterion: Criterion) -> float:
     return float(criterion.merit(information)[0])
 
 
 def _best(
-    information: F64, rows: F64, criterion: Criterion, chosen: list[int]
+    information: LinearModel, rows: F64, criterion: Criterion, chosen: list[int]
 ) -> tuple[int, float]:
     merit = criterion.merit(information, rows)
     merit[chosen] = -np.inf
@@ -136,32 +137,32 @@ def _best(
     return best, float(merit[best])
 
 
-def _greedy(known: F64, rows: F64, criterion: Criterion, poses: int) -> list[int]:
+def _greedy(known: LinearModel, rows: F64, criterion: Criterion, poses: int) -> list[int]:
     """The first few pay for the placement's six unknowns only; exchanges make good for them."""
     chosen: list[int] = []
     for _ in range(min(poses, len(rows))):
-        total = known + _gram(rows[chosen])
+        total = known.measured(rows[chosen])
         chosen.append(_best(total, rows, criterion, chosen)[0])
     return chosen
 
 
-def _more(known: F64, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
+def _more(known: LinearModel, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
     """With as many more as settle the criterion, up to MANY; none if these hardly help."""
-    more, merit = list(chosen), _merit(known + _gram(rows[chosen]), criterion)
+    more, merit = list(chosen), _merit(known.measured(rows[chosen]), criterion)
     while len(more) < min(MANY, len(rows)) and not criterion.settled(merit):
-        best, merit = _best(known + _gram(rows[more]), rows, criterion, more)
+        best, merit = _best(known.measured(rows[more]), rows, criterion, more)
         more.append(best)
     return more if criterion.figure(merit) >= TOLD_AT_ALL else list(chosen)
 
 
-def _exchanged(known: F64, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
+def _exchanged(known: LinearModel, rows: F64, criterion: Criterion, chosen: list[int]) -> list[int]:
     chosen = list(chosen)
     for _ in range(MOST_EXCHANGES):
         changed = False
         for place in range(len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
-            now = _merit(known + _gram(rows[chosen]), criterion)
-            best, merit = _best(known + _gram(rows[others]), rows, criterion, chosen)
+            now = _merit(known.measured(rows[chosen]), criterion)
+            best, merit = _best(known.measured(rows[others]), rows, criterion, chosen)
             if merit > WORTHWHILE * now:
                 chosen[place], changed = best, True
         if not changed:

@@ -126,6 +126,12 @@ class LinearModel:
         """The same rows under other priors (b,)."""
         return replace(self, variance=variance)
 
+    def measured(self, rows: F64) -> LinearModel:
+        """With more whitened rows (…, b)."""
+        flat = rows.reshape(-1, rows.shape[-1])
+        more = flat.T @ flat
+        return replace(self, gram=self.gram + more, square=self.square + np.diag(more))
+
     def of_no_rows(self) -> LinearModel:
         """The same unknowns with their priors, and nothing measured."""
         return replace(self, gram=np.zeros_like(self.gram), square=np.zeros_like(self.square))
@@ -173,10 +179,15 @@ class LinearModel:
 
         What neither rows, prior nor drawing say anything of stays 0.
         """
+        return self.covariance @ side, self.covariance
+
+    @cached_property
+    def covariance(self) -> F64:
+        """(b, b) of the amplitudes that `solve` finds."""
         factor = pseudo_inverse_factor(self._unit(np.minimum(self.variance, self.drawing)))
         factor = factor / self.length[:, None]
-        covariance = factor @ factor.T
-        return covariance @ side, covariance
+        covariance: F64 = factor @ factor.T
+        return covariance
 
     def information(self, *names: str) -> F64:
         """(m, m) of some blocks, in the order of *names*, their own priors included, all other

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from doubts import Doubtful, settle
 
-from armd.compensation.design.criterion import Between
+from armd.compensation.design.criterion import ASKED, Between
 from armd.compensation.diagnose.advice import next_experiment
+from armd.compensation.estimate.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
 from armd.simulator.campaigns.hidden import DESIGNS, Design
@@ -90,17 +91,18 @@ def test_one_other_temperature_leaves_a_shift_in_doubt_and_another_one_settles_i
 
 def test_of_several_rivals_the_near_and_likely_ones_count() -> None:
     """Unknowns: a finding, a rival that is nearly the same signal, and one that is another."""
-    information = 25.0 * np.array([[4.0, 3.6, 0.0], [3.6, 4.0, 0.0], [0.0, 0.0, 4.0]])
+    gram = 25.0 * np.array([[4.0, 3.6, 0.0], [3.6, 4.0, 0.0], [0.0, 0.0, 4.0]])
+    known = LinearModel.of_products(Layout(((ASKED, 3),)), gram, np.full(3, np.inf))
     finding = np.array([[1.0], [0.0], [0.0]])
     rivals = (slice(1, 2), slice(2, 3))
 
     def together(weight_of_near: float, rows: np.ndarray | None = None) -> float:
         weight = np.array([[weight_of_near, 1.0]])
-        criterion = Between("", np.arange(0), np.arange(3), finding, rivals, weight)
-        (near, far), *_ = criterion.apart(information)[0]
+        criterion = Between("", finding, rivals, weight)
+        (near, far), *_ = criterion.apart(known)[0]
         assert near == pytest.approx(10.0 * np.sqrt(1 - 0.9**2))
         assert far == pytest.approx(10.0)
-        return float(criterion.merit(information, rows)[0])
+        return float(criterion.merit(known, rows)[0])
 
     assert 4.3 < together(1.0) < together(1e-3) < together(0.0) == pytest.approx(10.0)
     reading = np.zeros((1, 3, 3))
