@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test test-slow lint bench clean hidden soak fuzz system-test deb paper real so101 page browser
+.PHONY: install demo test test-slow lint bench clean hidden soak fuzz system-test deb paper real so101 circle page browser
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -74,6 +74,10 @@ paper: install
 # From box to certificate on a simulated SO-101, each figure printed: make so101 SEED=3
 so101: install
 	$(BIN)/python tests/scenarios/so101.py --seed $(SEED)
+
+# An arm goes wrong, is measured, diagnosed, mended and verified over the wire, figures printed
+circle: install
+	$(BIN)/python tests/scenarios/circle.py --seed 5
 
 # Real measured data; DATA=../shared/data for copies of your own
 real: install

@@ -34,6 +34,7 @@ COMMANDS = {
     "fleet": "all arms that can be heard: state, rate, lost, temperatures, calibration",
     "stream": "text lines over TCP: one per measurement, or per point",
     "export": "measurements to .csv, .xyz, .ply or .qif, a recording to Foxglove's .mcap",
+    "measure": "lead through a measurement, to its calibration, certificate or diagnosis",
     "correct": "correct readings offline, same kernel",
     "recorrect": "measurements corrected again by a later calibration",
     "calibrate": "identify geometry and thermal model from sessions",

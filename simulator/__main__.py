@@ -27,6 +27,7 @@ from armd.simulator.crystal import precise_timers
 from armd.simulator.faults import FAULTS, check_wire, parse_fault, random_faults
 from armd.simulator.faults import Wire as WireName
 from armd.simulator.microscribe.device import MicroScribeDevice
+from armd.simulator.operator import Hand, Operator
 from armd.simulator.physics import Block, WarmUp, blocks
 from armd.simulator.pty_port import PtyPort
 from armd.simulator.scenario import Scenario
@@ -119,6 +120,19 @@ def parser() -> argparse.ArgumentParser:
         help="may be given several times",
     )
     command.add_argument(
+        "--operator",
+        metavar="PLAN",
+        type=Path,
+        help="on a pty or CAN: TOML with the targets that the tip is brought to (docs/measure.md)",
+    )
+    command.add_argument(
+        "--plant",
+        metavar="CAUSE@LOCATION=SIZE",
+        action="append",
+        default=[],
+        help="on a pty or CAN: something wrong with the arm from the beginning (docs/simulator.md)",
+    )
+    command.add_argument(
         "--channel",
         help="socketcan: the interface (vcan0); udp_multicast: GROUP:PORT (239.74.163.2:43113)",
     )
@@ -172,6 +186,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 0
         scenario = read_scenario(options)
         check_places(options)
+        if (options.operator or options.plant) and not (options.serial or options.can):
+            found = "--operator" if options.operator else "--plant"
+            raise BadInput("command line", found, "another wire", "--serial or --can")
         if options.arm_out is not None:
             drawn = servo_arm_toml if options.servo else arm_toml
             text = drawn(scenario.serial_number)
@@ -227,7 +244,9 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
             print(port.path, flush=True)
             bus.run()
         elif options.serial:
-            physics = cleanup.enter_context(closing(Ahead(life(scenario, scenario.rate_hz))))
+            physics = cleanup.enter_context(
+                closing(Ahead(life(scenario, scenario.rate_hz, options)))
+            )
             port = cleanup.enter_context(closing(PtyPort(options.link)))
             device = cleanup.enter_context(
                 closing(SerialDevice(scenario, physics, port, truth, log))
@@ -236,7 +255,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
             device.run()
             port.drain(0.5)  # a port closed at once takes the last samples with it
         else:
-            physics = cleanup.enter_context(closing(Ahead(life(scenario, GRID_HZ))))
+            physics = cleanup.enter_context(closing(Ahead(life(scenario, GRID_HZ, options))))
             wire = cleanup.enter_context(closing(can_wire(options)))
             arm = cleanup.enter_context(closing(CanArm(scenario, physics, wire, truth, log)))
             print(wire.address, flush=True)
@@ -260,13 +279,23 @@ def can_wire(options: argparse.Namespace) -> Wire:
     return PythonCanWire(options.can, options.channel or CAN_WIRES[options.can])
 
 
-def life(scenario: Scenario, rate_hz: int) -> Iterator[Block]:
-    """The physics of a scenario, *rate_hz* times a second."""
+def life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) -> Iterator[Block]:
+    """The physics of a scenario, *rate_hz* times a second; raises `BadInput` for a plan or a plant
+    that cannot be."""
     warm_up = None
     if scenario.warm_up_k is not None:
         warm_up = WarmUp(scenario.warm_up_k, scenario.warm_up_s or scenario.seconds or 20.0)
     arm = TrueArm.default(scenario.seed)
-    return blocks(arm, scenario.seed, rate_hz, scenario.ambient_c, warm_up)
+    if options.plant:
+        from armd.simulator.plants.live import planted  # the wire must not wait for it
+
+        arm = planted(arm, options.plant, scenario.seed)
+    hand: Hand = Operator(arm, scenario.seed)
+    if options.operator is not None:
+        from armd.simulator.led import LedOperator, load_plan
+
+        hand = LedOperator(arm, load_plan(options.operator), scenario.seed)
+    return blocks(arm, hand, rate_hz, scenario.ambient_c, warm_up)
 
 
 def measured_sessions(arguments: Sequence[str]) -> int:

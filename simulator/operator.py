@@ -1,12 +1,13 @@
-"""The hand that moves the arm: smooth motion from seat to seat, a rest at each, a button press.
+"""The hand that moves the arm: smooth motion from place to place, a rest at each, a button press.
 
-The operator knows a few seats (fixed points in the base frame) and brings the tip to one after the
-other, each time in another posture, as a person measuring an artefact does.
+Without a plan the operator knows a few seats (fixed points in the base frame) and brings the tip to
+one after the other, each time in another posture, as a person measuring an artefact does; `led` is
+one who follows a plan.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +32,7 @@ SEAT_TOLERANCE_MM = 1e-6
 
 
 @dataclass(frozen=True)
-class _Stretch:
+class Stretch:
     """A move from one posture to the next (minimum jerk), then a rest there."""
 
     start_s: float
@@ -39,6 +40,7 @@ class _Stretch:
     end_s: float
     begin: F64  # (N,) rad
     change: F64  # (N,) rad
+    press_after_s: float = PRESS_AFTER_S
 
     def angles(self, time_s: F64) -> tuple[F64, F64]:
         """Axis angles (n, N) rad and rates (n, N) rad/s."""
@@ -47,26 +49,18 @@ class _Stretch:
         return self.begin + self.change * _profile(u), self.change * rate
 
     def buttons(self, time_s: F64) -> npt.NDArray[np.uint8]:
-        since = time_s - (self.start_s + self.move_s + PRESS_AFTER_S)
+        since = time_s - (self.start_s + self.move_s + self.press_after_s)
         pressed = (since >= 0) & (since < PRESS_S)
         return pressed.astype(np.uint8) * np.uint8(BUTTON)
 
 
-class Operator:
-    """Motion without end, the same for the same *seed*; ask for it in order of time."""
+class Hand:
+    """Motion without end; ask for it in order of time."""
 
-    def __init__(self, arm: TrueArm, seed: int) -> None:
+    def __init__(self, arm: TrueArm, posture: F64) -> None:
+        """It begins with a rest in *posture* (N,) rad."""
         self._arm = arm
-        self._rng = np.random.default_rng([seed, 0x09E])
-        low, high = nominal.limits_rad()
-        self._low, self._high = low + MARGIN_RAD, high - MARGIN_RAD
-        self._postures = [self._some_posture() for _ in range(SEATS)]
-        cold = Conditions.at_rest(SEATS, arm.n_joints)
-        self.seats_mm: F64 = arm.tip(np.array(self._postures), cold)  # (SEATS, 3), base frame
-        self._seat = 0
-        posture = self._postures[0]
-        # The first stretch is a rest at the first seat.
-        self._stretch = _Stretch(0.0, 1e-9, 1.5, posture, np.zeros_like(posture))
+        self._stretch = Stretch(0.0, 1e-9, 1.5, posture, np.zeros_like(posture), np.inf)
 
     def angles(self, time_s: F64, link_c: F64) -> tuple[F64, F64, npt.NDArray[np.uint8]]:
         """Axis angles (n, N) rad, rates (n, N) rad/s and buttons (n,) at ascending *time_s* (n,).
@@ -77,7 +71,7 @@ class Operator:
         done = 0
         while done < len(time_s):
             if time_s[done] >= self._stretch.end_s:
-                self._stretch = self._next(link_c)
+                self._stretch = self._next(self._stretch, link_c)
                 continue
             end = int(np.searchsorted(time_s, self._stretch.end_s, side="left"))
             piece = time_s[done:end]
@@ -86,14 +80,45 @@ class Operator:
         angles, rates, buttons = zip(*parts, strict=True)
         return np.concatenate(angles), np.concatenate(rates), np.concatenate(buttons)
 
-    def _next(self, link_c: F64) -> _Stretch:
-        before = self._stretch
+    def _next(self, before: Stretch, link_c: F64) -> Stretch:
+        raise NotImplementedError
+
+    def _durations(
+        self, begin: F64, change: F64, link_c: F64, tip_mm_s: float, joint_rad_s: float
+    ) -> tuple[float, float]:
+        """Seconds of a move whose tip peaks at that speed, and of one whose fastest joint does."""
+        u = np.linspace(0.0, 1.0, 41)[:, None]
+        path = self._arm.tip(
+            begin + change * _profile(u), Conditions.at_rest(len(u), len(begin), link_c)
+        )
+        peak_mm = float(np.linalg.norm(np.diff(path, axis=0), axis=1).max()) * (len(u) - 1)
+        peak_rad = float(np.abs(change).max()) * float(_profile_rate(u).max())
+        return peak_mm / tip_mm_s, peak_rad / joint_rad_s
+
+
+class Operator(Hand):
+    """From seat to seat, the same way for the same *seed*."""
+
+    def __init__(self, arm: TrueArm, seed: int) -> None:
+        self._rng = np.random.default_rng([seed, 0x09E])
+        low, high = nominal.limits_rad()
+        self._low, self._high = low + MARGIN_RAD, high - MARGIN_RAD
+        self._arm = arm
+        self._postures = [self._some_posture() for _ in range(SEATS)]
+        cold = Conditions.at_rest(SEATS, arm.n_joints)
+        self.seats_mm: F64 = arm.tip(np.array(self._postures), cold)  # (SEATS, 3), base frame
+        self._seat = 0
+        super().__init__(arm, self._postures[0])
+        self._stretch = replace(self._stretch, press_after_s=PRESS_AFTER_S)
+
+    def _next(self, before: Stretch, link_c: F64) -> Stretch:
         begin = before.begin + before.change
         self._seat = int((self._seat + self._rng.integers(1, SEATS)) % SEATS)
         change = self._posture_at(self._seat, link_c) - begin
-        move_s = self._duration(begin, change, link_c)
+        tip_mm_s = self._rng.uniform(*TIP_SPEED_MM_S)
+        move_s = max(*self._durations(begin, change, link_c, tip_mm_s, JOINT_SPEED_RAD_S), 0.3)
         rest_s = self._rng.uniform(*REST_S)
-        return _Stretch(before.end_s, move_s, before.end_s + move_s + rest_s, begin, change)
+        return Stretch(before.end_s, move_s, before.end_s + move_s + rest_s, begin, change)
 
     def _some_posture(self) -> F64:
         spread = self._rng.uniform(-1.0, 1.0, self._arm.n_joints) * SPREAD_RAD
@@ -121,17 +146,6 @@ class Operator:
         tips = self._arm.tip(around, Conditions.at_rest(n + 1, n, link_c))
         jacobian: F64 = ((tips[1:] - tips[0]) / step).T
         return tips[0], jacobian
-
-    def _duration(self, begin: F64, change: F64, link_c: F64) -> float:
-        """Seconds of a move whose tip peaks at a speed the operator fancies."""
-        u = np.linspace(0.0, 1.0, 41)[:, None]
-        path = self._arm.tip(
-            begin + change * _profile(u), Conditions.at_rest(len(u), len(begin), link_c)
-        )
-        peak_mm = float(np.linalg.norm(np.diff(path, axis=0), axis=1).max()) * (len(u) - 1)
-        peak_rad = float(np.abs(change).max()) * float(_profile_rate(u).max())
-        speed = self._rng.uniform(*TIP_SPEED_MM_S)
-        return max(peak_mm / speed, peak_rad / JOINT_SPEED_RAD_S, 0.3)
 
 
 def _profile(u: F64) -> F64:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armd.simulator.operator import Operator
+from armd.simulator.operator import Hand
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.conditions import Conditions
 from armd.simulator.truth.heat import CAPACITY, SELF_HEATING_W, TO_AIR, HeatField
@@ -92,10 +92,10 @@ class Step(NamedTuple):
 
 
 def blocks(
-    arm: TrueArm, seed: int, rate_hz: int, ambient_c: float, warm_up: WarmUp | None
+    arm: TrueArm, hand: Hand, rate_hz: int, ambient_c: float, warm_up: WarmUp | None
 ) -> Iterator[Block]:
     """The arm's life from time 0 on, sample k at k / rate_hz; never ends."""
-    life = steps(Operator(arm, seed), Heat(ambient_c, warm_up), rate_hz)
+    life = steps(hand, Heat(ambient_c, warm_up), rate_hz)
     while True:
         some = zip(*itertools.islice(life, STEPS), strict=True)
         together = Step(*(np.concatenate(each) for each in some))
@@ -114,13 +114,13 @@ def blocks(
         )
 
 
-def steps(operator: Operator, heat: Heat, rate_hz: int) -> Iterator[Step]:
+def steps(hand: Hand, heat: Heat, rate_hz: int) -> Iterator[Step]:
     """What hand and room do from time 0 on, `STEP_S` at a time; never ends."""
     n = max(1, round(STEP_S * rate_hz))
     for first in itertools.count(0, n):
         time_s = np.arange(first, first + n) / rate_hz
         link_c, sensor_c = heat.at(float(time_s[0]))
-        phi, rate, buttons = operator.angles(time_s, link_c)
+        phi, rate, buttons = hand.angles(time_s, link_c)
         yield Step(
             phi,
             rate,

@@ -12,6 +12,11 @@ def seconds(text: str) -> float:
     return _number(text, lambda value: value > 0, "a number of seconds above 0")
 
 
+def positive(text: str) -> float:
+    """A length, or whatever must be more than nothing."""
+    return _number(text, lambda value: value > 0, "a number above 0")
+
+
 def factor(text: str) -> float:
     """A number that something is multiplied by."""
     return _number(text, lambda value: value >= 0, "a number of 0 or more")

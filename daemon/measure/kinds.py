@@ -149,7 +149,7 @@ def _single_points(names: Sequence[str]) -> list[Station]:
     if not set(SPAT) <= set(names):
         return []
     return [
-        Station(placement=seat, target=seat, how=f"a seat {where}: {SEAT_HOW}")
+        Station(placement="SPAT", target=seat, how=f"a seat {where}: {SEAT_HOW}")
         for seat, where in zip(SPAT, SPAT_WHERE, strict=True)
         for _ in range(SEAT_READINGS)
     ]

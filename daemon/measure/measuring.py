@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -154,7 +154,7 @@ class Measuring:
         """What was taken; from a thread of its own take it for a moment only."""
         return self._progress
 
-    def state(self, tip_mm: tuple[float, float, float] | F64 | None = None) -> dict[str, Any]:
+    def state(self, tip_mm: Sequence[float] | F64 | None = None) -> dict[str, Any]:
         """All that a face shows, as plain JSON data; *tip_mm* is where the tip is now, for the
         distance to the target."""
         with self._mutex:
@@ -182,7 +182,7 @@ class Measuring:
                 "artefact_c": self.artefact_c,
             }
 
-    def distance_mm(self, tip_mm: tuple[float, float, float] | F64) -> float | None:
+    def distance_mm(self, tip_mm: Sequence[float] | F64) -> float | None:
         """From the tip to the next target; None while nobody knows where that is."""
         with self._mutex:
             if self._target_mm is None:
@@ -310,7 +310,7 @@ class Measuring:
             "complete": progress.next_station is None,
         }
 
-    def _next(self, tip_mm: tuple[float, float, float] | F64 | None) -> dict[str, Any] | None:
+    def _next(self, tip_mm: Sequence[float] | F64 | None) -> dict[str, Any] | None:
         station = self._progress.next_station
         if station is None:
             return None

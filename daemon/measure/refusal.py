@@ -86,10 +86,12 @@ def _elsewhere(
         away_mm = math.dist(point, expected)
         if away_mm <= plan.near_mm:
             return None
-        text = f"{away_mm:.1f} mm from {station.target}, more than {plan.near_mm:g} mm"
-        if other := whereabouts.other_than(station.target, point, plan.near_mm):
-            text += f"; this is {other}"
-        return Refusal("too_far", f"{text}; or an earlier reading is wrong: delete it")
+        text = f"{away_mm:.1f} mm from {station.target}, more than {plan.near_mm:g} mm; "
+        other = whereabouts.other_than(station.target, point, plan.near_mm)
+        text += f"this is {other}" if other else "or an earlier reading is wrong: delete it"
+        return Refusal("too_far", text)
+    if other := whereabouts.other_than(station.target, point, plan.near_mm):
+        return Refusal("too_far", f"this is {other}, and {station.target} is asked for")
     worst = whereabouts.contradiction_mm(station.target, point)
     if worst is not None and abs(worst[1] - worst[2]) > plan.near_mm:
         name, measured, certified = worst

@@ -26,6 +26,7 @@ from armd.drivers.config import CanConfig, SerialConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.table import open_driver
 from armd.simulator.electronics import COUNTS_PER_TURN
+from armd.simulator.operator import Operator
 from armd.simulator.physics import STEP_S, STEPS, blocks
 from armd.simulator.truth.arm import TrueArm
 
@@ -87,8 +88,9 @@ def _samples(arm: SimulatedArm, config: SerialConfig | CanConfig) -> np.ndarray:
 def _figures(
     samples: np.ndarray, latch_ns: np.ndarray, start_ns: int, clock_ppm: float, seconds: float
 ) -> dict[str, Any]:
+    arm = TrueArm.default(SEED)
     life = islice(
-        blocks(TrueArm.default(SEED), SEED, GRID_HZ, 20.0, None),
+        blocks(arm, Operator(arm, SEED), GRID_HZ, 20.0, None),
         round(seconds / (STEPS * STEP_S)) + 2,
     )
     true_rad = np.concatenate([block.encoder_rad for block in life])

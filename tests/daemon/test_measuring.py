@@ -96,7 +96,7 @@ def test_where_the_next_ball_is_becomes_known_and_how_far_it_is(tmp_path):
             assert measuring.state()["next"]["position_mm"] is None
             measuring.offer(at(ball, number))
         there = TURN.apply(BALLS["B1"]) + ORIGIN
-        following = measuring.state(np.add(there, (3.0, 4.0, 0.0)))["next"]
+        following = measuring.state([there[0] + 3.0, there[1] + 4.0, there[2]])["next"]
         np.testing.assert_allclose(following["position_mm"], there, atol=1e-9)
         assert following["distance_mm"] == pytest.approx(5.0)
 
@@ -138,6 +138,17 @@ def test_the_second_ball_must_be_as_far_from_the_first_as_certified(tmp_path):
         told = measuring.offer(at("B3", 2))
         assert told["reason"] == "too_far"
         assert "90.0 mm from B1, where B2 is 120.0 mm" in told["text"]
+
+
+def test_a_seat_is_not_where_another_is(tmp_path):
+    """Pressed once too often at the first one: not the first reading of the second."""
+    plan = plan_of("verify", ARM, None, Wishes(tests=["spat"]))
+    with Measuring(tmp_path / "spat", plan, IN_USE) as measuring:
+        for number in range(1, 11):
+            assert measuring.offer(press(number, [400.0, 0.0, 0.0]))["event"] == "reading"
+        told = measuring.offer(press(11, [400.0, 0.0, 0.1]))
+        assert told["reason"] == "too_far" and "this is SPAT1" in told["text"]
+        assert measuring.offer(press(12, [0.0, 400.0, 0.0]))["target"] == "SPAT2"
 
 
 def test_where_the_arm_is_judged_its_calibration_must_hold_and_stay(tmp_path):

@@ -15,7 +15,8 @@ RATE_HZ = 500
 
 
 def some_seconds(seconds: float, warm_up: WarmUp | None = None, seed: int = 1) -> list[Block]:
-    life = blocks(TrueArm.default(seed), seed, RATE_HZ, 20.0, warm_up)
+    arm = TrueArm.default(seed)
+    life = blocks(arm, Operator(arm, seed), RATE_HZ, 20.0, warm_up)
     return list(islice(life, round(seconds / (STEPS * STEP_S))))
 
 

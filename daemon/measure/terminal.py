@@ -1,0 +1,221 @@
+"""The terminal's face of guided measuring: lines for a person, or JSON for a program."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import Any
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from armd import keys
+from armd.client import Arm
+from armd.daemon.measure.ending import Done
+from armd.daemon.measure.estimate import identified
+from armd.daemon.measure.measuring import Measuring
+from armd.errors import ArmdError
+from armd.printable import printable
+
+POLL_S = 0.02
+REFRESH_S = 0.1
+#: Every so many readings it is asked what `armd calibrate` would make of them.
+ESTIMATE_EVERY = 10
+KEYS = "Enter after: d delete the last · a once more · s leave out · f finish · q stop for now"
+
+
+class Terminal:
+    """Runs until everything is measured, or a person or signal ends it."""
+
+    def __init__(self, arm: Arm, measuring: Measuring, trigger: str, as_json: bool) -> None:
+        """Only measurements taken at *trigger* count ("button" or "rest")."""
+        self._arm = arm
+        self._measuring = measuring
+        self._trigger = trigger
+        self._json = as_json
+        self._heard: deque[bytes] = deque()
+        self._typed = b""
+        self._stdin_open = True
+        self._finish = self._stop = False
+        self._console = Console()
+        self._estimating: threading.Thread | None = None
+
+    def stop(self) -> None:
+        """From a signal handler: leave everything as it is."""
+        self._stop = True
+
+    def run(self, seconds: float | None) -> bool:
+        """Whether the measurement is to be finished; False: it was interrupted."""
+        end_s = time.monotonic() + (seconds or float("inf"))
+        with ExitStack() as opened:
+            # New ones only: those of the past were not asked for.
+            opened.enter_context(self._arm.calling(keys.MEASUREMENT, self._heard.append))
+            show = self._live(opened)
+            points = opened.enter_context(self._arm.stream(keys.POINT)) if show else None
+            self._begin()
+            shown_s = 0.0
+            while not self._over() and time.monotonic() < end_s:
+                while self._heard and not self._over():
+                    self._take(self._heard.popleft())
+                for word in self._words():
+                    self._obey(word)
+                now_s = time.monotonic()
+                if show and points and now_s - shown_s >= REFRESH_S:
+                    shown_s = now_s
+                    if payloads := points.take():
+                        show(self._line(self._arm.decode(payloads)["position_mm"][-1].tolist()))
+                time.sleep(POLL_S)
+        return self._finish or self._measuring.complete
+
+    def told(self, done: Done) -> None:
+        """What a command at the end said."""
+        if self._json:
+            self._put({"event": "result", **done.__dict__})
+            return
+        print(printable(f"\narmd: {done.command}"))
+        for text, stream in ((done.output, sys.stdout), (done.error, sys.stderr)):
+            for line in text.splitlines():
+                print(printable(line), file=stream)
+        sys.stdout.flush()
+
+    def close(self, finished: bool) -> None:
+        """The last line."""
+        state = self._measuring.state()
+        counts = {name: state[name] for name in ("taken", "done", "wanted", "left_out")}
+        if self._json:
+            self._put({"event": "end", "finished": finished, **counts, "session": state["session"]})
+            return
+        text = f"{state['session']}: {state['taken']} readings"
+        if not finished:
+            text += (
+                f", {state['done']} of {state['wanted']} done; the same command goes on from here"
+            )
+        print(printable(f"armd: {text}"), flush=True)
+
+    # --- what comes in ----------------------------------------------------------------------
+
+    def _over(self) -> bool:
+        return self._stop or self._finish or self._measuring.complete
+
+    def _take(self, payload: bytes) -> None:
+        try:
+            measurement = json.loads(payload)
+        except (ValueError, RecursionError):
+            return
+        if not isinstance(measurement, dict) or measurement.get("trigger") != self._trigger:
+            return  # a press in a rest that counts by itself: not a second reading
+        told = self._measuring.offer(measurement)
+        self._say(told)
+        if told["event"] == "reading" and told["taken"] % ESTIMATE_EVERY == 0:
+            self._estimate()
+
+    def _words(self) -> list[str]:
+        """What was typed, whole lines; never waits."""
+        if not self._stdin_open:
+            return []
+        try:
+            while select.select([sys.stdin], [], [], 0)[0]:
+                piece = os.read(sys.stdin.fileno(), 4096)
+                if not piece:
+                    self._stdin_open = False
+                    break
+                self._typed += piece
+        except (OSError, ValueError):  # closed, or none at all
+            self._stdin_open = False
+        *lines, self._typed = self._typed.split(b"\n")
+        return [line.decode("utf-8", "replace").strip().lower() for line in lines]
+
+    def _obey(self, word: str) -> None:
+        doing: dict[str, Callable[[], dict[str, Any]]] = {
+            "d": self._measuring.delete_last,
+            "a": self._measuring.again,
+            "s": self._measuring.skip,
+        }
+        if word[:1] in doing:
+            self._say(doing[word[:1]]())
+        elif word[:1] == "f":
+            self._finish = True
+        elif word[:1] == "q":
+            self._stop = True
+        elif word:
+            self._say({"event": "unknown", "text": f"found {word!r}, expected one of d a s f q"})
+
+    # --- what goes out ----------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        state = self._measuring.state()
+        if self._json:
+            self._put({"event": "begin", **state})
+            return
+        print(printable(f"armd: {state['serial']}, {state['kind']}, to {state['session']}"))
+        if state["taken"]:
+            print(f"armd: taken up again, {state['done']} of {state['wanted']} done")
+        if self._console.is_terminal:
+            print(KEYS)
+        self._print_next(state["next"])
+
+    def _say(self, told: Mapping[str, Any]) -> None:
+        if self._json:
+            self._put(told)
+            return
+        match told["event"]:
+            case "reading":
+                text = f"{told['done']:4d}/{told['wanted']}  {told['text']}; {told['estimate']}"
+            case "refused":
+                text = f"   refused, {told['reason'].replace('_', ' ')}: {told['text']}"
+            case _:
+                text = f"   {told['text']}"
+        print(printable(text), flush=True)
+        if not self._measuring.complete and told["event"] != "refused":
+            self._print_next(self._measuring.state()["next"])
+
+    def _print_next(self, following: Mapping[str, Any] | None) -> None:
+        if following is None:
+            return
+        if following["new_placement"]:
+            where = f": {following['place']}" if following["place"] else ""
+            print(printable(f"      placement {following['placement']}{where}"))
+        why = f" ({following['why']})" if following["why"] else ""
+        print(printable(f"      next {following['target']}: {following['how']}{why}"), flush=True)
+
+    def _live(self, opened: ExitStack) -> Callable[[str], None] | None:
+        """A line that is written over again and again; None where nobody sees it."""
+        if self._json or not self._console.is_terminal:
+            return None
+        live = opened.enter_context(Live(console=self._console, auto_refresh=False))
+        return lambda text: live.update(Text(text), refresh=True)
+
+    def _line(self, tip_mm: list[float]) -> str:
+        away_mm = self._measuring.distance_mm(tip_mm)
+        following = self._measuring.state()["next"]
+        if following is None:
+            return ""
+        away = "its place is not known yet" if away_mm is None else f"{away_mm:8.1f} mm away"
+        return f"{following['target']} in {following['placement']}: {away}"
+
+    def _estimate(self) -> None:
+        """What `armd calibrate` would say, aside: it takes seconds, and no press waits for it."""
+        kind = self._measuring.plan.kind
+        busy = self._estimating is not None and self._estimating.is_alive()
+        if self._json or busy or kind not in ("seats", "artefact", "poses"):
+            return
+        self._estimating = threading.Thread(target=self._tell_estimate, daemon=True)
+        self._estimating.start()
+
+    def _tell_estimate(self) -> None:
+        try:
+            found = identified(self._measuring.folder, self._measuring.in_use.arm)
+        except (ArmdError, ArithmeticError, OSError, ValueError) as error:
+            found = {"text": f"nothing can be said of it yet: {error}"}
+        print(printable(f"      so far: {found['text']}"), flush=True)
+
+    def _put(self, line: Mapping[str, Any]) -> None:
+        print(json.dumps(line, allow_nan=False), flush=True)

@@ -1,0 +1,42 @@
+"""Planting in an arm on a wire: what is wrong with it is so from the beginning."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armd.errors import BadInput
+from armd.simulator.artefact import seat
+from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.measuring import Rig
+from armd.simulator.noise import Noise
+from armd.simulator.plan import Climate, Plan, rounds
+from armd.simulator.plants.causes import plant_all
+from armd.simulator.plants.plant import parse_plant
+from armd.simulator.truth.arm import TrueArm
+
+#: Causes that set in at some instant did so in a session that was over before the simulation began.
+BEFORE_H = -24.0
+
+
+def planted(arm: TrueArm, texts: Sequence[str], seed: int) -> TrueArm:
+    """*arm* with everything of *texts* (`cause@location=size`) in it.
+
+    Raises `BadInput` for what cannot be planted, or is not of the arm itself.
+    """
+    past = Plan("past", BEFORE_H, Climate(), rounds(1, 5))
+    artefact = seat()
+    campaign = Campaign("", Rig(arm, artefact, Noise()), [(past, artefact)])
+    rng = np.random.default_rng([seed, 0x9147])
+    for text in texts:
+        before = campaign.rig
+        campaign = plant_all(campaign, [parse_plant(text)], rng)
+        rig = campaign.rig
+        beside = ("artefact", "noise", "core_lag_s", "read_sensors", "spoil")
+        if rig.arm is before.arm or any(
+            getattr(rig, name) is not getattr(before, name) for name in beside
+        ):
+            expected = "a cause of the arm itself; others are for --session"
+            raise BadInput("--plant", text, "something beside the arm", expected)
+    return campaign.rig.arm

@@ -1,0 +1,277 @@
+"""The circle: an arm goes wrong, and is measured, diagnosed, mended and verified over the wire.
+
+    python tests/scenarios/circle.py [--seed N] [--folder FOLDER]
+
+A calibrated arm; then a fault that nobody is told of. A simulated operator touches seats and balls
+as `armd measure` asks for them: the verification fails, the artefact's diagnosis names the cause,
+its extended calibration is reloaded into the running daemon, and the verification passes. Exit
+code 1 where one of these is not so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+ARMD = [sys.executable, "-P", "-m", "armd.daemon.cli"]
+SIMULATOR = [sys.executable, "-P", "-m", "armd.simulator"]
+FAULT = "encoder_eccentricity@joint 3=3"
+CAUSE, LOCATION = "encoder_eccentricity", "joint 3"
+CONFIG = """\
+schema = "armd.daemon/1"
+arm = "arm.toml"
+calibration = "calibration.json"
+
+[driver]
+kind = "serial"
+port = "{port}"
+
+[zenoh]
+listen = ["{endpoint}"]
+
+[commands]
+enabled = true
+
+[measurement]
+log = false
+"""
+MPE = """\
+schema = "armd.mpe/1"
+decision = "simple"
+[mpe]
+spat_max_mm = 0.030
+spat_2s_mm = 0.030
+"""
+#: The hand hurries, for this is a demonstration; a person needs three times as long.
+HAND = """\
+schema = "armd.operator/1"
+rest_s = 0.85
+press_after_s = 0.65
+haste = 3.0
+start_s = 2.5
+"""
+PRESSES = 11  # one more than is asked for at each seat, so that one may be refused
+SEATS = (
+    HAND
+    + "".join(f'\n[[target]]\nname = "SPAT{i}"\n' for i in (1, 2, 3))
+    + "".join(
+        f'\n[[visit]]\nplacement = "SPAT{i}"\ntargets = ["SPAT{i}"]\nrounds = {PRESSES}\n{where}\n'
+        for i, where in enumerate(
+            (
+                "position_mm = [250.0, 0.0, 300.0]",
+                "position_mm = [0.0, 620.0, 250.0]",
+                "position_mm = [-880.0, 150.0, 350.0]",
+            ),
+            1,
+        )
+    )
+)
+BEAM = """\
+[artefact]
+name = "short beam"
+expansion_per_k = 0.5e-6
+""" + "".join(
+    f'\n[[artefact.target]]\nname = "{name}"\nposition_mm = {list(where)}\n'
+    "standard_uncertainty_mm = 0.0001\n"
+    for name, where in {
+        "B1": (0.0, 0.0, 0.0),
+        "B2": (150.0, 0.0, 0.0),
+        "B3": (300.0, 0.0, 60.0),
+        "B4": (450.0, 0.0, 0.0),
+        "B5": (220.0, 180.0, 90.0),
+    }.items()
+)
+PLACEMENTS, ROUNDS = ("P1", "P2", "P3", "P4"), 2
+BALLS = HAND.replace("start_s = 2.5", 'start_s = 2.5\nartefact = "beam.toml"') + "".join(
+    f'\n[[visit]]\nplacement = "{name}"\nrounds = {ROUNDS}\n' for name in PLACEMENTS
+)
+
+
+class Circle:
+    """In *folder*, an arm of *seed*; `run` is the whole story."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self._folder = folder
+        self._seed = str(seed)
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self._endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        self._began_s = time.monotonic()
+
+    def run(self) -> dict[str, Any]:
+        """Figures of the circle; printed as they come."""
+        folder = self._folder
+        (folder / "mpe.toml").write_text(MPE)
+        (folder / "beam.toml").write_text(BEAM)
+        (folder / "seats-plan.toml").write_text(SEATS)
+        (folder / "balls-plan.toml").write_text(BALLS)
+        self._calibrate()
+        figures: dict[str, Any] = {}
+        with self._daemon():
+            mpe = ["--tests", "spat", "--mpe", str(folder / "mpe.toml")]
+            figures["before"] = self._verified("before", mpe)
+            self._measure(
+                *("artefact", "balls-plan.toml", "beam"),
+                *("--artefact", str(folder / "beam.toml"), "--repeats", str(ROUNDS)),
+                *("--placements", ",".join(PLACEMENTS)),
+            )
+            figures["diagnosis"] = self._diagnosed()
+            shutil.copyfile(folder / "beam" / "extended.json", folder / "calibration.json")
+            self._say(_armd("reload", "--endpoint", self._endpoint).strip())
+            figures["after"] = self._verified("after", mpe)
+        figures["seconds"] = time.monotonic() - self._began_s
+        self._say("the circle is closed" if closed(figures) else "THE CIRCLE IS NOT CLOSED")
+        return figures
+
+    def _calibrate(self) -> None:
+        """While the arm was healthy."""
+        measured = self._folder / "measured"
+        _simulated("--session", "demo", "--seed", self._seed, "-o", str(measured))
+        sessions = sorted(str(path.parent) for path in measured.glob("*/session.toml"))
+        arm, out = str(measured / "arm.toml"), str(self._folder / "calibration.json")
+        _armd("calibrate", *sessions, "--arm", arm, "-o", out, "--thermal", "1")
+        shutil.copyfile(arm, self._folder / "arm.toml")
+        self._say(f"calibrated when it was healthy, from {len(sessions)} sessions; then: {FAULT}")
+
+    @contextmanager
+    def _daemon(self) -> Iterator[None]:
+        folder = self._folder
+        config = CONFIG.format(port=folder / "port", endpoint=self._endpoint)
+        (folder / "armd.toml").write_text(config)
+        with self._arm("seats-plan.toml", seconds=2.0) as arm:  # so that the port is there
+            arm.wait()
+        command = [*ARMD, "run", str(folder / "armd.toml")]
+        log = (folder / "daemon.log").open("w")
+        with (
+            log,
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as daemon,
+        ):
+            try:
+                assert daemon.stdout is not None
+                if not daemon.stdout.readline().startswith("armd: ready"):
+                    raise SystemExit((folder / "daemon.log").read_text())
+                yield
+            finally:
+                daemon.terminate()
+                daemon.wait(30)
+
+    @contextmanager
+    def _arm(self, plan: str, seconds: float = 600.0) -> Iterator[subprocess.Popen[str]]:
+        """The arm with its fault, in the hands of an operator who follows *plan*."""
+        options = ["--serial", "--link", str(self._folder / "port"), "--seed", self._seed]
+        options += ["--rate", "500", "--seconds", str(seconds), "--plant", FAULT]
+        options += ["--operator", str(self._folder / plan)]
+        log = (self._folder / "arm.log").open("a")
+        with (
+            log,
+            subprocess.Popen(
+                [*SIMULATOR, *options], stdout=subprocess.PIPE, stderr=log, text=True
+            ) as arm,
+        ):
+            try:
+                assert arm.stdout is not None
+                if not arm.stdout.readline().strip():
+                    raise SystemExit((self._folder / "arm.log").read_text())
+                yield arm
+            finally:
+                arm.terminate()
+                arm.wait(30)
+
+    def _measure(self, kind: str, plan: str, name: str, *options: str) -> int:
+        """`armd measure`, with the operator; its exit code."""
+        began_s = time.monotonic()
+        command = [*ARMD, "measure", kind, "--endpoint", self._endpoint, "--json"]
+        command += ["-o", str(self._folder / name), *options]
+        refused = taken = 0
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as guide:
+            try:
+                assert guide.stdout is not None
+                guide.stdout.readline()  # it listens
+                with self._arm(plan):
+                    for line in guide.stdout:
+                        told = json.loads(line)
+                        refused += told["event"] == "refused"
+                        taken += told["event"] == "reading"
+                        if told.get("complete"):
+                            break
+                guide.stdout.read()
+            finally:
+                if guide.poll() is None and not taken:
+                    guide.send_signal(signal.SIGTERM)
+        seconds = time.monotonic() - began_s
+        self._say(f"{kind}: {taken} readings taken, {refused} refused, {seconds:.0f} s")
+        return guide.returncode
+
+    def _verified(self, name: str, options: list[str]) -> dict[str, Any]:
+        code = self._measure("verify", "seats-plan.toml", name, *options)
+        verdict = json.loads((self._folder / name / "verify.json").read_text())
+        worst = {figure["name"]: 1e3 * figure["value_mm"] for figure in verdict["figures"].values()}
+        shown = ", ".join(f"{key} {value:.0f} µm" for key, value in worst.items())
+        self._say(f"verification {name}: {verdict['verdict']} ({shown}; limit 30 µm)")
+        return {"code": code, **worst}
+
+    def _diagnosed(self) -> dict[str, Any]:
+        result = json.loads((self._folder / "beam" / "diagnose.json").read_text())
+        for finding in result["findings"]:
+            gain = finding["gain"]
+            self._say(
+                f"diagnosis: {finding['cause']} at {finding['location']}, probability"
+                f" {finding['probability']:.3f}, held out {gain['heldout_rms_um_before']:.1f} →"
+                f" {gain['heldout_rms_um_after']:.1f} µm"
+            )
+        first = (result["findings"] or [{}])[0]
+        return {key: first.get(key) for key in ("cause", "location", "probability")}
+
+    def _say(self, text: str) -> None:
+        print(f"{time.monotonic() - self._began_s:5.0f} s  {text}", flush=True)
+
+
+def closed(figures: dict[str, Any]) -> bool:
+    """Whether it failed before, the cause was named, and it passed afterwards."""
+    diagnosis = figures["diagnosis"]
+    named = (diagnosis["cause"], diagnosis["location"]) == (CAUSE, LOCATION)
+    return figures["before"]["code"] == 1 and named and figures["after"]["code"] == 0
+
+
+def _armd(*arguments: str) -> str:
+    return _do([*ARMD, *arguments])
+
+
+def _simulated(*arguments: str) -> str:
+    return _do([*SIMULATOR, *arguments])
+
+
+def _do(command: list[str]) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"{' '.join(command[3:])}\n{done.stdout}{done.stderr}")
+    return done.stdout
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seed", type=int, default=5)
+    parser.add_argument("--folder", type=Path, help="kept; otherwise nothing is")
+    args = parser.parse_args()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if args.folder is not None:
+        args.folder.mkdir(parents=True)
+        return 0 if closed(Circle(args.folder, args.seed).run()) else 1
+    with tempfile.TemporaryDirectory(prefix="armd-circle-") as folder:
+        return 0 if closed(Circle(Path(folder), args.seed).run()) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
