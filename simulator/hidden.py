@@ -18,7 +18,8 @@ from armd.simulator.answers import true_constants, true_expansion
 from armd.simulator.artefact import Artefact
 from armd.simulator.campaigns.campaign import Campaign
 from armd.simulator.campaigns.hidden import NOISE, Design, campaigns
-from armd.simulator.measuring import Measured, Rig, take_readings, write_session
+from armd.simulator.measuring import Measured, Rig, session_files, take_readings, write_session
+from armd.simulator.mess import in_the_workshop, on_the_desk
 from armd.simulator.noise import Noise
 from armd.simulator.placement import Placement
 from armd.simulator.plan import Climate, Plan
@@ -67,10 +68,12 @@ def generate_case(
     plants: Sequence[Plant] = (),
     design: Design | None = None,
     noise: Noise = NOISE,
+    mess: str = "",
 ) -> HiddenCase:
     """Write a case under *folder*: arm.toml and one folder per session; return its truth.
 
-    *design* None is the standard one: eight sessions of a hundred readings, 16–28 °C.
+    *design* None is the standard one: eight sessions of a hundred readings, 16–28 °C. *mess*: one
+    of `mess.KINDS`, in the sessions to diagnose.
     """
     design = design or Design()
     healthy, later = campaigns(seed, design, noise)
@@ -84,12 +87,14 @@ def generate_case(
     sick = later
     for i, plant in enumerate(plants):
         sick = plant_all(sick, [plant], own(i))
+    sick = in_the_workshop(sick, mess, np.random.default_rng([seed, 0x3E55]))
     earlier, present = list(healthy.carry_out(rng)), list(sick.carry_out(rng))
     measured = earlier + present
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "arm.toml", later.arm_toml)
     for session in measured:
         write_session(folder / session.plan.name, session)
+    _write_mess(folder, mess, [m for m in present if not m.plan.held_out], seed)
 
     def starting(prefix: str) -> list[Path]:
         return [folder / m.plan.name for m in measured if m.plan.name.startswith(prefix)]
@@ -112,6 +117,14 @@ def generate_case(
         measured={m.plan.name: m for m in measured},
         present=sick,
     )
+
+
+def _write_mess(folder: Path, mess: str, sessions: list[Measured], seed: int) -> None:
+    texts = [session_files(session) for session in sessions]
+    texts = on_the_desk(mess, texts, np.random.default_rng([seed, 0xDE5C]))
+    for session, own in zip(sessions, texts, strict=True):
+        for name, text in own.items():
+            write_whole(folder / session.plan.name / name, text)
 
 
 def measure_next(

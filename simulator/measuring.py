@@ -26,10 +26,26 @@ from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.conditions import Conditions
 from armd.simulator.truth.heat import HeatField
 from armd.simulator.truth.posture import Posture
-from armd.simulator.truth.rotations import random_unit
+from armd.simulator.truth.rotations import about, random_unit
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Touched:
+    """Somebody leaned on the artefact half-way through the first placement of a session."""
+
+    session: str
+    share: float  # of the placement's readings that were taken before
+    turn_rad: F64  # (3,) about the middle of the targets
+    shift_mm: F64  # (3,)
+
+    def moved(self, points: F64) -> F64:
+        """Points (n, 3) of the artefact as they stand afterwards, base frame, mm."""
+        middle = points.mean(axis=0)
+        turned: F64 = middle + self.shift_mm + (points - middle) @ about(self.turn_rad).T
+        return turned
 
 
 @dataclass(frozen=True)
@@ -43,6 +59,7 @@ class Rig:
     core_lag_s: F64 | None = None  # (N,)
     read_sensors: Callable[[F64], F64] = lambda celsius: celsius  # (n, S) felt → (n, S) told
     spoil: Callable[[np.random.Generator, int], F64] | None = None  # tip displacement (n, 3) mm
+    touched: Touched | None = None
 
     def reach(self, rng: np.random.Generator) -> Reach:
         return Reach(self.arm, rng, self.limits_rad)
@@ -141,6 +158,10 @@ def take_readings(
     for i, where in enumerate(placements):
         rows = placement == i
         goal[rows] = where.to_base(local[rows])
+    if rig.touched is not None and rig.touched.session == plan.name:
+        first = np.flatnonzero(placement == 0)
+        after = first[int(rig.touched.share * len(first)) :]
+        goal[after] = rig.touched.moved(goal[after])
     moved = rig.noise.seating(rng, n) + rig.noise.wander(rng, time_s)
     thrown = np.zeros((n, 3)) if rig.spoil is None else rig.spoil(rng, n)
     moved = moved + thrown

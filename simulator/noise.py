@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -13,7 +14,7 @@ from armd.simulator.truth.rotations import ARC_SECOND
 F64 = npt.NDArray[np.float64]
 
 #: Degrees of freedom of the heavy-tailed noise (Student's t): excess kurtosis without end.
-HEAVY_TAILS = 4
+HEAVY_TAILS = {"heavy": 4, "t3": 3}
 #: Over which the stand wanders, s.
 WANDER_S = 1500.0
 
@@ -25,8 +26,10 @@ class Noise:
     encoder_arcsec: float = 0.5
     seating_um: float = 0.5  # of the tip in its seat, each axis, anew at every reading
     sensor_c: float = 0.01
-    tails: Literal["gaussian", "heavy"] = "gaussian"
+    tails: Literal["gaussian", "heavy", "t3"] = "gaussian"
     wander_um: float = 0.0  # of the stand, each axis, slowly
+    correlation: float = 0.0  # of one reading's errors with the next one's
+    sensor_step_c: float = 0.01  # what the wire tells a temperature in
 
     def scaled(self, factor: float) -> Noise:
         """The same noise, *factor* times as large; without any, sensors show what they feel."""
@@ -47,9 +50,9 @@ class Noise:
         return 1e-3 * self.seating_um * self._draw(rng, (n, 3))
 
     def sensors(self, rng: np.random.Generator, celsius: F64) -> F64:
-        """Readings of the sensors (n, S): with noise, in steps of 0.01 °C as on the wire."""
-        told = celsius + rng.normal(0.0, self.sensor_c, celsius.shape)
-        return np.round(told, 2) if self.sensor_c else told
+        """Readings of the sensors (n, S): with noise, in the wire's steps."""
+        told: F64 = celsius + rng.normal(0.0, self.sensor_c, celsius.shape)
+        return self.sensor_step_c * np.round(told / self.sensor_step_c) if self.sensor_c else told
 
     def wander(self, rng: np.random.Generator, time_s: F64) -> F64:
         """Slow displacement of the base (n, 3), mm: a first-order Gauss–Markov process."""
@@ -62,9 +65,15 @@ class Noise:
         return 1e-3 * self.wander_um * path
 
     def _draw(self, rng: np.random.Generator, shape: tuple[int, int]) -> F64:
-        """Independent draws of unit variance."""
+        """Draws of unit variance, correlated from row to row where so wanted."""
         if self.tails == "gaussian":
-            return rng.normal(size=shape)
-        unit = np.sqrt(HEAVY_TAILS / (HEAVY_TAILS - 2))
-        heavy: F64 = rng.standard_t(HEAVY_TAILS, shape) / unit
-        return heavy
+            drawn = rng.normal(size=shape)
+        else:
+            freedom = HEAVY_TAILS[self.tails]
+            drawn = rng.standard_t(freedom, shape) / np.sqrt(freedom / (freedom - 2))
+        if self.correlation:
+            fresh = np.sqrt(1.0 - self.correlation**2)
+            for before, row in itertools.pairwise(drawn):
+                row *= fresh
+                row += self.correlation * before
+        return drawn

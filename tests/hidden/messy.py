@@ -1,0 +1,186 @@
+"""Cases in which measuring went as it does in a workshop: what a diagnosis then says, and should.
+
+Every other case has a cause planted, every other pair of them a calibration from before to test.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from armd.compensation.data.session import load_session
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.result import as_json
+from armd.compensation.identify.calibrate import calibrate
+from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration
+from armd.simulator.campaigns.hidden import Design
+from armd.simulator.hidden import HiddenCase, generate_case
+from armd.simulator.mess import KINDS
+from armd.simulator.plants.draw import draw_plant
+from armd.simulator.plants.plant import Plant
+
+DESIGN = Design(sessions=6, articulations=4, holdout=1)
+#: Causes that act through the posture: a dead channel or a wrong clock takes none of them away.
+CAUSES = (
+    "encoder_eccentricity", "encoder_ellipticity", "encoder_periodic", "joint_backlash",
+    "axis_wobble", "joint_compliance", "link_bending", "probing_force", "time_skew",
+    "artefact_length", "geometry_shift",
+)  # fmt: skip
+#: What is told of a mess itself is no false alarm.
+OF_THE_MESS = {"gross": "outliers", "t3": "outliers", "touched": "artefact_moved"}
+SURE = 0.95
+SEEN = 8.0  # noise units from which on a cause should be named
+
+
+@dataclass(frozen=True)
+class MessOutcome:
+    """What came of one case, small enough to pass between processes."""
+
+    kind: str
+    seed: int
+    truth: tuple[str, str, float] | None
+    snr: float
+    held: bool
+    found: tuple[tuple[str, str, float], ...]  # cause, location, probability
+    told: tuple[str, ...]  # what is said of the readings themselves
+    floor: float  # the noise floor told, over the true one
+    before_um: float  # on the session held out
+    after_um: float
+    seconds: float
+
+    @property
+    def foreign(self) -> list[tuple[str, str, float]]:
+        """Findings that are neither the cause nor the mess."""
+        truth = self.truth[:2] if self.truth else None
+        return [
+            f for f in self.found if f[:2] != truth and f[0] != OF_THE_MESS.get(self.kind, "-")
+        ]
+
+    @property
+    def right(self) -> bool:
+        """The cause, where it is large enough, is named, what was touched is told, no more."""
+        named = self.truth is None or any(f[:2] == self.truth[:2] for f in self.found)
+        if self.truth is not None and self.snr < SEEN:
+            named = True
+        told = self.kind != "touched" or any(f[0] == "artefact_moved" for f in self.found)
+        told = told and (self.kind not in ("doubled", "dead", "clocks") or bool(self.told))
+        return named and told and not self.foreign
+
+    @property
+    def sure_and_wrong(self) -> bool:
+        return any(p >= SURE and cause != "unknown" for cause, _, p in self.foreign)
+
+    @property
+    def worse(self) -> bool:
+        return self.after_um > 1.02 * self.before_um
+
+
+def run_mess(kind: str, seed: int) -> MessOutcome:
+    """Make, diagnose and judge a case of *kind*, one of the simulator's `mess.KINDS`, or ""."""
+    rng = np.random.default_rng([seed, 0x3E55])
+    plants: list[Plant] = []
+    if seed % 2:
+        plants = [draw_plant(rng, CAUSES, float(np.exp(rng.uniform(0.4, 1.4))))]
+    held = seed % 4 > 1 or any(plant.cause == "geometry_shift" for plant in plants)
+    design = replace(DESIGN, before=4) if held else DESIGN
+    with tempfile.TemporaryDirectory() as folder:
+        case = generate_case(Path(folder), seed, plants, design, mess=kind)
+        arm = load_arm(case.arm)
+        calibration = None
+        if held:
+            before = [load_session(path, arm) for path in case.before]
+            calibration = calibrate(before, arm).calibration
+        started = time.perf_counter()
+        diagnosis = diagnose([load_session(p, arm) for p in case.sessions], arm, calibration)
+        seconds = time.perf_counter() - started
+        result = as_json(diagnosis, None)
+        snr = 0.0
+        if plants:
+            snr = _snr(case)
+        errors = [
+            _held_out_um(case, arm, model)
+            for model in (diagnosis.baseline.calibration, diagnosis.extended)
+        ]
+    truth = (plants[0].cause, plants[0].location, plants[0].size) if plants else None
+    return MessOutcome(
+        kind, seed, truth, snr, held,
+        tuple((f["cause"], f["location"], float(f["probability"])) for f in result["findings"]),
+        tuple(result.get("readings", {}).get("told", ())),
+        result["baseline"]["noise_floor_um"] / _true_floor_um(case),
+        *errors, seconds,
+    )  # fmt: skip
+
+
+def _snr(case: HiddenCase) -> float:
+    """Norm of the effect over the noise, not clear of what absorbs; about twice what is clear."""
+    (effect,) = case.effects
+    names = [path.name for path in case.sessions]
+    error = np.concatenate([effect.error_mm[name] for name in names])
+    error -= error.mean(axis=0)
+    per_axis = _true_floor_um(case) / 1e3 / np.sqrt(3.0)
+    return 0.5 * float(np.linalg.norm(error)) / per_axis
+
+
+def _true_floor_um(case: HiddenCase) -> float:
+    """3-D RMS of what encoders, seats and certificates err by, gross errors aside."""
+    rows = [
+        case.noise_mm[path.name][~case.measured[path.name].spoilt] for path in case.sessions
+    ]
+    return 1e3 * float(np.sqrt((np.concatenate(rows) ** 2).sum(axis=1).mean()))
+
+
+def _held_out_um(case: HiddenCase, arm: object, model: Calibration) -> float:
+    """3-D RMS on the session held out, its gross errors aside."""
+    found = evaluate([load_session(path, arm) for path in case.holdout], arm, model)  # type: ignore[arg-type]
+    spoilt = np.concatenate([case.measured[path.name].spoilt for path in case.holdout])
+    return float(np.sqrt((found.distance_um[~spoilt] ** 2).mean()))
+
+
+def tell_mess(o: MessOutcome) -> str:
+    truth = f"{o.truth[0]} {o.truth[1]} {o.truth[2]:.3g}" if o.truth else "clean"
+    found = "; ".join(f"{c} {where} {p:.2f}" for c, where, p in o.found) or "silence"
+    marks = ("SURE AND WRONG " if o.sure_and_wrong else "") + ("WORSE " if o.worse else "")
+    held = ", held" if o.held else ""
+    return (
+        f"{'ok ' if o.right else '-- '}{marks}{o.kind or 'tidy'} {o.seed}: {truth} "
+        f"[SNR {o.snr:.0f}{held}] → {found}; floor × {o.floor:.2f}, "
+        f"{o.before_um:.1f} → {o.after_um:.1f} µm, {o.seconds:.1f} s {' '.join(o.told)}"
+    )
+
+
+def table_of_mess(outcomes: list[MessOutcome]) -> None:
+    """One line per kind."""
+    print(f"{'':12s} {'right':>8s} {'sure+wrong':>10s} {'false':>9s} {'worse':>6s} {'floor':>12s}")
+    for kind in dict.fromkeys(o.kind for o in outcomes):
+        own = [o for o in outcomes if o.kind == kind]
+        clean = [o for o in own if o.truth is None]
+        alarms = sum(bool(o.foreign) for o in clean)
+        floors = [o.floor for o in own]
+        print(
+            f"{kind or 'tidy':12s} {sum(o.right for o in own):3d}/{len(own):<4d} "
+            f"{sum(o.sure_and_wrong for o in own):10d} {alarms:4d}/{len(clean):<4d} "
+            f"{sum(o.worse for o in own):6d} {min(floors):5.2f}–{max(floors):5.2f}"
+        )
+
+
+if __name__ == "__main__":
+    import sys
+    import traceback
+
+    wanted, base, count = sys.argv[1].split(",") if sys.argv[1] else [*KINDS], 0, 0
+    base, count = int(sys.argv[2]), int(sys.argv[3])
+    outcomes = []
+    for one in wanted:
+        for i in range(count):
+            try:
+                outcomes.append(run_mess(one, base + i))
+                print(tell_mess(outcomes[-1]), flush=True)
+            except Exception:
+                traceback.print_exc()
+    table_of_mess(outcomes)
