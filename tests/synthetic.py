@@ -145,6 +145,7 @@ def session(
         truth_mm=truth,
         artefact_c=np.full(readings, np.nan),
         unused_columns=[],
+        row=np.arange(readings),
     )
 
 
@@ -177,6 +178,7 @@ def tracked(
         truth_mm=(position - [1000.0, -300.0, 200.0]) @ turn,
         artefact_c=np.full(readings, np.nan),
         unused_columns=[],
+        row=np.arange(readings),
     )
 
 

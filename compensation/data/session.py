@@ -10,7 +10,7 @@ import hashlib
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -59,10 +59,25 @@ class Session:
     truth_mm: F64  # (n, 3) in the placement's frame; NaN where the target's position counts
     artefact_c: F64  # (n,) °C, NaN missing
     unused_columns: list[str]
+    row: I64  # (n,) of the table, from 0
+    lost: tuple[str, ...] = ()  # sensors that show nothing; their values are what the others tell
+    lost_links: tuple[int, ...] = ()  # links (from 1) that such a sensor spoke for
 
     @property
     def n(self) -> int:
         return len(self.target)
+
+    def rows(self, kept: npt.NDArray[np.bool_] | I64) -> Session:
+        """The chosen rows only."""
+        return replace(
+            self,
+            states=self.states.rows(kept),
+            placement=self.placement[kept],
+            target=self.target[kept],
+            truth_mm=self.truth_mm[kept],
+            artefact_c=self.artefact_c[kept],
+            row=self.row[kept],
+        )
 
     def fingerprint(self) -> str:
         """SHA-256 over session.toml and the readings, as they stand on disk now."""
@@ -133,6 +148,7 @@ def load_session(path: str | Path, arm: Arm) -> Session:
         unused_columns=[
             name for name in readings.header if name not in (*numbers, "placement", "target")
         ],
+        row=np.arange(readings.n),
     )
 
 

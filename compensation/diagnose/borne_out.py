@@ -21,7 +21,14 @@ from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.baseline import Baseline
 from armd.compensation.diagnose.fitting.fit import Fit, Refits
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
-from armd.compensation.diagnose.gain import Gain, folds_of, gain, groups_of, left_out
+from armd.compensation.diagnose.gain import (
+    Gain,
+    folds_of,
+    gain,
+    groups_of,
+    left_out,
+    without_gross,
+)
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.diagnose.search import Result
 from armd.compensation.estimate.observations import Observations
@@ -78,14 +85,16 @@ def choose(
 
     def shown_by(before: tuple[int, ...], after: tuple[int, ...]) -> tuple[int, Gain] | None:
         """The first look that bears out what is new, and its gain."""
-        gains = [
-            gain(old, new, look.groups)
+        pairs = [
+            (old, new, look.groups)
             for old, new, look in zip(errors(before), errors(after), looks, strict=True)
         ]
+        decided = [gain(*without_gross([old, new]), groups) for old, new, groups in pairs]
         heard = not deaf or not all(deaf[i] for i in after if i not in before)
-        if heard and gains[0].interval_um[1] < 0.0:
+        if heard and decided[0].interval_um[1] < 0.0:
             return None
-        return next(((k, g) for k, g in enumerate(gains) if g.shown), None)
+        shown = next((k for k, found in enumerate(decided) if found.shown), None)
+        return None if shown is None else (shown, replace(gain(*pairs[shown]), shown=True))
 
     chosen: tuple[int, ...] = ()
     further: dict[int, Gain] = {}

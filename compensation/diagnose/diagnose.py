@@ -10,7 +10,8 @@ import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.borne_out import by_placement, by_session
+from armd.compensation.data.soundness import make_sound
+from armd.compensation.diagnose.borne_out import BorneOut, by_placement, by_session
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.findings import Finding
 from armd.compensation.diagnose.fitting.baseline import Baseline, from_calibration
@@ -56,9 +57,11 @@ class Diagnosis:
     outlier_p: float
     outlier_gain: Gain | None
     written: tuple[int, ...]  # findings in the extended calibration, by number
-    written_rms_um: tuple[float, ...]  # held out, without any and with these
+    written_rms_um: tuple[float, float]  # held out, without any and with these
+    written_clear_um: tuple[float, float] | None  # the same without the outliers, if any are named
     by_target: bool  # these two of targets left out within placements: others could not tell
     extended: Calibration
+    told: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
 
     @property
     def found(self) -> tuple[Finding, ...]:
@@ -98,6 +101,11 @@ def _diagnose(
     command: str,
 ) -> Diagnosis:
     progress("model under test", 0.0)
+    sound = make_sound(sessions, arm)
+    sessions, arm, told = sound.sessions, sound.arm, list(sound.told)
+    if holdout:
+        beside = make_sound(holdout, arm)
+        holdout, told = beside.sessions, told + list(beside.told)
     rests = gather_rests(sessions, arm)
     for some in (rests, *([gather_rests(holdout, arm)] if holdout else [])):
         require_spare(some.observations, ", ".join(str(s.path) for s in some.sessions))
@@ -127,6 +135,13 @@ def _diagnose(
     measured = [
         replace(written.further.get(i, g), shown=i in written.some) for i, g in enumerate(measured)
     ]
+    if not kept.all():
+        clear = gains([square[kept] for square in squares], groups[kept], kept[kept])
+        pairs = [(own.before_um, own.after_um) for own in clear]
+        measured = [
+            g if i in written.further else replace(g, without_outliers_um=pair)
+            for i, (g, pair) in enumerate(zip(measured, pairs, strict=True))
+        ]
     extension = _extension(written.some, result, rests, arm, sessions, command)
     if len(written.some) == found and not written.further:
         written = replace(written, after=squares[-1])  # of a search repeated, where there is one
@@ -145,10 +160,17 @@ def _diagnose(
         outlier_p,
         gain(squares[-1], squares[-1], groups, kept) if outliers else None,
         written.some,
-        tuple(1e3 * float(np.sqrt(held.mean())) for held in (written.before, written.after)),
+        _before_and_after_um(written, np.ones_like(kept)),
+        None if kept.all() else _before_and_after_um(written, kept),
         bool(written.further),
         extension,
+        tuple(told),
     )
+
+
+def _before_and_after_um(written: BorneOut, kept: npt.NDArray[np.bool_]) -> tuple[float, float]:
+    before, after = (1e3 * float(np.sqrt(s[kept].mean())) for s in (written.before, written.after))
+    return before, after
 
 
 def _extension(
@@ -241,6 +263,6 @@ def _named(rests: npt.NDArray[np.int64], of: Rests, last: Fit) -> tuple[Outlier,
         error = 1e3 * float(np.linalg.norm(left[rest]))
         for reading in np.flatnonzero(of.rest_of == rest):
             session = int(np.searchsorted(first, reading, side="right")) - 1
-            row = int(reading - first[session]) + 1
+            row = int(of.sessions[session].row[reading - first[session]]) + 1
             named.append(Outlier(of.sessions[session].name, row, error))
     return tuple(named)

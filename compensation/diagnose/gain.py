@@ -38,6 +38,9 @@ RESAMPLES = 1000
 SIGN_P = 0.01
 #: Less than this share of the error is rounding, no gain.
 LEAST_SHARE = 1e-6
+#: In a decision a reading six noise units off counts as one that is further off: so many times the
+#: usual squared residual.
+MOST_SQUARES = 15.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,8 @@ class Gain:
     after_um: float
     interval_um: tuple[float, float]
     shown: bool  # held-out readings improve beyond doubt
+    #: before and after, the rows named as outliers left out of both, where there are some
+    without_outliers_um: tuple[float, float] | None = None
 
 
 def gains(squares: Sequence[F64], groups: I64, kept: Mask) -> list[Gain]:
@@ -79,6 +84,13 @@ def gain(before: F64, after: F64, groups: I64, use: Mask | None = None, seed: in
     better = rms[1] < (1.0 - LEAST_SHARE) * rms[0]
     shown = better and (low > 0 or _most_improve(index, before, after))
     return Gain(*rms, (float(low), float(high)), bool(shown))
+
+
+def without_gross(squares: Sequence[F64]) -> list[F64]:
+    """Squared residuals with single readings counting at most `MOST_SQUARES` of the usual one's:
+    a decision that gross errors cannot outvote."""
+    most = MOST_SQUARES * min(float(np.median(square)) for square in squares)
+    return [np.minimum(square, most) for square in squares]
 
 
 def _most_improve(index: I64, before: F64, after: F64) -> bool:
@@ -182,7 +194,9 @@ def left_out(current: Fit, out: Mask, as_given: bool = False) -> F64:
     left = (current.raw_residual[:n] - taken)[rows]
     own = current.linear.nuisance[rows]
     own = own[:, np.abs(own).max(axis=0) > 0]
-    left = left - own @ np.linalg.lstsq(own, left, rcond=1e-9)[0]
+    # A gross error must not carry its placement away from all the others.
+    clipped = (current.residual[:n] - taken)[rows]
+    left = left - own @ np.linalg.lstsq(own, clipped, rcond=1e-9)[0]
     square: F64 = (left.reshape(-1, 3) ** 2).sum(axis=1)
     return square
 

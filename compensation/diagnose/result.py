@@ -62,6 +62,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             else [],
             "by_target": [asdict(one) for one in _few(target_steps(diagnosis.search.last))],
         },
+        "readings": {"told": list(diagnosis.told)},
         "verdict": verdict(diagnosis),
         "cannot_tell": [
             {"cause": cause, "needs": needs_of(cause), "experiment": CATALOGUE[cause].experiment}
@@ -87,8 +88,11 @@ def verdict(diagnosis: Diagnosis) -> str:
     else:
         count = f"{len(gains)} finding{'' if len(gains) == 1 else 's'}"
         if diagnosis.written:
-            before, after = diagnosis.written_rms_um
+            before, after = diagnosis.written_clear_um or diagnosis.written_rms_um
             how = ", targets left out within placements" if diagnosis.by_target else ""
+            if diagnosis.written_clear_um:
+                all_rows = " instead of ".join(um(rms) for rms in diagnosis.written_rms_um[::-1])
+                how += f", outliers left out of both; {all_rows} µm with them"
             borne_out = f", {_numbers(diagnosis.written)} in it," if doubtful else ""
             sentences.append(
                 f"{count}; with the extended model{borne_out} held-out readings err by "
@@ -121,7 +125,7 @@ def verdict(diagnosis: Diagnosis) -> str:
             )
     elif not gains and not diagnosis.outliers:
         sentences.append(_nothing_found(diagnosis, refused or moved))
-    return " ".join(text for text in [*sentences, *refused, *moved] if text)
+    return " ".join(text for text in [*sentences, *refused, *moved, *diagnosis.told] if text)
 
 
 def _numbers(of: Iterable[int]) -> str:
@@ -320,7 +324,9 @@ def tip_rms_um(diagnosis: Diagnosis, index: int) -> float:
 
 
 def _gain(gain: Gain) -> dict[str, Any]:
+    clear = gain.without_outliers_um
     return {
+        **({"heldout_rms_um_without_outliers": list(clear)} if clear else {}),
         "heldout_rms_um_before": gain.before_um,
         "heldout_rms_um_after": gain.after_um,
         "interval_um": list(gain.interval_um),

@@ -92,6 +92,7 @@ class SessionFacts:
     reference_c: float
     held: bool  # True: constants and terms come from a calibration given, and stay
     sensors: tuple[str, ...]  # with data
+    lost_links: frozenset[int]  # links whose sensor shows nothing in some session
     timed: bool  # times of all readings known
     rates: bool  # joint rates known
     approach: bool  # directions of approach known
@@ -116,6 +117,8 @@ class SessionFacts:
 
     def weights(self, joint: int) -> dict[str, float]:
         """The sensors of a joint, those with data only."""
+        if joint in self.lost_links:
+            return {}
         weights = self.arm.joint[joint - 1].weights
         return weights if all(name in self.sensors for name in weights) else {}
 

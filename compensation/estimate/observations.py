@@ -124,7 +124,7 @@ def gather(
             series=np.concatenate([np.full(s.n, i) for i, s in enumerate(sessions)]),
         ),
         session=np.concatenate([np.full(s.n, i) for i, s in enumerate(sessions)]),
-        row=np.concatenate([np.arange(s.n) for s in sessions]),
+        row=np.concatenate([s.row for s in sessions]),
         placement=np.concatenate(
             [s.placement + first for s, first in zip(sessions, first_placement, strict=False)]
         ),

@@ -17,7 +17,7 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.result import as_json
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluate import evaluate
-from armd.compensation.model.arm import load_arm
+from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import HiddenCase, generate_case
@@ -135,11 +135,11 @@ def _true_floor_um(case: HiddenCase) -> float:
     return 1e3 * float(np.sqrt((np.concatenate(rows) ** 2).sum(axis=1).mean()))
 
 
-def _held_out_um(case: HiddenCase, arm: object, model: Calibration) -> float:
+def _held_out_um(case: HiddenCase, arm: Arm, model: Calibration) -> float:
     """3-D RMS on the session held out, its gross errors aside."""
-    found = evaluate([load_session(path, arm) for path in case.holdout], arm, model)  # type: ignore[arg-type]
-    spoilt = np.concatenate([case.measured[path.name].spoilt for path in case.holdout])
-    return float(np.sqrt((found.distance_um[~spoilt] ** 2).mean()))
+    sessions = [load_session(path, arm) for path in case.holdout]
+    kept = [s.rows(~case.measured[s.name].spoilt) for s in sessions]
+    return float(np.sqrt((evaluate(kept, arm, model).distance_um ** 2).mean()))
 
 
 def tell_mess(o: MessOutcome) -> str:
@@ -173,7 +173,7 @@ if __name__ == "__main__":
     import sys
     import traceback
 
-    wanted, base, count = sys.argv[1].split(",") if sys.argv[1] else [*KINDS], 0, 0
+    wanted = sys.argv[1].split(",") if sys.argv[1] else [*KINDS]
     base, count = int(sys.argv[2]), int(sys.argv[3])
     outcomes = []
     for one in wanted:

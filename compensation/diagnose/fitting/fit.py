@@ -41,6 +41,10 @@ MOST_STEPS = 6
 CURVE_SCALE = 3.0
 CURVE_SCALES = (0.3, 100.0)
 SIZING_STEPS = 6
+#: Gross errors are in the first estimate of the noise: it is made again with them clipped, until it
+#: falls by less than a tenth. Noise without them settles at once.
+MOST_CLIPPINGS = 10
+SETTLED = 0.9
 
 
 @dataclass(frozen=True)
@@ -139,11 +143,7 @@ def fit(
         blocks = in_blocks(noisy.columns, linear)
         if noise is None:
             noise = noise_model.estimate(linear, residual, blocks, noisy.variance)
-        fitted = nuisance.columns @ _solve(blocks, nuisance, layout, noise, residual)
-        clipped = noise_model.winsorise(residual, fitted, noise)
-        noise = noise_model.estimate(linear, clipped, blocks, noisy.variance, noise)
-        fitted = nuisance.columns @ _solve(blocks, nuisance, layout, noise, clipped)
-        clipped = noise_model.winsorise(residual, fitted, noise)
+        clipped, noise = _clipped(linear, residual, blocks, noisy.variance, nuisance, layout, noise)
         problem, side = _normal(blocks, nuisance.ridged(noise), layout, noise, clipped)
         problem, sizes = _sized(problem, side, layout, findings, sizes)
         nuisance = Nuisance(nuisance.columns, problem.variance)
@@ -181,6 +181,32 @@ def fit(
         inverse,
         problem,
     )
+
+
+def _clipped(
+    linear: Linear,
+    residual: F64,
+    blocks: Blocks,
+    variance: F64,
+    nuisance: Nuisance,
+    layout: Layout,
+    noise: Noise,
+) -> tuple[F64, Noise]:
+    """The residual (N,) winsorised about its fit, and the noise that is left then; *variance*: of
+    the amplitudes while the noise is estimated."""
+
+    def fitted_to(some: F64, own: Noise) -> F64:
+        fitted: F64 = nuisance.columns @ _solve(blocks, nuisance, layout, own, some)
+        return fitted
+
+    clipped = noise_model.without_gross(residual, noise, fitted_to)
+    for _ in range(MOST_CLIPPINGS):
+        larger = noise.scale_mm
+        noise = noise_model.estimate(linear, clipped, blocks, variance, noise)
+        clipped = noise_model.winsorise(residual, fitted_to(clipped, noise), noise)
+        if noise.scale_mm > SETTLED * larger:
+            break
+    return clipped, noise
 
 
 def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Arm) -> Fit:

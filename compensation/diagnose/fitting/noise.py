@@ -8,6 +8,7 @@ slow wandering of the base, and constants known only as well as their calibratio
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -27,6 +28,11 @@ KNOT_S = 450.0
 MOST_KNOTS = 8
 #: Beyond this many standard deviations of a rest's three components a residual counts as its edge.
 WINSOR_AT = 3.3
+#: Where the mean squared residual is so many times what the middle one of the rests tells, gross
+#: errors have made it (tails of Student's t of 3 degrees of freedom make it 2 to 3 times).
+GROSS = 4.0
+MIDDLE_TO_MEAN = 3.0 / 2.366  # of χ² with three degrees of freedom
+MOST_ROBUST = 12
 _TINY = 1e-10
 LEAST_MM = 1e-6  # no reading is better than a nanometre, even where everything is absorbed
 MOST_RELATIVE = 1e6  # variance of a shared column over that of one rest
@@ -241,12 +247,42 @@ def _likelihood(gram: _Gram, scale: float, relative: F64) -> float:
     )
 
 
+def without_gross(residual: F64, noise: Noise, fit: Callable[[F64, Noise], F64]) -> F64:
+    """Residual (N,), clipped about *fit* of it as `winsorise` does.
+
+    One reading 100 times off pulls a fit so far that all others stand off it, and makes a noise
+    estimate in which it is ordinary. Where a few rests have most of the sum of squares, they are
+    clipped by what the middle one of the rests tells, and the fit made again, until it settles.
+    """
+    fitted = fit(residual, noise)
+    square = _squares(residual, fitted, noise)
+    usual = MIDDLE_TO_MEAN * float(np.median(square)) if len(square) else 1.0
+    if float(square.mean()) <= GROSS * usual:
+        return winsorise(residual, fitted, noise)
+    for _ in range(MOST_ROBUST):
+        before = usual
+        clipped = winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / 3.0)))
+        fitted = fit(clipped, noise)
+        usual = MIDDLE_TO_MEAN * float(np.median(_squares(residual, fitted, noise)))
+        if usual > 0.9 * before:
+            break
+    return winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / 3.0)))
+
+
+def _squares(residual: F64, fitted: F64, noise: Noise) -> F64:
+    """(n,) squared distance of each rest from *fitted*, in units of its noise."""
+    n = len(noise.whitener)
+    apart = (residual - fitted)[: 3 * n].reshape(n, 3)
+    white = np.einsum("nij,nj->ni", noise.whitener, apart)
+    square: F64 = (white**2).sum(axis=1)
+    return square
+
+
 def winsorise(residual: F64, fitted: F64, noise: Noise, at: float = WINSOR_AT) -> F64:
     """Residual (N,) with every rest's distance from *fitted* at most *at* standard deviations."""
     n = len(noise.whitener)
     apart = (residual - fitted)[: 3 * n].reshape(n, 3)
-    white = np.einsum("nij,nj->ni", noise.whitener, apart)
-    size = np.linalg.norm(white, axis=1)
+    size = np.sqrt(_squares(residual, fitted, noise))
     clipped = residual.copy()
     clipped[: 3 * n] = (
         fitted[: 3 * n] + (apart * np.minimum(1.0, at / np.maximum(size, 1e-12))[:, None]).ravel()

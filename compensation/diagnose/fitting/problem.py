@@ -26,6 +26,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.kinematics import jacobian, joint_jacobian
+from armd.compensation.model.parameters import index
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
@@ -35,6 +36,8 @@ I64 = npt.NDArray[np.int64]
 
 #: Readings closer than this in every joint, in sequence at one target, are one rest.
 REST_RAD = 1e-4
+#: A length that a temperature would change.
+LEAST_LENGTH_MM = 1.0
 
 
 @dataclass(frozen=True)
@@ -229,8 +232,35 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
         residual=residual,
         jacobian=parameters,
         joints=joint_jacobian(observations.states.q, rows),
-        nuisance=_nuisance(observations, poses, position, direction, size),
+        nuisance=np.hstack(
+            [
+                _nuisance(observations, poses, position, direction, size),
+                _lost_lengths(rests, model, parameters),
+            ]
+        ),
     )
+
+
+def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:
+    """Columns (N, m) of the lengths of links whose sensor shows nothing: free in each session, at
+    its beginning and at its end, for nobody knows how warm they were."""
+    states, session_of = rests.observations.states, rests.observations.session
+    n_joints, n = states.q.shape[1], rests.n
+    columns = []
+    for number, session in enumerate(rests.sessions):
+        here = (session_of == number).astype(float)
+        shares = [here]
+        if np.isfinite(states.time_s).all() and np.ptp(states.time_s[here > 0], axis=0) > 0:
+            time_s = states.time_s - states.time_s[here > 0].mean()
+            shares.append(here * time_s / np.abs(time_s[here > 0]).max())
+        for name in (f"{length}_{k}" for k in session.lost_links for length in "da"):
+            at = index(name, n_joints)
+            if abs(model.constants[at]) > LEAST_LENGTH_MM:
+                for share in shares:
+                    column = jacobian[at].copy()
+                    column[: 3 * n] *= np.repeat(share, 3)
+                    columns.append(column)
+    return np.stack(columns, axis=1) if columns else np.zeros((jacobian.shape[1], 0))
 
 
 def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:

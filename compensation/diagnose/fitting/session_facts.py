@@ -39,7 +39,12 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         terms=baseline.model.terms,
         reference_c=baseline.model.reference_c,
         held=baseline.held,
-        sensors=tuple(name for name, ok in zip(arm.sensors, varied, strict=True) if ok),
+        sensors=tuple(
+            name
+            for name, ok in zip(arm.sensors, varied, strict=True)
+            if ok and not any(name in session.lost for session in rests.sessions)
+        ),
+        lost_links=frozenset(k for session in rests.sessions for k in session.lost_links),
         timed=timed,
         rates=bool(rate.size and np.any(rate != 0.0)),
         approach=bool(np.isfinite(states.approach).all(axis=1).mean() > 0.5),

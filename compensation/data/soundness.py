@@ -1,0 +1,260 @@
+"""What is wrong with readings as they were written down, before anybody asks about the arm.
+
+Rows that stand twice count once. A temperature channel that shows nothing of the world is filled
+with what the others tell, and its name is kept: nobody is to look for a cause in it. A clock that
+was set back goes on where it was. What cannot be mended is told.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.compensation.data.session import Session
+from armd.compensation.model.arm import Arm
+
+F64 = npt.NDArray[np.float64]
+
+#: A channel that lacks more than this share of a session's rows is no channel there.
+MOST_MISSING = 0.1
+#: A channel stands still for so many rows and this share of a session, while the others change by
+#: so much (24 steps of the coarsest sensors, 0.0625 K): it shows nothing.
+LEAST_STILL, STILL_SHARE, OTHERS_MOVED_K = 12, 0.25, 1.5
+#: The same value to the last digit throughout two sessions, between which the others changed so.
+OTHERS_APART_K = 0.75
+#: No link that stands still to the last digit is so far from all the others.
+FAR_K = 15.0
+#: A clock that steps back by more than this was set back.
+BACK_S = 1.0
+MOST_SET_BACK = 2
+
+
+@dataclass(frozen=True)
+class Sound:
+    """Sessions one can work with, the arm to do so with, and what was done, in sentences."""
+
+    sessions: tuple[Session, ...]
+    arm: Arm
+    told: tuple[str, ...]
+
+
+def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
+    """Mend what can be mended in *sessions*, tell everything.
+
+    The arm is another one only where a channel shows nothing in any session: its links then follow
+    the mean of the other sensors.
+    """
+    told: list[str] = []
+    mended = [_clock_on(_once(session, told), told) for session in sessions]
+    told += _clocks(mended)
+    mended, arm = _without_dead_channels(mended, arm, told)
+    return Sound(tuple(mended), arm, tuple(told))
+
+
+def _once(session: Session, told: list[str]) -> Session:
+    """Without rows that stand there a second time, digit for digit."""
+    states = session.states
+    columns = [
+        states.q, states.rate, states.temperature_c, states.time_s[:, None], states.approach,
+        session.truth_mm, session.artefact_c[:, None], session.placement[:, None],
+        session.target[:, None],
+    ]  # fmt: skip
+    table = np.nan_to_num(np.hstack(columns), nan=np.inf)
+    first = np.sort(np.unique(table, axis=0, return_index=True)[1])
+    if len(first) == session.n:
+        return session
+    again = np.setdiff1d(np.arange(session.n), first)
+    told.append(
+        f"{session.name}: {len(again)} of {session.n} rows stand there twice (the first is row "
+        f"{session.row[again[0]] + 1}); they count once."
+    )
+    return session.rows(first)
+
+
+def _clock_on(session: Session, told: list[str]) -> Session:
+    """A clock that was set back during a placement goes on at the usual pace."""
+    time_s = session.states.time_s
+    steps = np.diff(time_s)
+    back = np.flatnonzero(steps < -BACK_S)
+    same = session.placement[back] == session.placement[back + 1]
+    if not len(back) or len(back) > MOST_SET_BACK or not same.all():
+        return session  # rows may stand in any order
+    usual = float(np.median(steps))
+    time_s = time_s.copy()
+    for at in back:
+        gone = time_s[at] + usual - time_s[at + 1]
+        time_s[at + 1 :] += gone
+        told.append(
+            f"{session.name}: at row {session.row[at + 1] + 1} the clock runs back by "
+            f"{_duration(gone - usual)}; it is taken to have been set back there."
+        )
+    return replace(session, states=replace(session.states, time_s=time_s))
+
+
+def _clocks(sessions: Sequence[Session]) -> list[str]:
+    """Sessions that one arm cannot have measured at the times they state."""
+    timed = [s for s in sessions if np.isfinite(s.states.time_s).all()]
+    order = sorted(timed, key=lambda s: float(s.states.time_s.min()))
+    told = []
+    for i, later in enumerate(order):
+        for earlier in order[:i]:
+            over = float(earlier.states.time_s.max() - later.states.time_s.min())
+            if over > BACK_S:
+                told.append(
+                    f"{later.name} begins {_duration(over)} before {earlier.name} ends: one arm "
+                    "cannot do that, and the clock of one is wrong. What is told of instants and "
+                    "of drift between sessions rests on these clocks."
+                )
+    counted = [(n, s) for s in timed if (n := _number(s)) is not None]
+    numbered = sorted(counted, key=lambda pair: pair[0])
+    stems = {re.sub(r"\d+$", "", s.name) for _, s in numbered}
+    if len(stems) == 1:
+        for (_, one), (_, next_) in itertools.pairwise(numbered):
+            if next_.states.time_s.min() < one.states.time_s.min():
+                told.append(
+                    f"By their clocks {next_.name} was measured before {one.name}: if that is not "
+                    "so, what is told of instants and of drift is not either."
+                )
+    return told
+
+
+def _number(session: Session) -> int | None:
+    match = re.search(r"(\d+)$", session.name)
+    return int(match[1]) if match else None
+
+
+def _duration(seconds: float) -> str:
+    minutes = seconds / 60.0
+    if minutes < 1.0:
+        return f"{seconds:.0f} s"
+    return f"{minutes:.0f} min" if minutes < 120.0 else f"{minutes / 60.0:.1f} h"
+
+
+def _without_dead_channels(
+    sessions: list[Session], arm: Arm, told: list[str]
+) -> tuple[list[Session], Arm]:
+    """Channels that show nothing are filled with the mean of the others, where these are there."""
+    used = [name for name in arm.sensors if any(joint.weights.get(name) for joint in arm.joint)]
+    columns = {name: arm.sensors.index(name) for name in used}
+    if not any(np.isfinite(s.states.temperature_c).any() for s in sessions):
+        return sessions, arm  # no temperatures at all: an arm measured without, which is told
+    why = {name: _dead(sessions, columns, name) for name in used}
+    live = [name for name in used if not any(why[name])]
+    lost = [name for name in used if any(why[name])]
+    if not lost or not live:
+        return sessions, arm
+    others = [columns[name] for name in live]
+    for name in lost:
+        links = [k for k, joint in enumerate(arm.joint, 1) if joint.weights.get(name)]
+        own = columns[name]
+        alive = [s for s, reason in zip(sessions, why[name], strict=True) if not reason]
+        apart_k = [s.states.temperature_c[:, own] - _mean(s, others) for s in alive]
+        offset_k = float(np.nanmedian(np.concatenate(apart_k))) if alive else 0.0
+        mended = []
+        for session, reason in zip(sessions, why[name], strict=True):
+            if reason:
+                celsius = session.states.temperature_c.copy()
+                celsius[:, own] = _mean(session, others) + offset_k
+                session = replace(
+                    session,
+                    states=replace(session.states, temperature_c=celsius),
+                    lost=(*session.lost, name),
+                    lost_links=tuple(sorted({*session.lost_links, *links})),
+                )
+            mended.append(session)
+        sessions = mended
+        told.append(_of_the_channel(sessions, why[name], name, links))
+        if not alive:
+            arm = _following(arm, name, live)
+    return sessions, arm
+
+
+def _mean(session: Session, columns: Sequence[int]) -> F64:
+    """(n,) mean of the channels that have a value."""
+    celsius = session.states.temperature_c[:, list(columns)]
+    known = np.isfinite(celsius)
+    mean: F64 = np.where(known, celsius, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    return np.where(known.any(axis=1), mean, np.nan)
+
+
+def _of_the_channel(
+    sessions: Sequence[Session], why: Sequence[str], name: str, links: Sequence[int]
+) -> str:
+    where = [s.name for s, reason in zip(sessions, why, strict=True) if reason]
+    reasons = list(dict.fromkeys(reason for reason in why if reason))
+    shown = "all sessions" if len(where) == len(sessions) else ", ".join(where)
+    of = ", ".join(f"link {k}" for k in links)
+    return (
+        f"Sensor {name} {' and '.join(reasons)} ({shown}) and is dropped: {of} is taken to follow "
+        f"the other sensors, its length free in each of these sessions. Not looked for: what "
+        f"depends on {name}, that is expansion, its curve, lag and gradient of {of}, heat at joint "
+        f"{', '.join(map(str, links))}, and the sensor's own offset or exchange."
+    )
+
+
+def _dead(sessions: Sequence[Session], columns: dict[str, int], name: str) -> list[str]:
+    """Per session why the channel shows nothing; empty where it does."""
+    own = [s.states.temperature_c[:, columns[name]] for s in sessions]
+    rest = [column for other, column in columns.items() if other != name]
+    usual = [np.nanmedian(np.append(_mean(s, rest), np.nan)) if rest else np.nan for s in sessions]
+    found = []
+    for i, (session, values) in enumerate(zip(sessions, own, strict=True)):
+        missing = float(np.isnan(values).mean())
+        still = [
+            k
+            for k, other in enumerate(own)
+            if k != i
+            and len(values) >= LEAST_STILL
+            and len(other) >= LEAST_STILL
+            and np.all(values == values[0])
+            and np.all(other == values[0])
+            and abs(usual[k] - usual[i]) > OTHERS_APART_K
+        ]
+        if missing > MOST_MISSING:
+            found.append("has no value" if missing == 1.0 else "has values in some rows only")
+        elif still or _far_and_still(values, session, rest):
+            found.append(f"shows {values[0]:g} °C whatever the others do")
+        elif _stands_still(values, session, rest):
+            found.append("stands still while the others change")
+        else:
+            found.append("")
+    return found
+
+
+def _far_and_still(values: F64, session: Session, rest: Sequence[int]) -> bool:
+    if len(values) < LEAST_STILL or not rest or not np.all(values == values[0]):
+        return False
+    others = session.states.temperature_c[:, list(rest)]
+    known = others[:, np.isfinite(others).all(axis=0)]
+    return bool(known.size and (np.abs(known - values[0]) > FAR_K).all())
+
+
+def _stands_still(values: F64, session: Session, rest: Sequence[int]) -> bool:
+    """Whether the longest run of one value lasts while most other channels change."""
+    changes = np.flatnonzero(np.diff(values) != 0)
+    edges = np.concatenate([[0], changes + 1, [len(values)]])
+    longest = int(np.argmax(np.diff(edges)))
+    run = slice(int(edges[longest]), int(edges[longest + 1]))
+    if run.stop - run.start < max(LEAST_STILL, STILL_SHARE * len(values)) or not rest:
+        return False
+    others = session.states.temperature_c[run][:, list(rest)]
+    span = np.ptp(others, axis=0)[np.isfinite(others).all(axis=0)]
+    return bool(span.size and np.median(span) > OTHERS_MOVED_K)
+
+
+def _following(arm: Arm, name: str, live: Sequence[str]) -> Arm:
+    """The arm with the links of one sensor on the mean of those that live."""
+    joints = []
+    for joint in arm.joint:
+        if share := joint.weights.get(name, 0.0):
+            weights = {k: v for k, v in joint.weights.items() if k != name}
+            for other in live:
+                weights[other] = weights.get(other, 0.0) + share / len(live)
+            joint = joint.model_copy(update={"temperature": weights})
+        joints.append(joint)
+    return arm.model_copy(update={"joint": joints})
