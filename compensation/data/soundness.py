@@ -29,6 +29,7 @@ LEAST_STILL, STILL_SHARE, OTHERS_MOVED_K = 12, 0.25, 1.5
 OTHERS_APART_K = 0.75
 #: No link that stands still to the last digit is so far from all the others.
 FAR_K = 15.0
+STILL = "stands still while the others change"
 #: A clock that steps back by more than this was set back.
 BACK_S = 1.0
 MOST_SET_BACK = 2
@@ -220,10 +221,14 @@ def _dead(sessions: Sequence[Session], columns: dict[str, int], name: str) -> li
         elif still or _far_and_still(values, session, rest):
             found.append(f"shows {values[0]:g} °C whatever the others do")
         elif _stands_still(values, session, rest):
-            found.append("stands still while the others change")
+            found.append(STILL)
         else:
             found.append("")
-    return found
+    stuck = {float(v[-1]) for v, reason in zip(own, found, strict=True) if reason and len(v)}
+    return [  # a session that shows nothing but what a channel stuck at
+        reason or (STILL if np.all(values == values[0]) and float(values[0]) in stuck else "")
+        for values, reason in zip(own, found, strict=True)
+    ]
 
 
 def _far_and_still(values: F64, session: Session, rest: Sequence[int]) -> bool:

@@ -89,7 +89,7 @@ def choose(
             (old, new, look.groups)
             for old, new, look in zip(errors(before), errors(after), looks, strict=True)
         ]
-        decided = [gain(*without_gross([old, new]), groups) for old, new, groups in pairs]
+        decided = [gain(*without_gross(old, new), groups) for old, new, groups in pairs]
         heard = not deaf or not all(deaf[i] for i in after if i not in before)
         if heard and decided[0].interval_um[1] < 0.0:
             return None

@@ -58,9 +58,7 @@ class MessOutcome:
     def foreign(self) -> list[tuple[str, str, float]]:
         """Findings that are neither the cause nor the mess."""
         truth = self.truth[:2] if self.truth else None
-        return [
-            f for f in self.found if f[:2] != truth and f[0] != OF_THE_MESS.get(self.kind, "-")
-        ]
+        return [f for f in self.found if f[:2] != truth and f[0] != OF_THE_MESS.get(self.kind, "-")]
 
     @property
     def right(self) -> bool:
@@ -129,9 +127,7 @@ def _snr(case: HiddenCase) -> float:
 
 def _true_floor_um(case: HiddenCase) -> float:
     """3-D RMS of what encoders, seats and certificates err by, gross errors aside."""
-    rows = [
-        case.noise_mm[path.name][~case.measured[path.name].spoilt] for path in case.sessions
-    ]
+    rows = [case.noise_mm[path.name][~case.measured[path.name].spoilt] for path in case.sessions]
     return 1e3 * float(np.sqrt((np.concatenate(rows) ** 2).sum(axis=1).mean()))
 
 

@@ -26,7 +26,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.kinematics import jacobian, joint_jacobian
-from armd.compensation.model.parameters import index
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
@@ -245,7 +245,7 @@ def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:
     """Columns (N, m) of the lengths of links whose sensor shows nothing: free in each session, at
     its beginning and at its end, for nobody knows how warm they were."""
     states, session_of = rests.observations.states, rests.observations.session
-    n_joints, n = states.q.shape[1], rests.n
+    layout, n = ParameterLayout(states.q.shape[1]), rests.n
     columns = []
     for number, session in enumerate(rests.sessions):
         here = (session_of == number).astype(float)
@@ -254,7 +254,7 @@ def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:
             time_s = states.time_s - states.time_s[here > 0].mean()
             shares.append(here * time_s / np.abs(time_s[here > 0]).max())
         for name in (f"{length}_{k}" for k in session.lost_links for length in "da"):
-            at = index(name, n_joints)
+            at = layout.index(name)
             if abs(model.constants[at]) > LEAST_LENGTH_MM:
                 for share in shares:
                     column = jacobian[at].copy()
