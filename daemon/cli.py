@@ -36,6 +36,7 @@ COMMANDS = {
     "export": "measurements to .csv, .xyz, .ply or .qif, a recording to Foxglove's .mcap",
     "measure": "lead through a measurement, to its calibration, certificate or diagnosis",
     "correct": "correct readings offline, same kernel",
+    "interim": "short checks over time: in control or changed, when, and why",
     "recorrect": "measurements corrected again by a later calibration",
     "calibrate": "identify geometry and thermal model from sessions",
     "evaluate": "residuals of sessions under a model",

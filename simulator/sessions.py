@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from armd.arguments import factor, seed
+from armd.arguments import factor, seed, whole
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.outputs import (
@@ -27,7 +27,7 @@ from armd.outputs import (
     check_same,
 )
 from armd.simulator.answers import true_constants, true_expansion
-from armd.simulator.campaigns import calibration, hidden, paper, verification
+from armd.simulator.campaigns import calibration, hidden, interim, paper, verification
 from armd.simulator.campaigns.campaign import Campaign
 from armd.simulator.measuring import Measured, session_files
 from armd.simulator.noise import Noise
@@ -47,15 +47,19 @@ KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
 }
 #: A printed hobby arm; its arm.toml is of `armd arm so101`.
 PRINTED = "so101"
+#: Short checks of one arm, a few minutes a day over weeks.
+INTERIM = "interim"
+#: Options of interim checks alone, as argparse names what they say.
+OF_INTERIM = ("days", "bad", "artefact")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--session",
         metavar="KIND",
-        choices=[*KINDS, PRINTED],
+        choices=[*KINDS, INTERIM, PRINTED],
         required=True,
-        help=", ".join([*KINDS, PRINTED]),
+        help=", ".join([*KINDS, INTERIM, PRINTED]),
     )
     parser.add_argument(
         "-o", "--output", metavar="DIR", type=Path, required=True, help="folder for the sessions"
@@ -67,10 +71,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plant",
         metavar="CAUSE@LOCATION=SIZE",
-        type=parse_plant,
         action="append",
         default=[],
-        help="something wrong with the arm, such as 'encoder_eccentricity@joint 3=0.8'",
+        help="something wrong with the arm, such as 'encoder_eccentricity@joint 3=0.8'; of interim"
+        " checks from a day on ('encoder_slip@joint 3=15@12'), or growing with use from that day to"
+        " its size on the last ('joint_backlash@joint 2=8@12+')",
+    )
+    parser.add_argument(
+        "--days",
+        type=lambda text: whole(text, 1, 2000),
+        metavar="N",
+        help="interim: so many checks, one a day (40)",
+    )
+    parser.add_argument(
+        "--artefact", choices=list(interim.ARTEFACTS), help="interim: what they are made on (bar)"
+    )
+    parser.add_argument(
+        "--bad",
+        action="append",
+        metavar="KIND@DAY",
+        help=f"interim: a check that is bad itself, KIND one of {', '.join(interim.BAD)}",
     )
     parser.add_argument(
         "--truth-out", metavar="FILE", type=Path, help="write the true settings to a JSON file"
@@ -85,6 +105,14 @@ def run(args: argparse.Namespace) -> int:
             args.truth_out, "--truth-out", f"a place inside {folder}", "one outside the sessions"
         )
     check_output_folder(folder)
+    if args.session != INTERIM:
+        for option in OF_INTERIM:
+            if getattr(args, option) is not None:
+                raise BadInput(
+                    f"--session {args.session}", f"--{option}", "it", "it not: interim's"
+                )
+    if args.session == INTERIM:
+        return _interim(args)
     if args.session == PRINTED:
         if args.plant or args.noise != 1.0:
             raise BadInput("--session so101", "--plant or --noise", "one", "neither of them")
@@ -97,12 +125,46 @@ def run(args: argparse.Namespace) -> int:
     check_outputs({"--truth-out": (args.truth_out, SETTINGS)}, [], args.force)
     noise = Noise().scaled(args.noise)
     campaign = KINDS[args.session](args.seed, noise)
-    campaign = plant_all(campaign, args.plant, np.random.default_rng([args.seed, 0x9147]))
+    plants = [parse_plant(text) for text in args.plant]
+    campaign = plant_all(campaign, plants, np.random.default_rng([args.seed, 0x9147]))
     measured = write_campaign(folder, campaign, args.seed, args.force)
     if args.truth_out is not None:
-        truth = truth_of(campaign, args.plant, measured)
+        truth = truth_of(campaign, plants, measured)
         write_whole(args.truth_out, json.dumps(truth, indent=1) + "\n")
     print(f"{len(measured)} sessions, {sum(m.n for m in measured)} readings in {folder}")
+    return 0
+
+
+def _interim(args: argparse.Namespace) -> int:
+    """A history of checks, and its true settings."""
+    check_outputs({"--truth-out": (args.truth_out, SETTINGS)}, [], args.force)
+    days = args.days or 40
+    history = interim.History(
+        days,
+        tuple(interim.parse_happening(text, float(days // 2)) for text in args.plant),
+        tuple(interim.parse_bad(text) for text in args.bad or ()),
+        args.artefact or "bar",
+    )
+    noise = Noise().scaled(args.noise)
+    measured = list(interim.carry_out(history, args.seed, noise))
+    campaign = interim.campaign(args.seed, noise, history.artefact)
+    _write_measured(args.output, campaign.arm_toml, measured, args.force)
+    if args.truth_out is not None:
+        truth = truth_of(campaign, [h.plant for h in history.happenings], measured)
+        truth["happenings"] = [
+            {
+                "cause": h.plant.cause,
+                "location": h.plant.location,
+                "size": h.plant.size,
+                "since": interim.instant(h.day).isoformat(),
+                "grows": h.grows,
+            }
+            for h in history.happenings
+        ]
+        truth["bad"] = [{"kind": kind, "day": day} for kind, day in history.bad]
+        write_whole(args.truth_out, json.dumps(truth, indent=1) + "\n")
+    readings = sum(m.n for m in measured)
+    print(f"{len(measured)} sessions, {readings} readings in {args.output}")
     return 0
 
 
@@ -115,13 +177,17 @@ def write_campaign(
     somebody may have measured it.
     """
     measured = list(campaign.carry_out(np.random.default_rng([seed, 0x5E55])))
-    files = {folder / "arm.toml": campaign.arm_toml} | {
+    _write_measured(folder, campaign.arm_toml, measured, force)
+    return measured
+
+
+def _write_measured(folder: Path, arm_toml: str, measured: Sequence[Measured], force: bool) -> None:
+    files = {folder / "arm.toml": arm_toml} | {
         folder / session.plan.name / name: text
         for session in measured
         for name, text in session_files(session).items()
     }
     _write_files(files, folder, force)
-    return measured
 
 
 def _write_files(files: dict[Path, str], folder: Path, force: bool) -> None:

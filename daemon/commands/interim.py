@@ -1,0 +1,115 @@
+"""`armd interim`: short checks over time, and what they say: in control, or changed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from armd.compensation.data.session import load_sessions
+from armd.compensation.interim import history
+from armd.compensation.interim.columns import causes_of
+from armd.compensation.interim.judge import Judgement, judge
+from armd.compensation.interim.reduce import reduce
+from armd.compensation.interim.result import as_json, in_words
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import load_calibration, save_calibration
+from armd.files import write_whole
+from armd.outputs import PAGE, RESULT, add_force, check_outputs
+
+#: In a history's folder: the last result, for the daemon and for programs.
+REPORT = "report.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
+    add = actions.add_parser("add", help="keep a check and judge the whole history")
+    add.add_argument("session", nargs="+", metavar="SESSION", help="session folders of checks")
+    add.add_argument("--arm", required=True, metavar="ARM.toml", help="what the arm is")
+    add.add_argument(
+        "--calibration",
+        required=True,
+        metavar="CAL.json",
+        help="the calibration that the checks are of; another one begins an epoch of its own",
+    )
+    add.add_argument("--history", required=True, metavar="DIR", help="the folder that keeps them")
+    add.add_argument("--json", action="store_true", help="print the result for programs")
+    report = actions.add_parser("report", help="what the history says")
+    report.add_argument("--history", required=True, metavar="DIR", help="the folder of checks")
+    report.add_argument(
+        "--json",
+        nargs="?",
+        const="-",
+        metavar="OUT.json",
+        help="the result for programs, to a file or (no file named) printed",
+    )
+    report.add_argument("--report", metavar="R.html", help="a report that opens offline")
+    add_force(report)
+
+
+def run(args: argparse.Namespace) -> int:
+    return _add(args) if args.action == "add" else _report(args)
+
+
+def _add(args: argparse.Namespace) -> int:
+    folder = Path(args.history)
+    arm = load_arm(args.arm)
+    calibration = load_calibration(args.calibration, arm)
+    sessions = load_sessions(args.session, arm)
+    # Twice: before the long part for a quick answer, and again when nobody else may write.
+    lines = history.read_lines(folder)
+    history.check_new(folder, lines, sessions)
+    causes = causes_of(arm, calibration.content)
+    new = [history.New(s, reduce(s, arm, calibration.content, causes)) for s in sessions]
+    with history.locked(folder):
+        lines = history.read_lines(folder)
+        if lines:
+            history.load(folder)  # a damaged history takes no more
+        history.check_new(folder, lines, sessions)
+        history.keep(folder, lines, new, Path(args.arm), calibration)
+        judgement, result = _judged(folder)
+    _say(judgement, result, "-" if args.json else None)
+    return int(judgement.changed)
+
+
+def _report(args: argparse.Namespace) -> int:
+    to_file = args.json if args.json != "-" else None
+    check_outputs({"--json": (to_file, RESULT), "--report": (args.report, PAGE)}, [], args.force)
+    folder = Path(args.history)
+    judgement, result = _judged(folder)
+    if args.report:
+        from armd.compensation.interim.page import interim_page
+
+        write_whole(args.report, interim_page(judgement, result))
+    if to_file:
+        write_whole(to_file, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    _say(judgement, result, args.json)
+    return int(judgement.changed)
+
+
+def _judged(folder: Path) -> tuple[Judgement, dict[str, Any]]:
+    """Judge a history; its changes' calibrations and the result are written beside it."""
+    judgement = judge(history.load(folder))
+    paths: list[str | None] = []
+    for told in (told for epoch in judgement.epochs for told in epoch.told):
+        if told.calibration is None:
+            paths.append(None)
+            continue
+        name = f"calibration-{len(paths) + 1}.json"
+        save_calibration(folder / name, told.calibration)
+        paths.append(name)
+    result = as_json(judgement, paths, None)
+    write_whole(folder / REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    return judgement, result
+
+
+def _say(judgement: Judgement, result: dict[str, Any], to: str | None) -> None:
+    if to == "-":
+        print(json.dumps(result, indent=1, allow_nan=False))
+        return
+    for line in in_words(judgement):
+        print(line)
+    for change in result["changes"]:
+        if change["calibration_from"]:
+            print(f"mended calibration: {change['calibration_from']} (in the history's folder)")

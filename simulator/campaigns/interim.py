@@ -1,0 +1,232 @@
+"""Interim checks of one arm over weeks: a few minutes a day, and what happens to it meanwhile.
+
+A `Happening` is something that goes wrong at a day: a plant of any cause, sudden or worn in by use,
+or a single bad check (a grain of dirt in a seat, the wrong artefact on the table). Each day's arm
+is built anew with the day's share of every plant, by the same physics as anywhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from armd.errors import BadInput
+from armd.simulator.artefact import Artefact, Length
+from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.measuring import Measured, Rig, take_readings
+from armd.simulator.noise import Noise
+from armd.simulator.placement import Placement, place
+from armd.simulator.plan import MOUNTED, Climate, Plan, Visit
+from armd.simulator.plants.causes import plant_all
+from armd.simulator.plants.plant import Plant, parse_plant
+from armd.simulator.poses import Reach, Unreachable
+from armd.simulator.truth import nominal
+from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.heat import SELF_HEATING_W
+from armd.simulator.truth.rotations import about, random_unit
+
+F64 = npt.NDArray[np.float64]
+
+#: The first check is so long after the arm was mounted, when it has been calibrated.
+FIRST_H = 75.0
+#: What a check is measured on, with how many readings of each target.
+ARTEFACTS: dict[str, tuple[Callable[[np.random.Generator], Artefact], int]] = {}
+Bad = Literal["dirty-seat", "wrong-artefact"]
+BAD: tuple[Bad, ...] = ("dirty-seat", "wrong-artefact")
+MOST_TRIES = 100
+#: How far a grain of dirt lifts the tip, and how far another bar's length is off, mm.
+GRAIN_MM, OTHER_MM = 0.04, 0.15
+#: Of how a plant is drawn where it may be either: there all along from its day on.
+LASTING: dict[str, float | str] = {"instant_s": -np.inf, "kind": "once"}
+MOUNT: dict[str, float | str] = {"instant_s": -np.inf, "kind": "step"}
+
+
+@dataclass(frozen=True)
+class Happening:
+    """A plant from a day on, so that this day's check is the first that has it; one that grows
+    reaches its size on the last day, with use."""
+
+    plant: Plant
+    day: float
+    grows: bool = False
+
+
+@dataclass(frozen=True)
+class History:
+    """Checks of *days* days, what goes wrong with the arm, and which checks are bad."""
+
+    days: int
+    happenings: tuple[Happening, ...] = ()
+    bad: tuple[tuple[Bad, int], ...] = ()
+    artefact: str = "bar"
+
+
+def parse_happening(text: str, default_day: float) -> Happening:
+    """`cause@location=size@day`, with a `+` behind the day of what grows with use from then on."""
+    head, at, day = text.rpartition("@")
+    if not at or "=" not in head:
+        return Happening(parse_plant(text), default_day)
+    grows, digits = day.endswith("+"), day.removesuffix("+")
+    try:
+        return Happening(parse_plant(head), float(digits) if digits else default_day, grows)
+    except ValueError:
+        raise BadInput("--plant", text, f"day {day!r}", "a number of days, as in =15@12") from None
+
+
+def parse_bad(text: str) -> tuple[Bad, int]:
+    """`dirty-seat@17`: a kind of bad check, and its day."""
+    kind, _, day = text.partition("@")
+    for known in BAD:
+        if kind == known and day.isdecimal():
+            return known, int(day)
+    raise BadInput("--bad", text, "this text", f"KIND@DAY, KIND one of {', '.join(BAD)}")
+
+
+def instant(day: float) -> datetime:
+    """When a day's check may begin: a happening of that day has happened by then."""
+    return MOUNTED + timedelta(hours=FIRST_H + 24.0 * (day - 1))
+
+
+def use(days: int, seed: int) -> F64:
+    """(days + 1,) how much the arm has been used until each day, of all its use: 0 … 1.
+
+    It rests at weekends, and some days are long.
+    """
+    rng = np.random.default_rng([seed, 0x05E])
+    hours = np.exp(rng.normal(0.0, 0.5, days)) * np.where(np.arange(days) % 7 < 5, 1.0, 0.0)
+    total = np.concatenate([[0.0], np.cumsum(hours)])
+    share: F64 = total / max(float(total[-1]), 1e-12)
+    return share
+
+
+def share(happening: Happening, day: float, used: F64) -> float:
+    """How much of a happening is there at *day*."""
+    if day < happening.day:
+        return 0.0
+    if not happening.grows:
+        return 1.0
+    days = np.arange(len(used))
+    at_onset, now = np.interp([happening.day, day], days, used)
+    return float((now - at_onset) / max(1.0 - at_onset, 1e-12))
+
+
+def seats(rng: np.random.Generator) -> Artefact:
+    """Three seats on a plate; where they are nobody knows."""
+    where = np.array([[0.0, 0.0, 0.0], [180.0, 0.0, 40.0], [60.0, 160.0, 90.0]])
+    where = where + rng.normal(0.0, 0.3, (3, 3))
+    return Artefact("seats", ["S1", "S2", "S3"], np.full((3, 3), np.nan), where, 0.0, 0.0, 0.0)
+
+
+def sphere(rng: np.random.Generator) -> Artefact:
+    """A sphere on a stand, its centre unknown."""
+    return Artefact("sphere", ["S1"], np.full((1, 3), np.nan), np.zeros((1, 3)), 0.0, 0.0, 0.0)
+
+
+def bar(rng: np.random.Generator) -> Artefact:
+    """Two balls 500 mm apart on carbon, their distance certified to 0.5 µm."""
+    true = np.array([[0.0, 0.0, 0.0], [500.0 + rng.normal(0.0, 0.05), 0.0, 0.0]])
+    certified = float(np.round(true[1, 0] + rng.normal(0.0, 5e-4), 5))
+    unknown = np.full((2, 3), np.nan)
+    artefact = Artefact("ball bar", ["B1", "B2"], unknown, true, 0.0, 0.5e-6, 0.5e-6)
+    return replace(artefact, lengths=[Length(("B1", "B2"), certified, 5e-4)])
+
+
+ARTEFACTS |= {"seats": (seats, 7), "sphere": (sphere, 15), "bar": (bar, 10)}
+
+
+def campaign(seed: int, noise: Noise, artefact: str = "bar") -> Campaign:
+    """The rig as it is on the first day; `carry_out` measures it."""
+    made = ARTEFACTS[artefact][0](np.random.default_rng([seed, 0x1A7]))
+    return Campaign(nominal.arm_toml(), Rig(TrueArm.default(seed), made, noise), [])
+
+
+def carry_out(history: History, seed: int, noise: Noise) -> Iterator[Measured]:
+    """Measure check after check."""
+    for happening in history.happenings:
+        if not 0 <= happening.day <= history.days:
+            expected = f"0 to {history.days}, the days of the history"
+            raise BadInput("--plant", happening.plant.cause, f"day {happening.day:g}", expected)
+    for kind, day in history.bad:
+        if not 1 <= day <= history.days:
+            raise BadInput("--bad", kind, f"day {day}", f"1 to {history.days}")
+    rng = np.random.default_rng([seed, 0x17E2])
+    begun = campaign(seed, noise, history.artefact)
+    artefact, count = begun.rig.artefact, ARTEFACTS[history.artefact][1]
+    reach = begun.rig.reach(rng)
+    used = use(history.days, seed)
+    visit = Visit("P1", (), count, radius_mm=(200.0, 750.0))
+    stand, _ = place(visit, artefact.true_mm, reach, rng)
+    for day in range(1, history.days + 1):
+        start_h = FIRST_H + 24.0 * (day - 1) + float(rng.uniform(0.0, 0.5))
+        power = SELF_HEATING_W * rng.uniform(0.7, 1.3, len(SELF_HEATING_W))
+        climate = Climate(20.0 + float(rng.normal(0.0, 1.5)), power_w=power)
+        plan = Plan(f"day-{day:02}", start_h, climate, (visit,), interval_s=6.0)
+        today = begun
+        for number, happening in enumerate(history.happenings):
+            size = share(happening, float(day), used)
+            today = _planted(today, happening.plant, size, [seed, 0x9147, number], plan)
+        rig = today.rig
+        for kind, its_day in history.bad:
+            if its_day == day:
+                rig = _spoilt(rig, kind, np.random.default_rng([seed, 0xBAD, day]))
+        where, poses = _poses(stand, artefact, count, reach, rng)
+        order = rng.permutation(len(artefact.targets) * count)
+        target = np.repeat(np.arange(len(artefact.targets)), count)[order]
+        phi = poses.reshape(len(order), -1)[order]
+        yield take_readings(
+            rig, plan, [where], np.zeros(len(order), dtype=np.int64), target, phi, rng
+        )
+
+
+def _planted(today: Campaign, plant: Plant, size: float, seed: list[int], plan: Plan) -> Campaign:
+    """Today's share of a plant; drawn alike every day, what is drawn of it."""
+    if size == 0.0:
+        return today
+    lasting = MOUNT if plant.cause == "mount_drift" else LASTING
+    if plant.cause not in ("mount_drift", "tip_offset", "encoder_slip"):
+        lasting = {}
+    now = replace(plant, size=size * plant.size, detail={**lasting, **plant.detail})
+    alone = replace(today, sessions=[(plan, today.rig.artefact)])
+    return replace(plant_all(alone, [now], np.random.default_rng(seed)), sessions=[])
+
+
+def _spoilt(rig: Rig, kind: Bad, rng: np.random.Generator) -> Rig:
+    artefact = rig.artefact
+    if kind == "wrong-artefact":
+        other = artefact.true_mm * (1.0 + OTHER_MM / max(np.ptp(artefact.true_mm), 1.0))
+        return replace(rig, artefact=replace(artefact, true_mm=other))
+    grain = GRAIN_MM * random_unit(rng, 1)[0]
+    begins = rng.uniform(0.2, 0.5)
+
+    def spoil(later: np.random.Generator, n: int) -> F64:
+        """From some reading on the grain is under the ball, when the ball happens to press it."""
+        under = (np.arange(n) >= begins * n) & (later.uniform(size=n) < 0.6)
+        return np.where(under[:, None], grain, 0.0)
+
+    return replace(rig, spoil=spoil)
+
+
+def _poses(
+    stand: Placement, artefact: Artefact, count: int, reach: Reach, rng: np.random.Generator
+) -> tuple[Placement, F64]:
+    """Where the artefact stands today, and how the arm reaches its targets (K, count, N)."""
+    for _ in range(MOST_TRIES):
+        where = _put_again(stand, rng)
+        try:
+            return where, reach.articulations(where.to_base(artefact.true_mm), count)
+        except Unreachable:
+            continue
+    raise Unreachable(f"the {artefact.name} stands where the arm hardly reaches it")
+
+
+def _put_again(stand: Placement, rng: np.random.Generator) -> Placement:
+    """The artefact on its mark on the table, as well as a hand puts it there."""
+    turn = about(np.array([0.0, 0.0, rng.normal(0.0, np.radians(1.0))]))
+    return replace(
+        stand, rotation=turn @ stand.rotation, origin_mm=stand.origin_mm + rng.normal(0.0, 2.0, 3)
+    )

@@ -1,0 +1,230 @@
+"""The history of interim checks: whole or not at all, whatever the order, and damage is told."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import shutil
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration, Noise, constants_of, save_calibration
+from armd.daemon.commands import interim
+from armd.errors import BadInput
+from armd.simulator.sessions import add_arguments
+from armd.simulator.sessions import run as simulate
+from armd.simulator.truth.arm import Materials, TrueArm
+
+DAYS = 8
+
+
+def measured(folder: Path, *options: str) -> Path:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    words = ["--session", "interim", "-o", str(folder), "--seed", "6", "--days", str(DAYS)]
+    assert simulate(parser.parse_args([*words, *options])) == 0
+    return folder
+
+
+def true_calibration(folder: Path) -> Path:
+    """What a perfect calibration at the reference would be; the arm's warmth is beyond it."""
+    from armd.simulator.answers import true_constants, true_expansion
+
+    arm = load_arm(folder / "arm.toml")
+    true = TrueArm.default(6)
+    terms = [
+        {
+            "parameter": name,
+            "basis": [{"kind": "temperature", "weights": {sensor: 1.0}}],
+            "coefficient": rate,
+        }
+        for name, sensor, rate in true_expansion(true)
+    ]
+    constants = constants_of(arm.nominal(), arm.n_joints) | true_constants(true)
+    calibration = Calibration.model_validate(
+        {
+            "arm": arm.serial_number,
+            "created": "2026-03-04T00:00:00+00:00",
+            "reference_temperature_c": 20.0,
+            "constants": constants,
+            "terms": terms,
+            "noise": Noise(encoder_rad=[2.4e-6] * 6, reading_mm=5e-4).model_dump(),
+        }
+    )
+    assert isinstance(true.materials, Materials)
+    return save_calibration(folder / "calibration.json", calibration).path
+
+
+@pytest.fixture(scope="module")
+def checks(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = measured(
+        tmp_path_factory.mktemp("checks"),
+        *("--plant", "encoder_slip@joint 3=15@6", "--bad", "dirty-seat@3"),
+    )
+    true_calibration(folder)
+    return folder
+
+
+def run(*words: str | Path) -> int:
+    parser = argparse.ArgumentParser()
+    interim.add_arguments(parser)
+    return interim.run(parser.parse_args([str(word) for word in words]))
+
+
+def add(checks: Path, history: Path, *days: int) -> int:
+    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
+    sessions = [checks / f"day-{day:02}" for day in days]
+    return run("add", *sessions, *files, "--history", history)
+
+
+@pytest.fixture(scope="module")
+def kept(checks: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    history = tmp_path_factory.mktemp("kept") / "history"
+    assert add(checks, history, *range(1, DAYS + 1)) == 1
+    return history
+
+
+@pytest.fixture
+def copy(kept: Path, tmp_path: Path) -> Iterator[Path]:
+    yield Path(shutil.copytree(kept, tmp_path / "history"))
+
+
+def reported(history: Path) -> dict:
+    return json.loads((history / interim.REPORT).read_text())
+
+
+def test_a_slip_and_a_bad_check_are_told(kept: Path) -> None:
+    result = reported(kept)
+    assert result["schema"] == "armd.interim/1" and result["state"] == "changed"
+    assert [check["name"] for check in result["checks"]] == [f"day-{d:02}" for d in range(1, 9)]
+    verdicts = [check["verdict"] for check in result["checks"]]
+    assert verdicts == ["in_control"] * 2 + ["bad_check"] + ["in_control"] * 2 + ["changed"] * 3
+    (change,) = result["changes"]
+    assert (change["cause"], change["location"]) == ("encoder_slip", "joint 3")
+    assert change["probability"] > 0.9 and not change["gradual"]
+    low, high = change["between"]
+    # Day 6 begins on March 10 at 9:00 UTC; the check of day 5 is the last that it was not in.
+    assert "2026-03-09T09:0" <= low < "2026-03-10T09:00:00Z" <= high < "2026-03-10T10"
+    assert (kept / change["calibration_from"]).is_file()
+
+
+def test_the_order_of_adding_does_not_matter(checks: Path, kept: Path, tmp_path: Path) -> None:
+    history = tmp_path / "backwards"
+    add(checks, history, 8, 3)
+    add(checks, history, 6, 1, 2, 7, 5, 4)
+    assert reported(history) == reported(kept)
+    name = reported(kept)["changes"][0]["calibration_from"]
+    assert (history / name).read_bytes() == (kept / name).read_bytes()
+
+
+def test_before_the_change_the_state_is_in_control(checks: Path, tmp_path: Path) -> None:
+    assert add(checks, tmp_path / "h", 1, 2, 3, 4, 5) == 0
+    result = reported(tmp_path / "h")
+    assert result["state"] == "in_control" and result["changes"] == []
+    assert result["checks"][2]["verdict"] == "bad_check"
+
+
+def refused(history: Path, words: str, call: object) -> None:
+    """*call* raises `BadInput` that says *words*, and the history is as it was."""
+    before = {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()}
+    with pytest.raises(BadInput, match=words):
+        call()  # type: ignore[operator]
+    assert {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()} == before
+
+
+def test_a_check_is_kept_once(checks: Path, copy: Path) -> None:
+    refused(copy, "when check day-04 was started", lambda: add(checks, copy, 4))
+
+
+def test_another_arm_is_refused(checks: Path, copy: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(checks, other)
+    for file in (other / "arm.toml", other / "day-04" / "session.toml"):
+        file.write_text(file.read_text().replace("SIM-0001", "SIM-0002"))
+    calibration = json.loads((other / "calibration.json").read_text())
+    del calibration["content_sha256"]
+    calibration["arm"] = "SIM-0002"
+    save_calibration(other / "calibration.json", Calibration.model_validate(calibration))
+    refused(copy, "SIM-0002.*SIM-0001", lambda: add(other, copy, 4))
+
+
+def test_a_clock_set_back_is_told(checks: Path, copy: Path, tmp_path: Path) -> None:
+    """A check that says it was measured while another one was."""
+    again = Path(shutil.copytree(checks / "day-05", tmp_path / "again"))
+    file = again / "session.toml"
+    text = file.read_text()
+    at = tomllib.loads(text)["started"]
+    late = at + datetime.timedelta(seconds=50)
+    file.write_text(text.replace(f"{at:%H:%M:%S}", f"{late:%H:%M:%S}"))
+    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
+    refused(copy, "clock set back", lambda: run("add", again, *files, "--history", copy))
+
+
+def test_a_torn_session_is_refused_and_nothing_begun(
+    checks: Path, copy: Path, tmp_path: Path
+) -> None:
+    torn = Path(shutil.copytree(checks / "day-05", tmp_path / "torn"))
+    file = torn / "readings.csv"
+    file.write_bytes(file.read_bytes()[:-40])
+    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
+    refused(copy, "found", lambda: run("add", torn, *files, "--history", copy))
+    with pytest.raises(BadInput):
+        run("add", torn, *files, "--history", tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("what", ["line", "last line", "tail", "readings", "statistics", "head"])
+def test_damage_is_told_and_nothing_lost(copy: Path, what: str) -> None:
+    lines = copy / "history.jsonl"
+    text = lines.read_text()
+    match what:
+        case "line":
+            lines.write_text(text.replace('"name": "day-04"', '"name": "day-44"'))
+        case "last line":
+            lines.write_text("\n".join(text.split("\n")[:-2]) + "\n")
+        case "tail":
+            lines.write_text(text[:-5])
+        case "readings":
+            file = next(copy.glob("checks/*day-04/readings.csv"))
+            file.write_text(file.read_text().replace("P1,", "P2,", 1))
+        case "statistics":
+            file = next(copy.glob("checks/*day-04/statistics.json"))
+            file.write_text(file.read_text() + " ")
+        case "head":
+            (copy / "head.json").unlink()
+    refused(copy, "found", lambda: run("report", "--history", copy))
+
+
+def test_a_check_that_a_power_cut_left_unfinished_is_begun_anew(
+    checks: Path, kept: Path, tmp_path: Path
+) -> None:
+    """Its folder is there and no line tells of it; then there is a line, and the head is behind."""
+    history = tmp_path / "h"
+    add(checks, history, 1, 2)
+    whole = {name: (history / name).read_bytes() for name in ("history.jsonl", "head.json")}
+    add(checks, history, 4)
+    complete = reported(history)
+    for name, data in whole.items():
+        (history / name).write_bytes(data)
+    (next(history.glob("checks/*day-04")) / "readings.csv").write_text("torn")
+    add(checks, history, 4)
+    assert reported(history) == complete
+    (history / "head.json").write_bytes(whole["head.json"])
+    assert run("report", "--history", history) == 0
+    assert reported(history) == complete
+
+
+def test_a_history_without_checks_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no checks"):
+        run("report", "--history", tmp_path / "nowhere")
+
+
+def test_the_page_names_units_and_the_change(kept: Path, tmp_path: Path) -> None:
+    assert run("report", "--history", kept, "--report", tmp_path / "r.html") == 1
+    page = (tmp_path / "r.html").read_text()
+    assert "encoder slip, joint 3" in page and "µm RMS" in page and "check started, UTC" in page
