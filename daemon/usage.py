@@ -91,6 +91,14 @@ USAGE = {
         ("armd correct readings.csv --arm arm.toml --calibration calibration.json -o points.csv",),
         "offline.md", FILE_UNITS,
     ),
+    "interim": Usage(
+        (
+            "armd interim add check-2026-03-18 --arm arm.toml --calibration calibration.json "
+            "--history checks",
+            "armd interim report --history checks --report checks.html",
+        ),
+        "interim.md", FILE_UNITS, "the arm has changed",
+    ),
     "recorrect": Usage(
         (
             "armd recorrect measured.jsonl --arm arm.toml --calibration calibration-2.json "

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.compensation.effects.catalogue import candidates
-from armd.compensation.effects.effect import ARC_SECOND, Candidate, Column, Scene, tie
+from armd.compensation.effects.effect import ARC_SECOND, Candidate, Column, SessionFacts, tie
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
@@ -69,9 +69,9 @@ def causes_of(arm: Arm, calibration: Calibration) -> list[Cause]:
     ]
 
 
-def _scene(arm: Arm, calibration: Calibration) -> Scene:
+def _scene(arm: Arm, calibration: Calibration) -> SessionFacts:
     """The calibration held; no instants, for a change's instant is not the catalogue's business."""
-    return Scene(
+    return SessionFacts(
         arm=arm,
         constants=calibration.vector(arm.n_joints),
         terms=tuple(calibration.terms),

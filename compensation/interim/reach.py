@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration
@@ -43,7 +42,7 @@ def moves(
 ) -> tuple[F64, F64]:
     """Tips (n, 3) mm, and how each column of a candidate moves them (n, 3, p) per unit."""
     constants = calibration.vector(arm.n_joints)
-    names, reference_c = parameters.names(arm.n_joints), calibration.reference_temperature_c
+    names, reference_c = arm.layout.names, calibration.reference_temperature_c
     values = np.nan_to_num(basis_values(calibration.terms, states, arm, reference_c, constants))
     position, moved = jacobian(states.q, parameter_rows(constants, calibration.terms, values))
     columns = np.zeros((states.n, 3, len(candidate.columns)))

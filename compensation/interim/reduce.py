@@ -23,7 +23,6 @@ from armd.compensation.estimate.poses import (
     target_columns,
 )
 from armd.compensation.interim.columns import Cause
-from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration
@@ -76,7 +75,7 @@ def reduce(
     poses = fit_poses(observations, position)
     placed = poses.placed(observations)
     whitener = _whitener(calibration, moved, observations)
-    names = parameters.names(arm.n_joints)
+    names = arm.layout.names
 
     def whitened(columns: F64) -> F64:
         """(3 n, C) from columns (n, 3, C)."""
