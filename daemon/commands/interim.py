@@ -70,7 +70,7 @@ def _add(args: argparse.Namespace) -> int:
         history.keep(folder, lines, new, Path(args.arm), calibration)
         judgement, result = _judged(folder)
     _say(judgement, result, "-" if args.json else None)
-    return int(judgement.changed)
+    return 1 if judgement.changed else 0
 
 
 def _report(args: argparse.Namespace) -> int:
@@ -85,7 +85,7 @@ def _report(args: argparse.Namespace) -> int:
     if to_file:
         write_whole(to_file, json.dumps(result, indent=1, allow_nan=False) + "\n")
     _say(judgement, result, args.json)
-    return int(judgement.changed)
+    return 1 if judgement.changed else 0
 
 
 def _judged(folder: Path) -> tuple[Judgement, dict[str, Any]]:
