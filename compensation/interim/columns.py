@@ -89,6 +89,7 @@ def _scene(arm: Arm, calibration: Calibration) -> SessionFacts:
         end_unix_s=0.0,
         instants_unix_s=(),
         all_instants_unix_s=np.empty(0),
+        lost_links=frozenset(),
     )
 
 
@@ -104,7 +105,7 @@ def _is_turn(candidate: Candidate) -> bool:
 
 
 def _slip(turn: Candidate) -> Candidate:
-    joint = turn.location.split()[-1]
+    joint = turn.location.joint
     column = Column("step", "rad", 15 * ARC_SECOND, tie([(f"theta_{joint}", 1.0)]))
     return Candidate("encoder_slip", turn.location, (column,), ("time_s",))
 

@@ -62,12 +62,12 @@ def _change(told: Told, path: str | None) -> dict[str, Any]:
     found: dict[str, Any] = {
         "between": [iso(math.floor(low)), iso(math.ceil(high))],
         "cause": "unknown" if cause is None else cause.candidate.cause,
-        "location": "-" if cause is None else cause.candidate.location,
+        "location": "-" if cause is None else str(cause.candidate.location),
         "probability": change.probability,
         "alternatives": [
             {
                 "cause": rival.candidate.cause,
-                "location": rival.candidate.location,
+                "location": str(rival.candidate.location),
                 "probability": share,
             }
             for rival, share in told.rivals
