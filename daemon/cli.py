@@ -24,7 +24,7 @@ COMMANDS = {
     "simulate": "a simulated arm on the wire, or simulated measuring sessions",
     "watch": "live read-out of an arm",
     "status": "state of a running daemon, for people and scripts",
-    "tip": "measure with another tip from now on",
+    "tip": "tips: list, use, calibrate, history",
     "reload": "have a daemon read its calibration again",
     "record": "record frames, samples and points to an MCAP file",
     "replay": "play a recording back through decoder and kernel",

@@ -23,7 +23,7 @@ _USUAL: dict[Kind, tuple[tuple[Then, ...], tuple[Then, ...]]] = {
     "artefact": (("calibrate", "diagnose"), ("calibrate",)),
     "poses": (("diagnose",), ("calibrate",)),
     "verify": (("verify",), ("verify",)),
-    "tip": ((), ()),
+    "tip": (("tip",), ("tip",)),
     "interim": (("interim",), ("interim",)),
 }
 

@@ -28,6 +28,8 @@ SEAT_READINGS = 10
 #: can be left out of, and three times the unknowns of a six-axis arm on ten balls.
 ARTEFACT_ROUNDS, ARTEFACT_PLACEMENTS = 3, 3
 TIP_SEAT_READINGS, TIP_SPHERE_READINGS = 12, 25
+#: A tip that is to be calibrated may be anywhere: only another seat is farther off than this.
+TIP_NEAR_MM = 100.0
 INTERIM_SEAT_READINGS, INTERIM_ROUNDS = 10, 2
 SPAT = ("SPAT1", "SPAT2", "SPAT3")
 SPAT_WHERE = ("near the column", "in the middle of the reach", "far out")
@@ -57,7 +59,7 @@ def plan_of(kind: Kind, arm: Arm, artefact: Artefact | None, wishes: Wishes) -> 
         kind=kind,
         artefact=artefact,
         stations=stations,
-        near_mm=wishes.near_mm or near_mm(arm),
+        near_mm=wishes.near_mm or (TIP_NEAR_MM if kind == "tip" else near_mm(arm)),
         within_calibration=kind in ("verify", "tip", "interim"),
         sphere_mm=wishes.sphere_mm,
     )
