@@ -23,6 +23,7 @@ from armd.compensation.diagnose.scoring.evidence import Sums, total
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.search import Progress, Result
 from armd.compensation.diagnose.selection import joined, next_finding
+from armd.compensation.estimate.folds import blocks_of_time, whole_groups
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
 
@@ -171,8 +172,8 @@ def groups_of(observations: Observations) -> I64:
     groups = observations.placement * len(observations.target_names) + observations.target
     truth = observations.has_truth
     if truth.any():
-        order = _ranks(observations.states.time_s[truth])
-        groups[truth] = groups.max() + 1 + order * TRUTH_BLOCKS // len(order)
+        blocks = blocks_of_time(observations.states.time_s[truth], TRUTH_BLOCKS)
+        groups[truth] = groups.max() + 1 + blocks
     return groups
 
 
@@ -217,15 +218,5 @@ def _of_the_arm(last: Fit) -> I64:
 def folds_of(last: Fit) -> I64:
     """Fold of each rest: whole placements, dealt in turn; blocks of time for a single one."""
     observations = last.linear.rests.observations
-    names, placement = np.unique(observations.placement, return_inverse=True)
-    if len(names) > 1:
-        return placement % min(len(names), MOST_FOLDS)
-    order = _ranks(observations.states.time_s)
-    blocks: I64 = order * BLOCKS // max(len(order), 1)
-    return blocks
-
-
-def _ranks(time_s: F64) -> I64:
-    """(n,) the place of each reading in the order of time."""
-    ranks: I64 = np.argsort(np.argsort(time_s, kind="stable"), kind="stable")
-    return ranks
+    folds = whole_groups(observations.placement, MOST_FOLDS)
+    return folds if folds.any() else blocks_of_time(observations.states.time_s, BLOCKS)

@@ -1,11 +1,7 @@
-"""How noisy one reading is, found from the residuals themselves, and which readings are not noise.
+"""How noisy one reading is, found from the residuals themselves.
 
 Model: covariance of a reading = σ_q² J_q J_qᵀ + σ_r² I, with J_q the tip's motion per encoder
 angle. The encoders' share grows with reach, so readings far out count for less.
-
-Robust loss: a reading whose Mahalanobis distance d exceeds c (a Gaussian one does so once in
-10 000) counts with weight (c/d)², so its pull falls off as 1/d; all others count fully, so clean
-data are fitted by plain least squares, and so is a whole region of postures (`regions`).
 """
 
 from __future__ import annotations
@@ -15,16 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
-from scipy.special import gammaincinv
 
 from armd.compensation.estimate.adjustment import backwards
+from armd.compensation.estimate.robust import MEDIAN_D2, OUTLIER_D2
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Quantiles of χ² with three degrees of freedom: one in 10 000 above, and one in two.
-OUTLIER_D2 = 2.0 * float(gammaincinv(1.5, 1 - 1e-4))
-MEDIAN_D2 = 2.0 * float(gammaincinv(1.5, 0.5))
 #: Below this a reading's noise is rounding (mm).
 LEAST_MM = 1e-9
 
@@ -73,20 +66,6 @@ def whitening(covariance: F64, weight: F64) -> F64:
     lower = np.linalg.cholesky(covariance)
     inverse: F64 = np.linalg.inv(lower) * np.sqrt(weight)[:, None, None]
     return inverse
-
-
-def mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
-    """Squared Mahalanobis distances (n,) of residuals (n, 3)."""
-    solved = np.linalg.solve(covariance, residual_mm[:, :, None])[:, :, 0]
-    distance: F64 = np.einsum("ni,ni->n", residual_mm, solved)
-    return distance
-
-
-def robust_weights(distance2: F64, region: Mask) -> F64:
-    """Weights (n,) of the robust loss, from squared Mahalanobis distances; *region* counts fully,
-    however far off."""
-    weight = np.minimum(1.0, OUTLIER_D2 / np.maximum(distance2, 1e-300))
-    return np.where(region, 1.0, weight)
 
 
 def estimate(residual_mm: F64, joint_columns: F64, fitted: float, region: Mask) -> ReadingNoise:

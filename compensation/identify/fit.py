@@ -20,19 +20,16 @@ from armd.compensation.estimate.descent import Descent
 from armd.compensation.estimate.elimination import Elimination
 from armd.compensation.estimate.gauge import gauge
 from armd.compensation.estimate.linearise import Linearisation, linearise
-from armd.compensation.estimate.noise import (
-    LEAST_MM,
+from armd.compensation.estimate.noise import LEAST_MM, ReadingNoise, Weighting, estimate
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.poses import fit_poses
+from armd.compensation.estimate.robust import (
     MEDIAN_D2,
     OUTLIER_D2,
     Mask,
-    ReadingNoise,
-    Weighting,
-    estimate,
     mahalanobis2,
-    robust_weights,
+    redescending_weights,
 )
-from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.poses import fit_poses
 from armd.compensation.estimate.solution import Solution
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.regions import in_region
@@ -119,7 +116,7 @@ def fit(
     steps, held = 0, noise is None
     for round_ in range(1, rounds + 1):
         joints = linearise(observations, constants, terms, poses, reference_c, basis).joints
-        weight = robust_weights(distance2, region)
+        weight = redescending_weights(distance2, region)
         if held:
             weighing = ReadingNoise(0.0, weighing.typical_mm(joints))
         weighting = Weighting(weighing, joints, weight)
@@ -141,7 +138,7 @@ def fit(
         basis = basis_values(terms, states, observations.arm, reference_c, constants)
         if progress:
             progress(f"round {round_}: {rms_um(end.at.residual_mm):.2f} µm RMS, {steps} steps")
-        weight_after = robust_weights(distance2, region)
+        weight_after = redescending_weights(distance2, region)
         settled = _settled(before, weighing, joints) and np.allclose(
             weight, weight_after, atol=0.05
         )

@@ -15,9 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.estimate.elimination import Elimination
+from armd.compensation.estimate.folds import whole_groups
 from armd.compensation.estimate.linearise import Linearisation
-from armd.compensation.estimate.noise import robust_weights, whitening
+from armd.compensation.estimate.noise import whitening
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.robust import redescending_weights
 from armd.compensation.estimate.solution import Solution, solve
 from armd.compensation.identify.fit import Fit, rms_um
 
@@ -45,7 +47,7 @@ class HeldOut:
         pull: F64,
         folds: Sequence[Mask],
     ) -> None:
-        weight = robust_weights(fit.distance2, fit.region)
+        weight = redescending_weights(fit.distance2, fit.region)
         whiten = whitening(fit.noise.covariance(fit.at.joints), weight)
         self.scale, self.pull = scale, pull
         base = replace(fit.at, residual_mm=residual)
@@ -146,12 +148,7 @@ def placement_folds(observations: Observations) -> tuple[list[Mask], str]:
     With one placement only, every eighth reading is left out instead, at the pose that the others
     tell: weaker, and said so.
     """
-    used = np.unique(observations.placement)
-    if len(used) > 1:
-        fold_of = {int(p): i % min(MOST_FOLDS, len(used)) for i, p in enumerate(used)}
-        fold = np.array([fold_of[int(p)] for p in observations.placement])
-        by = "placement"
-    else:
-        fold = np.arange(observations.n) % MOST_FOLDS
-        by = "reading"
+    fold, by = whole_groups(observations.placement, MOST_FOLDS), "placement"
+    if not fold.any():
+        fold, by = np.arange(observations.n) % MOST_FOLDS, "reading"
     return [fold == i for i in np.unique(fold)], by

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from armd.compensation.estimate.elimination import Elimination
 from armd.compensation.estimate.linearise import linearise
-from armd.compensation.estimate.noise import estimate, mahalanobis2, robust_weights, whitening
+from armd.compensation.estimate.noise import estimate, whitening
+from armd.compensation.estimate.robust import mahalanobis2, redescending_weights
 from armd.compensation.estimate.solution import Solution, solve
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluate import evaluate_model
@@ -91,7 +92,9 @@ def _standing(around: Fit, constants: F64, terms: list[Term]) -> Fit:
     )
     covariance = noise.covariance(joints)
     distance2 = mahalanobis2(at.residual_mm, covariance)
-    elimination = Elimination(at, whitening(covariance, robust_weights(distance2, around.region)))
+    elimination = Elimination(
+        at, whitening(covariance, redescending_weights(distance2, around.region))
+    )
     unknowns = Unknowns(around.unknowns.constants, range(len(terms)))
     scale = unknowns.plausible(terms, at.basis)
     columns = elimination.columns(unknowns.columns(at.jacobian, at.basis, terms) * scale)

@@ -47,7 +47,7 @@ def test_a_region_serves_the_other_half_as_plain_least_squares_does(
         return float(np.sqrt(np.mean(distance**2)))
 
     found = fitted(one)
-    monkeypatch.setattr(fitting, "robust_weights", lambda d2, region: np.ones_like(d2))
+    monkeypatch.setattr(fitting, "redescending_weights", lambda d2, region: np.ones_like(d2))
     plain = fitted(one)
     assert found.region.sum() > 25
     assert elsewhere_um(found) < 1.01 * elsewhere_um(plain)

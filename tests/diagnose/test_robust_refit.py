@@ -9,11 +9,11 @@ from scipy.optimize import minimize
 from scipy.stats import chi2
 from small_fit import candidate, small_fit
 
-from armd.compensation.diagnose.fitting.noise import WINSOR_AT
 from armd.compensation.diagnose.fitting.nuisance import most_plausible
 from armd.compensation.diagnose.scoring import robust_refit, scatter
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.estimate.linear_model import Layout, LinearModel
+from armd.compensation.estimate.robust import WINSOR_AT
 
 N = 60
 CAUSE = candidate("encoder_scale", 1)

@@ -19,6 +19,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from armd.compensation.diagnose.fitting.blocks import Blocks
 from armd.compensation.diagnose.fitting.problem import Linear
+from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights
 
 F64 = npt.NDArray[np.float64]
 
@@ -26,12 +27,10 @@ LEVER_MM = 500.0
 #: Slow drift is a random walk from knot to knot, this far apart (and at most so many per session).
 KNOT_S = 450.0
 MOST_KNOTS = 8
-#: Beyond this many standard deviations of a rest's three components a residual counts as its edge.
-WINSOR_AT = 3.3
 #: Where the mean squared residual is so many times what the middle one of the rests tells, gross
 #: errors have made it (tails of Student's t of 3 degrees of freedom make it 2 to 3 times).
 GROSS = 4.0
-MIDDLE_TO_MEAN = 3.0 / 2.366  # of χ² with three degrees of freedom
+MIDDLE_TO_MEAN = 3.0 / MEDIAN_D2
 MOST_ROBUST = 12
 _TINY = 1e-10
 LEAST_MM = 1e-6  # no reading is better than a nanometre, even where everything is absorbed
@@ -284,7 +283,5 @@ def winsorise(residual: F64, fitted: F64, noise: Noise, at: float = WINSOR_AT) -
     apart = (residual - fitted)[: 3 * n].reshape(n, 3)
     size = np.sqrt(_squares(residual, fitted, noise))
     clipped = residual.copy()
-    clipped[: 3 * n] = (
-        fitted[: 3 * n] + (apart * np.minimum(1.0, at / np.maximum(size, 1e-12))[:, None]).ravel()
-    )
+    clipped[: 3 * n] = fitted[: 3 * n] + (apart * huber_weights(size, at)[:, None]).ravel()
     return clipped

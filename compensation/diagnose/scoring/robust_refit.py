@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.diagnose.fitting.fit import finding_columns
-from armd.compensation.diagnose.fitting.noise import WINSOR_AT
 from armd.compensation.diagnose.fitting.nuisance import most_plausible
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.estimate.robust import WINSOR_AT, huber_loss, huber_weights
 
 F64 = npt.NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def clipped_about(candidate: Candidate, projection: Projection) -> Projection:
     n = fit.linear.rests.n
     left = (raw - both.clear @ solution)[: 3 * n].reshape(n, 3)
     size = np.linalg.norm(left, axis=1)
-    less = left * (1.0 - WINSOR_AT / np.maximum(size, WINSOR_AT))[:, None]
+    less = left * (1.0 - huber_weights(size))[:, None]
     residual = fit.raw_residual.copy()
     clipped = size > WINSOR_AT
     residual[: 3 * n].reshape(n, 3)[clipped] -= np.linalg.solve(
@@ -74,8 +74,7 @@ def _huber(left: F64, projection: Projection) -> float:
     """Huber's loss of residuals (N,), of each rest's components together."""
     end = 3 * projection.fit.linear.rests.n
     size = np.linalg.norm(left[:end].reshape(-1, 3), axis=1)
-    within = np.minimum(size, WINSOR_AT)
-    return float((within * (size - 0.5 * within)).sum() + 0.5 * (left[end:] ** 2).sum())
+    return huber_loss(size) + 0.5 * float((left[end:] ** 2).sum())
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ class _Problem:
             if loss < best[1]:
                 best = solution, loss
             size = np.linalg.norm(left[: 3 * n].reshape(-1, 3), axis=1)
-            less = 1.0 - WINSOR_AT / np.maximum(size, WINSOR_AT)
+            less = 1.0 - huber_weights(size)
         return best
 
 

@@ -1,0 +1,23 @@
+"""Which readings are left out together."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+
+
+def whole_groups(labels: I64, most: int) -> I64:
+    """Fold (n,) of each reading: groups of one label (n,) stay whole, dealt in turn to *most*."""
+    names, group = np.unique(labels, return_inverse=True)
+    folds: I64 = group % max(min(len(names), most), 1)
+    return folds
+
+
+def blocks_of_time(time_s: F64, blocks: int) -> I64:
+    """Fold (n,) of each reading: so many runs of readings, one after another."""
+    order = np.argsort(np.argsort(time_s, kind="stable"), kind="stable")
+    folds: I64 = order * blocks // max(len(order), 1)
+    return folds

@@ -1,0 +1,121 @@
+"""What is done with readings far off, in one place: three questions, three rules.
+
+*How much does a reading count in a fit?* `redescending_weights`, where the fit begins far from the
+truth (`armd calibrate`): beyond one in 10 000 its pull falls off as 1/d, so that a reading gone
+wrong is let go. `huber_weights`, where the fit is near (`armd diagnose`): its pull stays what it
+is at the edge, so that a cause which few rests show is not taken for their going wrong. *Is it an
+outlier, by name?* `outlying`, which asks whether the noise's own tails explain it.
+
+All are of the distance of a reading's three components together, in units of its noise: a χ² of
+three degrees of freedom where the noise is normal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq
+from scipy.special import fdtrc, fdtri, gammaincinv
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+# Quantiles of χ² with three degrees of freedom: one in 10 000 above, and one in two.
+OUTLIER_D2 = 2.0 * float(gammaincinv(1.5, 1 - 1e-4))
+MEDIAN_D2 = 2.0 * float(gammaincinv(1.5, 0.5))
+#: Beyond this many standard deviations of a rest's three components a residual counts as its edge:
+#: one in eighty does, where the noise is normal.
+WINSOR_AT = 3.3
+
+ALPHA = 1e-3  # chance of one false outlier in a whole data set
+HEAVIEST, LIGHTEST = 2.0, 30.0  # degrees of freedom of the tails
+MIDDLE, EDGE = 0.50, 0.97  # quantiles that tell how heavy they are
+#: From here on the bulk is normal. Below, a sum of several heavy-tailed errors is heavier far
+#: out than its bulk says, by about this factor in the degrees of freedom.
+NORMAL, FAR_OUT = 15.0, 0.4
+MOST_SHARE = 0.05  # more rests than this are not single readings
+#: The sizes of power-law tails fall off no faster than with this exponent.
+TAIL_INDEX = 3.0
+
+
+def mahalanobis2(residual_mm: F64, covariance: F64) -> F64:
+    """Squared Mahalanobis distances (n,) of residuals (n, 3)."""
+    solved = np.linalg.solve(covariance, residual_mm[:, :, None])[:, :, 0]
+    distance: F64 = np.einsum("ni,ni->n", residual_mm, solved)
+    return distance
+
+
+def redescending_weights(distance2: F64, region: Mask) -> F64:
+    """Weights (n,) of squares, from squared distances; *region* counts fully, however far off."""
+    weight = np.minimum(1.0, OUTLIER_D2 / np.maximum(distance2, 1e-300))
+    return np.where(region, 1.0, weight)
+
+
+def huber_weights(size: F64, at: float = WINSOR_AT) -> F64:
+    """Weights (n,) of squares, from distances *size* (n,): by what a residual is shortened that
+    counts as its edge."""
+    weights: F64 = at / np.maximum(size, max(at, 1e-12))
+    return weights
+
+
+def huber_loss(size: F64) -> float:
+    """Huber's loss of distances (n,): half the square, and a straight line from the edge on."""
+    within = np.minimum(size, WINSOR_AT)
+    return float((within * (size - 0.5 * within)).sum())
+
+
+def outlying(square: F64) -> tuple[I64, float]:
+    """Which of squared distances (n,) no tail explains, and the smallest family-wise p.
+
+    Two looks: each against the tail of the others, and a gap in the ordered sizes that no tail
+    leaves (several outliers of one kind hide from the first).
+    """
+    single, p_single = _beyond_the_tail(square)
+    group, p_group = _beyond_a_gap(np.sqrt(square))
+    found = np.union1d(single, group)
+    if not len(found) or len(found) > MOST_SHARE * len(square):
+        return np.zeros(0, dtype=np.int64), 1.0
+    return found, min(p_single, p_group)
+
+
+def _beyond_the_tail(square: F64) -> tuple[I64, float]:
+    """The squared norm of three components with Student tails is 3 s² F(3, ν); s and ν come from
+    the bulk, so that the outliers do not speak for themselves."""
+    middle, edge = np.quantile(square, [MIDDLE, EDGE])
+    tails = _freedom(float(edge / middle))
+    tails = LIGHTEST if tails > NORMAL else max(HEAVIEST, FAR_OUT * tails)
+    scale = middle / fdtri(3, tails, MIDDLE)
+    p = np.minimum(1.0, len(square) * fdtrc(3, tails, square / scale))
+    return np.flatnonzero(p < ALPHA), float(p.min(initial=1.0))
+
+
+def _beyond_a_gap(size: F64) -> tuple[I64, float]:
+    """In a power-law tail of index a, k·a·log(x_k / x_k+1) of the ordered sizes is exponential
+    (Rényi): a gap far too wide for that parts another population from the tail."""
+    order = np.argsort(-size)
+    most = int(MOST_SHARE * len(size))
+    if most < 1:
+        return np.zeros(0, dtype=np.int64), 1.0
+    ranked = size[order[: most + 1]]
+    ranks = np.arange(1, most + 1)
+    log_p = -TAIL_INDEX * ranks * np.log(ranked[:-1] / ranked[1:]) + np.log(most)
+    widest = int(np.argmin(log_p))
+    p = min(1.0, float(np.exp(log_p[widest])))
+    return (order[: widest + 1] if p < ALPHA else order[:0]), p
+
+
+def _freedom(ratio: float) -> float:
+    """Degrees of freedom ν at which the two quantiles of F(3, ν) stand in this *ratio*."""
+
+    def excess(log_tails: float) -> float:
+        tails = np.exp(log_tails)
+        edge = fdtri(3, tails, EDGE)
+        return float(edge / fdtri(3, tails, MIDDLE) - ratio)
+
+    low, high = np.log(HEAVIEST), np.log(LIGHTEST)
+    if excess(low) <= 0:
+        return HEAVIEST
+    if excess(high) >= 0:
+        return LIGHTEST
+    return float(np.exp(brentq(excess, low, high)))
