@@ -23,17 +23,6 @@ def noisy(session: Session, rng: np.random.Generator, wrong: int) -> Session:
     return replace(session, states=replace(session.states, q=q))
 
 
-def rows(session: Session, chosen: np.ndarray) -> Session:
-    return replace(
-        session,
-        states=session.states.rows(chosen),
-        placement=session.placement[chosen],
-        target=session.target[chosen],
-        truth_mm=session.truth_mm[chosen],
-        artefact_c=session.artefact_c[chosen],
-    )
-
-
 def rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
@@ -45,7 +34,7 @@ def test_readings_of_a_tracker(readings: int, wrong: int) -> None:
         rng = np.random.default_rng(seed)
         whole = synthetic.tracked(ARM, synthetic.disturbed(ARM, rng), rng, readings=2 * readings)
         first = np.arange(2 * readings) < readings
-        one, other = (noisy(rows(whole, half), rng, wrong) for half in (first, ~first))
+        one, other = (noisy(whole.rows(half), rng, wrong) for half in (first, ~first))
         result = calibrate([one], ARM, Options(thermal_order=0))
         printed.append(result.heldout_rms_um)
         without.append(result.heldout.without_outliers_um)
@@ -69,7 +58,7 @@ def test_seats_at_other_places() -> None:
             distances=[(0, 1)], spread_mm=100.0,
         )  # fmt: skip
         even = whole.placement % 2 == 0
-        one, other = (noisy(rows(whole, half), rng, 0) for half in (even, ~even))
+        one, other = (noisy(whole.rows(half), rng, 0) for half in (even, ~even))
         result = calibrate([one], ARM, Options(thermal_order=0))
         assert result.heldout_by == "placement"
         printed.append(result.heldout_rms_um)

@@ -51,18 +51,6 @@ def wave(joint: int, size: float, order: int = 1, phase: float = 0.4) -> Effect:
     return of_joint(joint, lambda s: size * np.sin(order * s.q[:, joint - 1] - phase))
 
 
-def rows(session: Session, chosen: npt.NDArray[np.bool_]) -> Session:
-    """Some readings of a session."""
-    return replace(
-        session,
-        states=session.states.rows(chosen),
-        placement=session.placement[chosen],
-        target=session.target[chosen],
-        truth_mm=session.truth_mm[chosen],
-        artefact_c=session.artefact_c[chosen],
-    )
-
-
 def middle_unix_s(sessions: Sequence[Session]) -> float:
     return float(np.median(np.concatenate([s.states.time_s for s in sessions])))
 

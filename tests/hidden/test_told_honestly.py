@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from planting import planted, rows, slip, wave
+from planting import planted, slip, wave
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.design.conditions import draw_poses
@@ -51,7 +51,7 @@ def found(measured: Measured) -> Diagnosis:
 
 
 def first(session: Session, n: int) -> Session:
-    return rows(session, np.arange(session.n) < n)
+    return session.rows(np.arange(session.n) < n)
 
 
 @pytest.mark.parametrize("n", [1, 2])
@@ -66,7 +66,7 @@ def test_readings_that_their_placement_explains_are_refused(measured: Measured, 
 
 def test_many_copies_of_one_reading_are_one(measured: Measured) -> None:
     session = measured.sessions[0]
-    copies = rows(session, np.zeros(session.n, dtype=np.int64))
+    copies = session.rows(np.zeros(session.n, dtype=np.int64))
     with pytest.raises(BadInput, match="found 1 at rest"):
         diagnose([copies], measured.arm, measured.calibration)
 

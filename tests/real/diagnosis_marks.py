@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from convert import VENDORED, convert
-from marks import rows_of
 from rich.console import Console
 from rich.table import Table
 
@@ -116,7 +115,7 @@ def _transfers(
                 k for k, q in seen.items() if _known(trains[series], k, q).mean() > LEAST_SHARE
             ]
             train, heldout = (
-                rows_of(s, np.all([_known(s, k, seen[k]) for k in joints], axis=0))
+                s.rows(np.all([_known(s, k, seen[k]) for k in joints], axis=0))
                 for s in (trains[series], heldouts[series])
             )
             carried = [curves[k] for k in joints]

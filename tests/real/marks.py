@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,20 +75,8 @@ def two_sigma(folder: Path, robot: str, most_times: int) -> tuple[float, int]:
         kept = distance <= distance.mean() + 2 * distance.std()
         if kept.all() or times == most_times:
             break
-        session = rows_of(session, kept)
+        session = session.rows(kept)
     return mean_mm(evaluation), whole - session.n
-
-
-def rows_of(session: Session, kept: np.ndarray) -> Session:
-    """The session with some of its readings only."""
-    return replace(
-        session,
-        states=session.states.rows(kept),
-        placement=session.placement[kept],
-        target=session.target[kept],
-        truth_mm=session.truth_mm[kept],
-        artefact_c=session.artefact_c[kept],
-    )
 
 
 def mean_mm(evaluation: Evaluation) -> float:

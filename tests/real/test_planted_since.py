@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from convert import ur10
-from hidden.planting import Effect, planted, rms_um, rows, slip, wave
+from hidden.planting import Effect, planted, rms_um, slip, wave
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -52,8 +52,8 @@ def test_a_real_arm_has_something_new(
             update={"constants": {**extended.constants, "a_3": extended.constants["a_3"] + 0.15}}
         )
     shown = np.random.default_rng(5).permutation(since.n) < since.n * 2 // 3
-    measured, fresh = (planted([rows(since, part)], *effect) for part in (shown, ~shown))
-    healthy = rms_um([rows(since, ~shown)], arm, extended)
+    measured, fresh = (planted([since.rows(part)], *effect) for part in (shown, ~shown))
+    healthy = rms_um([since.rows(~shown)], arm, extended)
     found = diagnose(measured, arm, under)
     assert (cause, location) in [f.candidate.place for f in found.found]
     sick, mended = rms_um(fresh, arm, under), rms_um(fresh, arm, found.extended)

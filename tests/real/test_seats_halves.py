@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from convert import ROBOTS, convert
-from hidden.planting import rms_um, rows
+from hidden.planting import rms_um
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -41,12 +41,12 @@ def judge(folder: Path, robot: str, seed: int) -> None:
     arm = load_arm(folder / robot / "arm.toml")
     whole = load_session(folder / robot / "seats", arm)
     one = np.random.default_rng(seed).permutation(whole.n) < whole.n // 2
-    diagnosis = diagnose([rows(whole, one)], arm)
+    diagnosis = diagnose([whole.rows(one)], arm)
     before, after = diagnosis.baseline.calibration, diagnosis.extended
     change = np.abs(after.vector(arm.n_joints) - before.vector(arm.n_joints))
     most = [PLAUSIBLE[parameters.unit(name)] for name in arm.layout.names]
     assert (change <= most).all()
-    other = rows(whole, ~one)
+    other = whole.rows(~one)
     was, now = scatter_um(other, arm, before), scatter_um(other, arm, after)
     assert now < 1.02 * was
     if diagnosis.gains:  # placements left out are harder than a random half: not promised too much
@@ -82,7 +82,7 @@ def test_no_cause_is_told_that_is_less_likely_than_another(
     arm = load_arm(folder / robot / "arm.toml")
     whole = load_session(folder / robot / "seats", arm)
     one = np.random.default_rng(seed).permutation(whole.n) < whole.n // 2
-    findings = as_json(diagnose([rows(whole, one)], arm), None)["findings"]
+    findings = as_json(diagnose([whole.rows(one)], arm), None)["findings"]
     assert findings
     for finding in findings:
         if finding["cause"] != "unknown":
