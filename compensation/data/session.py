@@ -62,6 +62,7 @@ class Session:
     row: I64  # (n,) of the table, from 0
     lost: tuple[str, ...] = ()  # sensors that show nothing; their values are what the others tell
     lost_links: tuple[int, ...] = ()  # links (from 1) that such a sensor spoke for
+    operator: str | None = None
 
     @property
     def n(self) -> int:
@@ -149,6 +150,7 @@ def load_session(path: str | Path, arm: Arm) -> Session:
             name for name in readings.header if name not in (*numbers, "placement", "target")
         ],
         row=np.arange(readings.n),
+        operator=file.operator,
     )
 
 

@@ -35,6 +35,7 @@ class Artefact(Strict):
     """What the tip was put to. Positions hold at the artefact's reference temperature."""
 
     name: Name
+    certificate: Name | None = None  # number of the certificate its positions come from
     expansion_per_k: Annotated[float, Field(ge=-1e-3, le=1e-3)] = 0.0
     reference_temperature_c: float = 20.0
     targets: Annotated[list[Target], Field(alias="target", min_length=1)]
@@ -70,5 +71,6 @@ class SessionFile(Strict):
     schema_: Literal["armd.session/1"] = Field(alias="schema")
     arm: Name
     started: AwareDatetime
+    operator: Name | None = None
     angle_unit: AngleUnit = "rad"
     artefact: Artefact

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import plotly.graph_objects as go
 
 from armd import __version__
+from armd.compensation.report.drawing import one_drawing
 from armd.compensation.report.page import Page
 
 F64 = npt.NDArray[np.float64]
@@ -65,13 +65,20 @@ def quality_page(change: Change, sources: Sequence[str]) -> str:
         ]
     )  # fmt: skip
     instants = [datetime.datetime.fromtimestamp(s * 1e-9, datetime.UTC) for s in change.stamp_ns]
-    figure = go.Figure()
-    figure.add_scatter(x=instants, y=change.distance_mm, mode="markers", name="moved by")
-    figure.update_xaxes(title="measured at, UTC")
-    figure.update_yaxes(title="distance between old and new position, mm", rangemode="tozero")
+    figure, panel = one_drawing()
+    panel.plot(
+        np.array(change.stamp_ns, dtype="datetime64[ns]"),
+        change.distance_mm,
+        "o",
+        markersize=3,
+        rasterized=True,
+    )
+    panel.set(xlabel="measured at, UTC", ylabel="distance between old and new position, mm")
+    panel.set_ylim(bottom=0.0)
     if change.tolerance_mm is not None:
-        figure.add_hline(change.tolerance_mm, line_dash="dash", annotation_text="tolerance")
-    page.figure(figure)
+        panel.axhline(change.tolerance_mm, linestyle="--", color="black", label="tolerance")
+        panel.legend(frameon=False)
+    page.figure(figure, "How far each measurement moves, mm, over when it was taken")
     if change.tolerance_mm is not None:
         rows = change.matter
         page.heading(f"Measurements that move by more than {change.tolerance_mm:g} mm")

@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.unknowns import in_words
@@ -16,7 +14,9 @@ from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit
 from armd.compensation.identify.thermal import temperature_groups
 from armd.compensation.model import parameters
-from armd.compensation.report.page import MOST_POINTS, Page
+from armd.compensation.report.drawing import MOST_POINTS, cloud, drawing, one_drawing, views
+from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.sessions import session_facts
 
 F64 = npt.NDArray[np.float64]
 
@@ -92,23 +92,25 @@ def _before_and_after(page: Page, result: Result) -> None:
     if found.terms:
         models["identified, at the reference temperature"] = (found.constants, [])
         models["identified, with temperature"] = models.pop("identified")
-    figure = go.Figure()
+    figure, panel = one_drawing()
     rows = []
     labels = [f"{mean:.1f} °C" if np.isfinite(mean) else "all" for mean, _ in groups]
-    for name, (constants, terms) in models.items():
+    wide = 0.8 / len(models)
+    for i, (name, (constants, terms)) in enumerate(models.items()):
         residual = evaluate_model(observations, constants, terms, found.reference_c)
         distance = residual.distance_um
         rms = [float(np.sqrt(np.mean(distance[mask] ** 2))) for _, mask in groups]
-        figure.add_bar(name=name, x=labels, y=rms)
+        panel.bar(np.arange(len(rms)) + i * wide, rms, wide, label=name)
         for label, (_, mask), value in zip(labels, groups, rms, strict=True):
             rows.append(
                 [name, label, f"{value:.2f}", f"{np.median(distance[mask]):.2f}",
                  f"{distance[mask].max():.2f}"]
             )  # fmt: skip
-    figure.update_yaxes(title="3-D RMS, µm", type="log")
-    figure.update_xaxes(title="temperature of the arm")
+    panel.set_xticks(np.arange(len(labels)) + wide * (len(models) - 1) / 2, labels)
+    panel.set(yscale="log", ylabel="3-D RMS, µm", xlabel="temperature of the arm")
+    panel.legend(loc="upper center", bbox_to_anchor=(0.5, 1.15), ncols=len(models), frameon=False)
     page.heading("Before and after, by temperature")
-    page.figure(figure)
+    page.figure(figure, "3-D RMS of the readings used, µm, by model and temperature")
     page.table(["model", "temperature", "RMS µm", "median µm", "maximum µm"], rows)
 
 
@@ -119,14 +121,15 @@ def _residual_vectors(page: Page, found: Fit) -> None:
     reach = float(np.linalg.norm(np.ptp(tip, axis=0)))
     times = 10 ** np.floor(np.log10(0.03 * reach / size))
     ends = np.stack([tip, tip + times * residual, np.full_like(tip, np.nan)], axis=1)
-    x, y, z = ends.reshape(-1, 3).T
-    figure = go.Figure(go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"width": 3}))
-    figure.update_scenes(
-        xaxis_title="x, mm", yaxis_title="y, mm", zaxis_title="z, mm", aspectmode="data"
-    )
+    lines = ends.reshape(-1, 3)
+    figure, panels = views()
+    for panel, across, up in panels:
+        panel.plot(lines[:, across], lines[:, up], linewidth=0.8, rasterized=True)
     page.heading("Residual vectors")
-    page.text(f"Tip positions in the base frame; residuals drawn {times:g} times as long.")
-    page.figure(figure, height=620)
+    page.figure(
+        figure,
+        f"At each tip position of the base frame its residual, drawn {times:g} times as long",
+    )
 
 
 def _residuals_by_column(page: Page, found: Fit) -> None:
@@ -141,20 +144,16 @@ def _residuals_by_column(page: Page, found: Fit) -> None:
     rows = _some(observations.n)
     distance = 1e3 * np.linalg.norm(found.at.residual_mm, axis=1)
     lines = -(-len(columns) // 3)
-    figure = make_subplots(rows=lines, cols=3, vertical_spacing=0.3 / lines)
+    figure, axes = drawing(lines, 3, height_in=2.2 * lines)
     for i, (title, values) in enumerate(columns):
-        place = {"row": i // 3 + 1, "col": i % 3 + 1}
-        points = go.Scattergl(
-            x=values[rows], y=distance[rows], mode="markers", marker={"size": 3, "opacity": 0.5}
-        )
-        figure.add_trace(points, **place)
-        figure.update_xaxes(title=title, **place)
-        figure.update_yaxes(
-            title="residual, µm" if i % 3 == 0 else None, rangemode="tozero", **place
-        )
-    figure.update_layout(showlegend=False)
+        panel = axes[i]
+        cloud(panel, values[rows], distance[rows])
+        panel.set(xlabel=title, ylabel="residual, µm" if i % 3 == 0 else "")
+        panel.set_ylim(bottom=0.0)
+    for panel in axes[len(columns) :]:
+        panel.set_axis_off()
     page.heading("Residuals against each joint and each sensor")
-    page.figure(figure, height=60 + 240 * lines)
+    page.figure(figure, "3-D residual of each reading, µm, over each angle and each temperature")
 
 
 def _parameters(page: Page, result: Result) -> None:
@@ -251,15 +250,15 @@ def _outliers(page: Page, result: Result) -> None:
 
 def _provenance(page: Page, result: Result, sessions: Sequence[Session]) -> None:
     provenance = result.calibration.provenance
-    page.heading("Where it comes from")
-    page.text(f"{provenance['command']} (armd {provenance['version']})")
-    page.table(
-        ["session", "readings", "artefact", "SHA-256"],
-        [
-            [session.name, session.n, session.artefact.name, entry["sha256"]]
-            for session, entry in zip(sessions, provenance["sessions"], strict=True)
-        ],
-    )
+    arm = result.fit.observations.arm
+    inputs = {
+        f"session {session.name}": entry["sha256"]
+        for session, entry in zip(sessions, provenance["sessions"], strict=True)
+    }
+    facts = {"command": f"{provenance['command']} (armd {provenance['version']})"}
+    page.origin(report_number(arm.serial_number, *inputs.values()), inputs, facts)
+    session_facts(page, sessions, arm)
+    page.signatures("Calibrated by", "Checked by")
 
 
 def _some(n: int) -> npt.NDArray[np.int64]:

@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
+from matplotlib.figure import Figure
 
 from armd.compensation.design.design import Experiment
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
+from armd.compensation.report.drawing import views
 from armd.compensation.report.page import Page
 
 
@@ -25,7 +26,7 @@ def design_report(experiment: Experiment, arm: Arm, rows: Sequence[Mapping[str, 
         "artefact too. Put a target near each tip position, turn the joints as shown, and come "
         "to rest from the side given."
     )
-    page.figure(_picture(experiment), height=620)
+    page.figure(_picture(experiment), "The arm in each pose, joint by joint; its number at the tip")
     narrow = [_narrow(row) for row in rows]
     page.table(list(narrow[0]), [list(row.values()) for row in narrow])
     return page.html()
@@ -39,17 +40,13 @@ def _narrow(row: Mapping[str, Any]) -> dict[str, str]:
     return place | {"turn last towards": sides, "sensors, °C": warm}
 
 
-def _picture(experiment: Experiment) -> go.Figure:
+def _picture(experiment: Experiment) -> Figure:
     """The arm in every pose, base to tip, in mm of the base frame."""
     origins = frames(experiment.states.q, experiment.parameters)[0]
-    figure = go.Figure()
-    for i, (joints, tip) in enumerate(zip(origins, experiment.tip_mm, strict=True), 1):
-        x, y, z = np.vstack([joints, tip]).T
-        figure.add_scatter3d(
-            x=x, y=y, z=z, mode="lines+markers+text", name=f"pose {i}", marker={"size": 3},
-            text=[""] * len(joints) + [str(i)],
-        )  # fmt: skip
-    figure.update_scenes(
-        xaxis_title="x, mm", yaxis_title="y, mm", zaxis_title="z, mm", aspectmode="data"
-    )
+    figure, panels = views()
+    for panel, across, up in panels:
+        for i, (joints, tip) in enumerate(zip(origins, experiment.tip_mm, strict=True), 1):
+            arm = np.vstack([joints, tip])
+            panel.plot(arm[:, across], arm[:, up], marker="o", markersize=2.5, linewidth=1.0)
+            panel.annotate(str(i), (tip[across], tip[up]), weight="bold")
     return figure

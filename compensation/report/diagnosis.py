@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.result import um
 from armd.compensation.effects.effect import ARC_SECOND, clock
-from armd.compensation.report.page import Page
+from armd.compensation.report.drawing import one_drawing
+from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.sessions import session_facts
 from armd.compensation.report.signature_plot import signature_plot
 
 #: Units in which a person reads amplitudes.
@@ -33,6 +34,10 @@ def diagnosis_report(diagnosis: Diagnosis, result: dict[str, Any]) -> str:
     _cannot_tell(page, result)
     page.heading("Next experiment")
     page.text(result["next_experiment"])
+    sessions = [*diagnosis.sessions, *diagnosis.holdout]
+    inputs = {f"session {session.name}": session.fingerprint() for session in sessions}
+    page.origin(report_number(diagnosis.arm.serial_number, *inputs.values()), inputs)
+    session_facts(page, sessions, diagnosis.arm)
     return page.html()
 
 
@@ -64,29 +69,21 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
     low, high = [0.0], [0.0]
     for number, finding in enumerate(result["findings"], 1):
         gain = finding["gain"]
-        labels.append(f"+ {number}. " + _name(finding).replace(", ", "<br>"))
+        labels.append(f"+ {number}. " + _name(finding).replace(", ", "\n"))
         values.append(gain["heldout_rms_um_after"])
         best, worst = (gain["heldout_rms_um_before"] - g for g in reversed(gain["interval_um"]))
         low.append(max(values[-1] - best, 0.0))
         high.append(max(worst - values[-1], 0.0))
-    error = {"type": "data", "array": high, "arrayminus": low, "symmetric": False}
-    text = [um(value) for value in values]
-    bars = go.Bar(
-        x=labels,
-        y=values,
-        error_y=error,
-        text=text,
-        textposition="inside",
-        insidetextanchor="start",
-    )
-    figure = go.Figure(bars)
-    figure.add_hline(
-        y=baseline["noise_floor_um"], line_dash="dot", annotation_text="noise alone",
-        annotation_position="right",
+    figure, panel = one_drawing()
+    bars = panel.bar(labels, values, width=0.55, yerr=[low, high], capsize=4)
+    panel.bar_label(bars, [um(value) for value in values], label_type="center", color="white")
+    panel.axhline(baseline["noise_floor_um"], linestyle=":", color="black")
+    panel.annotate(
+        "noise alone", (1.0, baseline["noise_floor_um"]), xycoords=("axes fraction", "data"),
+        ha="right", va="bottom", bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7},
     )  # fmt: skip
-    figure.update_layout(bargap=0.45)
-    figure.update_yaxes(title="3-D RMS on held-out readings, µm", rangemode="tozero")
-    page.figure(figure)
+    panel.set_ylabel("3-D RMS on held-out readings, µm")
+    page.figure(figure, "3-D RMS on held-out readings, µm, as one finding after another is added")
     if result["findings"]:
         page.text(
             "Each bar has one finding more than the one before; whiskers: 95 % of its gain over "
@@ -110,7 +107,10 @@ def _finding(page: Page, diagnosis: Diagnosis, index: int, finding: dict[str, An
         f"{um(finding['tip_rms_um'])} µm (3-D RMS) that nothing else in the model takes up, "
         f"{finding['signal_to_noise']:.1f} standard deviations out of the noise."
     )
-    page.figure(signature_plot(diagnosis, index))
+    page.figure(
+        signature_plot(diagnosis, index),
+        f"What the readings show of {_name(finding)}, all else taken off, and the fitted effect",
+    )
     _evidence(page, finding)
     _amplitudes(page, finding)
 

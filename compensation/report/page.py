@@ -1,26 +1,48 @@
-"""One HTML page: headings, text, tables and plotly figures, with plotly's script inside."""
+"""One HTML page without a script: headings, text, tables, drawings as SVG, lines to sign on."""
 
 from __future__ import annotations
 
+import datetime
+import hashlib
 import html
-from collections.abc import Sequence
+import platform
+from collections.abc import Mapping, Sequence
 
-import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
+from matplotlib.figure import Figure
+
+from armd import __version__
+from armd.compensation.report.drawing import svg
 
 STYLE = """
+:root { color-scheme: light dark; --ink: #1b1f24; --paper: #fff; --line: #d8dee4; --head: #f3f5f7;
+        --good: #116329; --bad: #a40e26; --neutral: #57606a; }
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 68rem; margin: 2rem auto; padding: 0 1rem;
-       color: #1b1f24; }
+       color: var(--ink); background: var(--paper); overflow-wrap: anywhere; }
 h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
+.wide { overflow-x: auto; }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums; }
-th, td { padding: .15rem .7rem; border-bottom: 1px solid #d8dee4; text-align: right; }
-th { background: #f3f5f7; } th:first-child, td:first-child { text-align: left; }
-td.text, th.text { text-align: left; } code { background: #f3f5f7; padding: 0 .25rem; }
+th, td { padding: .15rem .7rem; border-bottom: 1px solid var(--line); text-align: right; }
+td { overflow-wrap: normal; } td.long { overflow-wrap: anywhere; }
+th { background: var(--head); } th:first-child, td:first-child { text-align: left; }
+td.text, th.text { text-align: left; }
+figure { margin: .8rem 0; } figure svg { width: 100%; height: auto; max-width: 60rem; }
+figcaption { color: var(--neutral); }
+.verdict { margin: 1.2rem 0; padding: .6rem 1.2rem; border: .35rem solid; border-radius: .4rem; }
+.verdict b { display: block; font-size: clamp(2.2rem, 9vw, 4.5rem); line-height: 1.15; }
+.good { color: var(--good); } .bad { color: var(--bad); } .neutral { color: var(--neutral); }
+.sign { display: flex; flex-wrap: wrap; gap: 2.5rem; margin-top: 3.5rem; }
+.sign div { flex: 1 1 14rem; border-top: 1px solid var(--ink); padding-top: .3rem; }
+@media (prefers-color-scheme: dark) and (not print) {
+  :root { --ink: #e6edf3; --paper: #0d1117; --line: #30363d; --head: #161b22;
+          --good: #56d364; --bad: #ff7b72; --neutral: #9198a1; }
+  figure svg { filter: invert(.9) hue-rotate(180deg); } }
+@media print {
+  :root { color-scheme: light; }
+  body { font-size: 10pt; max-width: none; margin: 0; padding: 0; }
+  h2 { break-after: avoid; } tr, figure, .verdict, .sign { break-inside: avoid; }
+  thead { display: table-header-group; } .wide { overflow: visible; } }
+@page { margin: 18mm 15mm; @bottom-right { content: counter(page) " / " counter(pages); } }
 """
-#: Colours told apart by colour-blind readers too (Okabe and Ito).
-COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
-#: More points than this make a page slow and no picture clearer.
-MOST_POINTS = 5000
 
 
 class Page:
@@ -42,6 +64,14 @@ class Page:
         inner = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
         self._blocks.append(f"<ul>{inner}</ul>")
 
+    def verdict(self, word: str, reason: str, good: bool | None) -> None:
+        """One word that can be read from across the room, and why; None is neither."""
+        kind = {True: "good", False: "bad", None: "neutral"}[good]
+        self._blocks.append(
+            f'<div class="verdict {kind}" role="status"><b>{html.escape(word)}</b>'
+            f"{html.escape(reason)}</div>"
+        )
+
     def table(self, header: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
         """Numbers stand as given: format them beforehand."""
         first = [_kind(value) for value in rows[0]] if rows else [""] * len(header)
@@ -49,31 +79,60 @@ class Page:
             f"<th{kind}>{html.escape(name)}</th>" for name, kind in zip(header, first, strict=True)
         )
         body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
-        self._blocks.append(f"<table><tr>{head}</tr>{body}</table>")
-
-    def figure(self, figure: go.Figure, height: int = 420) -> None:
-        figure.update_layout(
-            template="plotly_white", height=height, margin={"l": 60, "r": 80, "t": 30, "b": 50},
-            colorway=COLOURS,
-        )  # fmt: skip
-        self._figures += 1
         self._blocks.append(
-            figure.to_html(
-                full_html=False,
-                include_plotlyjs=False,
-                div_id=f"figure-{self._figures}",
-                config={"displaylogo": False},
-            )
+            f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+            "</div>"
         )
+
+    def figure(self, figure: Figure, caption: str) -> None:
+        """A drawing; *caption* says what it shows, also to who cannot see it."""
+        self._figures += 1
+        drawing = svg(figure, f"figure {self._figures}", caption)
+        self._blocks.append(
+            f"<figure>{drawing}<figcaption>{html.escape(caption)}</figcaption></figure>"
+        )
+
+    def origin(
+        self, number: str, inputs: Mapping[str, str], facts: Mapping[str, str] | None = None
+    ) -> None:
+        """When, by what and from what the page was made.
+
+        *inputs* are names and their SHA-256 in hexadecimal, *facts* whatever else an auditor asks.
+        """
+        now = datetime.datetime.now(datetime.UTC)
+        self.heading("Where it comes from")
+        rows = {
+            "report": f"{number}, {now:%Y-%m-%d %H:%M} UTC",
+            "made by": f"armd {__version__}, Python {platform.python_version()}",
+            **(facts or {}),
+        }
+        self.table(["", "value"], [[name, Long(value)] for name, value in rows.items()])
+        if inputs:
+            self.table(["input", "SHA-256"], [[name, Long(sha)] for name, sha in inputs.items()])
+
+    def signatures(self, *roles: str) -> None:
+        """A line for each of *roles* to sign on."""
+        lines = "".join(f"<div>{html.escape(role)}, date, signature</div>" for role in roles)
+        self._blocks.append(f'<div class="sign">{lines}</div>')
 
     def html(self) -> str:
         return (
             f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+            f'<meta name="viewport" content="width=device-width, initial-scale=1">'
             f'<meta name="generator" content="armd">'
-            f"<title>{html.escape(self.title)}</title><style>{STYLE}</style>"
-            f"<script>{get_plotlyjs()}</script></head>\n"
+            f"<title>{html.escape(self.title)}</title><style>{STYLE}</style></head>\n"
             f"<body>{''.join(self._blocks)}</body></html>\n"
         )
+
+
+class Long(str):
+    """Text of a table that may be broken anywhere, as a hash or a command."""
+
+
+def report_number(serial: str, *sha256: str) -> str:
+    """The same inputs make the same number: the arm's serial and eight digits of their hashes."""
+    digest = hashlib.sha256("".join(sorted(sha256)).encode()).hexdigest()
+    return f"{serial}-{digest[:8]}"
 
 
 def _cell(value: object) -> str:
@@ -82,5 +141,7 @@ def _cell(value: object) -> str:
 
 def _kind(value: object) -> str:
     """Text stands left, numbers right; a sign belongs to its number."""
+    if isinstance(value, Long):
+        return ' class="text long"'
     text = isinstance(value, str) and not value.lstrip("+-−")[:1].isdigit()
     return ' class="text"' if text else ""

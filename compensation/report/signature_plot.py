@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import plotly.graph_objects as go
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.fitting.signatures import compile_candidates
 from armd.compensation.effects.effect import ARC_SECOND, Candidate
 from armd.compensation.model import parameters
-from armd.compensation.report.page import COLOURS, MOST_POINTS
+from armd.compensation.report.drawing import COLOURS, MOST_POINTS, cloud, one_drawing
 
 F64 = npt.NDArray[np.float64]
 
@@ -26,7 +27,7 @@ MOST_DOTS = 2500
 LEAST_LEVER = 0.3
 
 
-def signature_plot(diagnosis: Diagnosis, index: int) -> go.Figure:
+def signature_plot(diagnosis: Diagnosis, index: int) -> Figure:
     """What the readings show of a finding, with the fitted effect over it."""
     candidate = diagnosis.search.last.findings[index]
     moved = {term.parameter for column in candidate.columns for term in column.terms}
@@ -34,34 +35,37 @@ def signature_plot(diagnosis: Diagnosis, index: int) -> go.Figure:
     name, values = _variable(diagnosis, candidate)
     if len(candidate.depends_on) > 1:
         _, points, line, title = _at_the_tip(diagnosis, index)
-        figure = _figure(line, points, line, "fitted effect at the tip, µm", title)
-        figure.add_scatter(
-            **_means(line, points), name="readings, means", marker={"color": COLOURS[2]}
-        )
+        figure, panel = _drawn(line, points, line, "fitted effect at the tip, µm", title)
+        panel.plot(*_means(line, points), "o", color=COLOURS[2], label="readings, means")
+        _legend(panel)
         return figure
     if len(moved) == 1 and candidate.depends_on and steady:
         rows, points, line, title = _in_the_parameter(diagnosis, index, next(iter(moved)))
     else:
         rows, points, line, title = _at_the_tip(diagnosis, index)
-    figure = _figure(values[rows], points, line, name, title)
+    figure, panel = _drawn(values[rows], points, line, name, title)
     if candidate.depends_on == ("target",):
         names = _target_names(diagnosis)
-        figure.update_xaxes(tickmode="array", tickvals=list(range(len(names))), ticktext=names)
+        panel.set_xticks(range(len(names)), names, rotation=90 if len(names) > BINS else 0)
+    _legend(panel)
     return figure
 
 
-def _figure(values: F64, points: F64, line: F64, name: str, title: str) -> go.Figure:
+def _drawn(values: F64, points: F64, line: F64, name: str, title: str) -> tuple[Figure, Axes]:
     shown = np.linspace(0, len(values) - 1, min(len(values), MOST_DOTS)).astype(int)
-    figure = go.Figure()
-    figure.add_scatter(
-        x=values[shown], y=points[shown], mode="markers", name="readings, all else taken off",
-        marker={"size": 4, "opacity": 0.35},
-    )  # fmt: skip
-    figure.add_scatter(**_fitted(values, line), name="fitted effect", line={"width": 2.5})
-    figure.update_xaxes(title=name)
-    figure.update_yaxes(title=title, range=_range_of(points, line))
-    figure.update_layout(legend={"orientation": "h", "y": 1.08})
-    return figure
+    figure, panel = one_drawing()
+    label = "readings, all else taken off"
+    cloud(panel, values[shown], points[shown], label)
+    if len(np.unique(values)) <= BINS:
+        panel.plot(*_means(values, line), "o", color=COLOURS[1], label="fitted effect")
+    else:
+        panel.plot(*_curve(values, line), color=COLOURS[1], linewidth=2, label="fitted effect")
+    panel.set(xlabel=name, ylabel=title, ylim=_range_of(points, line))
+    return figure, panel
+
+
+def _legend(panel: Axes) -> None:
+    panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
 
 
 def _in_the_parameter(
@@ -104,18 +108,15 @@ def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[npt.NDArray[np.int64]
     return rows, 1e3 * before * sign, 1e3 * size * sign, "correction at the tip, along it, µm"
 
 
-def _fitted(values: F64, line: F64) -> dict[str, object]:
+def _curve(values: F64, line: F64) -> tuple[F64, F64]:
     """The effect over its variable: a curve, broken where nothing was measured."""
-    if len(np.unique(values)) <= BINS:
-        return _means(values, line)
     order = np.argsort(values, kind="stable")
     thin = order[np.linspace(0, len(order) - 1, min(len(order), MOST_POINTS)).astype(int)]
     gaps = np.flatnonzero(np.diff(values[thin]) > np.ptp(values) / BINS) + 1
-    x, y = np.insert(values[thin], gaps, np.nan), np.insert(line[thin], gaps, np.nan)
-    return {"x": x, "y": y, "mode": "lines"}
+    return np.insert(values[thin], gaps, np.nan), np.insert(line[thin], gaps, np.nan)
 
 
-def _means(values: F64, points: F64) -> dict[str, object]:
+def _means(values: F64, points: F64) -> tuple[F64, F64]:
     """Means over the variable: of each of its values if they are few, else of so many readings."""
     order = np.argsort(values, kind="stable")
     steps = np.flatnonzero(np.diff(values[order])) + 1
@@ -123,7 +124,7 @@ def _means(values: F64, points: F64) -> dict[str, object]:
     groups = np.array_split(order, steps if few else min(BINS, max(len(order) // 5, 1)))
     x = np.array([float(values[group].mean()) for group in groups])
     y = np.array([float(points[group].mean()) for group in groups])
-    return {"x": x, "y": y, "mode": "markers"}
+    return x, y
 
 
 def _range_of(points: F64, line: F64) -> list[float]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import plotly.graph_objects as go
+from matplotlib.figure import Figure
 
 from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compensation.report.page import Page
+from armd.compensation.report.drawing import COLOURS, one_drawing
+from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.sessions import session_facts
 from armd.compensation.verify.limits import Limits
-from armd.compensation.verify.verdict import Judged, Verdict
+from armd.compensation.verify.verdict import COVERAGE_FACTOR, Judged, Verdict
 
 
 def verification_report(
@@ -17,7 +19,7 @@ def verification_report(
 ) -> str:
     """HTML text of the report."""
     page = Page(f"Verification of arm {arm.serial_number}")
-    page.text(f"Verdict: {verdict.in_words}.")
+    _verdict(page, verdict)
     page.text(f"Decision rule: {verdict.rule}.")
     page.table(
         [
@@ -43,19 +45,39 @@ def verification_report(
     for item in verdict.judged:
         if len(item.figure.deviations) > 3:
             page.heading(f"{item.figure.name}: every result")
-            page.figure(_by_length(item, verdict.limits))
-    page.heading("What was verified")
-    identity = "none: nominal geometry of arm.toml"
+            page.figure(
+                _by_length(item, verdict.limits),
+                f"{item.figure.name}: error of each result over its length, µm; dashed: the MPE",
+            )
+            page.table(["result", "length, mm", "error, µm", "U (k = 2), µm"], _results(item))
+    inputs = {f"session {session.name}": session.fingerprint()}
     if calibration is not None:
-        identity = f"{calibration.path.name}, SHA-256 {calibration.sha256}"
-    page.items(
-        [
-            f"calibration: {identity}",
-            f"session: {session.name}, SHA-256 {session.fingerprint()}",
-            f"artefact: {session.artefact.name}, {session.n} readings",
-        ]
-    )
+        inputs[f"calibration {calibration.path.name}"] = calibration.sha256
+    facts = {} if calibration else {"calibration": "none: nominal geometry of arm.toml"}
+    page.origin(report_number(arm.serial_number, *inputs.values()), inputs, facts)
+    session_facts(page, [session], arm)
+    page.signatures("Measured by", "Checked by")
     return page.html()
+
+
+def _verdict(page: Page, verdict: Verdict) -> None:
+    word, _, reason = verdict.in_words.partition(" ")
+    if verdict.limits is None:
+        page.verdict("NO VERDICT", "No limits were given: the figures below are not judged.", None)
+    else:
+        page.verdict(word.rstrip(":"), reason, verdict.passed)
+
+
+def _results(item: Judged) -> list[list[str]]:
+    return [
+        [
+            deviation.where,
+            f"{deviation.length_mm:.3f}",
+            f"{1e3 * deviation.value_mm:+.2f}",
+            f"{1e3 * COVERAGE_FACTOR * deviation.standard_uncertainty_mm:.2f}",
+        ]
+        for deviation in item.figure.deviations
+    ]
 
 
 def _row(item: Judged) -> list[str]:
@@ -72,21 +94,17 @@ def _row(item: Judged) -> list[str]:
     ]
 
 
-def _by_length(item: Judged, limits: Limits | None) -> go.Figure:
-    deviations = item.figure.deviations
-    lengths = [deviation.length_mm for deviation in deviations]
-    figure = go.Figure(
-        go.Scatter(
-            name="result",
-            x=lengths,
-            y=[1e3 * deviation.value_mm for deviation in deviations],
-            text=[deviation.where for deviation in deviations],
-            mode="markers",
-        )
-    )
+def _by_length(item: Judged, limits: Limits | None) -> Figure:
+    lengths = [deviation.length_mm for deviation in item.figure.deviations]
+    figure, panel = one_drawing()
+    panel.plot(
+        lengths, [1e3 * deviation.value_mm for deviation in item.figure.deviations], "o",
+        markersize=4,
+    )  # fmt: skip
     if limits is not None and item.limit_mm is not None:
         ends = [min(lengths), max(lengths)]
         for sign in (-1, 1):
             limit = [sign * 1e3 * (limits.mpe.of(item.figure.key, at) or 0.0) for at in ends]
-            figure.add_scatter(x=ends, y=limit, name="MPE", mode="lines", line_dash="dash")
-    return figure.update_layout(xaxis_title="length, mm", yaxis_title="error, µm", showlegend=False)
+            panel.plot(ends, limit, "--", color=COLOURS[1])
+    panel.set(xlabel="length, mm", ylabel="error, µm")
+    return figure

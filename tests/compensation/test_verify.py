@@ -295,7 +295,10 @@ def test_a_verdict_names_what_it_covers_and_why_it_fails() -> None:
     assert failed.in_words.startswith("FAILED: SPAT max δ: does not conform (+4.5 µm at SPAT1, MPE")
     assert "p_size: not tested, no certified length between" in failed.in_words
     page = verification_report(failed, measured.session(), ARM, None)
-    assert "Verdict: FAILED: SPAT max δ: does not conform" in page
+    assert "<b>FAILED</b>SPAT max δ: does not conform" in page
+    assert "<b>PASSED</b>for SPAT max δ" in verification_report(
+        passed, measured.session(), ARM, None
+    )
     assert "p_size: though it has a limit: no certified length" in page
     unlimited = judge(measured.figures(), None)
     assert not unlimited.passed

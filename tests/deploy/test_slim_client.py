@@ -53,7 +53,7 @@ def test_importing_it_costs_little_beside_its_dependencies(python: Path, tmp_pat
         return found
 
     tries = [probe() for _ in range(5)]
-    heavy = {"numba", "scipy", "pyarrow", "plotly", "pydantic", "rich"}
+    heavy = {"numba", "scipy", "pyarrow", "matplotlib", "pydantic", "rich"}
     assert not heavy & set(tries[0]["modules"])  # type: ignore[call-overload]
     seconds = min(float(found["seconds"]) for found in tries)  # type: ignore[arg-type]
     print(f"import armd after its dependencies: {1000 * seconds:.1f} ms")

@@ -1,0 +1,100 @@
+"""Drawings of a report: one manner for all, written as SVG that stands inside a page.
+
+Lines and letters stay lines and letters, so that they print; clouds of readings become a picture
+within the drawing (`cloud`), for thousands of them would make a page of megabytes.
+"""
+
+from __future__ import annotations
+
+import html
+import io
+import re
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+F64 = npt.NDArray[np.float64]
+
+#: Colours told apart by colour-blind readers too (Okabe and Ito).
+COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
+#: More points than this make no picture clearer.
+MOST_POINTS = 5000
+
+WIDTH_IN = 9.0
+DOTS_PER_INCH = 110  # of a cloud
+
+
+def _manner(salt: str = "") -> AbstractContextManager[None]:
+    """The manner of all drawings; *salt* tells the parts of one from those of another."""
+    return mpl.rc_context(
+        {
+            "svg.fonttype": "none",
+            "svg.hashsalt": salt,
+            "font.family": ["sans-serif"],
+            "font.size": 9.0,
+            "text.parse_math": False,  # a dollar in a name is a dollar
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "axes.grid": True,
+            "grid.color": "#d8dee4",
+            "grid.linewidth": 0.6,
+            "axes.axisbelow": True,
+            "axes.prop_cycle": cycler(color=COLOURS),
+        }
+    )
+
+
+def drawing(rows: int = 1, columns: int = 1, height_in: float = 3.6) -> tuple[Figure, list[Axes]]:
+    """A drawing as wide as the page, and its axes row by row."""
+    with _manner():
+        figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+        return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
+
+
+def one_drawing(height_in: float = 3.6) -> tuple[Figure, Axes]:
+    """A drawing of one pair of axes."""
+    figure, axes = drawing(height_in=height_in)
+    return figure, axes[0]
+
+
+def views(height_in: float = 5.0) -> tuple[Figure, Sequence[tuple[Axes, int, int]]]:
+    """Space on paper: from above (x, y) and from the side (x, z), in mm, to the same scale.
+
+    Each as its axes and the two columns of a position that it shows.
+    """
+    figure, axes = drawing(1, 2, height_in)
+    shown = [(axes[0], 0, 1), (axes[1], 0, 2)]
+    for (panel, across, up), title in zip(shown, ("from above", "from the side"), strict=True):
+        panel.set_aspect("equal", adjustable="datalim")
+        panel.set_title(title)
+        panel.set_xlabel(f"{'xyz'[across]}, mm")
+        panel.set_ylabel(f"{'xyz'[up]}, mm")
+    return figure, shown
+
+
+def cloud(panel: Axes, x: F64, y: F64, label: str = "") -> None:
+    """Readings as dots."""
+    panel.scatter(x, y, s=5.0, alpha=0.4, linewidths=0.0, rasterized=True, label=label)
+
+
+def svg(figure: Figure, salt: str, label: str) -> str:
+    """The drawing as an element of a page; *salt* tells its parts from other drawings' ones."""
+    with _manner(salt):
+        file = io.StringIO()
+        figure.savefig(
+            file, format="svg", dpi=DOTS_PER_INCH, transparent=True, metadata={"Date": None}
+        )
+    text = file.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r'<g id="[^"]*">', "<g>", text)  # the same in every drawing
+    size = re.search(r'viewBox="[^"]*"', text)
+    head = f'<svg role="img" aria-label="{html.escape(label)}" {size.group(0) if size else ""}'
+    names = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    return re.sub(r"<svg[^>]*>", lambda _: f"{head} {names}>", text, count=1)
