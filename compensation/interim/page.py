@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import plotly.graph_objects as go
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import ARC_SECOND, plain
@@ -16,14 +17,15 @@ from armd.compensation.interim.changes import shapes
 from armd.compensation.interim.evidence import RUN_LENGTH
 from armd.compensation.interim.judge import Epoch, Judgement, Told
 from armd.compensation.interim.result import in_words, minute
+from armd.compensation.report.drawing import COLOURS, one_drawing
 from armd.compensation.report.page import Page
 
 F64 = npt.NDArray[np.float64]
 
 #: How a verdict looks; colours are told apart by colour-blind readers too.
 LOOK = {
-    "in_control": ("in control", "#009E73", "circle"),
-    "changed": ("changed", "#D55E00", "diamond"),
+    "in_control": ("in control", "#009E73", "o"),
+    "changed": ("changed", "#D55E00", "D"),
     "bad_check": ("bad check", "#000000", "x"),
 }
 #: Units as a person reads them: the name, and how many of them one unit of the model is.
@@ -43,8 +45,8 @@ def interim_page(judgement: Judgement, result: dict[str, Any]) -> str:
         "much likelier the readings are with a change than without, over all instants and causes."
     )
     checks = result["checks"]
-    page.figure(_statistics(checks))
-    page.figure(_residuals(checks))
+    page.figure(_statistics(checks), "The statistic of each check, and its limit")
+    page.figure(_residuals(checks), "Residuals of each check under the calibration, µm RMS")
     for epoch in judgement.epochs:
         for told in epoch.told:
             if told.cause is None:
@@ -52,7 +54,11 @@ def interim_page(judgement: Judgement, result: dict[str, Any]) -> str:
             candidate = told.cause.candidate
             page.heading(f"{candidate.cause.replace('_', ' ')}, {candidate.location}")
             page.text(f"{CATALOGUE[candidate.cause].reason}.".capitalize())
-            page.figure(_over_time(epoch, told))
+            page.figure(
+                _over_time(epoch, told),
+                "Amplitude in each check alone (bars: two standard uncertainties), the course as"
+                " told, and the interval that holds the change",
+            )
             page.table(
                 ["what", "at the last check", "standard uncertainty", "unit"],
                 [_row(told, j) for j in range(len(told.values))],
@@ -87,79 +93,76 @@ def interim_page(judgement: Judgement, result: dict[str, Any]) -> str:
     return page.html()
 
 
-def _instants(texts: Sequence[str]) -> list[datetime.datetime]:
-    return [datetime.datetime.fromisoformat(text) for text in texts]
+def _instants(texts: Sequence[str]) -> npt.NDArray[np.datetime64]:
+    """Instants in UTC, as a drawing takes them."""
+    utc = [datetime.datetime.fromisoformat(text).astimezone(datetime.UTC) for text in texts]
+    return np.array([instant.replace(tzinfo=None) for instant in utc], dtype="datetime64[us]")
 
 
-def _statistics(checks: Sequence[dict[str, Any]]) -> go.Figure:
-    figure = go.Figure()
-    for verdict, (name, colour, symbol) in LOOK.items():
-        own = [check for check in checks if check["verdict"] == verdict]
-        # Beyond its limit a statistic grows with every check: what matters is where it passes.
-        figure.add_scatter(
-            x=_instants([check["started"] for check in own]),
-            y=[min(check["statistic"], 4 * check["limit"]) for check in own],
-            mode="markers",
-            name=name,
-            marker={"color": colour, "symbol": symbol, "size": 8},
+def _by_verdict(panel: Axes, checks: Sequence[dict[str, Any]], values: Sequence[float]) -> None:
+    """A mark for each check, that shows its verdict."""
+    for verdict, (name, colour, mark) in LOOK.items():
+        own = [i for i, check in enumerate(checks) if check["verdict"] == verdict]
+        panel.plot(
+            _instants([checks[i]["started"] for i in own]),
+            [values[i] for i in own],
+            mark,
+            color=colour,
+            markersize=4,
+            label=name,
         )
-    figure.add_hline(checks[0]["limit"], line_dash="dash", annotation_text="limit")
-    figure.update_xaxes(title="check started, UTC")
-    figure.update_yaxes(title="statistic (natural logarithm; cut at 4 limits)")
+    panel.set_xlabel("check started, UTC")
+
+
+def _statistics(checks: Sequence[dict[str, Any]]) -> Figure:
+    figure, panel = one_drawing()
+    # Beyond its limit a statistic grows with every check: what matters is where it passes.
+    _by_verdict(panel, checks, [min(c["statistic"], 4 * c["limit"]) for c in checks])
+    panel.axhline(checks[0]["limit"], linestyle="--", color="black", label="limit")
+    panel.set_ylabel("statistic (natural logarithm; cut at 4 limits)")
+    panel.legend(frameon=False)
     return figure
 
 
-def _residuals(checks: Sequence[dict[str, Any]]) -> go.Figure:
-    figure = go.Figure()
-    for verdict, (name, colour, symbol) in LOOK.items():
-        own = [check for check in checks if check["verdict"] == verdict]
-        figure.add_scatter(
-            x=_instants([check["started"] for check in own]),
-            y=[check["rms_um"] for check in own],
-            mode="markers",
-            name=name,
-            marker={"color": colour, "symbol": symbol, "size": 8},
-        )
-    figure.update_xaxes(title="check started, UTC")
-    figure.update_yaxes(title="residuals under the calibration, µm RMS", rangemode="tozero")
+def _residuals(checks: Sequence[dict[str, Any]]) -> Figure:
+    figure, panel = one_drawing()
+    _by_verdict(panel, checks, [check["rms_um"] for check in checks])
+    panel.set_ylabel("residuals under the calibration, µm RMS")
+    panel.set_ylim(bottom=0.0)
+    panel.legend(frameon=False)
     return figure
 
 
-def _over_time(epoch: Epoch, told: Told) -> go.Figure:
+def _over_time(epoch: Epoch, told: Told) -> Figure:
     """A cause's amplitudes check by check, and the course that is told."""
-    figure = go.Figure()
+    figure, panel = one_drawing()
     assert told.change.cause is not None and told.cause is not None
     instants = _instants([check.line.started for check in epoch.checks])
     block = epoch.stack.blocks[told.change.cause]
     course = shapes(epoch.stack, told.change)
     grown = course[:, 0] / max(float(course[-1, 0]), 1e-300)
+    drawstyle = "default" if told.change.gradual else "steps-post"
     for j, column in enumerate(told.cause.candidate.columns):
         unit, factor = SHOWN.get(column.unit, (column.unit, 1.0))
         values, spread = _by_check(epoch, block, j)
-        figure.add_scatter(
-            x=instants,
-            y=factor * column.typical * values,
-            error_y={"type": "data", "array": 2 * factor * column.typical * spread},
-            mode="markers",
-            name=f"{column.name}, {unit}, each check alone",
-        )
-        figure.add_scatter(
-            x=instants,
-            y=factor * told.values[j] * grown,
-            mode="lines",
-            line_shape="linear" if told.change.gradual else "hv",
-            name=f"{column.name}, {unit}, as told",
-        )
-    figure.add_vrect(
-        x0=datetime.datetime.fromtimestamp(told.between_unix_s[0], datetime.UTC),
-        x1=datetime.datetime.fromtimestamp(told.between_unix_s[1], datetime.UTC),
-        fillcolor="#E69F00",
-        opacity=0.25,
-        line_width=0,
-        annotation_text="between",
-    )
-    figure.update_xaxes(title=f"check started, UTC; the change: {minute(told.instant_unix_s)}")
-    figure.update_yaxes(title="amplitude (bars: two standard uncertainties)")
+        colour = COLOURS[j % len(COLOURS)]
+        panel.errorbar(
+            instants.astype(object), factor * column.typical * values,
+            2 * factor * column.typical * spread, fmt="o", markersize=3, elinewidth=0.8,
+            color=colour, alpha=0.6, label=f"{column.name}, {unit}, each check alone",
+        )  # fmt: skip
+        panel.plot(
+            instants, factor * told.values[j] * grown, color=colour, drawstyle=drawstyle,
+            label=f"{column.name}, {unit}, as told",
+        )  # fmt: skip
+    first, last = (np.datetime64(round(1e6 * s), "us") for s in told.between_unix_s)
+    panel.fill_between(
+        np.array([first, last]), 0.0, 1.0, transform=panel.get_xaxis_transform(),
+        color="#E69F00", alpha=0.25, linewidth=0, label="the change lies between",
+    )  # fmt: skip
+    panel.set_xlabel(f"check started, UTC; the change: {minute(told.instant_unix_s)}")
+    panel.set_ylabel("amplitude")
+    panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
     return figure
 
 
