@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import io
+import keyword
 import signal
 import sys
 from collections.abc import Sequence
@@ -44,6 +45,8 @@ COMMANDS = {
     "diagnose": "what the model gets wrong, why, and the gain of mending it",
     "design": "the poses to measure next",
     "check": "validate any armd file",
+    "import": "a table of readings (CSV, Excel) as a session, a URDF as an arm.toml",
+    "schema": "JSON schemas of armd's files, for an editor",
     "doctor": "what is on this machine's ports, and what stands in the way",
     "arm": "nominal geometry of arms that people own, as an arm.toml to start from",
 }
@@ -85,6 +88,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
 
 
+def module_of(name: str) -> str:
+    """Where a command is; one that is a word of Python's own has an underscore after it."""
+    return f"armd.daemon.commands.{name}{'_' * keyword.iskeyword(name)}"
+
+
 def _run(arguments: list[str]) -> int:
     for number, argument in enumerate(arguments, 1):
         if any("\ud800" <= letter <= "\udfff" for letter in argument):  # bytes of another coding
@@ -115,7 +123,7 @@ def _run(arguments: list[str]) -> int:
             if name in USAGE:
                 command.formatter_class = argparse.RawDescriptionHelpFormatter
                 command.epilog = USAGE[name].text()
-            module = importlib.import_module(f"armd.daemon.commands.{name}")
+            module = importlib.import_module(module_of(name))
             module.add_arguments(command)
     namespace = parser.parse_args(arguments)
     assert module is not None  # argparse has refused everything else

@@ -140,6 +140,17 @@ USAGE = {
         ("armd check arm.toml armd.toml measured/T20",), "configure.md", "",
         "a file has faults, each told in a line",
     ),
+    "import": Usage(
+        (
+            "armd import readings.xlsx --arm arm.toml -o measured",
+            "armd import readings.csv --arm arm.toml --column q1='Base axis' -o measured",
+            "armd import robot.urdf -o arm.toml",
+        ),
+        "import.md", "of the table by its headers; of a session mm, °C, s",
+    ),
+    "schema": Usage(
+        ("armd schema arm", "armd schema arm -o arm.schema.json"), "formats.md", FILE_UNITS
+    ),
     "doctor": Usage(
         ("armd doctor", "armd doctor --json"), "doctor.md", "", "something stands in the way"
     ),

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from armd.daemon.cli import module_of
+
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [
     "stream.md", "ippdme.md", "pc-dmis.md", "verisurf.md", "ros2.md", "fleet.md", "export.md",
@@ -29,7 +31,7 @@ def test_commands_are_taken(page: str) -> None:
     assert shown
     for program, name, *words in shown:
         assert program == "armd"
-        module = importlib.import_module(f"armd.daemon.commands.{name}")
+        module = importlib.import_module(module_of(name))
         parser = argparse.ArgumentParser(exit_on_error=False)
         module.add_arguments(parser)
         parser.parse_args(words)

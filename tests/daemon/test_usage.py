@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from armd.daemon.cli import COMMANDS, main
+from armd.daemon.cli import COMMANDS, main, module_of
 from armd.daemon.usage import USAGE
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -25,7 +25,7 @@ def test_every_command_has_its_usage() -> None:
 
 @pytest.mark.parametrize("name", USAGE)
 def test_the_examples_are_taken(name: str) -> None:
-    module = importlib.import_module(f"armd.daemon.commands.{name}")
+    module = importlib.import_module(module_of(name))
     for example in USAGE[name].examples:
         program, command, *words = shlex.split(example)
         assert (program, command) == ("armd", name)
@@ -37,7 +37,7 @@ def test_the_examples_are_taken(name: str) -> None:
 
 @pytest.mark.parametrize("name", USAGE)
 def test_who_may_answer_no_says_when(name: str) -> None:
-    module = importlib.import_module(f"armd.daemon.commands.{name}")
+    module = importlib.import_module(module_of(name))
     source = inspect.getsource(module)
     answers_no = re.search(r"return (1|0) (if .* )?else (1|0)\b|return 1\b", source) is not None
     assert answers_no == bool(USAGE[name].no)

@@ -15,9 +15,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from urdf import rows_and_tip
 
 from armd.compensation.data.session_writing import write_session
+from armd.daemon.catalogue.urdf import rows_and_tip
 
 VENDORED = Path(__file__).parent / "data"
 #: Series measured by the tracker, and when.

@@ -8,10 +8,10 @@ import marks
 import numpy as np
 import pytest
 from convert import ROBOTS, VENDORED, convert
-from urdf import rows_and_tip
 
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
+from armd.daemon.catalogue.urdf import rows_and_tip
 
 
 @pytest.fixture(scope="module")
