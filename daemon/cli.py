@@ -120,11 +120,12 @@ def _run(arguments: list[str]) -> int:
         description = help_line[:1].upper() + help_line[1:] + "."
         command = commands.add_parser(name, help=help_line, description=description)
         if name == chosen:
-            if name in USAGE:
-                command.formatter_class = argparse.RawDescriptionHelpFormatter
-                command.epilog = USAGE[name].text()
             module = importlib.import_module(module_of(name))
             module.add_arguments(command)
+            if name in USAGE:
+                command.formatter_class = argparse.RawDescriptionHelpFormatter
+                own = f"{command.epilog}\n\n" if command.epilog else ""
+                command.epilog = own + USAGE[name].text()
     namespace = parser.parse_args(arguments)
     assert module is not None  # argparse has refused everything else
     return int(module.run(namespace))

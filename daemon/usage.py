@@ -87,6 +87,14 @@ USAGE = {
         ("armd export -o points.csv", "armd export measured.jsonl -o points.xyz"), "export.md",
         "mm, rad, °C; a .mcap for Foxglove in metres",
     ),
+    "measure": Usage(
+        (
+            "armd measure seats -o measured",
+            "armd measure artefact --artefact beam.toml -o measured",
+            "armd measure verify -o verify",
+        ),
+        "measure.md", "mm, °C, seconds", "not finished: the same command takes it up again",
+    ),
     "correct": Usage(
         ("armd correct readings.csv --arm arm.toml --calibration calibration.json -o points.csv",),
         "offline.md", FILE_UNITS,
