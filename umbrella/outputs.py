@@ -66,6 +66,7 @@ def _is_truth(head: bytes) -> bool:
 CALIBRATION = Kind("a calibration", _is_calibration)
 RESULT = Kind("a result of armd", _is_result)
 PAGE = Kind("a report of armd", lambda head: b'<meta name="generator" content="armd">' in head)
+PDF = Kind("a report as PDF", None)
 POINTS = Kind("a table of points", _has_columns("x_mm", "y_mm", "z_mm", "flags"))
 POSES = Kind("a table of poses", _has_columns("pose", "x_mm"))
 RECORDING = Kind("a recording", None)

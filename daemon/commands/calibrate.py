@@ -6,17 +6,19 @@ import argparse
 import json
 import shlex
 import sys
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.data.session import load_sessions
+from armd.compensation.data.session import Session, load_sessions
 from armd.compensation.identify.calibrate import Options, Result, calibrate
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
+from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.errors import BadInput
 from armd.files import write_whole
-from armd.outputs import CALIBRATION, PAGE, RESULT, add_force, check_outputs
+from armd.outputs import CALIBRATION, RESULT, add_force, check_outputs
 
 ORDERS = {"auto": None, "off": 0, "1": 1, "2": 2, "3": 3, "4": 4}
 
@@ -26,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--arm", required=True, metavar="ARM.toml", help="what the arm is")
     parser.add_argument("-o", "--output", required=True, metavar="CAL.json")
     parser.add_argument("--json", metavar="RESULT.json", help="figures of the identification")
-    parser.add_argument("--report", metavar="R.html", help="a report that opens offline")
+    add_pages(parser)
     parser.add_argument(
         "--thermal",
         choices=list(ORDERS),
@@ -55,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     outputs = {
         "-o": (args.output, CALIBRATION),
         "--json": (args.json, RESULT),
-        "--report": (args.report, PAGE),
+        **page_outputs(args),
     }
     check_outputs(outputs, [args.arm, *args.session], args.force)
     arm = load_arm(args.arm)
@@ -76,12 +78,15 @@ def run(args: argparse.Namespace) -> int:
     save_calibration(args.output, result.calibration)
     if args.json:
         write_whole(args.json, json.dumps(result.as_json(), indent=1) + "\n")
-    if args.report:
-        from armd.compensation.report.calibration import calibration_report
-
-        write_whole(args.report, calibration_report(result, sessions))
+    write_pages(args, lambda: _page(result, sessions))
     _print(result, args.output)
     return 0
+
+
+def _page(result: Result, sessions: Sequence[Session]) -> str:
+    from armd.compensation.report.calibration import calibration_report  # drawings load slowly
+
+    return calibration_report(result, sessions)
 
 
 def _print(result: Result, output: str) -> None:

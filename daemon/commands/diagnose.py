@@ -17,8 +17,9 @@ from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.result import as_json
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
+from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.files import write_whole
-from armd.outputs import CALIBRATION, PAGE, RESULT, add_force, check_outputs
+from armd.outputs import CALIBRATION, RESULT, add_force, check_outputs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="sessions for the gain alone; default: placements are left out in turn",
     )
     parser.add_argument("--json", metavar="OUT.json", help="the result for programs")
-    parser.add_argument("--report", metavar="R.html", help="a report that opens offline")
+    add_pages(parser)
     parser.add_argument("--extended", metavar="CAL2.json", help="the mended calibration")
     add_force(parser)
 
@@ -45,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     outputs = {
         "--json": (args.json, RESULT),
-        "--report": (args.report, PAGE),
+        **page_outputs(args),
         "--extended": (args.extended, CALIBRATION),
     }
     inputs = [args.arm, args.calibration, *args.session, *args.holdout]
@@ -74,14 +75,17 @@ def run(args: argparse.Namespace) -> int:
     result = as_json(diagnosis, args.extended)
     if args.extended:
         save_calibration(args.extended, diagnosis.extended)
-    if args.report:
-        from armd.compensation.report.diagnosis import diagnosis_report
-
-        write_whole(args.report, diagnosis_report(diagnosis, result))
+    write_pages(args, lambda: _page(diagnosis, result))
     if args.json:
         write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
     _print(diagnosis, result)
     return 0
+
+
+def _page(diagnosis: Diagnosis, result: dict[str, Any]) -> str:
+    from armd.compensation.report.diagnosis import diagnosis_report  # drawings load slowly
+
+    return diagnosis_report(diagnosis, result)
 
 
 def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:

@@ -8,16 +8,16 @@ import json
 from rich.console import Console
 from rich.table import Table
 
-from armd.compensation.data.session import load_session
-from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import load_calibration
-from armd.compensation.report.verification import verification_report
+from armd.compensation.data.session import Session, load_session
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import LoadedCalibration, load_calibration
+from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.compensation.verify.figures import verify
 from armd.compensation.verify.limits import Limits, TestUncertainty, load_limits
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import ArmdError
 from armd.files import write_whole
-from armd.outputs import PAGE, RESULT, add_force, check_outputs
+from armd.outputs import RESULT, add_force, check_outputs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,12 +31,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="instead of the MPE file's: guarded by the uncertainty (ISO 14253-1), or simple",
     )
     parser.add_argument("--json", metavar="RESULT.json", help="all figures and the verdict")
-    parser.add_argument("--report", metavar="R.html", help="a report that opens offline")
+    add_pages(parser)
     add_force(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    outputs = {"--json": (args.json, RESULT), "--report": (args.report, PAGE)}
+    outputs = {"--json": (args.json, RESULT), **page_outputs(args)}
     inputs = [args.arm, args.calibration, args.mpe, args.session]
     check_outputs(outputs, inputs, args.force)
     arm = load_arm(args.arm)
@@ -52,10 +52,17 @@ def run(args: argparse.Namespace) -> int:
         raise ArmdError(f"{args.session}: no test is complete: {reasons}")
     if args.json:
         write_whole(args.json, json.dumps(verdict.as_json(), indent=1) + "\n")
-    if args.report:
-        write_whole(args.report, verification_report(verdict, session, arm, calibration))
+    write_pages(args, lambda: _page(verdict, session, arm, calibration))
     _print(verdict, limits)
     return 0 if limits is None or verdict.passed else 1
+
+
+def _page(
+    verdict: Verdict, session: Session, arm: Arm, calibration: LoadedCalibration | None
+) -> str:
+    from armd.compensation.report.verification import verification_report  # drawings load slowly
+
+    return verification_report(verdict, session, arm, calibration)
 
 
 def _print(verdict: Verdict, limits: Limits | None) -> None:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import argparse
+import os
 import re
+import shutil
 
 import numpy as np
+import pytest
 
+from armd.compensation.report import written
 from armd.compensation.report.drawing import MOST_POINTS, cloud, one_drawing, views
 from armd.compensation.report.page import Page, report_number
+from armd.errors import ArmdError, BadInput
 
 
 def a_page() -> Page:
@@ -57,3 +63,31 @@ def test_the_origin_is_named_and_signed() -> None:
         assert words in text
     assert '<div class="verdict bad" role="status"><b>FAILED</b>by 3 µm</div>' in text
     assert "@media print" in text
+
+
+def test_without_a_browser_a_pdf_is_refused_before_the_work(monkeypatch, tmp_path) -> None:
+    monkeypatch.setattr(written, "BROWSERS", ("no-such-browser",))
+    parser = argparse.ArgumentParser()
+    written.add_pages(parser)
+    asked = parser.parse_args(["--pdf", str(tmp_path / "r.pdf")])
+    with pytest.raises(BadInput, match=r"--pdf: found no browser, expected one of no-such-browser"):
+        written.page_outputs(asked)
+    assert written.page_outputs(parser.parse_args([]))["--pdf"][0] is None
+
+
+def test_a_browser_that_prints_nothing_is_told(monkeypatch, tmp_path) -> None:
+    browser = tmp_path / "chromium"
+    browser.write_text("#!/bin/sh\necho no display >&2\n")
+    browser.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with pytest.raises(ArmdError, match=r"no PDF: .*chromium: no display"):
+        written.printed("<p>")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("chromium"), reason="no Chromium: make browser")
+def test_a_page_prints_whole(tmp_path) -> None:
+    asked = argparse.Namespace(report=None, pdf=tmp_path / "r.pdf")
+    written.write_pages(asked, lambda: a_page().html())
+    pdf = (tmp_path / "r.pdf").read_bytes()
+    assert pdf.startswith(b"%PDF-") and b"/Count" in pdf and len(pdf) > 10_000

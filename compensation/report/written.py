@@ -1,0 +1,66 @@
+"""A report's page as a file: HTML, and PDF where a Chromium is there to print it."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from armd.errors import ArmdError, BadInput
+from armd.files import write_whole
+from armd.outputs import PAGE, PDF, Kind
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+PRINTING_S = 120.0
+
+
+def add_pages(parser: argparse.ArgumentParser, what: str = "a report that opens offline") -> None:
+    """The options --report and --pdf."""
+    parser.add_argument("--report", metavar="R.html", help=what)
+    parser.add_argument("--pdf", metavar="R.pdf", help="the same, printed by an installed Chromium")
+
+
+def page_outputs(args: argparse.Namespace) -> dict[str, tuple[str | Path | None, Kind]]:
+    """The pages asked for, for `check_outputs`; raises `BadInput` where nothing can print."""
+    if args.pdf and _browser() is None:
+        expected = f"one of {', '.join(BROWSERS)} on the path; or print the page of --report"
+        raise BadInput("command line", "--pdf", "no browser", expected)
+    return {"--report": (args.report, PAGE), "--pdf": (args.pdf, PDF)}
+
+
+def write_pages(args: argparse.Namespace, make: Callable[[], str]) -> None:
+    """Write what was asked for; *make* makes the page, and is called only if something was."""
+    if args.report or args.pdf:
+        page = make()
+        if args.report:
+            write_whole(args.report, page)
+        if args.pdf:
+            write_whole(args.pdf, printed(page))
+
+
+def printed(page: str) -> bytes:
+    """The page as PDF; raises `ArmdError` where the browser makes none."""
+    browser = _browser()
+    if browser is None:
+        raise ArmdError(f"no PDF: none of {', '.join(BROWSERS)} is on the path")
+    with tempfile.TemporaryDirectory(prefix="armd-pdf-") as folder:
+        html, pdf = Path(folder, "page.html"), Path(folder, "page.pdf")
+        html.write_text(page, encoding="utf-8")
+        command = [
+            browser, "--headless", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer",
+            f"--user-data-dir={folder}/profile", f"--print-to-pdf={pdf}", html.as_uri(),
+        ]  # fmt: skip
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=PRINTING_S, text=True)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise ArmdError(f"no PDF: {browser}: {error}") from error
+        if not pdf.exists():
+            raise ArmdError(f"no PDF: {browser}: {done.stderr.strip()[-300:]}")
+        return pdf.read_bytes()
+
+
+def _browser() -> str | None:
+    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
