@@ -24,6 +24,8 @@ from armd.compensation.model.terms import Factor, Temperature, Term
 F64 = npt.NDArray[np.float64]
 
 ARC_SECOND = np.pi / 180.0 / 3600.0
+#: Amplitudes may be this many times their typical size, with these probabilities.
+SCALES = {1.0: 0.6, 5.0: 0.3, 50.0: 0.1}
 
 
 @dataclass(frozen=True)

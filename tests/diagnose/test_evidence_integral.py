@@ -9,7 +9,8 @@ from scipy.integrate import quad
 from scipy.stats import chi2, norm
 from small_fit import candidate
 
-from armd.compensation.diagnose.scoring.evidence import SCALES, Sums, estimates, score, total
+from armd.compensation.diagnose.scoring.evidence import Sums, estimates, score, total
+from armd.compensation.effects.effect import SCALES
 from armd.compensation.estimate.linear_model import LinearModel
 
 N = 90

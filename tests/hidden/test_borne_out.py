@@ -19,6 +19,7 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.fit import Refits, solve_again
 from armd.compensation.diagnose.gain import gain
 from armd.compensation.diagnose.result import as_json, um, verdict
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
@@ -33,7 +34,7 @@ def search_of(*findings: Candidate) -> Any:
 
 
 def cause(k: int) -> Candidate:
-    return Candidate("encoder_scale", f"joint {k}", (), ())
+    return Candidate("encoder_scale", location.joint(k), (), ())
 
 
 def squares_of(worth: dict[tuple[int, ...], float]) -> Any:
@@ -77,7 +78,7 @@ def test_what_one_placement_shows_its_targets_bear_out() -> None:
 
 
 def test_a_shape_is_not_written_without_its_cause() -> None:
-    shape = Candidate("unknown", "shape of encoder_scale joint 1", (), ("q1",))
+    shape = Candidate("unknown", location.shape_of("encoder_scale", location.joint(1)), (), ("q1",))
     worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 4.4}
     chosen = choose(search_of(cause(1), shape), [Look(squares_of(worth), GROUPS)], [True, True])
     assert chosen.some == ()

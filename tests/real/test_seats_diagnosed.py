@@ -20,6 +20,7 @@ from armd.compensation.diagnose.fitting.noise import LEAST_MM
 from armd.compensation.diagnose.fitting.problem import ModelState, Rests, gather_rests, linearise
 from armd.compensation.diagnose.fitting.session_facts import gather_facts
 from armd.compensation.diagnose.result import verdict
+from armd.compensation.effects import location
 from armd.compensation.effects.catalogue import candidates
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column
 from armd.compensation.model.arm import Arm, TemperatureSensor, load_arm
@@ -91,7 +92,7 @@ def test_noise_stays_finite_where_everything_is_absorbed(
 ) -> None:
     arm, session, rests = seats
     column = Column("distance", "mm", 0.05, artefact=ArtefactChange("distance", index=0))
-    shrinks = Candidate("artefact_length", "artefact", (column,), ("target",))
+    shrinks = Candidate("artefact_length", location.ARTEFACT, (column,), ("target",))
     baseline = model_under_test([session], arm, None)
     found = fit(rests, arm, baseline, baseline.model, [shrinks], [np.zeros(1)])
     assert found.noise.scale_mm >= LEAST_MM

@@ -16,6 +16,7 @@ from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.neighbourhood import possible
 from armd.compensation.diagnose.result import as_json, verdict
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.gauge import PLAUSIBLE
 from armd.compensation.model import parameters
@@ -68,10 +69,10 @@ def test_halves_agree(folder: Path, robot: str, seed: int) -> None:
 
 
 def test_a_cause_has_sizes_that_it_can_have() -> None:
-    twist = Candidate("joint_compliance", "joint 3", (Column("compliance", "", 6e-6),), ())
+    twist = Candidate("joint_compliance", location.joint(3), (Column("compliance", "", 6e-6),), ())
     assert possible(twist, np.array([3e-4]))
     assert not possible(twist, np.array([2.3e-3]))
-    blow = Candidate("encoder_slip", "joint 3", (Column("step", "rad", 7e-5),), ())
+    blow = Candidate("encoder_slip", location.joint(3), (Column("step", "rad", 7e-5),), ())
     assert possible(blow, np.array([0.5]))
 
 

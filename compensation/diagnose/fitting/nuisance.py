@@ -12,9 +12,8 @@ from armd.compensation.diagnose.fitting import noise as noise_model
 from armd.compensation.diagnose.fitting.baseline import Baseline
 from armd.compensation.diagnose.fitting.noise import Nuisance
 from armd.compensation.diagnose.fitting.problem import Linear, ModelState
-from armd.compensation.diagnose.scoring.evidence import SCALES
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.effects.effect import SCALES, Candidate, Column
 from armd.compensation.estimate import linear_model
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.special import chdtrc, logsumexp
 
 from armd.compensation.diagnose.fitting.signatures import Signatures
-from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.effect import SCALES, Candidate
 from armd.compensation.estimate.linear_model import LinearModel
 
 F64 = npt.NDArray[np.float64]
@@ -25,8 +25,6 @@ I64 = npt.NDArray[np.int64]
 
 #: A candidate of which less than this share of its squared norm survives projection is absorbed.
 ABSORBED = 1e-6
-#: Amplitudes may be this many times their typical size, with these probabilities.
-SCALES = {1.0: 0.6, 5.0: 0.3, 50.0: 0.1}
 #: What the catalogue does not know gets this prior share.
 UNKNOWN_PRIOR = 0.05
 
