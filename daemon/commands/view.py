@@ -13,6 +13,7 @@ from armd.daemon.bridges.view.server import Server
 from armd.errors import BadInput
 
 LISTEN = "127.0.0.1:8470"
+SESSIONS = "measured"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,7 +24,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--allow-commands",
         action="store_true",
-        help="the page may change the tip and reload the calibration, if the daemon obeys",
+        help="the page may lead through measurements; change the tip and reload the calibration,"
+        " if the daemon obeys",
+    )
+    parser.add_argument(
+        "--sessions",
+        type=Path,
+        default=Path(SESSIONS),
+        metavar="DIR",
+        help=f"folder of guided measurements, with artefacts (*.toml) to choose from ({SESSIONS})",
     )
     network = parser.add_argument_group("onto the network (docs/secure.md)")
     network.add_argument("--certificate", type=Path, metavar="FILE", help="of this machine, PEM")
@@ -47,7 +56,8 @@ def run(args: argparse.Namespace) -> int:
     tls = _tls(args)
     token = None if args.token is None else read_token(args.token)
     access = Access([*args.name, args.listen[0]], token, secure=tls is not None)
-    server = Server(access, args.serial, args.endpoint, args.allow_commands)
+    sessions = args.sessions if args.allow_commands else None
+    server = Server(access, args.serial, args.endpoint, sessions)
     return process.serve_alone(lambda: server.serve(args.listen, tls))
 
 

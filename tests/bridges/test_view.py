@@ -289,9 +289,9 @@ def test_nothing_in_the_page_is_written_as_markup() -> None:
 
 @asynccontextmanager
 async def serving(
-    access: Access | None = None, commands: bool = False, tls: ssl.SSLContext | None = None
+    access: Access | None = None, sessions: Path | None = None, tls: ssl.SSLContext | None = None
 ) -> AsyncIterator[tuple[Server, int]]:
-    server = Server(access or Access(), None, NOWHERE, commands)
+    server = Server(access or Access(), None, NOWHERE, sessions)
     listening, where = await listen(("127.0.0.1", 0), server._connection, tls)
     async with listening:
         yield server, int(where.rpartition(":")[2])
@@ -353,7 +353,7 @@ def test_nothing_writes_unless_it_is_allowed() -> None:
         async with serving() as (_, port):
             head = f"POST /command/tip HTTP/1.1\nHost: localhost:{port}\n{json_}"
             assert (await ask(port, head, b'{"name": ""}'))[0] == 403
-        async with serving(commands=True) as (_, port):
+        async with serving(sessions=Path("nowhere")) as (_, port):
             host = f"Host: localhost:{port}"
             head = f"POST /command/tip HTTP/1.1\n{host}\n{json_}"
             status, _, body = await ask(port, head, b'{"name": ""}')
@@ -379,7 +379,7 @@ def test_on_the_network_a_token_and_a_certificate() -> None:
 
     async def scenario() -> None:
         access = Access(["localhost"], TOKEN, secure=True)
-        async with serving(access, commands=True, tls=theirs) as (_, port):
+        async with serving(access, sessions=Path("nowhere"), tls=theirs) as (_, port):
             host = f"Host: localhost:{port}"
             status, _, body = await ask(port, f"GET / HTTP/1.1\n{host}", tls=ours)
             assert (status, b"Token of this arm" in body) == (200, True)

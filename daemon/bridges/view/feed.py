@@ -46,6 +46,8 @@ class Feed:
         self.arm: Arm | None = None
         """While the daemon is there."""
         self.info: dict[str, Any] | None = None
+        self.measured: Callable[[dict[str, Any]], None] = lambda measurement: None
+        """Told of each measurement, those of the past too, once."""
         self._health: dict[str, Any] = {}
         self._heard_s = self._uptime_s = 0.0
         self._said = ""
@@ -53,6 +55,11 @@ class Feed:
         self._asking: asyncio.Task[None] | None = None
         self._events: list[dict[str, Any]] = []
         self._seen: dict[tuple[str, int, str], None] = {}
+
+    @property
+    def stamp_ns(self) -> int:
+        """Of the daemon's clock, as it was last heard."""
+        return int(self._health.get("stamp_ns", 0))
 
     async def run(self) -> None:
         """For ever."""
@@ -105,6 +112,7 @@ class Feed:
     def _take_measurement(self, measurement: dict[str, Any]) -> None:
         if self._is_new("measurement", measurement["stamp_ns"], str(measurement["seq"])):
             self._board.append("measurement", told.measurement(measurement))
+            self.measured(measurement)
 
     def _is_new(self, what: str, stamp_ns: int, which: str) -> bool:
         """The past comes again with every new session."""

@@ -6,8 +6,10 @@ import asyncio
 import json
 import socket
 import ssl
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from http import HTTPStatus
+from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
 from armd import Arm
@@ -27,6 +29,9 @@ from armd.daemon.bridges.view.http import (
     read_request,
 )
 from armd.errors import ArmdError
+
+if TYPE_CHECKING:
+    from armd.daemon.bridges.view.guided import Guided
 
 TEXT = "text/plain; charset=utf-8"
 JSON = "application/json"
@@ -65,8 +70,9 @@ class Server:
     """Serves one board to many browsers, none of which another waits for."""
 
     def __init__(
-        self, access: Access, serial: str | None, endpoint: str, allow_commands: bool
+        self, access: Access, serial: str | None, endpoint: str, sessions: Path | None
     ) -> None:
+        """*sessions*: the folder that guided measurements are written to; None: nothing writes."""
         self._access = access
         self._board = Board()
         self._feed = Feed(self._board, serial, endpoint, lambda: bool(self.transports))
@@ -74,14 +80,27 @@ class Server:
         self._connections = 0
         self.transports: set[asyncio.WriteTransport] = set()
         """Of the browsers that look."""
-        self._deeds: Mapping[str, Do] = {"/command": self._command} if allow_commands else {}
+        self._deeds: dict[str, Do] = {}
+        self._guided: Guided | None = None
+        if sessions is not None:
+            from armd.daemon.bridges.view.guided import Guided  # the arm's mathematics, 200 MB
+
+            self._guided = Guided(self._board, sessions, self._feed)
+            self._deeds = {"command": self._command, "guided": self._guided.do}
 
     async def serve(self, address: Address, context: ssl.SSLContext | None = None) -> None:
         """Until cancelled; raises `BadInput` if it cannot listen there."""
         server, where = await listen(address, self._connection, context)
         async with server:
             ready("view", where)
-            await self._feed.run()
+            try:
+                async with asyncio.TaskGroup() as tasks:
+                    tasks.create_task(self._feed.run())
+                    if self._guided is not None:
+                        tasks.create_task(self._guided.run())
+            finally:
+                if self._guided is not None:
+                    self._guided.close()
 
     def _connection(self) -> asyncio.StreamReaderProtocol:
         reader = asyncio.StreamReader(limit=MOST_HEAD_BYTES)
@@ -130,6 +149,9 @@ class Server:
         self._access.check_token(request)
         if path == "/temperatures":
             return answer(HTTPStatus.OK, JSON, self._feed.history.text().encode())
+        if path == "/guided" and self._guided is not None:
+            choices = await in_thread(self._guided.choices)
+            return answer(HTTPStatus.OK, JSON, json.dumps(choices).encode())
         if path.startswith("/measurements."):
             return await self._table(path)
         raise Refused(HTTPStatus.NOT_FOUND, f"found nothing at {path[:100]!r}")
@@ -168,7 +190,7 @@ class Server:
         if request.path == "/login":
             return await self._login(request)
         self._access.check_token(request)
-        deed = self._deeds.get("/" + request.path.split("/")[1])
+        deed = self._deeds.get(request.path.split("/")[1])
         if deed is None:
             raise Refused(
                 HTTPStatus.FORBIDDEN, "found a command, expected none: this page may look"
@@ -177,7 +199,7 @@ class Server:
             raise Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"expected {JSON}")
         try:
             said = json.dumps(await deed(request)).encode()
-        except ArmdError as error:
+        except (ArmdError, OSError) as error:
             said = json.dumps({"error": str(error)}).encode()
             return answer(HTTPStatus.CONFLICT, JSON, said)
         return answer(HTTPStatus.OK, JSON, said)

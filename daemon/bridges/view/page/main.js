@@ -1,6 +1,7 @@
 // The page: what the server tells, put where a person looks for it.
 
 import { Curves } from "./curves.js";
+import { Guide } from "./guide.js";
 import { Events, Measurements } from "./lists.js";
 import { STATES, celsius, duration, element, instant, micrometres, millimetres, norm, write } from "./say.js";
 import { ArmScene } from "./scene.js";
@@ -37,6 +38,8 @@ try {
   $("no-scene").hidden = false;
 }
 
+const guide = new Guide(post, scene);
+
 // --- lists ------------------------------------------------------------------------------------
 
 const measurements = new Measurements($("rows"), () => {
@@ -69,6 +72,10 @@ listen(
     arm(arm) { page.arm = arm; showArm(); },
     health(health) { page.health = health; curves.add(health); showHealth(); showState(); },
     live(live) { page.live = live; page.lastMs = performance.now(); showLive(); },
+    guided(said) {
+      guide.show(said);
+      if (!page.quiet && said.outcome?.event === "refused") sound.play(false);
+    },
     event(event) { events.add(event); },
     measurement(measurement) {
       measurements.add(measurement, !page.quiet);
@@ -105,6 +112,7 @@ function showLive() {
   write($("correction"), c ? `${micrometres(norm(c))} µm` : "–");
   showFlags(f);
   showDistance();
+  guide.follow(p);
   showAge();
   if (scene) {
     scene.follow(p);
@@ -185,18 +193,24 @@ function showArm() {
 
 function showWriting() {
   $("writing").hidden = !(page.hello?.writing && page.arm?.commands);
+  guide.allow(page.hello?.writing ?? false);
+}
+
+/** Asks for something to be done; what was done, or why not. */
+async function post(path, content) {
+  try {
+    const answer = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(content) });
+    const kind = answer.headers.get("Content-Type") ?? "";
+    return kind.startsWith("application/json") ? await answer.json() : { error: await answer.text() };
+  } catch (error) {
+    return { error: String(error) };
+  }
 }
 
 async function command(path, content) {
   write($("answer"), "…");
-  try {
-    const answer = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(content) });
-    const kind = answer.headers.get("Content-Type") ?? "";
-    const said = kind.startsWith("application/json") ? await answer.json() : { error: await answer.text() };
-    write($("answer"), said.done ?? said.error ?? "done");
-  } catch (error) {
-    write($("answer"), String(error));
-  }
+  const said = await post(path, content);
+  write($("answer"), said.done ?? said.error ?? "done");
 }
 
 $("writing").addEventListener("submit", (event) => { event.preventDefault(); command("/command/tip", { name: $("tips").value }); });
@@ -227,10 +241,11 @@ const KEYS = {
   0: () => scene?.view("iso"), 1: () => scene?.view("front"), 2: () => scene?.view("side"), 3: () => scene?.view("top"),
   s: turnSound, t: turnTheme, d: turnCurves, e: () => $("csv").click(), "?": () => $("help").showModal(),
   j: (event) => measurements.step(-1, event.shiftKey), k: (event) => measurements.step(1, event.shiftKey),
+  m: () => guide.open(), x: () => guide.key("x"), a: () => guide.key("a"),
   J: () => measurements.step(-1, true), K: () => measurements.step(1, true), Escape: () => measurements.none(),
 };
 document.addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
+  if (event.ctrlKey || event.metaKey || event.altKey || $("help").open || $("begin").open) return;
   if (event.target.closest("input, select, textarea")) return;
   KEYS[event.key]?.(event);
 });

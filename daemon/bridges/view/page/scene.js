@@ -36,6 +36,7 @@ export class ArmScene {
       hub: new MeshStandardMaterial({ roughness: 0.35, metalness: 0.25 }),
       steel: new MeshStandardMaterial({ roughness: 0.25, metalness: 0.75 }),
       tip: new MeshStandardMaterial({ roughness: 0.3, metalness: 0.1 }),
+      shadow: new MeshStandardMaterial({ roughness: 1, transparent: true, opacity: 0.28, depthWrite: false }),
     };
     this.measured = cloud(MOST_POINTS, 7);
     this.chosen = cloud(MOST_POINTS, 13);
@@ -78,6 +79,13 @@ export class ArmScene {
     this.ball = new Mesh(new SphereGeometry(Math.max(geometry.radius_mm, size / 400), 32, 20), tip);
     this.flange = new Mesh(new SphereGeometry(wrist * 17, 24, 16), hub);
     this.arm.add(this.stylus, this.ball, this.flange);
+    this.shadow = geometry.rows.map((_, k) => {
+      const thin = (size / 1500) * (20 - (9 * k) / Math.max(geometry.rows.length - 1, 1));
+      return [rod(this.materials.shadow, thin), rod(this.materials.shadow, thin)];
+    });
+    this.shadow.push([rod(this.materials.shadow, wrist * 6)]);
+    this.arm.add(...this.shadow.flat());
+    this.ghost(null);
     this.pave(size);
     if (fresh) this.view("iso");
     this.pose(this.angles ?? geometry.rows.map(() => 0), null);
@@ -124,6 +132,23 @@ export class ArmScene {
     span(this.stylus, last.o, end);
     this.flange.position.set(...last.o);
     this.ball.position.set(...end);
+    this.draw();
+  }
+
+  /** How the arm should stand, degrees as read; null: nobody says. */
+  ghost(posture_deg) {
+    if (!this.geometry) return;
+    const there = posture_deg?.length === this.geometry.rows.length;
+    this.shadow.flat().forEach((part) => { part.visible = there; });
+    if (there) {
+      const q = posture_deg.map((angle) => (angle * Math.PI) / 180);
+      skeleton(this.geometry, q).forEach(({ from, elbow, to }, k) => {
+        span(this.shadow[k][0], from, elbow);
+        span(this.shadow[k][1], elbow, to);
+      });
+      const last = frames(this.geometry, q).at(-1);
+      span(this.shadow.at(-1)[0], last.o, point(last, this.geometry.tip));
+    }
     this.draw();
   }
 
@@ -186,6 +211,7 @@ export class ArmScene {
     this.colours = { floor: named("floor") };
     for (const name of ["tube", "hub", "steel"]) this.materials[name].color = named(name);
     this.materials.tip.color = named("mark");
+    this.materials.shadow.color = named("good");
     this.measured.material.color = named("accent");
     this.chosen.material.color = named("mark");
     this.here.material.color = named("mark");

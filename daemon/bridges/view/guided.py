@@ -1,0 +1,259 @@
+"""Guided measuring on the page: the engine of `armd measure`, with buttons for its letters."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from functools import partial
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any, cast
+
+from armd.daemon.bridges.process import in_thread
+from armd.daemon.bridges.view.board import Board
+from armd.daemon.bridges.view.feed import Feed
+from armd.daemon.bridges.view.http import Refused, Request
+from armd.daemon.measure.ending import Options, commands, run
+from armd.daemon.measure.estimate import identified
+from armd.daemon.measure.in_use import in_use_of
+from armd.daemon.measure.kinds import plan_of
+from armd.daemon.measure.log import NAME
+from armd.daemon.measure.measuring import Measuring
+from armd.daemon.measure.stations import KINDS, MOST_STATIONS, Kind, Wishes
+from armd.daemon.session_folder import ArtefactFile
+from armd.errors import ArmdError, BadInput
+from armd.schema import load_toml
+
+TOPIC = "guided"
+#: Every so many readings it is asked what `armd calibrate` would make of them.
+ESTIMATE_EVERY = 10
+#: Kinds that a calibration can be made of.
+IDENTIFYING = ("seats", "artefact", "poses")
+A_NAME = re.compile(r"[^\W_][\w .+-]{0,79}")
+
+
+class Guided:
+    """At most one measurement at a time; all browsers see the same."""
+
+    def __init__(self, board: Board, folder: Path, feed: Feed) -> None:
+        """Sessions are folders in *folder*; artefacts are its files `*.toml`, poses `*.csv`."""
+        self._board = board
+        self._folder = folder
+        self._feed = feed
+        feed.measured = self._take
+        self._measuring: Measuring | None = None
+        self._options = Options()
+        self._trigger = ""
+        self._since_ns = 0
+        self._waiting: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self._outcome: dict[str, Any] | None = None
+        self._so_far: str | None = None
+        self._estimating: asyncio.Task[None] | None = None
+        self._phase = "none"  # "measuring", "ending", "ended"
+        self._results: list[dict[str, Any]] = []
+        self._tell()
+
+    async def run(self) -> None:
+        """Offers what is measured, one after another; for ever."""
+        while True:
+            measurement = await self._waiting.get()
+            measuring = self._measuring
+            if measuring is None or self._phase != "measuring":
+                continue
+            told = await in_thread(partial(_guarded, partial(measuring.offer, measurement)))
+            self._became(told)
+            if told["event"] == "reading" and told["taken"] % ESTIMATE_EVERY == 0:
+                self._estimate(measuring)
+
+    def _take(self, measurement: dict[str, Any]) -> None:
+        """A measurement that arrived; what was pressed before the beginning does not count."""
+        wanted = measurement.get("trigger") == self._trigger
+        if self._phase == "measuring" and wanted and measurement["stamp_ns"] > self._since_ns:
+            self._waiting.put_nowait(measurement)
+
+    def choices(self) -> dict[str, Any]:
+        """What a measurement can be begun with, and what can be gone on with."""
+        there = sorted(self._folder.iterdir()) if self._folder.is_dir() else []
+        return {
+            "folder": str(self._folder),
+            "kinds": list(KINDS),
+            "artefacts": [path.name for path in there if path.suffix == ".toml"],
+            "poses": [path.name for path in there if path.suffix == ".csv"],
+            "sessions": [path.name for path in there if (path / NAME).is_file()],
+        }
+
+    async def do(self, request: Request) -> dict[str, Any]:
+        """`/guided/NAME`: begin, resume, delete, again, skip, artefact, finish, stop, close."""
+        name = request.path.removeprefix("/guided/")
+        try:
+            content = json.loads(request.body or b"{}")
+            if not isinstance(content, dict):
+                raise ValueError("no object")
+        except ValueError as error:
+            raise Refused(HTTPStatus.BAD_REQUEST, f"found {error}") from error
+        if name in ("begin", "resume"):
+            return await self._begin(name, content)
+        measuring = self._measuring
+        if name == "close" and self._phase == "ended":
+            self._phase, self._measuring = "none", None
+            self._tell()
+            return {"done": "closed"}
+        if measuring is None or self._phase != "measuring":
+            raise ArmdError("there is no guided measurement")
+        match name:
+            case "delete" | "again" | "skip":
+                deed = {
+                    "delete": measuring.delete_last,
+                    "again": measuring.again,
+                    "skip": measuring.skip,
+                }[name]
+                self._became(await in_thread(partial(_guarded, deed)))
+            case "artefact":
+                measuring.artefact_c = _number(content, "artefact_c")
+                self._tell()
+            case "finish":
+                await in_thread(measuring.finish)
+                made = commands(measuring, self._options)
+                self._phase = "ending"
+                self._tell()
+                self._ending = asyncio.ensure_future(self._make(measuring, made))
+            case "stop":
+                self._phase, self._measuring = "none", None
+                await in_thread(measuring.close)
+                self._tell()
+            case _:
+                raise Refused(HTTPStatus.NOT_FOUND, f"found {name[:40]!r}")
+        return {"done": name}
+
+    def close(self) -> None:
+        if self._measuring is not None:
+            self._measuring.close()
+
+    async def _begin(self, how: str, content: Mapping[str, Any]) -> dict[str, Any]:
+        arm = self._feed.arm
+        if arm is None:
+            raise ArmdError("the daemon is not there")
+        if self._measuring is not None and self._phase != "ended":
+            raise ArmdError(f"{self._measuring.folder.name} is being measured: stop it first")
+        since_ns = self._feed.stamp_ns
+        folder = self._folder / _name(content, "name")
+        wishes = _wishes(content, self._folder) if how == "begin" else None
+        kind = content.get("kind")
+        artefact = content.get("artefact") or None
+        if how == "begin" and kind not in KINDS:
+            raise BadInput("the page", "kind", repr(kind), f"one of {', '.join(KINDS)}")
+        mpe = content.get("mpe") or None
+        options = Options(mpe=None if mpe is None else self._folder / _name(content, "mpe"))
+        if artefact is not None:
+            artefact = self._folder / _name(content, "artefact")
+
+        def begun() -> tuple[Measuring, str]:
+            self._folder.mkdir(parents=True, exist_ok=True)
+            trigger = str(arm.info()["configuration"]["measurement"]["trigger"])
+            in_use = in_use_of(arm)
+            if wishes is None:
+                return Measuring.resume(folder, in_use), trigger
+            known = None if artefact is None else load_toml(artefact, ArtefactFile).artefact
+            plan = plan_of(cast(Kind, kind), in_use.arm, known, wishes)
+            return Measuring(folder, plan, in_use), trigger
+
+        measuring, self._trigger = await in_thread(begun)
+        try:
+            commands(measuring, options)  # refused now rather than at the end
+        except ArmdError:
+            measuring.close()
+            raise
+        self._measuring, self._options = measuring, options
+        self._since_ns = since_ns
+        self._phase, self._results, self._outcome, self._so_far = "measuring", [], None, None
+        self._tell()
+        return {"done": f"begun: {folder}"}
+
+    async def _make(self, measuring: Measuring, made: list[list[str]]) -> None:
+        """The commands at the end, one after another."""
+        for command in made:
+            done = await in_thread(partial(run, command))
+            self._results.append(asdict(done))
+            self._tell()
+        await in_thread(measuring.close)
+        self._phase = "ended"
+        self._tell()
+
+    def _became(self, told: dict[str, Any]) -> None:
+        self._outcome = {name: told.get(name) for name in ("event", "reason", "text", "number")}
+        self._tell()
+
+    def _estimate(self, measuring: Measuring) -> None:
+        """What `armd calibrate` would say, aside: it takes seconds, and no press waits for it."""
+        busy = self._estimating is not None and not self._estimating.done()
+        if busy or measuring.plan.kind not in IDENTIFYING:
+            return
+
+        async def ask() -> None:
+            try:
+                found = await in_thread(lambda: identified(measuring.folder, measuring.in_use.arm))
+                self._so_far = str(found["text"])
+            except (ArmdError, ArithmeticError, OSError, ValueError) as error:
+                self._so_far = f"nothing can be said of it yet: {error}"
+            self._tell()
+
+        self._estimating = asyncio.ensure_future(ask())
+
+    def _tell(self) -> None:
+        state = None if self._measuring is None else self._measuring.state()
+        said = {
+            "phase": self._phase,
+            "state": state,
+            "outcome": self._outcome,
+            "so_far": self._so_far,
+            "results": self._results,
+        }
+        self._board.put(TOPIC, json.dumps(said))
+
+
+def _guarded(deed: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """A disk that is full is told, and ends nothing."""
+    try:
+        return deed()
+    except (ArmdError, OSError) as error:
+        return {"event": "failed", "text": str(error)}
+
+
+def _name(content: Mapping[str, Any], key: str) -> str:
+    """Of a file or folder right in ours: no way leads out of it."""
+    name = content.get(key)
+    if not isinstance(name, str) or not A_NAME.fullmatch(name):
+        expected = "a name of letters, digits, space, . _ + -, beginning with one of the first two"
+        raise BadInput("the page", key, repr(name)[:60], expected)
+    return name
+
+
+def _number(content: Mapping[str, Any], key: str) -> float | None:
+    value = content.get(key)
+    if value is None or value == "":
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise BadInput("the page", key, repr(value)[:60], "a number")
+    return float(value)
+
+
+def _wishes(content: Mapping[str, Any], folder: Path) -> Wishes:
+    def names(key: str) -> list[str] | None:
+        parts = [part.strip() for part in str(content.get(key) or "").split(",")]
+        return [part for part in parts if part] or None
+
+    repeats = _number(content, "repeats")
+    if repeats is not None and repeats not in range(1, MOST_STATIONS + 1):
+        expected = f"a whole number from 1 to {MOST_STATIONS}"
+        raise BadInput("the page", "repeats", f"{repeats:g}", expected)
+    return Wishes(
+        targets=names("targets"),
+        placements=names("placements"),
+        repeats=None if repeats is None else int(repeats),
+        poses=folder / _name(content, "poses") if content.get("poses") else None,
+        tests=names("tests"),
+        sphere_mm=_number(content, "sphere_mm"),
+    )
