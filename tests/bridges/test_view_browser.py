@@ -7,7 +7,7 @@ import io
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from simulated_arm import SimulatedArm, simulated_arm
 
 import armd
 from armd import keys
+from armd.compensation.data.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
 
@@ -78,7 +79,7 @@ def view(daemon: Daemon) -> Iterator[RunningBridge]:
 
 
 @contextmanager
-def opened(browser: Browser, where: str, **context: Any) -> Iterator[Page]:
+def opened(browser: Browser, where: str, wait: bool = True, **context: Any) -> Iterator[Page]:
     """A page with figures on it; fails on any error of its own, and on any foreign request."""
     complaints: list[str] = []
     with browser.new_context(accept_downloads=True, **context) as own:
@@ -101,7 +102,8 @@ def opened(browser: Browser, where: str, **context: Any) -> Iterator[Page]:
             ),
         )
         page.goto(f"http://{where}/")
-        live(page)
+        if wait:
+            live(page)
         yield page
         assert complaints == []
 
@@ -320,3 +322,96 @@ def test_daemon_and_view_go_and_come_without_a_reload(browser: Browser, tmp_path
                 )
                 # Read-only: there is nothing to do.
                 assert not page.is_visible("#writing")
+
+
+# --- guided measuring ------------------------------------------------------------------------
+
+WALL: Any = {"width": 1920, "height": 1080}
+BEAM = '[artefact]\nname = "beam"\n' + "".join(
+    f'[[artefact.target]]\nname = "{name}"\nposition_mm = {list(where)}\n'
+    for name, where in {
+        "B1": (0.0, 0.0, 0.0),
+        "B2": (150.0, 0.0, 0.0),
+        "B3": (300.0, 0.0, 60.0),
+        "B4": (450.0, 0.0, 0.0),
+        "B5": (220.0, 180.0, 90.0),
+    }.items()
+)
+PLACEMENTS, ROUNDS = ("P1", "P2", "P3"), 1
+OPERATOR = """\
+schema = "armd.operator/1"
+artefact = "beam.toml"
+rest_s = 0.85
+press_after_s = 0.65
+haste = 2.5
+start_s = 2.5
+""" + "".join(f'\n[[visit]]\nplacement = "{name}"\nrounds = {ROUNDS}\n' for name in PLACEMENTS)
+
+
+def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) -> None:
+    """Begun, led, killed, gone on with, finished: what is on the disk is what the page said."""
+    sessions = tmp_path / "sessions"
+    sessions.mkdir()
+    for folder in (tmp_path, sessions):
+        (folder / "beam.toml").write_text(BEAM)
+    (tmp_path / "plan.toml").write_text(OPERATOR)
+    with simulated_arm(tmp_path, link=True, seconds=2) as arm:  # so that the port is there
+        arm.wait()
+    with running_daemon(tmp_path, arm.port) as daemon, ExitStack() as stack:
+        options = ("--allow-commands", "--sessions", str(sessions))
+        view = stack.enter_context(viewing(daemon.endpoint, *options))
+        page = stack.enter_context(opened(browser, view.where, wait=False, viewport=WALL))
+        page.wait_for_selector("#begin-open:visible")
+        page.keyboard.press("m")
+        page.select_option("#kind", "artefact")
+        page.fill("[name=name]", "../escape")
+        page.click("#begin-form button.main")
+        assert page.is_visible("#begin")  # the field itself refuses it
+        page.fill("[name=name]", "beam in May")
+        page.select_option("#artefacts", "beam.toml")
+        page.fill("[name=placements]", ",".join(PLACEMENTS))
+        page.fill("[name=repeats]", str(ROUNDS))
+        page.fill("[name=artefact_c]", "20.4")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#guide:visible")
+        assert page.inner_text("#progress") == "0 of 15"
+        # The hand begins when it is told what to touch, as a person does.
+        operator = ("--operator", str(tmp_path / "plan.toml"))
+        stack.enter_context(simulated_arm(tmp_path, *operator, link=True, seconds=400))
+        page.wait_for_function("() => document.getElementById('bar').value > 0.2")
+        # Where to go is known after three balls, and how far it is changes as the hand moves.
+        page.wait_for_function("() => / mm/.test(document.getElementById('away').textContent)")
+        away = page.inner_text("#away")
+        page.wait_for_function(
+            "(away) => document.getElementById('away').textContent !== away", arg=away
+        )
+        page.screenshot(path=OUT / "view-guided-1920.png")
+        done = "() => document.getElementById('next-target').textContent.startsWith('everything')"
+        page.wait_for_function(done, timeout=300_000)
+        # The view is killed: nothing that was told as taken is lost.
+        where = view.where
+        view.process.kill()
+        view.process.wait()
+        stack.enter_context(viewing(daemon.endpoint, *options, listen=where))
+        page.wait_for_selector("#guide", state="hidden")
+        live(page)
+        page.click("#begin-open")
+        page.click("#sessions button")
+        page.wait_for_selector("#guide:visible")
+        assert page.inner_text("#progress") == "30 of 15"
+        page.click("[data-deed=delete]")
+        page.wait_for_function(
+            "() => document.getElementById('progress').textContent === '14 of 15'"
+        )
+        assert page.inner_text("#next-target") == "B5"
+        page.wait_for_function(done, timeout=240_000)  # the hand comes by again
+        page.click("[data-deed=finish]")
+        page.wait_for_selector("[data-deed=close]:visible", timeout=180_000)
+        said = page.inner_text("#results")
+        assert "armd calibrate" in said
+        page.screenshot(path=OUT / "view-result-1920.png")
+        page.click("[data-deed=close]")
+        page.wait_for_selector("#guide", state="hidden")
+    session = load_session(sessions / "beam in May", load_arm(arm.arm_toml))
+    assert len(session.q) == 5 * len(PLACEMENTS) * ROUNDS
+    assert (sessions / "beam in May" / "calibration.json").is_file()

@@ -89,7 +89,8 @@ export class Guide {
     document.querySelector("main").classList.toggle("guided", on);
     $("guide").hidden = !on;
     if (!on) { this.scene?.target(null, null); this.scene?.ghost(null); return; }
-    write($("guide-title"), `${state.kind} → ${state.session}`);
+    write($("guide-title"), `${state.kind}: ${state.session.split("/").at(-1)}`);
+    $("guide-title").title = state.session;
     write($("progress"), `${state.done} of ${state.wanted}${state.left_out ? `, ${state.left_out} left out` : ""}`);
     $("bar").value = state.wanted ? (state.done + state.left_out) / state.wanted : 0;
     const { next } = state;
