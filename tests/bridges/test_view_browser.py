@@ -398,7 +398,7 @@ def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) ->
         page.click("#begin-open")
         page.click("#sessions button")
         page.wait_for_selector("#guide:visible")
-        assert page.inner_text("#progress") == "30 of 15"
+        assert page.inner_text("#progress") == "15 of 15"
         page.click("[data-deed=delete]")
         page.wait_for_function(
             "() => document.getElementById('progress').textContent === '14 of 15'"
@@ -413,5 +413,5 @@ def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) ->
         page.click("[data-deed=close]")
         page.wait_for_selector("#guide", state="hidden")
     session = load_session(sessions / "beam in May", load_arm(arm.arm_toml))
-    assert len(session.q) == 5 * len(PLACEMENTS) * ROUNDS
+    assert len(session.target) == 5 * len(PLACEMENTS) * ROUNDS
     assert (sessions / "beam in May" / "calibration.json").is_file()

@@ -60,13 +60,19 @@ class Guided:
         """Offers what is measured, one after another; for ever."""
         while True:
             measurement = await self._waiting.get()
-            measuring = self._measuring
-            if measuring is None or self._phase != "measuring":
-                continue
-            told = await in_thread(partial(_guarded, partial(measuring.offer, measurement)))
-            self._became(told)
-            if told["event"] == "reading" and told["taken"] % ESTIMATE_EVERY == 0:
-                self._estimate(measuring)
+            try:
+                await self._offer(measurement)
+            finally:
+                self._waiting.task_done()
+
+    async def _offer(self, measurement: dict[str, Any]) -> None:
+        measuring = self._measuring
+        if measuring is None or self._phase != "measuring":
+            return
+        told = await in_thread(partial(_guarded, partial(measuring.offer, measurement)))
+        self._became(told)
+        if told["event"] == "reading" and told["taken"] % ESTIMATE_EVERY == 0:
+            self._estimate(measuring)
 
     def _take(self, measurement: dict[str, Any]) -> None:
         """A measurement that arrived; what was pressed before the beginning does not count."""

@@ -1,0 +1,216 @@
+"""Guided measuring on the page: its buttons do what the letters of `armd measure` do."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_arm_toml import ARM
+
+from armd.compensation.data.session import load_session
+from armd.compensation.model.arm import Arm
+from armd.daemon.bridges.view.board import Board
+from armd.daemon.bridges.view.guided import Guided
+from armd.daemon.bridges.view.http import Refused, Request
+from armd.errors import ArmdError, BadInput
+
+SECOND_NS = 10**9
+BEGUN_NS = 1_800_000_000 * SECOND_NS
+SEATS = {"kind": "seats", "name": "seats 1", "targets": "S1, S2", "repeats": 2}
+
+
+class Daemon:
+    """As far as a guided measurement asks one."""
+
+    serial = "SMALL-1"
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+
+    def info(self) -> dict[str, Any]:
+        return {
+            "arm": self._arm.model_dump(mode="json", by_alias=True),
+            "tip": None,
+            "configuration": {"tips": {}, "measurement": {"trigger": "button"}},
+        }
+
+    def calibration_file(self) -> None:
+        return None
+
+
+class Feed:
+    """Of the page, without a network."""
+
+    def __init__(self, arm: Any) -> None:
+        self.arm = arm
+        self.stamp_ns = BEGUN_NS
+        self.measured: Callable[[dict[str, Any]], None] = lambda measurement: None
+
+
+def press(number: int, **changes: Any) -> dict[str, Any]:
+    """One reading, *number* seconds after the beginning, each in another posture."""
+    place = [500.0, 100.0 * (number % 2), 300.0]
+    return {
+        "trigger": "button", "seq": 1000 * number, "stamp_ns": BEGUN_NS + number * SECOND_NS,
+        "count": 250, "duration_s": 0.5, "flags": 512, "flag_names": ["AT_REST"],
+        "position_mm": place, "standard_deviation_mm": [0.001, 0.002, 0.002],
+        "covariance_mm2": None, "orientation": [0.0, 0.0, 0.0, 1.0],
+        "angles_rad": [0.1 + 0.01 * number, 0.2, 0.3], "rates_rad_s": [0.0, 0.0, 0.0],
+        "approach": None, "temperatures_c": {}, "calibration": None, "tip": None, "buttons": 1,
+    } | changes  # fmt: skip
+
+
+class Page:
+    """What a browser does and is told."""
+
+    def __init__(self, folder: Path) -> None:
+        self.arm = Arm.model_validate_json(json.dumps(ARM))
+        self.folder = folder / "sessions"
+        self.board = Board()
+        self.feed = Feed(Daemon(self.arm))
+        self.guided = Guided(self.board, self.folder, self.feed)  # type: ignore[arg-type]
+
+    async def do(self, deed: str, content: Any = None) -> dict[str, Any]:
+        body = json.dumps(content or {}).encode()
+        return await self.guided.do(Request("POST", f"/guided/{deed}", {}, {}, body))
+
+    async def presses(self, *numbers: int, **changes: Any) -> None:
+        for number in numbers:
+            self.feed.measured(press(number, **changes))
+        await self.guided._waiting.join()
+
+    def told(self) -> dict[str, Any]:
+        said, read = b"", 0
+        while read < self.board.version:
+            more, read = self.board.since(read)
+            said += more
+        lines = [line for line in said.decode().split("\n") if line.startswith("data: ")]
+        told: dict[str, Any] = json.loads(lines[-1].removeprefix("data: "))
+        return told
+
+
+def on_page(tmp_path: Path, story: Callable[[Page], Awaitable[None]]) -> Page:
+    async def run() -> Page:
+        page = Page(tmp_path)
+        working = asyncio.ensure_future(page.guided.run())
+        await story(page)
+        working.cancel()
+        page.guided.close()
+        return page
+
+    return asyncio.run(run())
+
+
+def test_a_measurement_from_the_beginning_to_a_stop_and_on(tmp_path: Path) -> None:
+    async def story(page: Page) -> None:
+        page.feed.measured(press(1))  # nobody has begun
+        await page.do("begin", SEATS)
+        state = page.told()["state"]
+        assert (state["done"], state["wanted"], state["next"]["target"]) == (0, 4, "S1")
+        await page.presses(-1)  # of the past
+        await page.presses(1, trigger="rest")
+        assert page.told()["state"]["taken"] == 0
+        await page.presses(1, 2)
+        told = page.told()
+        assert (told["state"]["done"], told["outcome"]["event"]) == (2, "reading")
+        await page.presses(3, count=0, position_mm=None)
+        assert page.told()["outcome"]["reason"] == "invalid"
+        await page.do("delete")
+        assert page.told()["state"]["next"]["target"] == "S2"
+        with pytest.raises(ArmdError, match="is being measured"):
+            await page.do("begin", SEATS | {"name": "other"})
+        await page.do("artefact", {"artefact_c": 20.5})
+        await page.presses(4)
+        await page.do("skip")
+        await page.do("again")
+        assert page.told()["state"]["next"]["target"] == "S2"
+        await page.do("stop")
+        assert page.told()["phase"] == "none"
+        with pytest.raises(ArmdError, match="no guided measurement"):
+            await page.do("delete")
+        assert page.guided.choices()["sessions"] == ["seats 1"]
+        await page.do("resume", {"name": "seats 1"})
+        assert page.told()["state"]["taken"] == 2
+
+    page = on_page(tmp_path, story)
+    session = load_session(page.folder / "seats 1", page.arm)
+    assert [session.artefact.target_names[i] for i in session.target] == ["S1", "S2"]
+
+
+@pytest.mark.parametrize("name", ["", "..", "../out", "a/b", ".hidden", "a\0b", "x" * 100, 5, None])
+def test_no_name_leads_out_of_the_folder(tmp_path: Path, name: Any) -> None:
+    async def story(page: Page) -> None:
+        for key in ("name", "artefact", "mpe"):
+            if key == "name" or name:
+                with pytest.raises(BadInput, match=f"the page: {key}: found"):
+                    await page.do("begin", SEATS | {key: name})
+        with pytest.raises(BadInput):
+            await page.do("resume", {"name": name})
+        assert not page.folder.exists()
+
+    on_page(tmp_path, story)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"kind": "nonsense"}, "kind: found 'nonsense'"),
+        ({"repeats": 0}, "repeats: found 0"),
+        ({"repeats": 2.5}, "repeats: found 2.5"),
+        ({"repeats": "many"}, "repeats: found 'many'"),
+        ({"kind": "artefact"}, "--artefact: found nothing"),
+        ({"kind": "tip", "targets": "S1"}, "--targets"),
+    ],
+)
+def test_wishes_that_cannot_be_met_are_told(tmp_path: Path, changes: Any, said: str) -> None:
+    async def story(page: Page) -> None:
+        with pytest.raises(BadInput, match=said):
+            await page.do("begin", SEATS | changes)
+        assert page.told()["phase"] == "none"
+        await page.do("begin", SEATS)  # nothing stands in the way of the next
+
+    on_page(tmp_path, story)
+
+
+def test_what_is_no_deed_is_refused(tmp_path: Path) -> None:
+    async def story(page: Page) -> None:
+        with pytest.raises(ArmdError, match="no guided measurement"):
+            await page.do("finish")
+        page.feed.arm = None
+        with pytest.raises(ArmdError, match="daemon is not there"):
+            await page.do("begin", SEATS)
+        page.feed.arm = Daemon(page.arm)
+        await page.do("begin", SEATS)
+        with pytest.raises(Refused):
+            await page.do("format-disk")
+        with pytest.raises(BadInput, match="no reading"):
+            await page.do("finish")
+        for body in (b"[]", b"{"):
+            with pytest.raises(Refused):
+                await page.guided.do(Request("POST", "/guided/begin", {}, {}, body))
+
+    on_page(tmp_path, story)
+
+
+def test_a_full_disk_is_told_and_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def story(page: Page) -> None:
+        await page.do("begin", SEATS)
+
+        def full(*_: Any) -> None:
+            raise OSError(28, "No space left on device")
+
+        with monkeypatch.context() as patch:
+            patch.setattr("armd.daemon.measure.log.Log.append", full)
+            await page.presses(1)
+            assert page.told()["outcome"]["event"] == "failed"
+            assert "No space left" in page.told()["outcome"]["text"]
+        await page.presses(2)
+        assert page.told()["state"]["taken"] == 1
+
+    on_page(tmp_path, story)
