@@ -53,7 +53,10 @@ USAGE = {
         ("armd watch", "armd watch SIM-0001 --json --seconds 5"), "subscriber.md", LIVE_UNITS
     ),
     "status": Usage(("armd status",), "troubleshoot.md", LIVE_UNITS, "the arm is not ready"),
-    "tip": Usage(("armd tip ball3",), "configure.md"),
+    "tip": Usage(
+        ("armd tip list", "armd tip use ball3", "armd tip calibrate tip-session"), "measure.md",
+        "mm", "the tip's calibration leaves doubts, which it names",
+    ),
     "reload": Usage(("armd reload",), "upgrade.md"),
     "record": Usage(
         ("armd record -o morning.mcap", "armd record --session calibrate"), "recording.md",

@@ -1,0 +1,125 @@
+"""The pages on adding to armd: their files exist, and what they show is added by script."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = ("add-a-cause", "add-a-basis", "add-a-wire", "add-an-output")
+ROOMS = ("drivers", "compensation", "daemon", "simulator")
+TOY_CAUSE = "compensation/effects/mechanical/viscous_drag.py"
+
+
+def text(page: str) -> str:
+    return (DOCS / f"{page}.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_files_named_exist(page: str) -> None:
+    named = re.findall(r"`((?:\w[\w-]*/)*[\w.-]+\.(?:py|md|toml)|\w[\w/]*/)`", text(page))
+    assert len(named) > 4
+    for name in named:
+        if name == TOY_CAUSE:
+            continue
+        path = ROOT / name
+        if "NAME" in name:  # what is to be made: where it goes is there
+            path = ROOT / name.split("NAME")[0].rpartition("/")[0]
+        elif "/" not in name.strip("/") and not path.exists():
+            path = ROOT / "compensation" / "effects" / name  # a room of the causes
+        assert path.exists(), name
+
+
+def test_every_file_of_the_tour_is_there() -> None:
+    """By its name, or as much of its path as the tour says."""
+    named = set(re.findall(r"`((?:\w+/)*\w+\.py|(?:\w+/)+)`", text("tour")))
+    assert len(named) > 60
+    paths = [path for room in ("umbrella", *ROOMS, "tests") for path in (ROOT / room).rglob("*")]
+    there = {f"/{path.relative_to(ROOT)}{'/' * path.is_dir()}" for path in paths}
+    there |= {f"/{room}/" for room in ("umbrella", *ROOMS, "tests")}
+    missing = {name for name in named if not any(p.endswith(f"/{name}") for p in there)}
+    assert not missing
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_tour_leads_to_it(page: str) -> None:
+    assert f"{page}.md" in text("tour")
+
+
+def cause() -> str:
+    (source,) = re.findall(r"```python\n(.*?)```", text("add-a-cause"), re.DOTALL)
+    return str(source)
+
+
+def test_a_cause_is_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The catalogue finds it in its room; its candidates are the arm's joints."""
+    from armd.compensation.effects import catalogue, mechanical
+
+    path = tmp_path / Path(TOY_CAUSE).name
+    path.write_text(cause(), encoding="utf-8")
+    for words in (["format", "--check"], ["check"]):
+        command = [sys.executable, "-m", "ruff", *words, "--config", ROOT / "pyproject.toml", path]
+        assert subprocess.run(command).returncode == 0
+    monkeypatch.setattr(mechanical, "__path__", [*mechanical.__path__, str(tmp_path)])
+    found = {effect.cause: effect for effect in catalogue._found()}
+    assert set(found) == {*catalogue.CATALOGUE, "viscous_drag"}
+    facts = type("Facts", (), {"rates": True, "joints": range(1, 5)})()
+    candidates = list(found["viscous_drag"].candidates(facts))
+    assert [str(candidate.location) for candidate in candidates] == [
+        f"joint {k}" for k in range(1, 5)
+    ]
+    assert candidates[2].columns[0].terms[0].parameter == "theta_3"
+    facts.rates = False
+    assert not list(found["viscous_drag"].candidates(facts))
+
+
+def patched(folder: Path, page: str) -> None:
+    """Apply the page's diff: each hunk's context and additions by their lines, in order."""
+    (diff,) = re.findall(r"```diff\n(.*?)```", text(page), re.DOTALL)
+    for part in re.split(r"^--- a/.*\n\+\+\+ b/", diff, flags=re.MULTILINE)[1:]:
+        name, hunks = part.split("\n", 1)
+        path = folder / name
+        source = path.read_text(encoding="utf-8")
+        for hunk in re.split(r"^@@.*\n", hunks, flags=re.MULTILINE)[1:]:
+            lines = [line or " " for line in hunk.rstrip("\n").split("\n")]
+            old = "".join(line[1:] + "\n" for line in lines if line[0] in " -")
+            new = "".join(line[1:] + "\n" for line in lines if line[0] in " +")
+            assert source.count(old) == 1, (name, old)
+            source = source.replace(old, new)
+        path.write_text(source, encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_a_scripted_addition_of_both_passes_lint_and_tests(tmp_path: Path) -> None:
+    """In a copy of the tree, which is made importable as the wheel would be."""
+    tree, site = tmp_path / "tree", tmp_path / "site"
+    for name in ("umbrella", *ROOMS, "tests"):
+        ignored = shutil.ignore_patterns("__pycache__", "data" if name == "tests" else "-")
+        shutil.copytree(ROOT / name, tree / name, ignore=ignored)
+    shutil.copy(ROOT / "pyproject.toml", tree)
+    (tree / TOY_CAUSE).write_text(cause(), encoding="utf-8")
+    patched(tree, "add-a-basis")
+    shutil.copytree(tree / "umbrella", site / "armd")
+    for room in ROOMS:
+        (site / "armd" / room).symlink_to(tree / room)
+    environment = os.environ | {"PYTHONPATH": str(site), "MYPYPATH": str(site)}
+
+    def run(*words: str) -> None:
+        done = subprocess.run(
+            [sys.executable, "-m", *words],
+            cwd=tree, env=environment, capture_output=True, text=True,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-2000:]
+
+    run("ruff", "format", "--check", "compensation", "tests/compensation/test_basis.py")
+    run("ruff", "check", "compensation")
+    run("mypy", "-p", "armd.compensation")
+    run("pytest", "-q", "tests/compensation/test_basis.py", "tests/compensation/test_catalogue.py")
+    run("pytest", "-q", "tests/compensation/test_model.py", "-k", "each_factor and rate_squared")
