@@ -45,6 +45,7 @@ COMMANDS = {
     "diagnose": "what the model gets wrong, why, and the gain of mending it",
     "design": "the poses to measure next",
     "check": "validate any armd file",
+    "init": "a folder with arm.toml and armd.toml to start from",
     "import": "a table of readings (CSV, Excel) as a session, a URDF as an arm.toml",
     "schema": "JSON schemas of armd's files, for an editor",
     "doctor": "what is on this machine's ports, and what stands in the way",

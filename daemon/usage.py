@@ -151,6 +151,14 @@ USAGE = {
         ("armd check arm.toml armd.toml measured/T20",), "configure.md", "",
         "a file has faults, each told in a line",
     ),
+    "init": Usage(
+        (
+            "armd init my-arm",
+            "armd init my-arm --from robot.urdf --serial-number ARM-7 --port /dev/ttyUSB0",
+            "armd init my-arm --from rows.csv",
+        ),
+        "import.md", FILE_UNITS,
+    ),
     "import": Usage(
         (
             "armd import readings.xlsx --arm arm.toml -o measured",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from armd.compensation.data.session import Session, load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon.cli import main
+from armd.daemon.config import load_config
 
 ARM = (
     """
@@ -235,3 +237,66 @@ def test_what_is_no_arm(bench: Bench, text: str, said: str) -> None:
     (bench.folder / "r.urdf").write_text(text)
     code, told = bench.run("r.urdf")
     assert code == 2 and said in told
+
+
+# --- armd init -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("start", ["so101", "panda", "rows.csv"])
+def test_a_folder_to_start_from(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], start: str
+) -> None:
+    """What is written is accepted by `armd check`, and loads as the daemon's configuration."""
+    (tmp_path / "rows.csv").write_text(
+        "theta_deg;d_mm;a_mm;alpha_deg;min_deg;max_deg\n"
+        "0;250,5;0;90;-170;170\n90;0;400;0;;\n;0;350;;;\n"
+    )
+    source = {"panda": str(URDF / "panda.urdf"), "rows.csv": str(tmp_path / "rows.csv")}
+    words = ["--from", source.get(start, start), "--serial-number", "MY-1", "--port", "/dev/none"]
+    words += ["--tip-link", "panda_link8"] if start == "panda" else []
+    folder = tmp_path / "mine"
+    for _ in range(2):  # to write the same once more takes nothing away
+        assert main(["init", str(folder), *words]) == 0
+    assert main(["check", str(folder / "arm.toml"), str(folder / "armd.toml")]) == 0
+    config = load_config(folder / "armd.toml")
+    assert config.arm.serial_number == "MY-1" and config.driver.port == "/dev/none"
+    assert (folder / "arm.toml").read_text().startswith("#")
+    if start == "rows.csv":
+        assert [joint.d_mm for joint in config.arm.joint] == [250.5, 0.0, 0.0]
+        assert [joint.min_deg for joint in config.arm.joint] == [-170.0, None, None]
+        assert config.arm.joint[2].counts_per_turn == 1 << 20
+    (folder / "arm.toml").write_text("mine")
+    assert main(["init", str(folder), *words]) == 2
+    assert "--force to write over it" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "--from: found nothing"),
+        (["--from", "so10"], "did you mean so101?"),
+        (["--from", "t.csv"], "the header: found 'theta', expected a key of a joint: did you mean"),
+    ],
+)
+def test_init_without_sense(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    words: list[str], said: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    (tmp_path / "t.csv").write_text("theta,d_mm\n1,2\n")
+    assert main(["init", "mine", *words]) == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "mine").exists()
+
+
+def test_a_person_is_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answers = iter(["koch", "", "/dev/ttyACM3"])
+    monkeypatch.setattr("sys.stdin", type("Terminal", (io.StringIO,), {"isatty": lambda _: True})())
+    monkeypatch.setattr("builtins.input", lambda question: next(answers))
+    assert main(["init", str(tmp_path / "mine")]) == 0
+    config = load_config(tmp_path / "mine" / "armd.toml")
+    assert (config.arm.serial_number, config.driver.kind) == ("ARM-1", "dynamixel")
+    assert config.driver.port == "/dev/ttyACM3"
