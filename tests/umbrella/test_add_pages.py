@@ -97,6 +97,7 @@ def patched(folder: Path, page: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_a_scripted_addition_of_both_passes_lint_and_tests(tmp_path: Path) -> None:
     """In a copy of the tree, which is made importable as the wheel would be."""
     tree, site = tmp_path / "tree", tmp_path / "site"
