@@ -6,6 +6,7 @@ import datetime
 import hashlib
 import html
 import platform
+import re
 from collections.abc import Mapping, Sequence
 
 from matplotlib.figure import Figure
@@ -22,7 +23,7 @@ h1 { font-size: 1.6rem; } h2 { font-size: 1.2rem; margin-top: 2.2rem; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; margin: .6rem 0; font-variant-numeric: tabular-nums; }
 th, td { padding: .15rem .7rem; border-bottom: 1px solid var(--line); text-align: right; }
-td { overflow-wrap: normal; } td.long { overflow-wrap: anywhere; }
+th, td { overflow-wrap: normal; } td.long { overflow-wrap: anywhere; }
 th { background: var(--head); } th:first-child, td:first-child { text-align: left; }
 td.text, th.text { text-align: left; }
 figure { margin: .8rem 0; } figure svg { width: 100%; height: auto; max-width: 60rem; }
@@ -125,6 +126,10 @@ class Page:
         )
 
 
+#: A number with its sign, and perhaps a short unit.
+_NUMBER = re.compile(r"[+\-−]?\d[\d.,]*(e[+-]?\d+)?( ?[^\d\s]{1,3})?")
+
+
 class Long(str):
     """Text of a table that may be broken anywhere, as a hash or a command."""
 
@@ -143,5 +148,5 @@ def _kind(value: object) -> str:
     """Text stands left, numbers right; a sign belongs to its number."""
     if isinstance(value, Long):
         return ' class="text long"'
-    text = isinstance(value, str) and not value.lstrip("+-−")[:1].isdigit()
-    return ' class="text"' if text else ""
+    number = not isinstance(value, str) or not value or _NUMBER.fullmatch(value)
+    return "" if number else ' class="text"'
