@@ -12,7 +12,10 @@ from collections.abc import Iterator
 
 import pytest
 
-ONLY_COMPUTES = ("tests/compensation/", "tests/hidden/", "tests/real/", "tests/umbrella/")
+ONLY_COMPUTES = tuple(
+    f"tests/{room}/"
+    for room in ("compensation", "diagnose", "hidden", "interim", "real", "umbrella")
+)
 """Folders of tests that wait for nobody: no daemon, no wire, no clock."""
 
 
