@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.plants.drift import drifting, is_drift
 from armd.simulator.plants.plant import How, Plant
 from armd.simulator.truth.effects import (
     BowingLink,
@@ -92,8 +93,10 @@ def wobble(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
     )
 
 
-def knock(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
-    """`parameter`: theta, alpha (size in ″), d or a (size in µm)."""
+def knock(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+    """`parameter`: theta, alpha (size in ″), d or a (size in µm); with a `course`, a drift."""
+    if is_drift(plant):
+        return drifting(plant, rng, campaign)
     parameter = str(plant.detail.get("parameter", rng.choice(["theta", "alpha", "d", "a"])))
     angle, length = plant.size * ARC_SECOND, 1e-3 * plant.size
     still = (0.0, 0.0, 0.0)
@@ -123,7 +126,10 @@ def warm(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
 
 
 def mount(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-    """`kind` "drift" (size × 3″ and 5 µm an hour) or "step" (size × 4″ and 5 µm at once)."""
+    """`kind` "drift" (size × 3″ and 5 µm an hour) or "step" (size × 4″ and 5 µm at once); with a
+    `course`, size × 4″ and 5 µm along it."""
+    if is_drift(plant):
+        return drifting(plant, rng, campaign)
     step = plant.detail.get("kind", "drift") == "step"
     turn = plant.size * (4.0 if step else 3.0) * random_unit(rng, 1)[0]
     shift = plant.size * 5.0 * random_unit(rng, 1)[0]

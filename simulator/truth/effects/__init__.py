@@ -5,6 +5,12 @@ from armd.simulator.truth.effects.bending_link import BendingLink
 from armd.simulator.truth.effects.bending_stylus import BendingStylus
 from armd.simulator.truth.effects.bowing_link import BowingLink
 from armd.simulator.truth.effects.distorted import Distorted
+from armd.simulator.truth.effects.drifting import (
+    DriftingLength,
+    DriftingMount,
+    DriftingTwist,
+    DriftingZero,
+)
 from armd.simulator.truth.effects.eccentric_disc import EccentricDisc
 from armd.simulator.truth.effects.expanding_link import ExpandingLink
 from armd.simulator.truth.effects.foreign import (
@@ -37,6 +43,10 @@ __all__ = [
     "CablePull",
     "CoupledHysteresis",
     "Distorted",
+    "DriftingLength",
+    "DriftingMount",
+    "DriftingTwist",
+    "DriftingZero",
     "DrivenByRate",
     "EccentricDisc",
     "Effect",

@@ -1,0 +1,61 @@
+"""How something that drifts goes with time: from nothing at its beginning to about one.
+
+Each is a law of its own: what takes up water, relaxes, follows the day, or wanders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+
+#: (n,) seconds since the arm was mounted → (n,) how far it has come.
+Course = Callable[[F64], F64]
+
+DAY_S = 86400.0
+#: Diffusion into a wall: terms of the series, enough for a ten thousandth of the diffusion time.
+DIFFUSION_TERMS = 200
+
+
+def creeping(since_s: float, until_s: float) -> Course:
+    """At one rate, to 1 at *until_s*."""
+    return lambda time_s: (time_s - since_s) / (until_s - since_s)
+
+
+def relaxing(since_s: float, time_constant_s: float) -> Course:
+    """A stress that relaxes, a screw that settles: Maxwell's body."""
+    return lambda time_s: 1.0 - np.exp(-np.maximum(time_s - since_s, 0.0) / time_constant_s)
+
+
+def swelling(since_s: float, diffusion_s: float) -> Course:
+    """A wall takes up water from both sides: the mean content by Fick's law (Crank, plane sheet),
+    as the square root of time at first; *diffusion_s* is thickness² / (π² D)."""
+
+    def at(time_s: F64) -> F64:
+        passed = np.maximum(time_s - since_s, 0.0)[:, None] / diffusion_s
+        odd = 2.0 * np.arange(DIFFUSION_TERMS) + 1.0
+        left: F64 = (8.0 / (np.pi * odd) ** 2 * np.exp(-(odd**2) * passed)).sum(axis=1)
+        return 1.0 - left
+
+    return at
+
+
+def daily(noon_s: float, sharpness: float = 0.3) -> Course:
+    """The sun on a wall, day after day: a wave with a second harmonic, as days have."""
+
+    def at(time_s: F64) -> F64:
+        turn = 2.0 * np.pi * (time_s - noon_s) / DAY_S
+        wave: F64 = 0.5 * (np.cos(turn) + sharpness * np.cos(2.0 * turn))
+        return wave
+
+    return at
+
+
+def wandering(rng: np.random.Generator, since_s: float, until_s: float) -> Course:
+    """Brownian motion, of standard deviation 1 at *until_s*."""
+    knots = np.linspace(since_s, until_s, 2001)
+    path = np.concatenate([[0.0], np.cumsum(rng.normal(0.0, 1.0, 2000))]) / np.sqrt(2000.0)
+    return lambda time_s: np.interp(time_s, knots, path)

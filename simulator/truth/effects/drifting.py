@@ -1,0 +1,70 @@
+"""Constants of the arm that drift: slowly, smoothly, and whatever any sensor says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.course import Course
+from armd.simulator.truth.effects.base import F64, Effect
+from armd.simulator.truth.posture import Posture
+from armd.simulator.truth.rotations import ARC_SECOND, Motion
+
+
+@dataclass(frozen=True)
+class DriftingZero(Effect):
+    """The encoder's zero moves on its hub: glue that creeps, a clamp that relaxes."""
+
+    joint: int
+    arcsec: float
+    course: Course
+
+    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+        if joint != self.joint:
+            return None
+        return self.arcsec * ARC_SECOND * self.course(conditions.time_s)
+
+
+@dataclass(frozen=True)
+class DriftingLength(Effect):
+    """A carbon tube takes up humidity and grows, whatever the temperature."""
+
+    link_number: int
+    ppm: float
+    course: Course
+
+    def strain(self, link: int, conditions: Conditions) -> F64 | None:
+        if link != self.link_number:
+            return None
+        return 1e-6 * self.ppm * self.course(conditions.time_s)
+
+
+@dataclass(frozen=True)
+class DriftingTwist(Effect):
+    """A link twists about its long axis, or leans: resin that creeps under load."""
+
+    link_number: int
+    turn_arcsec: tuple[float, float, float]
+    course: Course
+
+    def link(self, link: int, posture: Posture, conditions: Conditions) -> Motion | None:
+        if link != self.link_number:
+            return None
+        turn = self.course(conditions.time_s)[:, None] * np.array(self.turn_arcsec) * ARC_SECOND
+        return Motion(turn, np.zeros_like(turn))
+
+
+@dataclass(frozen=True)
+class DriftingMount(Effect):
+    """The base leans and moves as its clamp settles or the table warms."""
+
+    turn_arcsec: tuple[float, float, float]
+    shift_um: tuple[float, float, float]
+    course: Course
+
+    def base(self, conditions: Conditions) -> Motion | None:
+        how_far = self.course(conditions.time_s)[:, None]
+        turn = how_far * np.array(self.turn_arcsec) * ARC_SECOND
+        return Motion(turn, how_far * 1e-3 * np.array(self.shift_um))
