@@ -40,7 +40,7 @@ from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration, used_sensors
 from armd.compensation.model.state import States
-from armd.compensation.model.terms import After, Temperature, TemperatureRate, Time
+from armd.compensation.model.terms import DATED, Temperature, TemperatureRate
 from armd.errors import BadInput
 from armd.files import whole_file
 from armd.inputs import open_input
@@ -73,7 +73,7 @@ class Corrector:
         content = self._content = calibration.content if calibration else None
         self._always = Flag(0) if calibration else Flag.NOT_CALIBRATED
         factors = [factor for term in (content.terms if content else []) for factor in term.basis]
-        self._needs_date = any(isinstance(factor, Time | After) for factor in factors)
+        self._needs_date = any(isinstance(factor, DATED) for factor in factors)
         self._needs_time = self._needs_date or any(
             isinstance(factor, TemperatureRate)
             or (isinstance(factor, Temperature) and factor.lag_s > 0)

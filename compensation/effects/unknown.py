@@ -129,9 +129,14 @@ def _functions(
             continue
         rate = TemperatureRate(weights={name: 1.0}, smoothing_s=300.0)
         yield (name, "time_s"), [(f"d{name}/dt", "s/K", 1e-3, (rate,))]
-    for power in (1, 2) if facts.timed else ():
-        seen = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s, power=power)
-        yield ("time_s",), [(f"t^{power}", "1/h", 1.0, (seen,))]
+    if facts.timed and turning is not None:
+        seen = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
+        hours = max((facts.end_unix_s - facts.start_unix_s) / 3600.0, 1e-6)
+        for j in facts.joints:
+            grown = [
+                (f"t {label}", "1/h", hours, (seen, *wave)) for label, _, _, wave in _waves(j, 1)
+            ]
+            yield (f"q{j}", "time_s"), grown
     if facts.rates:
         for j in facts.joints:
             yield (f"w{j}",), [(f"side {j}", "", 1.0, (Side(joint=j),))]

@@ -17,7 +17,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import Delay, basis_values
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.state import States
-from armd.compensation.model.terms import SLOW_FACTORS, After, Term, Time
+from armd.compensation.model.terms import DATED, SLOW_FACTORS, Period, Term
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -59,11 +59,11 @@ class Model:
                 )
                 for term in terms
                 for factor in term.basis
-                if isinstance(factor, Time)
+                if isinstance(factor, Period)
             }
         )
         #: Whether a term depends on the date, so that the model must be folded as time goes on.
-        self.dated = any(isinstance(factor, Time | After) for t in terms for factor in t.basis)
+        self.dated = any(isinstance(factor, DATED) for t in terms for factor in t.basis)
         self.state = state_of(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
         now_s = math.nan if self.dated else 0.0  # positions are NaN until the date is known

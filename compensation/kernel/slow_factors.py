@@ -14,11 +14,14 @@ import numpy as np
 import numpy.typing as npt
 
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import delay_name
+from armd.compensation.model.basis import DAY_S, delay_name
 from armd.compensation.model.state import advance, followed
 from armd.compensation.model.terms import (
     SLOW_FACTORS,
     After,
+    Daily,
+    Period,
+    Relaxation,
     SlowFactor,
     Temperature,
     TemperatureRate,
@@ -31,7 +34,7 @@ F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
 
-POWER, ZONE, RATE, TIME, AFTER = range(5)
+POWER, ZONE, RATE, TIME, AFTER, RELAXATION, DAY = range(7)
 
 
 class Program(NamedTuple):
@@ -41,7 +44,7 @@ class Program(NamedTuple):
     lag_s: F64  # (D,)
     memory: F64  # (D, 3) how far each lag has come, as `model.state.advance` has it
     factors: I64  # (F, 3) distinct factors: kind, mean temperature or power, a second such
-    numbers: F64  # (F, 2) what else a factor is made of
+    numbers: F64  # (F, 3) what else a factor is made of
     factor_first: I64  # (T+1,) where a term's factors begin in `term_factors`
     term_factors: I64  # rows of `factors`
     means: F64  # (D,) scratch: values of the mean temperatures …
@@ -71,7 +74,7 @@ class SlowFactors:
             lag_s=np.array([lag_s for _, lag_s in means.values()], dtype=np.float64),
             memory=np.full((len(means), 3), np.nan),
             factors=np.array([row[:3] for row in rows], dtype=np.int64).reshape(-1, 3),
-            numbers=np.array([row[3:] for row in rows], dtype=np.float64).reshape(-1, 2),
+            numbers=np.array([row[3:] for row in rows], dtype=np.float64).reshape(-1, 3),
             factor_first=np.cumsum([0, *map(len, listed)]),
             term_factors=np.array(
                 [number[factor.model_dump_json()] for row in listed for factor in row], np.int64
@@ -114,23 +117,31 @@ def _means(factor: SlowFactor) -> list[tuple[dict[str, float], float]]:
 
 def _code(
     factor: SlowFactor, mean_of: dict[str, int], reference_c: float
-) -> tuple[int, int, int, float, float]:
+) -> tuple[int, int, int, float, float, float]:
     """A row of `Program.factors`, then one of `Program.numbers`."""
     means = [mean_of[delay_name(*mean)] for mean in _means(factor)]
     match factor:
         case Temperature(zone_c=None):
             reference_c = reference_c if factor.reference_c is None else factor.reference_c
-            return POWER, means[0], factor.order, reference_c, 0.0
+            return POWER, means[0], factor.order, reference_c, 0.0, 0.0
         case Temperature(zone_c=(low, high)):
-            return ZONE, means[0], factor.order, low, high
+            return ZONE, means[0], factor.order, low, high, 0.0
         case TemperatureRate():
-            return RATE, means[0], means[1], factor.smoothing_s, 0.0
+            return RATE, means[0], means[1], factor.smoothing_s, 0.0, 0.0
         case Time():
-            until = math.inf if factor.until_unix_s is None else factor.until_unix_s
-            return TIME, factor.power, 0, factor.since_unix_s, until
+            return TIME, factor.power, 0, factor.since_unix_s, _until(factor), 0.0
+        case Relaxation():
+            period = factor.since_unix_s, _until(factor)
+            return RELAXATION, 0, 0, *period, factor.time_constant_s
+        case Daily():
+            return DAY, int(factor.kind == "daily_sin"), 0, factor.since_unix_s, 0.0, 0.0
         case After():
-            return AFTER, 0, 0, factor.instant_unix_s, 0.0
+            return AFTER, 0, 0, factor.instant_unix_s, 0.0, 0.0
     raise AssertionError(f"{factor.kind} is no slow factor")
+
+
+def _until(factor: Period) -> float:
+    return math.inf if factor.until_unix_s is None else factor.until_unix_s
 
 
 @jit
@@ -173,13 +184,19 @@ def _set_factors(unix_s: float, means: F64, factors: I64, numbers: F64, values: 
             value = (value - number) ** b
         elif kind == RATE:
             value = (means[a] - means[b]) / number
-        elif kind == TIME:
+        elif kind in (TIME, RELAXATION):
             value = unix_s  # NaN stays
             if value < number:
                 value = number
             if value > other:
                 value = other
-            value = ((value - number) / 3600) ** a
+            if kind == TIME:
+                value = ((value - number) / 3600) ** a
+            else:
+                value = -math.expm1(-(value - number) / numbers[f, 2])
+        elif kind == DAY:
+            turn = math.tau * (unix_s - number) / DAY_S
+            value = math.sin(turn) if a == 1 else math.cos(turn)
         elif math.isfinite(unix_s):
             value = 1.0 if unix_s >= number else 0.0
         else:

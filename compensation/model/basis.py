@@ -23,12 +23,15 @@ from armd.compensation.model.terms import (
     Angle,
     Approach,
     Curve,
+    Daily,
     Factor,
     GravityDirection,
     GravityMoment,
     GravityTorque,
     Harmonic,
+    Period,
     Rate,
+    Relaxation,
     Side,
     Temperature,
     TemperatureRate,
@@ -44,6 +47,7 @@ __all__ = ["basis_values", "curve_spline", "gravity_torques", "parameter_rows"]
 F64 = npt.NDArray[np.float64]
 
 AXES = "xyz"
+DAY_S = 86400.0
 
 
 #: (name by `delay_name`, temperature (n,), time (n,) s, lag s) → the temperature delayed (n,)
@@ -94,6 +98,27 @@ def curve_spline(values: Sequence[float]) -> CubicSpline[np.float64]:
     return CubicSpline(turn, [*values, values[0]], bc_type="periodic")
 
 
+def at_times(factor: Time | Relaxation | Daily | After, time_s: F64) -> F64:
+    """A factor that depends on the date alone, at times (n,) in Unix seconds."""
+    match factor:
+        case Time():
+            return (_held_s(factor, time_s) / 3600) ** factor.power
+        case Relaxation():
+            return -np.expm1(-_held_s(factor, time_s) / factor.time_constant_s)
+        case Daily():
+            turn = math.tau * (time_s - factor.since_unix_s) / DAY_S
+            return np.sin(turn) if factor.kind == "daily_sin" else np.cos(turn)
+        case After():
+            return np.where(np.isfinite(time_s), time_s >= factor.instant_unix_s, np.nan)
+
+
+def _held_s(factor: Period, time_s: F64) -> F64:
+    """Seconds since a period began; outside it as at the nearer end."""
+    until = math.inf if factor.until_unix_s is None else factor.until_unix_s
+    held_s: F64 = np.clip(time_s, factor.since_unix_s, until)
+    return held_s - factor.since_unix_s
+
+
 class _Basis:
     """Values of factors over one set of states, each distinct factor evaluated once."""
 
@@ -126,13 +151,8 @@ class _Basis:
                 return (value - self._delayed(factor.weights, factor.smoothing_s)) / (
                     factor.smoothing_s
                 )
-            case Time():
-                until = math.inf if factor.until_unix_s is None else factor.until_unix_s
-                held_s = np.clip(states.time_s, factor.since_unix_s, until)
-                return ((held_s - factor.since_unix_s) / 3600) ** factor.power
-            case After():
-                known = np.isfinite(states.time_s)
-                return np.where(known, states.time_s >= factor.instant_unix_s, np.nan)
+            case Time() | Relaxation() | Daily() | After():
+                return at_times(factor, states.time_s)
             case Harmonic():
                 wave = np.sin if factor.kind == "sin" else np.cos
                 return wave(factor.order * q[:, factor.joint - 1])

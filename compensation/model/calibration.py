@@ -23,7 +23,7 @@ from pydantic import Field, model_validator
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm, Celsius, Vector3
 from armd.compensation.model.parameters import ParameterLayout
-from armd.compensation.model.terms import Temperature, TemperatureRate, Term, Time
+from armd.compensation.model.terms import Period, Temperature, TemperatureRate, Term
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.inputs import read_input
@@ -223,11 +223,11 @@ def _created_unix_s(path: str | Path, calibration: Calibration) -> float:
 def _ended(term: Term, created_unix_s: float) -> Term:
     """A term that follows time, of a file that does not say until when it was seen to: nobody
     measured after the file was made."""
-    if not any(isinstance(factor, Time) and factor.until_unix_s is None for factor in term.basis):
+    if not any(isinstance(factor, Period) and factor.until_unix_s is None for factor in term.basis):
         return term
     basis = [
         factor.model_copy(update={"until_unix_s": max(created_unix_s, factor.since_unix_s)})
-        if isinstance(factor, Time) and factor.until_unix_s is None
+        if isinstance(factor, Period) and factor.until_unix_s is None
         else factor
         for factor in term.basis
     ]

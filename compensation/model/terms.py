@@ -44,24 +44,43 @@ class TemperatureRate(Strict):
     smoothing_s: Annotated[float, Field(gt=0)] = 60.0
 
 
-class Time(Strict):
-    """((t − since) / 3600 s)^power: hours since an instant (Unix seconds).
-
-    From `since_unix_s` to `until_unix_s` is the period in which the term was identified; nobody
-    knows how it goes on, so outside the factor holds the value it had at the nearer end. None:
-    no end yet (while it is being identified; a calibration that was loaded always has one).
+class Period(Strict):
+    """From `since_unix_s` to `until_unix_s` a term that follows time was identified: nobody knows
+    how it goes on. None: no end yet (while it is being identified; a calibration that was loaded
+    always has one).
     """
 
-    kind: Literal["time"] = "time"
     since_unix_s: UnixSeconds
-    power: Annotated[int, Field(ge=1, le=3)] = 1
     until_unix_s: UnixSeconds | None = None
 
     @model_validator(mode="after")
-    def _in_order(self) -> Time:
+    def _in_order(self) -> Period:
         if self.until_unix_s is not None and self.until_unix_s < self.since_unix_s:
             raise ValueError(f"until_unix_s from {self.since_unix_s} on, not {self.until_unix_s}")
         return self
+
+
+class Time(Period):
+    """((t − since) / 3600 s)^power: hours since an instant (Unix seconds).
+
+    Outside its period the factor holds the value it had at the nearer end.
+    """
+
+    kind: Literal["time"] = "time"
+    power: Annotated[int, Field(ge=1, le=3)] = 1
+
+
+class Relaxation(Period):
+    """1 − exp(−(t − since) / time constant); outside its period it holds, as `Time` does."""
+
+    kind: Literal["relaxation"] = "relaxation"
+    time_constant_s: Annotated[float, Field(gt=0)]
+
+
+class Daily(Period):
+    """sin or cos of the turn of the day since an instant; days go on outside the period, too."""
+
+    kind: Literal["daily_sin", "daily_cos"]
 
 
 class After(Strict):
@@ -147,6 +166,8 @@ Factor = Annotated[
     Temperature
     | TemperatureRate
     | Time
+    | Relaxation
+    | Daily
     | After
     | Harmonic
     | Angle
@@ -160,8 +181,10 @@ Factor = Annotated[
     Field(discriminator="kind"),
 ]
 
-SlowFactor = Temperature | TemperatureRate | Time | After
-SLOW_FACTORS = (Temperature, TemperatureRate, Time, After)
+SlowFactor = Temperature | TemperatureRate | Time | Relaxation | Daily | After
+SLOW_FACTORS = (Temperature, TemperatureRate, Period, After)
+#: What depends on the date.
+DATED = (Period, After)
 
 
 class Term(Strict):

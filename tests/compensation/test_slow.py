@@ -13,6 +13,8 @@ from armd.compensation.model.basis import basis_values
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import (
     After,
+    Daily,
+    Relaxation,
     SlowFactor,
     Temperature,
     TemperatureRate,
@@ -48,6 +50,8 @@ factors: st.SearchStrategy[SlowFactor] = st.one_of(
     ),
     st.builds(TemperatureRate, weights=weights, smoothing_s=st.sampled_from([0.5, 40.0])),
     st.builds(Time, since_unix_s=seconds, power=st.integers(1, 3)),
+    st.builds(Relaxation, since_unix_s=seconds, time_constant_s=st.sampled_from([0.5, 40.0])),
+    st.builds(Daily, kind=st.sampled_from(["daily_sin", "daily_cos"]), since_unix_s=seconds),
     st.builds(After, instant_unix_s=seconds),
 )
 terms = st.lists(

@@ -141,7 +141,9 @@ def _words(plants: list[Plant], held: bool) -> str:
         return f"clean ({under})"
     (plant,) = plants
     what = plant.detail.get("parameter", "")
-    return f"{plant.cause} {plant.location} {what} {plant.detail['course']} {plant.size:.3g} ({under})"
+    return (
+        f"{plant.cause} {plant.location} {what} {plant.detail['course']} {plant.size:.3g} ({under})"
+    )
 
 
 def tell(one: Drifted) -> str:
@@ -166,12 +168,13 @@ def rows(outcomes: list[Drifted]) -> list[tuple[str, str, str]]:
         if of:
             right, wrong = sum(o.right for o in of), sum(o.sure_and_wrong > 0 for o in of)
             worse = [o for o in of if o.worse > 0.002]
+            most = 100 * max([0.0, *(o.worse for o in of)])
             table += [
                 (f"{label}: right", f"{right} of {len(of)}", "0.90" if of is seen else "0.98"),
                 (f"{label}: sure and wrong", f"{wrong} of {len(of)}", "0.02"),
                 (
                     f"{label}: extended model worse",
-                    f"{len(worse)} of {len(of)}, by {100 * max([0.0, *(o.worse for o in of)]):.1f} %",
+                    f"{len(worse)} of {len(of)}, by {most:.1f} %",
                     "0.01, by 2 %",
                 ),
             ]

@@ -14,6 +14,8 @@ F64 = npt.NDArray[np.float64]
 
 #: Moments at which something may have stepped, on the first, coarse grid.
 MOST_INSTANTS = 40
+#: Between readings so many times as long apart as usual nobody measured; at most so many spells.
+PAUSE, MOST_SPELLS = 10.0, 8
 #: A temperature that varies by less did not vary.
 LEAST_SPAN_K = 0.05
 
@@ -54,6 +56,7 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         distances=_checked_distances(rests, baseline),
         start_unix_s=float(states.time_s.min()) if timed else 0.0,
         end_unix_s=float(states.time_s.max()) if timed else 0.0,
+        spells_unix_s=_spells(states.time_s) if timed else (),
         instants_unix_s=_grid(moments),
         all_instants_unix_s=moments,
     )
@@ -80,6 +83,16 @@ def _checked_distances(rests: Rests, baseline: Baseline) -> tuple[str, ...]:
         return ()
     labels = rests.target_label
     return tuple(f"{labels[a]}, {labels[b]}" for a, b in between)
+
+
+def _spells(time_s: F64) -> tuple[tuple[float, float], ...]:
+    """First and last reading between the longest pauses."""
+    times = np.unique(time_s)
+    apart = np.diff(times)
+    pauses = np.flatnonzero(apart > PAUSE * np.median(apart)) if len(apart) else np.empty(0, int)
+    pauses = np.sort(pauses[np.argsort(-apart[pauses])][: MOST_SPELLS - 1])
+    starts, ends = times[[0, *(pauses + 1)]], times[[*pauses, -1]]
+    return tuple((float(a), float(b)) for a, b in zip(starts, ends, strict=True) if b > a)
 
 
 def _moments(time_s: F64) -> F64:

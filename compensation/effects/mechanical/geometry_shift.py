@@ -1,9 +1,10 @@
-"""A constant of a joint is no longer what the calibration says: knocked, re-mounted."""
+"""A constant of a joint is no longer what the calibration says: knocked, re-mounted, drifting."""
 
 import math
 from collections.abc import Iterator
 
 from armd.compensation.effects import location
+from armd.compensation.effects.courses import Function, drifts, goes, is_drift, swing
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -11,6 +12,7 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     SessionFacts,
+    lengths,
     plain,
     seconds_of_arc,
     tie,
@@ -47,6 +49,33 @@ def _at(facts: SessionFacts, joint: int, name: str, instant: float, finest: bool
     )
 
 
+def _drifting(facts: SessionFacts, joint: int, name: str) -> Iterator[Candidate]:
+    unit = "mm" if name in ("d", "a") else "rad"
+
+    def columns(function: Function) -> list[Column]:
+        terms = function.terms([(f"{name}_{joint}", 1.0)])
+        typical = TYPICAL[name] / function.largest
+        return [Column(f"{name} {function.name}", unit + function.per, typical, terms)]
+
+    return drifts(facts, "geometry_shift", location.joint(joint), columns)
+
+
+def _growing(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
+    """All lengths of a link together: it takes up humidity."""
+    pairs = lengths(facts, joint)
+    if len(pairs) < 2:
+        return
+    size = math.hypot(*(mm for _, mm in pairs))
+
+    def columns(function: Function) -> list[Column]:
+        typical = TYPICAL["a"] / size / function.largest
+        return [
+            Column(f"length {function.name}", "1" + function.per, typical, function.terms(pairs))
+        ]
+
+    yield from drifts(facts, "geometry_shift", location.joint(joint), columns)
+
+
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     # Every constant of the last joint only moves the tip in its frame: that is tip_offset.
     for k in facts.joints[:-1]:
@@ -60,10 +89,22 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             if name != "theta":  # a step of the angle is the encoder's: encoder_slip
                 for instant in facts.instants_unix_s:
                     yield _at(facts, k, name, instant, False)
+            yield from _drifting(facts, k, name)
+        yield from _growing(facts, k)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     column, value = candidate.columns[0], float(amplitudes[0])
+    if is_drift(candidate):
+        term = column.terms[0]
+        far = swing(candidate, amplitudes, term.parameter)
+        size = (
+            f"{plain(far * 1e3)} µm"
+            if term.parameter[:1] in "da" and "alpha" not in term.parameter
+            else seconds_of_arc(far)
+        )
+        what = column.name.split()[0]
+        return f"{what} of {candidate.location} {goes(candidate)}, by {size} in the time seen"
     size = f"{plain(value * 1e3, 3, '+')} µm" if column.unit == "mm" else seconds_of_arc(value)
     since = when(candidate).replace(" at ", " since ")
     return f"{column.name} of {candidate.location} differs by {size} from the calibration{since}"

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from armd.compensation.effects import location
+from armd.compensation.effects.courses import Function, drifts, goes, is_drift, swing
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     F64,
@@ -13,12 +14,15 @@ from armd.compensation.effects.effect import (
     Effect,
     SessionFacts,
     plain,
+    seconds_of_arc,
     tie,
     when,
 )
 from armd.compensation.model.terms import After, Time
 
 SHIFTS = ("base_x", "base_y", "base_z")
+#: A base may move so much in the time seen.
+TYPICAL_MM, TYPICAL_RAD = 20e-3, 15 * ARC_SECOND
 TURNS = ("base_rx", "base_ry", "base_rz")
 
 
@@ -49,18 +53,37 @@ def steady_drift(facts: SessionFacts) -> Candidate:
     return Candidate("mount_drift", location.BASE, columns, ("time_s",))
 
 
+def _along(function: Function) -> list[Column]:
+    def column(name: str, unit: str, typical: float) -> Column:
+        terms = function.terms([(name, 1.0)])
+        return Column(
+            f"{name} {function.name}", unit + function.per, typical / function.largest, terms
+        )
+
+    shifts = [column(n, "mm", TYPICAL_MM) for n in SHIFTS]
+    return [*shifts, *(column(n, "rad", TYPICAL_RAD) for n in TURNS)]
+
+
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.timed:
-        yield steady_drift(facts)
+        yield from drifts(facts, "mount_drift", location.BASE, _along)
     for instant in facts.instants_unix_s:
         yield _at(facts, instant, False)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
+    if is_drift(candidate):
+        shift, turn = (
+            float(np.linalg.norm([swing(candidate, amplitudes, name) for name in names]))
+            for names in (SHIFTS, TURNS)
+        )
+        return (
+            f"the base {goes(candidate)}, by up to {plain(shift * 1e3)} µm and "
+            f"{seconds_of_arc(turn)} in the time seen"
+        )
     shift = float(np.linalg.norm(amplitudes[:3])) * 1e3
     turn = float(np.linalg.norm(amplitudes[3:])) / ARC_SECOND
-    how = "stepped by" if candidate.setting else "moves per hour by"
-    return f"the base {how} {plain(shift)} µm and {plain(turn)}″{when(candidate)}"
+    return f"the base stepped by {plain(shift)} µm and {plain(turn)}″{when(candidate)}"
 
 
 EFFECT = Effect(

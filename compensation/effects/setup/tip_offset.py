@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from armd.compensation.effects import location
+from armd.compensation.effects.courses import Function, drifts, goes, is_drift, swing
 from armd.compensation.effects.effect import (
     F64,
     Candidate,
@@ -38,14 +39,31 @@ def _at(facts: SessionFacts, instant: float, finest: bool) -> Candidate:
     )
 
 
+def _along(function: Function) -> list[Column]:
+    typical = TYPICAL_MM / function.largest
+    return [
+        Column(
+            f"{axis} {function.name}",
+            "mm" + function.per,
+            typical,
+            function.terms([(f"tip_{axis}", 1.0)]),
+        )
+        for axis in "xyz"
+    ]
+
+
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.held:
         yield Candidate("tip_offset", location.TIP, _columns(), ())
     for instant in facts.instants_unix_s:
         yield _at(facts, instant, False)
+    yield from drifts(facts, "tip_offset", location.TIP, _along)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
+    if is_drift(candidate):
+        far = max(swing(candidate, amplitudes, f"tip_{axis}") for axis in "xyz")
+        return f"the tip {goes(candidate)}, by {plain(far * 1e3)} µm in the time seen"
     moved = ", ".join(plain(value, 3, "+") for value in amplitudes * 1e3)
     return f"the tip has moved by ({moved}) µm in the last frame{when(candidate)}"
 

@@ -1,24 +1,46 @@
-"""A temperature sensor reads wrong by a constant.
+"""A temperature sensor reads wrong: by a constant, or by more and more.
 
-Only a calibration made before can tell: a fit to the same sessions absorbs it in the lengths.
+Of a constant only a calibration made before can tell: a fit to the same sessions absorbs it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from armd.compensation.effects import location
+from armd.compensation.effects.courses import Function, drifts, goes, is_drift
 from armd.compensation.effects.effect import F64, Candidate, Column, Effect, SessionFacts, plain
 from armd.compensation.model.terms import Temperature, Term
 
+TYPICAL_K = 0.5
+
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
-    if not facts.held:
-        return
     for name in facts.sensors:
         terms = tuple(piece for term in facts.terms for piece in _derivative(term, name))
-        if terms:
+        if not terms:
+            continue
+        yield from _drifting(facts, name, terms)
+        if facts.held:
             # A sensor tens of kelvin off is noticed long before any length is.
-            column = Column("offset", "K", 0.5, terms, reach=5.0)
+            column = Column("offset", "K", TYPICAL_K, terms, reach=5.0)
             yield Candidate("sensor_offset", location.sensors(name), (column,), (name,))
+
+
+def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterator[Candidate]:
+    """What a fit to the same sessions does not absorb: an offset that changes."""
+
+    def columns(function: Function) -> list[Column]:
+        moving = tuple(
+            term.model_copy(
+                update={"basis": [*term.basis, factor], "coefficient": share * term.coefficient}
+            )
+            for share, factor in function.pieces
+            for term in terms
+        )
+        typical = TYPICAL_K / function.largest
+        return [Column(f"offset {function.name}", "K" + function.per, typical, moving, reach=5.0)]
+
+    where = (sensor, "time_s")
+    yield from drifts(facts, "sensor_offset", location.sensors(sensor), columns, where)
 
 
 def _derivative(term: Term, sensor: str) -> Iterator[Term]:
@@ -35,6 +57,8 @@ def _derivative(term: Term, sensor: str) -> Iterator[Term]:
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
+    if is_drift(candidate):
+        return f"the error of {candidate.location} {goes(candidate)}"
     # what the model lacks is the true temperature minus the one read
     return f"{candidate.location} reads {plain(-amplitudes[0], sign='+')} K wrong"
 
