@@ -15,6 +15,7 @@ from armd.compensation.diagnose.findings import Finding
 from armd.compensation.diagnose.fitting.curves import orders_of
 from armd.compensation.diagnose.fitting.nuisance import is_curve
 from armd.compensation.diagnose.fitting.problem import spare_rows
+from armd.compensation.diagnose.fitting.scanned import scanned_uncertainty
 from armd.compensation.diagnose.fitting.target_steps import TargetStep, steps, target_steps
 from armd.compensation.diagnose.gain import Gain
 from armd.compensation.diagnose.search import MOST_FINDINGS
@@ -280,7 +281,8 @@ def parameters_of(diagnosis: Diagnosis, index: int) -> list[dict[str, str | floa
                 candidate.columns, last.amplitudes[index], spread, strict=True
             )
         ]
-    rows += [_row(name, value, unit, 0.0) for name, value, unit in candidate.setting]
+    sigma = scanned_uncertainty(last, index, diagnosis.arm)
+    rows += [_row(name, value, unit, sigma) for name, value, unit in candidate.setting]
     return rows
 
 

@@ -57,6 +57,7 @@ class Course:
     functions: tuple[Function, ...]
     setting: tuple[tuple[str, float, str], ...] = ()
     finer: Callable[[], list[Course]] | None = None
+    elsewhere: Callable[[float], Course] | None = None
 
 
 Make = Callable[[Function], Sequence[Column]]
@@ -77,7 +78,11 @@ def drifts(
 def _along(
     course: Course, cause: str, location: Location, make: Make, depends_on: tuple[str, ...]
 ) -> Candidate:
-    finer = course.finer
+    finer, elsewhere = course.finer, course.elsewhere
+
+    def at(value: float) -> Candidate:
+        assert elsewhere is not None
+        return _along(elsewhere(value), cause, location, make, depends_on)
 
     def refine() -> list[Candidate]:
         assert finer is not None
@@ -90,6 +95,7 @@ def _along(
         depends_on,
         course.setting,
         refine if finer else None,
+        at if elsewhere else None,
     )
 
 
@@ -126,6 +132,7 @@ def _relaxing(facts: SessionFacts, time_constant_s: float, finest: bool = False)
         (Function("in the end", "", 1.0, ((1.0, basis),)),),
         (("time constant", time_constant_s, "s"),),
         None if finest else lambda: [_relaxing(facts, time_constant_s * f, True) for f in FINER],
+        lambda value: _relaxing(facts, value, True),
     )
 
 
@@ -142,6 +149,7 @@ def _settling(facts: SessionFacts, time_constant_s: float, finest: bool = False)
         (Function("in the end, each session", "", 1.0, tuple(pieces)),),
         (("time constant", time_constant_s, "s"),),
         None if finest else lambda: [_settling(facts, time_constant_s * f, True) for f in FINER],
+        lambda value: _settling(facts, value, True),
     )
 
 

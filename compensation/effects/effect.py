@@ -69,6 +69,8 @@ class Candidate:
     #: a finer grid around this candidate for its non-linear parameters, or of what is unknown a
     #: richer function of the same variables; none if there is none
     refine: Callable[[], Sequence[Candidate]] | None = field(default=None, compare=False)
+    #: the same at another value of what was scanned, where that can be as uncertain as a size
+    elsewhere: Callable[[float], Candidate] | None = field(default=None, compare=False)
 
     @cached_property
     def place(self) -> tuple[str, str]:

@@ -23,7 +23,6 @@ from armd.simulator.truth.effects import (
     MovingMount,
     RefittedTip,
     SquareWave,
-    SwellingLink,
     ThermalEccentricity,
     TrackCurve,
     WarmHousing,
@@ -155,8 +154,6 @@ def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effec
             return CablePull(joint, other, plant.size)
         case "hysteresis":
             return CoupledHysteresis(joint, other, plant.size)
-        case "swelling":
-            return SwellingLink(joint, plant.size, campaign.span_s()[0][0])
         case "thermal eccentricity":
             return ThermalEccentricity(joint, plant.size, angle(plant, rng))
         case "letting go":

@@ -22,11 +22,10 @@ KNOCKED = (2, 3, 4, 5)
 #: Links with enough length for a wrong temperature to matter.
 WARM = (1, 2, 4)
 
-#: Typical sizes of the foreign kinds, in ″/rad², ″, ppm/h, µm/K, ″/(rad/s)².
+#: Typical sizes of the foreign kinds, in ″/rad², ″, µm/K, ″/(rad/s)².
 FOREIGN_SIZE = {
     "cable": 6.0,
     "hysteresis": 6.0,
-    "swelling": 1.0,
     "thermal eccentricity": 0.15,
     "drag": 40.0,
 }
@@ -87,7 +86,5 @@ def _place(rng: np.random.Generator, cause: str) -> str:
 def _foreign(rng: np.random.Generator, size: float) -> Plant:
     kind = str(rng.choice(FOREIGN))
     joint, other = (int(j) for j in rng.choice([1, 2, 3, 4], 2, replace=False))
-    if kind == "swelling":
-        joint = int(rng.choice(LINKS))
     detail: dict[str, float | str] = {"kind": kind, "joint": joint, "other": other}
     return Plant("unknown", "-", size * FOREIGN_SIZE[kind], detail)

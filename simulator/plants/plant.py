@@ -63,7 +63,6 @@ def depends_on(plant: Plant) -> list[str]:
         return {
             "cable": [f"q{joint}", f"q{other}"],
             "hysteresis": [f"w{joint}", f"q{other}"],
-            "swelling": ["time_s"],
             "thermal eccentricity": [f"q{joint}", f"t{joint}"],
             "drag": [f"w{joint}"],
             "letting go": [f"w{joint}"],

@@ -69,6 +69,27 @@ DEFINITIONS = [
         (np.clip(MEAN_C, 22, 28) - 22) ** 2,
     ),
     ({"kind": "time", "since_unix_s": 1.7e9, "power": 2}, (np.arange(50) / 60) ** 2),
+    (
+        {"kind": "relaxation", "since_unix_s": 1.7e9 + 300, "time_constant_s": 900},
+        1 - np.exp(-np.maximum(np.arange(50) - 5, 0) / 15),
+    ),
+    (
+        {
+            "kind": "relaxation",
+            "since_unix_s": 1.7e9,
+            "until_unix_s": 1.7e9 + 600,
+            "time_constant_s": 900,
+        },
+        1 - np.exp(-np.minimum(np.arange(50), 10) / 15),
+    ),
+    (
+        {"kind": "daily_sin", "since_unix_s": 1.7e9 - 21600, "until_unix_s": 1.7e9},
+        np.cos(2 * np.pi * np.arange(50) / 1440),
+    ),
+    (
+        {"kind": "daily_cos", "since_unix_s": 1.7e9 - 43200},
+        -np.cos(2 * np.pi * np.arange(50) / 1440),
+    ),
     ({"kind": "after", "instant_unix_s": 1.7e9 + 600}, 1.0 * (np.arange(50) >= 10)),
     ({"kind": "sin", "joint": 2, "order": 3}, np.sin(3 * Q[:, 1])),
     ({"kind": "cos", "joint": 4}, np.cos(Q[:, 3])),

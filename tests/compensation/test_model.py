@@ -42,6 +42,8 @@ SLOW_FACTORS = [
     {**WARM, "zone_c": [22.0, 25.0]},
     {"kind": "temperature_rate", "weights": {"t2": 1.0}, "smoothing_s": 30.0},
     {"kind": "time", "since_unix_s": 1.7e9},
+    {"kind": "relaxation", "since_unix_s": 1.7e9, "time_constant_s": 60.0},
+    {"kind": "daily_cos", "since_unix_s": 1.6e9, "until_unix_s": 1.7e9},
     {"kind": "after", "instant_unix_s": 1.7e9 + 100},
 ]
 

@@ -18,9 +18,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import drifts
 import numpy as np
 from cases import NOISES, run_case
 from doubts import draw_doubtful, settle
+from drifts import Drifted
 
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.simulator.plants.causes import CAUSES
@@ -29,8 +31,9 @@ from armd.simulator.plants.plant import Plant, depends_on
 
 #: One cause; two or three; one outside the catalogue; clean data of each noise; one cause whose
 #: shape is DISTORTION off the catalogue's; one that the data leave in doubt, and the experiment
-#: that armd proposes. All but the first have a quarter of the cases.
-KINDS = ("single", "pair", "unknown", *NOISES, "distorted", "doubt")
+#: that armd proposes; something that drifts, and slow noise without. All but the first have a
+#: quarter of the cases.
+KINDS = ("single", "pair", "unknown", *NOISES, "distorted", "doubt", *drifts.KINDS)
 DISTORTION = 0.3
 #: Causes that act through the posture, whose shape the simulator can bend.
 DISTORTABLE = (
@@ -102,9 +105,11 @@ def plants_for(task: Task) -> list[Plant]:
     return []
 
 
-def carry_out(task: Task) -> Outcome | Asked | None:
+def carry_out(task: Task) -> Outcome | Asked | Drifted | None:
     """One task; a failure is told and counted, not hidden."""
     try:
+        if task.kind in drifts.KINDS:
+            return drifts.run_drift(task.kind, task.seed)
         return ask(task) if task.kind == "doubt" else judge(task)
     except Exception:
         traceback.print_exc(file=sys.stderr)
@@ -175,7 +180,9 @@ def tell_asked(asked: Asked) -> str:
     )
 
 
-def tell(outcome: Outcome | Asked) -> str:
+def tell(outcome: Outcome | Asked | Drifted) -> str:
+    if isinstance(outcome, Drifted):
+        return drifts.tell(outcome)
     if isinstance(outcome, Asked):
         return tell_asked(outcome)
     truths = " + ".join(f"{c} {where} {size:.3g}" for c, where, size in outcome.truths) or "clean"
@@ -197,7 +204,7 @@ def share(values: Sequence[bool]) -> str:
     return f"{np.mean(values):.3f} of {len(values)}" if len(values) else "no case"
 
 
-def table(everything: Sequence[Outcome | Asked]) -> None:
+def table(everything: Sequence[Outcome | Asked | Drifted]) -> None:
     """Print the marks of the diagnosis beside what was reached."""
     outcomes = [o for o in everything if isinstance(o, Outcome)]
     asked = [o for o in everything if isinstance(o, Asked)]
@@ -256,6 +263,8 @@ def table(everything: Sequence[Outcome | Asked]) -> None:
     resolved = f"{sum(in_doubt)} of {len(in_doubt)}" if in_doubt else "no case"
     print(row.format("next experiment: ambiguities resolved", resolved, "0.80"))
     print(row.format("cases for it that were not in doubt", str(len(asked) - len(in_doubt)), ""))
+    for line in drifts.rows([o for o in everything if isinstance(o, Drifted)]):
+        print(row.format(*line))
     seconds = f"{np.median([o.seconds for o in outcomes]):.1f}" if outcomes else "no case"
     print(row.format("seconds per diagnosis, median", seconds, "10"))
 
@@ -284,7 +293,7 @@ def tasks_of(args: argparse.Namespace) -> list[Task]:
     ]
 
 
-def main(run: Callable[[Task], Outcome | Asked | None] = carry_out) -> int:
+def main(run: Callable[[Task], Outcome | Asked | Drifted | None] = carry_out) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=40, help="single causes; others follow")
     parser.add_argument("--seed", type=int, default=1)
@@ -294,7 +303,7 @@ def main(run: Callable[[Task], Outcome | Asked | None] = carry_out) -> int:
     parser.add_argument("--save", type=Path, help="raw outcomes, a JSON object per line")
     args = parser.parse_args()
     tasks = tasks_of(args)
-    outcomes: list[Outcome | Asked] = []
+    outcomes: list[Outcome | Asked | Drifted] = []
     with multiprocessing.get_context("spawn").Pool(args.workers) as pool:
         for outcome in pool.imap_unordered(run, tasks):
             if outcome is not None:

@@ -11,6 +11,8 @@ from armd.compensation.effects.effect import F64, Candidate, Column, Effect, Ses
 from armd.compensation.model.terms import Temperature, Term
 
 TYPICAL_K = 0.5
+#: What a sensor loses while it is being used is less: its contact loosens, its cable warms.
+TYPICAL_DRIFT_K = 0.1
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
@@ -36,7 +38,7 @@ def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterat
             for share, factor in function.pieces
             for term in terms
         )
-        typical = TYPICAL_K / function.largest
+        typical = TYPICAL_DRIFT_K / function.largest
         return [Column(f"offset {function.name}", "K" + function.per, typical, moving, reach=5.0)]
 
     where = (sensor, "time_s")

@@ -41,6 +41,7 @@ def _lagging(
         (*weights, "time_s"),
         (("time constant", lag_s, "s"),),
         None if finest else refine,
+        lambda value: _lagging(facts, weights, value, True),
     )
 
 

@@ -18,7 +18,6 @@ from armd.simulator.truth.effects.foreign import (
     CoupledHysteresis,
     DrivenByRate,
     LettingGo,
-    SwellingLink,
     ThermalEccentricity,
 )
 from armd.simulator.truth.effects.interpolation import Interpolation
@@ -63,7 +62,6 @@ __all__ = [
     "SoftJoint",
     "SquareWave",
     "StretchedTape",
-    "SwellingLink",
     "ThermalEccentricity",
     "TrackCurve",
     "WarmHousing",

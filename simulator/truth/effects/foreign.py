@@ -47,20 +47,6 @@ class CoupledHysteresis(Effect):
 
 
 @dataclass(frozen=True)
-class SwellingLink(Effect):
-    """A carbon tube takes up humidity and grows for days, whatever the temperature."""
-
-    link_number: int
-    ppm_per_h: float
-    since_s: float  # when it began, since the arm was mounted
-
-    def strain(self, link: int, conditions: Conditions) -> F64 | None:
-        if link != self.link_number:
-            return None
-        return 1e-6 * self.ppm_per_h * (conditions.time_s - self.since_s) / 3600.0
-
-
-@dataclass(frozen=True)
 class ThermalEccentricity(Effect):
     """A disc's glue creeps with temperature: its eccentricity grows with every kelvin."""
 

@@ -1,0 +1,37 @@
+"""How uncertain a value is that was scanned rather than fitted: a time constant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
+from armd.compensation.diagnose.fitting.nuisance import with_gauge
+from armd.compensation.diagnose.scoring.evidence import pseudo_inverse_factor
+from armd.compensation.model.arm import Arm
+
+#: The signature's slope is taken between values this share apart to either side.
+STEP = 0.02
+#: An uncertainty so many times the value says that the readings do not tell it; JSON has no more.
+UNTOLD = 1e3
+
+
+def scanned_uncertainty(last: Fit, index: int, arm: Arm) -> float:
+    """Standard uncertainty of a finding's scanned value, its amplitudes and all else fitted along.
+
+    0 where it has none to be stated; `UNTOLD` times the value where the readings do not tell it.
+    """
+    candidate = last.findings[index]
+    if candidate.elsewhere is None or not candidate.setting:
+        return 0.0
+    value = candidate.setting[0][1]
+    beside = [candidate.elsewhere(value * (1.0 + sign * STEP)) for sign in (1.0, -1.0)]
+    more, less = (
+        block @ last.amplitudes[index] for block in finding_columns(last.linear, beside, arm)
+    )
+    slope = last.noise.whiten((more - less) / (2.0 * STEP * value))
+    white, scale, gram = last.white
+    variance = with_gauge(last.nuisance.variance, last.layout)
+    factor = pseudo_inverse_factor(gram + np.diag(1.0 / (variance * scale**2)))
+    taken = factor.T @ (white.T @ slope)
+    clear = float(slope @ slope - taken @ taken)
+    return float(min(max(clear, 1e-300) ** -0.5, UNTOLD * value))

@@ -1,0 +1,56 @@
+"""What drifts is told as a drift: with its course and its time constant, never as a staircase."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from drifts import run_drift, said
+from planting import of_joint, planted
+
+from armd.compensation.data.session import load_session
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.result import as_json
+from armd.compensation.model.arm import load_arm
+from armd.simulator.campaigns.hidden import Design
+from armd.simulator.hidden import generate_case
+from armd.simulator.truth import course
+
+HOUR_S = 3600.0
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Any:
+    """Five sessions, four hours apart, of an arm with nothing wrong."""
+    with tempfile.TemporaryDirectory() as folder:
+        case = generate_case(Path(folder), 631, [], Design(sessions=5, articulations=3, holdout=0))
+        arm = load_arm(case.arm)
+        return arm, [load_session(path, arm) for path in case.sessions]
+
+
+def test_a_zero_that_relaxes_has_its_time_constant(healthy: Any) -> None:
+    arm, sessions = healthy
+    start_s = sessions[0].states.time_s[0]
+    relaxing = course.relaxing(start_s, 5.0 * HOUR_S)
+    found = diagnose(planted(sessions, of_joint(3, lambda s: 12.0 * relaxing(s.time_s))), arm)
+    (one,) = said(found)
+    assert (one.cause, one.location, one.stepped) == ("geometry_shift", "joint 3", False)
+    (finding,) = as_json(found, None)["findings"]
+    values = {p["name"]: (p["value"], p["standard_uncertainty"]) for p in finding["parameters"]}
+    tau, sigma = values["time constant"]
+    assert 0.0 < sigma < 0.3 * tau
+    assert tau == pytest.approx(5.0 * HOUR_S, abs=4 * sigma)
+    size, sigma = values["theta in the end"]
+    assert abs(size) == pytest.approx(np.radians(12.0 / 3600.0), abs=5 * sigma)
+    assert "theta of joint 3 relaxes with a time constant of" in finding["reading"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [8100, 8104, 8110])  # the day, a creep, a mount that wanders
+def test_a_drift_is_no_staircase(seed: int) -> None:
+    found = run_drift("drift", seed)
+    assert found.right, found
+    assert found.worse < 0.002
