@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from armd.compensation.diagnose.explains import Explained, explain, variables_of
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.confusion import compare
 from armd.compensation.diagnose.scoring.evidence import Scores, kind
@@ -47,11 +48,26 @@ class Finding:
     probability: float
     rivals: tuple[Rival, ...]
     variants: tuple[tuple[Candidate, float], ...]  # what an experiment must tell apart, one by one
+    explained: Explained | None = (
+        None  # how much of what goes with its variables; once all is found
+    )
 
 
 def judge(scored: ScoredCandidates, tests: int) -> tuple[Finding, ...]:
     """Every finding, given all the others, as it is told."""
-    return _honest(weighed(scored, tests))
+    found = weighed(scored, tests)
+    explained = explain(scored.fit, [f.statistic for f in found], scored.scores, tests)
+    told = [
+        replace(f, explained=own, probability=_as_sure(f, own))
+        for f, own in zip(_honest(found), explained, strict=True)
+    ]
+    return tuple(told)
+
+
+def _as_sure(finding: Finding, explained: Explained) -> float:
+    """A name that accounts for little of what its variables show is no surer than that share."""
+    named = finding.candidate.cause != "unknown"
+    return finding.probability * (explained.share if named and explained.guess else 1.0)
 
 
 def weighed(scored: ScoredCandidates, tests: int) -> list[Finding]:
@@ -161,7 +177,7 @@ def _honest(found: Sequence[Finding]) -> tuple[Finding, ...]:
             others = [r for r in finding.rivals if r.probability > finding.probability]
             return _without_a_name(finding, others, own.depends_on)
         part = any(
-            u.statistic > finding.statistic and _variables(u.candidate) & set(own.depends_on)
+            u.statistic > finding.statistic and variables_of(u.candidate) & set(own.depends_on)
             for u in unknown
         )
         return _without_a_name(finding, (), own.depends_on) if part else finding
@@ -178,9 +194,3 @@ def _without_a_name(
     candidate = replace(finding.candidate, cause="unknown", depends_on=tuple(names))
     together = finding.probability + sum(rival.probability for rival in others)
     return replace(finding, candidate=candidate, probability=min(together, 1.0))
-
-
-def _variables(unknown: Candidate) -> set[str]:
-    """What an unknown structure depends on, the angle of the joint that it moves included."""
-    where = unknown.location
-    return {*unknown.depends_on, *([f"q{where.joint}"] if where.kind == "parameter" else [])}

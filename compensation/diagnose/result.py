@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from armd.compensation.diagnose.advice import next_experiment
 from armd.compensation.diagnose.diagnose import Diagnosis
+from armd.compensation.diagnose.explains import Explained
 from armd.compensation.diagnose.findings import Finding
 from armd.compensation.diagnose.fitting.curves import orders_of
 from armd.compensation.diagnose.fitting.nuisance import is_curve
@@ -225,9 +226,32 @@ def _finding(diagnosis: Diagnosis, index: int, found: Finding, gain: Gain) -> di
         "depends_on": list(candidate.depends_on),
         "signal_to_noise": float(np.sqrt(found.statistic)),
         "tip_rms_um": tip_rms_um(diagnosis, index),
+        "explains": _explains(found.explained),
         "reading": reading_of(diagnosis, index),
         "reason": effect.reason,
         "confounded_with": effect.confounded_with,
+    }
+
+
+def _explains(explained: Explained | None) -> dict[str, Any] | None:
+    """How much a cause accounts for, and whether its amplitude is the same everywhere."""
+    if explained is None:
+        return None
+    return {
+        "share": explained.share,
+        "of": list(explained.variables),
+        "guess": explained.guess,
+        "checks": [
+            {
+                "by": check.by,
+                "p_value": check.p_value,
+                "parts": [
+                    {"part": part, "amplitude_ratio": float(r), "standard_uncertainty": float(s)}
+                    for part, r, s in zip(check.parts, check.ratio, check.sigma, strict=True)
+                ],
+            }
+            for check in explained.checks
+        ],
     }
 
 
@@ -247,6 +271,11 @@ def reading_of(diagnosis: Diagnosis, index: int) -> str:
     text = effect.reading(candidate, diagnosis.search.last.amplitudes[index])
     if effect.by_weight and any(joint.mass_kg is None for joint in diagnosis.arm.joint):
         text += " (masses that arm.toml does not give are assumed)"
+    explained = diagnosis.found[index].explained
+    if explained is not None and explained.guess and cause != "unknown":
+        on = " and ".join(explained.variables) or "the readings"
+        share = f"{100 * explained.share:.0f} %"
+        text += f"; it explains {share} of what depends on {on}: the name is a guess"
     if not size_known(diagnosis, index):
         text += "; this size is within its own uncertainty, and not to be relied on"
     return text

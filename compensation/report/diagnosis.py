@@ -112,6 +112,7 @@ def _finding(page: Page, diagnosis: Diagnosis, index: int, finding: dict[str, An
         f"What the readings show of {_name(finding)}, all else taken off, and the fitted effect",
     )
     _evidence(page, finding)
+    _explains(page, finding)
     _amplitudes(page, finding)
 
 
@@ -130,6 +131,26 @@ def _evidence(page: Page, finding: dict[str, Any]) -> None:
     ]
     page.table(["cause", "where", "probability", "angle between signatures"], rows)
     page.text(f"Easily taken for each other: {finding['confounded_with']}.")
+
+
+def _explains(page: Page, finding: dict[str, Any]) -> None:
+    """Predictive checks: the amplitude in parts of the readings."""
+    explains = finding["explains"]
+    if not explains or not explains["checks"]:
+        return
+    on = f" of what depends on {', '.join(explains['of'])}" if explains["of"] else ""
+    page.text(
+        f"It accounts for {100 * explains['share']:.0f} %{on}. Its amplitude in parts of the "
+        "readings, as a share of that in all of them (± standard uncertainty):"
+    )
+    rows = []
+    for check in explains["checks"]:
+        parts = [
+            f"{p['part']}: {p['amplitude_ratio']:.2f} ± {p['standard_uncertainty']:.2g}"
+            for p in check["parts"]
+        ]
+        rows.append([check["by"], "; ".join(parts), f"{check['p_value']:.2g}"])
+    page.table(["parted by", "amplitude", "p that it is the same"], rows)
 
 
 def _cause(row: dict[str, Any]) -> str:
