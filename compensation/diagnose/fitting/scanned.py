@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
-from armd.compensation.diagnose.fitting.nuisance import with_gauge
-from armd.compensation.diagnose.scoring.evidence import pseudo_inverse_factor
 from armd.compensation.model.arm import Arm
 
 #: The signature's slope is taken between values this share apart to either side.
@@ -28,10 +24,7 @@ def scanned_uncertainty(last: Fit, index: int, arm: Arm) -> float:
     more, less = (
         block @ last.amplitudes[index] for block in finding_columns(last.linear, beside, arm)
     )
-    slope = last.noise.whiten((more - less) / (2.0 * STEP * value))
-    white, scale, gram = last.white
-    variance = with_gauge(last.nuisance.variance, last.layout)
-    factor = pseudo_inverse_factor(gram + np.diag(1.0 / (variance * scale**2)))
-    taken = factor.T @ (white.T @ slope)
-    clear = float(slope @ slope - taken @ taken)
+    slope = (more - less) / (2.0 * STEP * value)
+    white, taken = last.noise.whiten(slope), last.problem.project(last.across(slope))
+    clear = float(white @ white - taken @ taken)
     return float(min(max(clear, 1e-300) ** -0.5, UNTOLD * value))
