@@ -272,7 +272,7 @@ def reading_of(diagnosis: Diagnosis, index: int) -> str:
     if effect.by_weight and any(joint.mass_kg is None for joint in diagnosis.arm.joint):
         text += " (masses that arm.toml does not give are assumed)"
     explained = diagnosis.found[index].explained
-    if explained is not None and explained.guess and cause != "unknown":
+    if explained is not None and explained.guess and effect.cause != "unknown":
         on = " and ".join(explained.variables) or "the readings"
         share = f"{100 * explained.share:.0f} %"
         text += f"; it explains {share} of what depends on {on}: the name is a guess"

@@ -118,7 +118,8 @@ def courses(facts: SessionFacts) -> list[Course]:
         found += [_settling(facts, share * longest_s) for share in SETTLING_SHARES]
     if span_s > LEAST_DAYS * DAY_S:
         found.append(Course(tuple(_daily(since_s, until_s))))
-    found.append(Course(tuple(_wandering(facts))))
+    if facts.spells_unix_s:
+        found.append(Course(tuple(_wandering(facts))))
     return found
 
 

@@ -87,6 +87,7 @@ def _scene(arm: Arm, calibration: Calibration) -> SessionFacts:
         distances=(),
         start_unix_s=0.0,
         end_unix_s=0.0,
+        spells_unix_s=(),
         instants_unix_s=(),
         all_instants_unix_s=np.empty(0),
         lost_links=frozenset(),

@@ -67,7 +67,8 @@ class Drifted:
 def said(diagnosis: Diagnosis) -> tuple[Said, ...]:
     return tuple(
         Said(
-            *found.candidate.place,
+            found.candidate.cause,
+            str(found.candidate.location),
             found.probability,
             found.candidate.depends_on,
             any(name == "instant" for name, *_ in found.candidate.setting),

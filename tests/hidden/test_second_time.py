@@ -20,7 +20,7 @@ from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
 from armd.compensation.diagnose.fitting.baseline import from_calibration
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.problem import gather_rests
-from armd.compensation.diagnose.scoring.evidence import pseudo_inverse_factor
+from armd.compensation.estimate.linear_model import pseudo_inverse_factor
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
