@@ -36,6 +36,7 @@ COMMANDS = {
     "stream": "text lines over TCP: one per measurement, or per point",
     "export": "measurements to .csv, .xyz, .ply or .qif, a recording to Foxglove's .mcap",
     "measure": "lead through a measurement, to its calibration, certificate or diagnosis",
+    "feature": "lines, planes, circles, spheres, cylinders through measurements; distances, angles",
     "correct": "correct readings offline, same kernel",
     "interim": "short checks over time: in control or changed, when, and why",
     "recorrect": "measurements corrected again by a later calibration",

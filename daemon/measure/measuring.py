@@ -250,7 +250,8 @@ class Measuring:
     ) -> tuple[Refusal | None, dict[str, Any] | None]:
         """A refusal, or the row that the measurement would be."""
         try:
-            refusal = judge(measurement, self.plan, self._progress, station, self._whereabouts)
+            where = self._whereabouts, self._earlier
+            refusal = judge(measurement, self.plan, self._progress, station, *where)
             refusal = refusal or self._changed(measurement)
             if refusal is not None or station is None:
                 return refusal, None
@@ -279,12 +280,17 @@ class Measuring:
         }
         self._estimate = estimate(self.plan, progress, self.in_use)
         self._whereabouts: Whereabouts | None = None
+        self._earlier: dict[str, Whereabouts] = {}
         self._target_mm: F64 | None = None
         self._posture = Posture(None, "")
         if station is None:
             return
         self._whereabouts = self._placed(station.placement)
         self._target_mm = self._whereabouts.of(station.target)
+        measured_in = {reading.placement for reading in progress.readings}
+        # The bars of a verification may share a mount from placement to placement.
+        if station.placement not in measured_in and self.plan.kind != "verify":
+            self._earlier = {placement: self._placed(placement) for placement in measured_in}
         if station.posture_deg is not None:
             self._posture = Posture(np.radians(station.posture_deg), "a pose of `armd design`")
         else:

@@ -30,8 +30,10 @@ def judge(
     progress: Progress,
     station: Station | None,
     whereabouts: Whereabouts | None,
+    earlier: Mapping[str, Whereabouts],
 ) -> Refusal | None:
-    """None: it is a reading of *station*. *whereabouts* is of the station's placement."""
+    """None: it is a reading of *station*. *whereabouts* is of the station's placement, *earlier* of
+    those before it, as long as nothing was measured in this one."""
     if station is None or whereabouts is None:
         return Refusal("complete", "everything is measured; ask for one more, or finish")
     if reason := unfit(measurement):
@@ -39,8 +41,10 @@ def judge(
     _require_numbers(measurement)
     if plan.within_calibration and (reason := _climate(Flag(measurement["flags"]))):
         return reason
-    return _already_taken(measurement, progress) or _elsewhere(
-        measurement, plan, station, whereabouts
+    return (
+        _already_taken(measurement, progress)
+        or _not_moved(measurement, plan, earlier)
+        or _elsewhere(measurement, plan, station, whereabouts)
     )
 
 
@@ -77,6 +81,18 @@ def _already_taken(measurement: Mapping[str, Any], progress: Progress) -> Refusa
     return None
 
 
+def _not_moved(
+    measurement: Mapping[str, Any], plan: Plan, earlier: Mapping[str, Whereabouts]
+) -> Refusal | None:
+    """In a new placement: the artefact must not stand where it stood."""
+    point = np.array(measurement["position_mm"], dtype=float)
+    for placement, whereabouts in earlier.items():
+        if target := whereabouts.at(point, plan.near_mm):
+            text = f"this is {target} in {placement}: the artefact has not been moved"
+            return Refusal("too_far", text)
+    return None
+
+
 def _elsewhere(
     measurement: Mapping[str, Any], plan: Plan, station: Station, whereabouts: Whereabouts
 ) -> Refusal | None:
@@ -87,10 +103,10 @@ def _elsewhere(
         if away_mm <= plan.near_mm:
             return None
         text = f"{away_mm:.1f} mm from {station.target}, more than {plan.near_mm:g} mm; "
-        other = whereabouts.other_than(station.target, point, plan.near_mm)
+        other = whereabouts.at(point, plan.near_mm, but=station.target)
         text += f"this is {other}" if other else "or an earlier reading is wrong: delete it"
         return Refusal("too_far", text)
-    if other := whereabouts.other_than(station.target, point, plan.near_mm):
+    if other := whereabouts.at(point, plan.near_mm, but=station.target):
         return Refusal("too_far", f"this is {other}, and {station.target} is asked for")
     worst = whereabouts.contradiction_mm(station.target, point)
     if worst is not None and abs(worst[1] - worst[2]) > plan.near_mm:

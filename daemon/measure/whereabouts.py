@@ -51,12 +51,12 @@ class Whereabouts:
             return self._placed(self._certified[target])
         return self._seen.get(target)
 
-    def other_than(self, target: str, point_mm: F64, near_mm: float) -> str | None:
-        """The target that a point belongs to, where that is plain, and not *target*."""
+    def at(self, point_mm: F64, near_mm: float, but: str | None = None) -> str | None:
+        """The target that a point belongs to, where that is plain, and not *but*."""
         found = {
             name: float(np.linalg.norm(point_mm - where))
             for name in (*self._certified, *self._seen)
-            if name != target and (where := self.of(name)) is not None
+            if name != but and (where := self.of(name)) is not None
         }
         if not found:
             return None

@@ -60,8 +60,10 @@ def press(number, point_mm=None, q=None, **changes):
     } | changes
 
 
-def at(ball, number, off_mm=0.0):
-    return press(number, TURN.apply(BALLS[ball]) + ORIGIN + [off_mm, 0.0, 0.0])
+def at(ball, number, off_mm=0.0, placement="P1"):
+    """At a ball; in another placement than P1 the beam stands 400 mm higher."""
+    where = TURN.apply(BALLS[ball]) + ORIGIN + [off_mm, 0.0, 0.0 if placement == "P1" else 400.0]
+    return press(number, where)
 
 
 def beam_plan(**wishes):
@@ -140,6 +142,16 @@ def test_the_second_ball_must_be_as_far_from_the_first_as_certified(tmp_path):
         assert "90.0 mm from B1, where B2 is 120.0 mm" in told["text"]
 
 
+def test_an_artefact_must_be_moved_to_its_next_placement(tmp_path):
+    with Measuring(tmp_path / "beam", beam_plan(repeats=1), IN_USE) as measuring:
+        for number, ball in enumerate(BALLS, 1):
+            measuring.offer(at(ball, number))
+        told = measuring.offer(at("B2", 4))
+        assert told["reason"] == "too_far"
+        assert told["text"] == "this is B2 in P1: the artefact has not been moved"
+        assert measuring.offer(press(5, [0.0, 500.0, 0.0]))["placement"] == "P2"
+
+
 def test_a_seat_is_not_where_another_is(tmp_path):
     """Pressed once too often at the first one: not the first reading of the second."""
     plan = plan_of("verify", ARM, None, Wishes(tests=["spat"]))
@@ -184,7 +196,8 @@ def test_any_order_of_things_gives_the_session_that_the_log_says(tmp_path, steps
         match step:
             case "press":
                 target = following["target"] if following else "B1"
-                told = measuring.offer(at(target, number))
+                placement = following["placement"] if following else "P1"
+                told = measuring.offer(at(target, number, placement=placement))
                 assert (told["event"] == "reading") == (following is not None), told
                 if following:
                     model.append((following["placement"], target, number))

@@ -54,12 +54,12 @@ decision = "simple"
 spat_max_mm = 0.030
 spat_2s_mm = 0.030
 """
-#: The hand hurries, for this is a demonstration; a person needs three times as long.
+#: The hand hurries, for this is a demonstration; a person needs four times as long.
 HAND = """\
 schema = "armd.operator/1"
-rest_s = 0.85
-press_after_s = 0.65
-haste = 3.0
+rest_s = 0.8
+press_after_s = 0.62
+haste = 5.0
 start_s = 2.5
 """
 PRESSES = 11  # one more than is asked for at each seat, so that one may be refused
@@ -93,9 +93,9 @@ expansion_per_k = 0.5e-6
         "B5": (220.0, 180.0, 90.0),
     }.items()
 )
-PLACEMENTS, ROUNDS = ("P1", "P2", "P3", "P4"), 2
+PLACEMENTS, ROUNDS = ("P1", "P2", "P3"), 2
 BALLS = HAND.replace("start_s = 2.5", 'start_s = 2.5\nartefact = "beam.toml"') + "".join(
-    f'\n[[visit]]\nplacement = "{name}"\nrounds = {ROUNDS}\n' for name in PLACEMENTS
+    f'\n[[visit]]\nplacement = "{name}"\nrounds = {ROUNDS + 1}\n' for name in PLACEMENTS
 )
 
 

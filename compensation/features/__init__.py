@@ -1,0 +1,1 @@
+"""Geometric features through measured points: fitted by least squares, and related."""
