@@ -28,6 +28,9 @@ SIDE_PLAY_RAD = 4e-5
 #: Of an encoder whose single count moves the tip by tenths of a millimetre, a reading so many
 #: counts from a rest's mean is a motion: it may flicker by one to either side, never by two.
 COARSE_BELOW_PER_TURN, COARSE_COUNTS = 1 << 15, 1.6
+#: Where several such joints turn at once none need be two counts away: the tip's own average over
+#: so long, which flicker hardly moves, is away from the rest's mean by more than a count at reach.
+COARSE_LATELY_S, COARSE_TIP_COUNTS = 0.01, 1.1
 #: Carries a joint's side while it rests.
 NO_RATE_RAD_S = 1e-12
 #: The tip drags its direction of travel behind it on a string of this length.
@@ -48,6 +51,7 @@ class Motion:
         count_rad = 2 * math.pi / np.array(counts_per_turn)
         coarse = np.array(counts_per_turn) < COARSE_BELOW_PER_TURN
         self.memory["coarse"] = coarse.any()
+        self.memory["coarse_mm"] = COARSE_TIP_COUNTS * resolution_mm
         self.memory["away_rad"] = np.where(coarse, COARSE_COUNTS * count_rad, math.inf)
         self.memory["play_rad"] = np.maximum(SIDE_PLAY_RAD, 1.5 * count_rad)
 
@@ -73,6 +77,8 @@ def _memory(n_joints: int) -> np.dtype[np.void]:
             ("sides", "f8", (n_joints,)),  # ±1, 0 unknown
             ("play_rad", "f8", (n_joints,)),  # less than this to and fro is noise
             ("coarse", "?"),  # any encoder is
+            ("coarse_mm", "f8"),  # of `lately` from `mean`: a motion
+            ("lately", "f8", (3,)),  # mm: the tip's average over `COARSE_LATELY_S`
             ("away_rad", "f8", (n_joints,)),  # from `mean_q`: a motion
             ("mean_q", "f8", (n_joints,)),  # rad: of coarse encoders at rest, as `mean`
         ]
@@ -138,9 +144,16 @@ def follow(
         moved = seen > 0 and (
             math.sqrt(step) > MOVING_MM_S * dt + 1.4 * noise or math.sqrt(away) > TREMOR_MM + noise
         )
-        if kept.coarse and not moved and kept.count > 0.0:
-            for k in range(joints):
-                moved |= abs(q[i, k] - kept.mean_q[k]) > kept.away_rad[k]
+        if kept.coarse:
+            gain = min(1.0, dt / COARSE_LATELY_S) if kept.count > 0.0 else 1.0
+            away = 0.0
+            for axis in range(3):
+                kept.lately[axis] += gain * (position[i, axis] - kept.lately[axis])
+                away += (kept.lately[axis] - mean[axis]) ** 2
+            if not moved and kept.count > 0.0:
+                moved = math.sqrt(away) > TREMOR_MM + kept.coarse_mm
+                for k in range(joints):
+                    moved |= abs(q[i, k] - kept.mean_q[k]) > kept.away_rad[k]
         if moved:
             kept.still_ns = now
             kept.count = 0.0
