@@ -91,8 +91,12 @@ def test_points_of_few_and_of_many_joints(tmp_path, family, ids):
         heard.wait_for(lambda: len(heard.points()) > 300)
         points = heard.points()
         assert (points["flags"] & int(Flag.CLOCK) == 0).all()
-        good = points["flags"] & (INVALID | LOST) == 0  # these servos are late on a busy machine
-        assert good.mean() > 0.9
+        good = points["flags"] & (INVALID | LOST) == 0
+        # These servos are late where the machine stands still: each flag has its cause counted.
+        told = len(heard.json("health"))
+        heard.wait_for(lambda: len(heard.json("health")) > told + 1)
+        drops = heard.json("health")[-1]["drops"]
+        assert np.count_nonzero(~good) <= drops["lost"] + drops["missed"]
         points = points[good]
         straight_mm = 100.0 * len(ids) + 10.0
         assert np.allclose(points["position_mm"], [straight_mm, 0.0, 50.0])
