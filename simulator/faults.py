@@ -65,6 +65,9 @@ FAULTS = {
     "multi_turn": Kind("the servo's positions run on over the turns, below 0", 1.0, SERVO),
     "torque_on": Kind("the servo's torque is on", 2.0, SERVO),
     "servo_alert": Kind("the servo complains of overload; its data hold", 1.0, SERVO),
+    "mixed_firmware": Kind(
+        "the servo's firmware is `amount` versions ahead of the others'", 10.0, SERVO, 1
+    ),
     "homing_changed": Kind(
         "another tool changed the servo's homing offset by `amount` counts", 2.0, SERVO, 120
     ),

@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     if not isinstance(driver, ServoConfig):
         expected = f"one of {', '.join(FAMILIES)}: other arms' encoders have no offsets"
         raise BadInput(args.config, "driver.kind", driver.kind, expected)
-    memory = Memory(config.arm.serial_number, FAMILIES[driver.kind].models)
+    memory = Memory(config.arm.serial_number, FAMILIES[driver.kind])
     changes = memory.accept()
     for servo, phrases in changes.items():
         print(f"armd: servo {servo}: {'; '.join(phrases)}")

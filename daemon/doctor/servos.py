@@ -112,6 +112,12 @@ def _missing(line: Line, family: Family, ids: Sequence[int], patient: Patient) -
 
 
 def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
+    for i, servo in servos.items():
+        if why := family.refusal(servo):
+            mend = (
+                "none: armd reads servos of the STS and SMS series and Dynamixels of the X series"
+            )
+            patient.find("servo_refused", f"servo {i}: {why}", mend)
     by_model: dict[int, Counter[str]] = {}
     for servo in servos.values():
         by_model.setdefault(servo.model, Counter())[servo.firmware] += 1

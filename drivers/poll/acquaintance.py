@@ -29,7 +29,7 @@ class Acquaintance:
         self._config = config
         self._decoder = decoder
         self._plan = plan
-        self._memory = Memory(serial_number, decoder.family.models)
+        self._memory = Memory(serial_number, decoder.family)
         self.restart()
 
     def restart(self) -> None:
@@ -42,13 +42,17 @@ class Acquaintance:
         self._look_due_ns = 0
         self._adapter_asked = False
         self._written: set[tuple[int, int]] = set()  # servo and register
+        self._told: set[tuple[int, int]] = set()  # of these, those that were not kept
         self._check: list[int] = []  # whose registers to read after a write
+        self._checked: set[int] = set()  # who has been asked since
+        self._refusals: list[bytes] = []  # notes on writes that were not kept
 
     def question(self, now_ns: int) -> ReadRequest | None:
         """Before the first cycle: all that have not said who they are; later after a write."""
         roster = self._decoder.roster
         if self._check:
             servos, self._check = self._check, []
+            self._checked |= set(servos)
             return self._plan.identity(servos)
         if self._judged is not None:
             return None
@@ -64,11 +68,14 @@ class Acquaintance:
             roster.version == self._version == self._idle_version
             and not roster.changed
             and not self._check
+            and not self._refusals
         )
 
     def notes(self, now_ns: int) -> Iterator[bytes]:
         """What the decoder must be told before the next request."""
         roster = self._decoder.roster
+        yield from self._refusals
+        self._refusals.clear()
         if roster.version == self._version and not roster.changed:
             return
         if not self._adapter_asked:
@@ -131,14 +138,25 @@ class Acquaintance:
         for servo, who in roster.servos.items():
             wanted = []
             if self._config.torque_off and who.torque:
-                wanted.append((family.torque, 0))
+                wanted.append(("torque", int(who.torque), 0, 0))
             delay_us = self._config.return_delay_us
             if delay_us is not None and who.return_delay_us != delay_us:
-                wanted.append((family.return_delay, delay_us // 2))
-            for register, value in wanted:
+                found = who.return_delay_us
+                wanted.append(("return_delay_us", found, delay_us, delay_us // 2))
+            for name, found, expected, value in wanted:
+                register = family.registers[name]
                 if (servo, register) not in self._written:
                     self._written.add((servo, register))
                     self._check = [*self._check, servo]
+                    self._checked.discard(servo)
                     return family.write(servo, register, bytes([value]))
-        self._idle_version = roster.version
+                if servo in self._checked and (servo, register) not in self._told:
+                    self._told.add((servo, register))
+                    text = f"{roster.name(servo)}: {family.register(name)}: found {found}, "
+                    text += f"expected {expected}: it did not keep what was written"
+                    self._refusals.append(
+                        note(note="told", kind="write_refused", text=text, severity="error")
+                    )
+        if not self._check:
+            self._idle_version = roster.version
         return None

@@ -11,6 +11,7 @@ from armd.drivers.poll import dynamixel, feetech
 from armd.drivers.poll.packet import Packet, ReadRequest, Splitter, Status
 
 COUNTS_PER_TURN = 4096
+SCS_SERIES = 5  # the first byte of its models' numbers: an SCS0009 says 5, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,15 +39,16 @@ class Servo:
         return asdict(self)
 
 
-def differences(servo: Servo, remembered: dict[str, Any], models: dict[int, str]) -> list[str]:
-    """One phrase per difference, `homing offset: found 12, expected 0`; empty for the same."""
+def differences(servo: Servo, remembered: dict[str, Any], family: Family) -> list[str]:
+    """One phrase per difference, `homing offset (register 31): found 12, expected 0`; empty for the
+    same."""
     phrases = []
     for name, found in servo.geometry.items():
         expected = remembered.get(name, found)
         if found != expected:
             if name == "model":
-                found, expected = (model_name(n, models) for n in (found, expected))
-            phrases.append(f"{name.replace('_', ' ')}: found {found}, expected {expected}")
+                found, expected = (model_name(n, family.models) for n in (found, expected))
+            phrases.append(f"{family.register(name)}: found {found}, expected {expected}")
     return phrases
 
 
@@ -63,11 +65,18 @@ class Family(Protocol):
     position_bytes: int  # the least that holds the position
     warm_bytes: int  # the least that holds position and temperature
     identity_bytes: int  # from register 0 on, all that `identity` wants
-    torque: int  # 1 byte, 0 is off
-    return_delay: int  # 1 byte, in 2 µs
+    registers: dict[str, int]  # where a `Servo`'s fields stand; torque and return delay: 1 byte
     return_delay_least_us: int  # what a servo needs to turn the line round, whatever its register
     alarm: int | None  # 1 byte: why `alerts`; None where the error byte says it
     has_fast: bool  # whether one packet may carry all answers
+
+    def register(self, name: str) -> str:
+        """A field of `Servo` in words, with its address."""
+        return f"{name.removesuffix('_us').replace('_', ' ')} (register {self.registers[name]})"
+
+    def refusal(self, servo: Servo) -> str:
+        """Why such a servo cannot be read, what was found and what is expected; "" if it can."""
+        ...
 
     def splitter(self) -> Splitter: ...
 
@@ -108,16 +117,27 @@ class Family(Protocol):
         ...
 
 
-class Feetech:
+class Feetech(Family):
     """STS and SMS servos; registers as in the STS3215's memory table."""
 
     name = "feetech"
-    models = {777: "STS3215", 2825: "STS3250", 11272: "SM8512BL", 1284: "SCS0009"}
+    models = {777: "STS3215", 2825: "STS3250", 11272: "SM8512BL"}
     position, position_bytes, warm_bytes = 56, 2, 8
     identity_bytes = 41
-    torque, return_delay, return_delay_least_us = 40, 7, 50
+    registers = {
+        "model": 3, "firmware": 0, "homing_offset": 31, "reversed": 18, "mode": 33, "torque": 40,
+        "return_delay_us": 7,
+    }  # fmt: skip
+    return_delay_least_us = 50
     alarm: int | None = None
     has_fast = False
+
+    def refusal(self, servo: Servo) -> str:
+        # Its two bytes the other way round, as that series keeps all its words.
+        if servo.model & 0xFF == SCS_SERIES or servo.model >> 8 == SCS_SERIES:
+            found = f"{servo.model}, a servo of the SCS series (big-endian, no sync read)"
+            return f"{self.register('model')}: found {found}, expected one of the STS or SMS series"
+        return ""
 
     def splitter(self) -> Splitter:
         return feetech.splitter()
@@ -148,7 +168,7 @@ class Feetech:
         return feetech.signed(data[0] | data[1] << 8, 15)
 
     def celsius_of(self, data: bytes) -> float:
-        return float(data[7])
+        return float(_signed_byte(data[7]))
 
     def identity(self, data: bytes) -> Servo:
         return Servo(
@@ -168,7 +188,7 @@ class Feetech:
         return _words(bits, feetech.ERRORS)
 
 
-class Dynamixel:
+class Dynamixel(Family):
     """X series; registers as in its control table, the same for all models."""
 
     name = "dynamixel"
@@ -180,9 +200,16 @@ class Dynamixel:
     }  # fmt: skip
     position, position_bytes, warm_bytes = 132, 4, 15
     identity_bytes = 71
-    torque, return_delay, return_delay_least_us = 64, 9, 40
+    registers = {
+        "model": 0, "firmware": 6, "homing_offset": 20, "reversed": 10, "mode": 11, "torque": 64,
+        "return_delay_us": 9,
+    }  # fmt: skip
+    return_delay_least_us = 40
     alarm: int | None = 70
     has_fast = True
+
+    def refusal(self, servo: Servo) -> str:
+        return ""
 
     def splitter(self) -> Splitter:
         return dynamixel.splitter()
@@ -217,7 +244,7 @@ class Dynamixel:
         return int.from_bytes(data[:4], "little", signed=True)
 
     def celsius_of(self, data: bytes) -> float:
-        return float(data[14])
+        return float(_signed_byte(data[14]))
 
     def identity(self, data: bytes) -> Servo:
         return Servo(
@@ -235,6 +262,10 @@ class Dynamixel:
 
     def complaints(self, bits: int) -> str:
         return _words(bits, dynamixel.HARDWARE_ERRORS)
+
+
+def _signed_byte(byte: int) -> int:
+    return byte - 256 if byte > 127 else byte
 
 
 def _words(bits: int, names: dict[int, str]) -> str:

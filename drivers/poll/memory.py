@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from pydantic import Field
 
-from armd.drivers.poll.family import Servo, differences
+from armd.drivers.poll.family import Family, Servo, differences
 from armd.errors import BadInput
 from armd.files import write_whole
 from armd.schema import Strict, load_json
@@ -31,9 +31,9 @@ class _File(Strict):
 class Memory:
     """Of one arm; reads its file afresh at each call, so that others may change it."""
 
-    def __init__(self, serial_number: str, models: dict[int, str]) -> None:
+    def __init__(self, serial_number: str, family: Family) -> None:
         self._serial_number = serial_number
-        self._models = models
+        self._family = family
         self.path = state_folder() / f"servos-{quote(serial_number, safe=' ')}.json"
 
     def compare(self, servos: dict[int, Servo], accept: bool) -> dict[int, list[str]]:
@@ -49,7 +49,7 @@ class Memory:
         if after != before:
             self._save(after)
         changed = {
-            servo: differences(who, accepted[servo], self._models) for servo, who in servos.items()
+            servo: differences(who, accepted[servo], self._family) for servo, who in servos.items()
         }
         return {servo: phrases for servo, phrases in changed.items() if phrases}
 

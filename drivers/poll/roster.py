@@ -31,6 +31,7 @@ class Roster:
         self.servos: dict[int, Servo] = {}  # identified since they were last absent
         self.version = 0  # grows whenever `servos` becomes another
         self.changed: dict[int, list[str]] = {}  # what their geometry differs in
+        self.refused: dict[int, str] = {}  # why a servo cannot be read
         self.foreign = ""  # why this is not our arm, if it is not
         self.heard_ns: dict[int, int] = {}  # when each was heard last
         self._misses: Counter[int] = Counter()  # cycles in a row
@@ -49,7 +50,7 @@ class Roster:
             return (1 << len(self._joint)) - 1
         bits = 0
         for servo, joint in self._joint.items():
-            if servo not in self.servos or servo in self.changed:
+            if servo not in self.servos or servo in self.changed or servo in self.refused:
                 bits |= 1 << (joint - 1)
         return bits
 
@@ -61,6 +62,7 @@ class Roster:
         self._misses.clear()
         self._alerts.clear()
         self.changed.clear()
+        self.refused.clear()
         self.foreign = ""
 
     # --- who they are ----------------------------------------------------------------------
@@ -72,7 +74,7 @@ class Roster:
             self.servos[servo] = self._announced[servo] = found
             self.version += 1
         self.heard_ns[servo] = now_ns
-        events = []
+        events = self._refuse(servo, self._family.refusal(found), now_ns)
         if before is None or before.geometry != found.geometry or before.firmware != found.firmware:
             known = found.model in self._family.models
             model = model_name(found.model, self._family.models)
@@ -83,14 +85,27 @@ class Roster:
             events.append(Event("servo", text, now_ns, "info" if known else "warning", detail))
         return events + self._torque_events(servo, found.torque, now_ns)
 
+    def _refuse(self, servo: int, why: str, now_ns: int) -> list[Event]:
+        if why == self.refused.get(servo, ""):
+            return []
+        self.refused[servo] = why
+        if not why:
+            del self.refused[servo]
+            return []
+        text = f"{self.name(servo)}: {why}; nothing it tells is valid"
+        return [Event("servo_refused", text, now_ns, "error", {"servo": servo})]
+
     def _torque_events(self, servo: int, on: bool, now_ns: int) -> list[Event]:
         if on == (servo in self._torque):
             return []
         detail = {"servo": servo}
         if on:
             self._torque.add(servo)
-            text = f"{self.name(servo)}: its torque is on, it holds the joint; switch it off"
-            text += " with torque_off = true in [driver], or by the power supply"
+            text = f"{self.name(servo)}: {self._family.register('torque')}: found 1 (on, it holds "
+            text += (
+                "the joint), expected 0; switch it off with torque_off = true in [driver], or by"
+            )
+            text += " the power supply"
             return [Event("torque_on", text, now_ns, "error", detail)]
         self._torque.discard(servo)
         text = f"{self.name(servo)}: its torque is off now"
@@ -101,7 +116,8 @@ class Roster:
         return [
             Event(
                 "servo_missing",
-                f"{self.name(servo)} does not answer on {port}: check its cable and its id",
+                f"{self.name(servo)}: found no answer on {port} to id {servo}, expected one: check"
+                " its cable and its id",
                 now_ns,
                 "error",
                 {"servo": servo},
@@ -203,6 +219,8 @@ class Roster:
         """What keeps a person from measuring, in words; "" if nothing does."""
         if self.foreign:
             return self.foreign
+        for servo, why in self.refused.items():
+            return f"{self.name(servo)}: {why}"
         for servo, phrases in self.changed.items():
             return f"{self.name(servo)}: {'; '.join(phrases)}; nothing is valid until accepted"
         for servo in self._everyone:

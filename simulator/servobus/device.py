@@ -239,6 +239,14 @@ class ServoBus:
                     print(self._port.path, flush=True)
             case "torque_on":
                 servo.table[servo.where.torque] = int(on)
+            case "mixed_firmware":
+                step = round(fault.size) if on else -round(fault.size)
+                servo.table[servo.where.firmware] += step
+            case "servo_silent" if on:
+                servo.start_anew()
+            case "reboot" if on:
+                for each in self._servos.values():
+                    each.start_anew()
             case "servo_alert":
                 servo.alert(on)
             case "homing_changed":

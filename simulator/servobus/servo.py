@@ -19,11 +19,13 @@ class Registers:
     torque: int
     return_delay: int
     homing: int
-    eeprom_end: int  # below it a write is refused while the torque is on (Dynamixel)
+    firmware: int  # the last byte of it
+    eeprom_end: int  # what is below outlives the power
+    lock: int | None  # 1 there: the EEPROM keeps nothing that is written (Feetech)
 
 
-FEETECH = Registers(128, 56, 63, 40, 7, 31, 0)
-DYNAMIXEL = Registers(1024, 132, 146, 64, 9, 20, 64)
+FEETECH = Registers(128, 56, 63, 40, 7, 31, 1, 40, 55)
+DYNAMIXEL = Registers(1024, 132, 146, 64, 9, 20, 6, 64, None)
 
 
 @dataclass
@@ -51,6 +53,7 @@ class SimulatedServo:
             table[11], table[12], table[13], table[31] = 3, 255, 2, 72
             table[48:52] = (4095).to_bytes(4, "little")
             table[68], table[144] = 2, 121
+        self._kept = bytes(table[: self.where.eeprom_end])
 
     def feel(self, raw: int, celsius: float, time_s: float, runs_on: bool) -> None:
         """Where the shaft stands and how warm it is. *runs_on*: over the turns, unfolded."""
@@ -63,7 +66,7 @@ class SimulatedServo:
         else:
             table[132:136] = position.to_bytes(4, "little", signed=True)
             table[120:122] = (int(time_s * 1000) & 0x7FFF).to_bytes(2, "little")
-        table[where.temperature] = max(0, min(255, round(celsius)))
+        table[where.temperature] = max(-128, min(127, round(celsius))) & 0xFF
 
     def set_homing(self, counts: int) -> None:
         """As another tool would: the register, and from then on every position."""
@@ -74,6 +77,7 @@ class SimulatedServo:
         else:
             self.table[at : at + 4] = counts.to_bytes(4, "little", signed=True)
         self.offset = counts
+        self._kept = bytes(self.table[: self.where.eeprom_end])
 
     def alert(self, on: bool) -> None:
         """Overload, told as the family does."""
@@ -87,8 +91,17 @@ class SimulatedServo:
         return bytes(self.table[address : address + length])
 
     def write(self, address: int, data: bytes) -> int:
-        """The status's error: 0 done."""
-        if address < self.where.eeprom_end and self.table[self.where.torque]:
+        """The status's error: 0 done. A Dynamixel refuses its EEPROM while the torque is on; a
+        locked Feetech obeys, and has forgotten it when it starts anew."""
+        where, lasting = self.where, address < self.where.eeprom_end
+        if lasting and not self.feetech and self.table[where.torque]:
             return 7  # access error
         self.table[address : address + len(data)] = data
+        if lasting and not (where.lock is not None and self.table[where.lock]):
+            self._kept = bytes(self.table[: where.eeprom_end])
         return 0
+
+    def start_anew(self) -> None:
+        """Power lost, or restarted."""
+        self.table[: self.where.eeprom_end] = self._kept
+        self.table[self.where.torque] = 0

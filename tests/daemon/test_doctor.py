@@ -15,6 +15,7 @@ from armd.daemon.commands import doctor
 from armd.daemon.doctor.examine import examine_port
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.machine import Machine, can_buses
+from armd.simulator.servobus.arm import arm_toml
 
 
 def _doctor(port: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
@@ -68,6 +69,31 @@ def test_what_is_wrong_with_servos_is_told_and_how_to_mend_it(
     printed = capsys.readouterr().out
     assert "mend: return_delay_us = 0 under [driver]" in printed
     assert "mend: torque_off = true under [driver]" in printed
+
+
+def test_servos_are_held_against_armd_toml(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A missing id at the end of the row, which the line alone cannot tell, and one too many."""
+    (tmp_path / "arm.toml").write_text(arm_toml("SO-101"))
+    config = tmp_path / "armd.toml"
+    with FakeServos("feetech", {i: sts3215() for i in (1, 2, 3, 4, 6)}) as bus:
+        config.write_text(
+            'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "feetech"\n'
+            f'port = "{bus.port}"\nbaud = 500000\nids = [1, 2, 3, 4, 7]\n'
+            "temperature_ids = [2, 3, 4, 7, 9]\n"
+        )
+        capsys.readouterr()
+        code = cli.main(["doctor", "--config", str(config), "--json"])
+    (patient,) = json.loads(capsys.readouterr().out)["ports"]
+    assert code == 1
+    told = [finding["text"] for finding in patient["findings"]]
+    assert f"servo 7 (joint 5) of {config}: found no answer, expected one" in told
+    assert f"servo 9 (temperature_ids) of {config}: found no answer, expected one" in told
+    speaks = f"{config}: driver.baud: found 500000, and servos that speak at 1000000"
+    assert speaks in told
+    assert f"servo 6 answers, and {config} does not name it" in patient["facts"]
+    assert bus.writes == []
 
 
 def test_dynamixel_as_from_the_factory(capsys: pytest.CaptureFixture[str]) -> None:

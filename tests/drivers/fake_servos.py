@@ -142,6 +142,7 @@ class FakeServos:
         }
         self.errors = dict.fromkeys(ids, 0)
         self.silent: set[int] = set()
+        self.refuses: set[int] = set()  # addresses that are not written
         self.deaf = False
         self.echo = False
         self.knows_fast = knows_fast
@@ -217,7 +218,8 @@ class FakeServos:
         if instruction == 0x03 and servo in self.registers:
             address, values = family.write(params)
             self.writes.append((servo, address, bytes(values)))
-            self.registers[servo][address : address + len(values)] = values
+            if address not in self.refuses:
+                self.registers[servo][address : address + len(values)] = values
             self.say(family.status(servo, self.errors[servo], b""))
         elif instruction == 0x82 or (instruction == 0x8A and self.knows_fast):
             address, length, ids = family.span(params)

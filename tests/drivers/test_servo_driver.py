@@ -13,6 +13,7 @@ from armd.drivers import shell
 from armd.drivers.config import ServoConfig, Trigger
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.decoder import ServoDecoder
+from armd.drivers.poll.family import FAMILIES
 from armd.drivers.poll.memory import Memory
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
@@ -386,6 +387,22 @@ def test_only_what_the_configuration_names_is_written(tmp_path, family):
 
 
 @BOTH
+def test_a_write_that_is_not_kept_is_told_once(tmp_path, family):
+    with FakeServos(family, tmp_path) as servos:
+        servos.registers[2][family.delay] = 250
+        servos.refuses.add(family.delay)
+        with closing(open_driver(config(servos, return_delay_us=0), expected())) as driver:
+            taken = Taken(driver)
+            of_servo_2 = "servo 2 (joint 2)"
+            taken.take(5.0, lambda: any(of_servo_2 in e.text for e in taken.told("write_refused")))
+            taken.rows(50)
+    (event,) = [event for event in taken.told("write_refused") if of_servo_2 in event.text]
+    words = f"servo 2 (joint 2): return delay (register {family.delay}): found 500, expected 0"
+    assert event.text.startswith(words)
+    assert len([write for write in servos.writes if write[0] == 2]) == 1  # and not tried for ever
+
+
+@BOTH
 def test_button_and_temperatures_of_other_servos(tmp_path, family):
     with FakeServos(family, tmp_path, (1, 2, 3, 6)) as servos:
         servos.registers[6][family.temperature] = 52
@@ -455,7 +472,7 @@ def test_a_foreign_adapter_is_nobodys_arm(tmp_path):
 
 
 def test_a_damaged_memory_is_told_and_nothing_is_valid(tmp_path):
-    memory = Memory("SERVO-1", {})
+    memory = Memory("SERVO-1", FAMILIES["feetech"])
     memory.path.parent.mkdir()
     memory.path.write_text("{")
     with (

@@ -122,7 +122,7 @@ def test_changed_offsets_void_the_geometry_until_accepted(tmp_path):
             heard.wait_for(lambda: len(heard.points()) > 300)
             assert (heard.points()["flags"] & INVALID != 0).all()
             heard.wait_for(lambda: state(heard)[0] == "NOT_READY")
-            words = "servo 2 (joint 2): homing offset: found -120, expected 0"
+            words = "servo 2 (joint 2): homing offset (register 31): found -120, expected 0"
             heard.wait_for(lambda: words in state(heard)[1])
             assert words in told(daemon, "offsets_changed")
             done = accept(tmp_path)

@@ -1,0 +1,41 @@
+"""What armd.toml says of a port, against who answers there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from armd.daemon.doctor.finding import Patient
+from armd.drivers.config import ServoConfig
+
+
+def compare(patient: Patient, file: Path, driver: ServoConfig) -> None:
+    """Findings for every servo that *file* names and nobody answers as, and for another rate."""
+    if not patient.protocol:
+        return  # nobody is there at all, which has been told
+    if patient.protocol != driver.kind:
+        text = (
+            f"{file}: driver.kind: found {driver.kind}, and {patient.protocol} servos on the line"
+        )
+        patient.find("other_kind", text, f'kind = "{patient.protocol}" under [driver] of {file}')
+        return
+    if patient.baud != driver.baud:
+        text = f"{file}: driver.baud: found {driver.baud}, and servos that speak at {patient.baud}"
+        patient.find("other_baud", text, f"baud = {patient.baud} under [driver] of {file}")
+    answering = {int(servo["id"]) for servo in patient.servos}
+    for servo, what in named(driver).items():
+        if servo not in answering:
+            patient.find(
+                "missing_id",
+                f"servo {servo} ({what}) of {file}: found no answer, expected one",
+                "check the cable before it, its power and its id; or mend [driver] of armd.toml",
+            )
+    for servo in sorted(answering - named(driver).keys()):
+        patient.say(f"servo {servo} answers, and {file} does not name it")
+
+
+def named(driver: ServoConfig) -> dict[int, str]:
+    """Servo id → what it is for."""
+    what = dict.fromkeys(driver.temperature_ids or [], "temperature_ids")
+    if driver.trigger is not None:
+        what[driver.trigger.id] = "trigger"
+    return what | {servo: f"joint {k}" for k, servo in enumerate(driver.ids, 1)}
