@@ -175,7 +175,7 @@ def test_a_missing_id_is_named_and_its_rows_are_invalid(tmp_path):
         with measuring(servos, tmp_path, (1, 2, 3)) as (daemon, heard):
             heard.wait_for(lambda: len(heard.points()) > 50)
             assert (heard.points()["flags"] & INVALID != 0).all()
-            assert "servo 3 (joint 3) does not answer" in told(daemon, "servo_missing")
+            assert "servo 3 (joint 3): found no answer" in told(daemon, "servo_missing")
             heard.wait_for(lambda: "servo 3 (joint 3) does not answer" in state(heard)[1])
             servos.silent.clear()
             heard.wait_for(lambda: heard.points()["flags"][-1] & INVALID == 0)

@@ -65,6 +65,17 @@ def timed(call):
     return result, before_ns, time.monotonic_ns()
 
 
+def answered(port, call):
+    """As `timed`; the SDK waits for 34 ms, which a busy machine may stand still for."""
+    for _ in range(5):
+        result, before_ns, after_ns = timed(call)
+        if result != -3001:  # COMM_RX_TIMEOUT
+            break
+        time.sleep(0.1)
+        port.ser.reset_input_buffer()  # which the SDK leaves to the next read
+    return result, before_ns, after_ns
+
+
 def test_dynamixel_sdk_reads_what_is_true(tmp_path):
     sdk = pytest.importorskip("dynamixel_sdk")
     with simulated_arm(tmp_path, wire=("--servo", "dynamixel")) as arm:
@@ -79,7 +90,7 @@ def test_dynamixel_sdk_reads_what_is_true(tmp_path):
                 assert reader.addParam(servo)
         for _ in range(20):
             for reader, read in ((sync, sync.txRxPacket), (fast, fast.fastSyncRead)):
-                result, before, after = timed(read)
+                result, before, after = answered(port, read)
                 assert result == sdk.COMM_SUCCESS
                 told = [reader.getData(servo, 132, 4) for servo in JOINTS]
                 assert truth.agrees(told, before, after)
