@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test test-slow lint bench clean hidden soak fuzz system-test deb paper real so101 circle page browser
+.PHONY: install demo test test-slow lint bench clean hidden interim soak fuzz system-test deb paper real so101 circle page browser
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -46,6 +46,10 @@ CASES ?= 40
 SEED ?= 1
 hidden: install
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
+
+# Interim checks against an oracle, the table of docs/interim.md: make interim CASES=40 SEED=2
+interim: install
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/interim/montecarlo.py --cases $(CASES) --seed $(SEED)
 
 # Simulator, daemon and subscribers under random faults, every point accounted for:
 # make soak MINUTES=60 SEED=3

@@ -49,6 +49,15 @@ class Health(Strict):
     foreign_arm: Literal["wait", "stop"] = "wait"
 
 
+class Interim(Strict):
+    """Which history of interim checks tells whether the arm is still what it was."""
+
+    #: The folder of `armd interim add --history`, relative to this file.
+    history: str
+    #: The state leaves READY when the last check is older, in hours; without it never.
+    at_most_h: Annotated[float, Field(gt=0)] | None = None
+
+
 class Measurement(Strict):
     """When and over how long a measurement is averaged."""
 
@@ -90,6 +99,7 @@ class DaemonFile(Strict):
     zenoh: Zenoh = Zenoh()
     limits: Limits = Limits()
     health: Health = Health()
+    interim: Interim | None = None
     measurement: Measurement = Measurement()
     commands: Commands = Commands()
     metrics: Metrics | None = None

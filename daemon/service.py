@@ -84,6 +84,8 @@ class Service:
         now_ns = time.monotonic_ns()
         self._supervisor = Supervisor(config, driver, arm, now_ns)
         self._publisher.put_health(self._supervisor.health(now_ns))  # "starting"
+        if self._supervisor.interim is not None:
+            self._supervisor.interim.start()
         self._next_tick_ns = now_ns
         self._sender_settled = False
         self._stopping = False
@@ -125,6 +127,8 @@ class Service:
         self._systemd.stopping()
         self._queries.close()
         self._awake.keep(False)
+        if self._supervisor.interim is not None:
+            self._supervisor.interim.close()
         self._systemd.close()
         self._publisher.close()
         if self._measured is not None:

@@ -45,6 +45,8 @@ class Seen(NamedTuple):
     missing_sensors: tuple[str, ...] = ()
     outside_sensors: tuple[str, ...] = ()
     late_s: float = 0.0  # from latch to put, half the points
+    changed: str = ""  # why interim checks say that the arm is no longer what it was
+    due: str = ""  # why an interim check is due
     held: str = ""  # the period in which a term was identified that is held now, outside it
     drift: str = ""  # why the temperatures are not called steady; "" if they are
 
@@ -76,12 +78,16 @@ def assess(seen: Seen) -> tuple[State, str]:
     if seen.late_s > LATE_S:
         late = f"points come {seen.late_s:.1f} s late: more arrives than can be read"
         return State.DEGRADED, late
+    if seen.changed:
+        return State.INACCURATE, seen.changed
     if seen.outside_sensors:
         outside = ", ".join(seen.outside_sensors)
         return State.INACCURATE, f"outside the identified temperature range: {outside}"
     if seen.held:
         text = f"a term that follows time was identified {seen.held}; it is held at its end value"
         return State.INACCURATE, text
+    if seen.due:
+        return State.INACCURATE, seen.due
     if seen.flags & TEMPERATURE_RATE:
         return State.INACCURATE, f"temperature changes too fast for the model: {seen.drift}"
     if seen.drift:

@@ -10,6 +10,7 @@ from typing import Any
 from armd.daemon.config import Config
 from armd.daemon.health import Second, Tally
 from armd.daemon.host.root import is_root
+from armd.daemon.interim_checks import InterimChecks, complaint
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.pipeline import PointArray
 from armd.daemon.state import Seen, State, assess
@@ -36,6 +37,10 @@ class Supervisor:
         self._next_second_ns = now_ns + SECOND_NS
         self._missing: tuple[str, ...] = ()  # sensors without a value
         self._lost: tuple[str, ...] = ()  # those of them that are told as events
+        self._changed = self._due = ""  # what the history of interim checks says
+        self.interim: InterimChecks | None = None
+        if (interim := config.file.interim) is not None:
+            self.interim = InterimChecks(config.beside(interim.history))
         self.state = State.NOT_READY
         self.reason = "starting"
 
@@ -61,8 +66,8 @@ class Supervisor:
         self._tally.count()
         self._missing = temperature.missing(self._tally.latched_ns)
         self._lost = temperature.lost(self._tally.latched_ns)
+        events = self._hear_interim(now_ns)
         self.state, self.reason = assess(self._seen(now_ns))
-        events = []
         for sensor in sorted({*missed} ^ {*self._lost}) if self._lost != missed else ():
             if sensor in self._lost:
                 text = f"sensor {sensor} is invalid or silent; its last value is held"
@@ -74,6 +79,38 @@ class Supervisor:
             severity = "info" if self.state in (State.READY, State.WARMING) else "warning"
             events.append(Event("state", f"{self.state}: {self.reason}", now_ns, severity))
         return events
+
+    def _hear_interim(self, now_ns: int) -> list[Event]:
+        """What the history of interim checks says now; what is new of it, told as events."""
+        config = self._config.file.interim
+        if self.interim is None or config is None or self._replays:
+            return []
+        before = (self._changed, self._due)
+        calibration = self._arm.calibration
+        in_use = {} if calibration is None else calibration.content.provenance
+        told = complaint(self.interim.last, in_use, time.time(), config.at_most_h)
+        self._changed, self._due = told
+        events = []
+        for kind, was, now in zip(("interim_changed", "interim_due"), before, told, strict=True):
+            if bool(was) != bool(now):
+                severity = "warning" if now else "info"
+                text = now or f"no longer: {was}"
+                events.append(Event(kind, text, now_ns, severity))
+        return events
+
+    def _interim_health(self) -> dict[str, Any] | None:
+        """The last interim check, for the health key; None where no history is configured."""
+        if self.interim is None:
+            return None
+        last = self.interim.last
+        if last is None or last.fault:
+            return {"check": None, "age_h": None, "state": None, "reason": last and last.fault}
+        return {
+            "check": last.name,
+            "age_h": round((time.time() - last.started_unix_s) / 3600.0, 2),
+            "state": "changed" if last.changed else "in_control",
+            "reason": self._changed or self._due,
+        }
 
     def close_second(self, now_ns: int) -> bool:
         """Whether a second is over, and its sum renewed."""
@@ -107,6 +144,7 @@ class Supervisor:
             "calibration": None if calibration is None else calibration.sha256[:16],
             "tip": self._arm.tip,
             "as_root": is_root(),
+            "interim": self._interim_health(),
         }
 
     def _silent_s(self, now_ns: int) -> float | None:
@@ -129,6 +167,8 @@ class Supervisor:
             missing_sensors=self._missing,
             outside_sensors=temperature.outside,
             late_s=0.0 if self._replays else second.latency_ms.get("p50", 0.0) * 1e-3,
+            changed=self._changed,
+            due=self._due,
             held=_period(self._arm.pipeline.outside_period),
             drift=temperature.unsteady(self._config.file.health.steady_k_per_h),
         )

@@ -18,10 +18,12 @@ DAY_S = 86400.0
 
 
 def as_json(
-    judgement: Judgement, calibrations: Sequence[str | None], tomorrow: dict[str, Any] | None
+    judgement: Judgement,
+    calibrations: Sequence[tuple[str, str] | None],
+    tomorrow: dict[str, Any] | None,
 ) -> dict[str, Any]:
-    """The whole result as plain data; *calibrations*: the file of each change, in order."""
-    changes = [told for epoch in judgement.epochs for told in epoch.told]
+    """The whole result as plain data; *calibrations*: file and SHA-256 of each change, in order."""
+    changes = [(told, epoch) for epoch in judgement.epochs for told in epoch.told]
     checks = [(check, epoch, i) for epoch in judgement.epochs for i, check in _numbered(epoch)]
     checks.sort(key=lambda row: row[0].line.first_unix_s)
     latest = judgement.latest.checks[-1]
@@ -33,7 +35,10 @@ def as_json(
         "last_check": latest.line.started,
         "in_control_run_length": RUN_LENGTH,
         "checks": [_check(*row) for row in checks],
-        "changes": [_change(told, path) for told, path in zip(changes, calibrations, strict=True)],
+        "changes": [
+            _change(told, epoch, *(file or (None, None)))
+            for (told, epoch), file in zip(changes, calibrations, strict=True)
+        ],
         "next_check": tomorrow,
     }
 
@@ -56,7 +61,7 @@ def _check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:
     }
 
 
-def _change(told: Told, path: str | None) -> dict[str, Any]:
+def _change(told: Told, epoch: Epoch, path: str | None, sha256: str | None) -> dict[str, Any]:
     change, cause = told.change, told.cause
     low, high = told.between_unix_s
     found: dict[str, Any] = {
@@ -76,6 +81,8 @@ def _change(told: Told, path: str | None) -> dict[str, Any]:
         "gradual_probability": change.gradual_probability,
         "tip_rms_um": None if math.isnan(told.tip_rms_um) else told.tip_rms_um,
         "calibration_from": path,
+        "calibration_sha256": sha256,
+        "judged_under": epoch.checks[0].calibration.sha256,
         "from": None if math.isnan(told.instant_unix_s) else iso(round(told.instant_unix_s)),
         "reading": reading(told),
         "parameters": [],

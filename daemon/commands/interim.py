@@ -91,15 +91,14 @@ def _report(args: argparse.Namespace) -> int:
 def _judged(folder: Path) -> tuple[Judgement, dict[str, Any]]:
     """Judge a history; its changes' calibrations and the result are written beside it."""
     judgement = judge(history.load(folder))
-    paths: list[str | None] = []
+    files: list[tuple[str, str] | None] = []
     for told in (told for epoch in judgement.epochs for told in epoch.told):
         if told.calibration is None:
-            paths.append(None)
+            files.append(None)
             continue
-        name = f"calibration-{len(paths) + 1}.json"
-        save_calibration(folder / name, told.calibration)
-        paths.append(name)
-    result = as_json(judgement, paths, None)
+        name = f"calibration-{len(files) + 1}.json"
+        files.append((name, save_calibration(folder / name, told.calibration).sha256))
+    result = as_json(judgement, files, None)
     write_whole(folder / REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
     return judgement, result
 

@@ -7,7 +7,7 @@ is built anew with the day's share of every plant, by the same physics as anywhe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Literal
@@ -145,8 +145,25 @@ def campaign(seed: int, noise: Noise, artefact: str = "bar") -> Campaign:
     return Campaign(nominal.arm_toml(), Rig(TrueArm.default(seed), made, noise), [])
 
 
-def carry_out(history: History, seed: int, noise: Noise) -> Iterator[Measured]:
-    """Measure check after check."""
+def arm_at(
+    seed: int, happenings: Sequence[Happening], day: float, used: F64, drawn: int | None = None
+) -> TrueArm:
+    """The arm of *seed* as it is on a day, with all that has happened to it; *drawn*: the seed of
+    what is drawn of the happenings, if another."""
+    today = campaign(seed, Noise())
+    plan = Plan("", 0.0, Climate(), (Visit("P1"),))
+    for number, happening in enumerate(happenings):
+        size = share(happening, day, used)
+        draws = [seed if drawn is None else drawn, 0x9147, number]
+        today = _planted(today, happening.plant, size, draws, plan)
+    return today.rig.arm
+
+
+def carry_out(
+    history: History, seed: int, noise: Noise, drawn: int | None = None
+) -> Iterator[Measured]:
+    """Measure check after check with the arm of *seed*; *drawn*: the seed of all else, if
+    another."""
     for happening in history.happenings:
         if not 0 <= happening.day <= history.days:
             expected = f"0 to {history.days}, the days of the history"
@@ -154,11 +171,12 @@ def carry_out(history: History, seed: int, noise: Noise) -> Iterator[Measured]:
     for kind, day in history.bad:
         if not 1 <= day <= history.days:
             raise BadInput("--bad", kind, f"day {day}", f"1 to {history.days}")
-    rng = np.random.default_rng([seed, 0x17E2])
+    luck = seed if drawn is None else drawn
+    rng = np.random.default_rng([luck, 0x17E2])
     begun = campaign(seed, noise, history.artefact)
     artefact, count = begun.rig.artefact, ARTEFACTS[history.artefact][1]
     reach = begun.rig.reach(rng)
-    used = use(history.days, seed)
+    used = use(history.days, luck)
     visit = Visit("P1", (), count, radius_mm=(200.0, 750.0))
     stand, _ = place(visit, artefact.true_mm, reach, rng)
     for day in range(1, history.days + 1):
@@ -169,11 +187,11 @@ def carry_out(history: History, seed: int, noise: Noise) -> Iterator[Measured]:
         today = begun
         for number, happening in enumerate(history.happenings):
             size = share(happening, float(day), used)
-            today = _planted(today, happening.plant, size, [seed, 0x9147, number], plan)
+            today = _planted(today, happening.plant, size, [luck, 0x9147, number], plan)
         rig = today.rig
         for kind, its_day in history.bad:
             if its_day == day:
-                rig = _spoilt(rig, kind, np.random.default_rng([seed, 0xBAD, day]))
+                rig = _spoilt(rig, kind, np.random.default_rng([luck, 0xBAD, day]))
         where, poses = _poses(stand, artefact, count, reach, rng)
         order = rng.permutation(len(artefact.targets) * count)
         target = np.repeat(np.arange(len(artefact.targets)), count)[order]

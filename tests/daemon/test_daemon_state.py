@@ -30,6 +30,8 @@ FINE = {"silent_s": 0.01, "points": 1000}
         ({"late_s": 3.2}, State.DEGRADED, "3.2 s late"),
         ({"late_s": 0.1}, State.READY, "measuring"),
         ({"held": "from A to B"}, State.INACCURATE, "identified from A to B"),
+        ({"changed": "slip of joint 3"}, State.INACCURATE, "slip"),
+        ({"due": "31 h old"}, State.INACCURATE, "31 h"),
         ({"warning_joints": (4,)}, State.DEGRADED, "joint 4"),
         ({"invalid": 10, "invalid_joints": (3,)}, State.DEGRADED, "joint 3"),
         ({"invalid": 1000, "invalid_joints": (3,)}, State.NOT_READY, "joint 3"),

@@ -1,0 +1,127 @@
+"""What the history of interim checks says of this arm, watched beside the stream.
+
+`armd interim add` leaves its result in the history's folder. A thread reads it now and then: the
+folder may lie on a disk that is asleep, or on another machine.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from armd.errors import BadInput
+from armd.inputs import read_input
+
+#: How often the folder is looked at, s.
+LOOK_S = 5.0
+HOUR_S = 3600.0
+REPORT = "report.json"
+#: A history of ten years is a few megabytes.
+MOST_BYTES = 1 << 26
+
+
+@dataclass(frozen=True)
+class LastCheck:
+    """The history's word; what is wrong with the history itself stands in `fault`."""
+
+    fault: str = ""
+    name: str = ""
+    started_unix_s: float = 0.0
+    changed: str = ""  # since when and why; "" in control
+    judged: str = ""  # SHA-256 of the calibration that the checks are of
+    changes: int = 0  # since that calibration
+
+
+class InterimChecks:
+    """`last` is the history's word as it was read last; None until then."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.last: LastCheck | None = None
+        self._stamp: tuple[int, int] | None = None
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="interim checks", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        """Look no more; does not wait for a disk."""
+        self._ended.set()
+
+    def _run(self) -> None:
+        while True:
+            self.look()
+            if self._ended.wait(LOOK_S):
+                return
+
+    def look(self) -> None:
+        """Read the result, if it is another than before."""
+        path = self.folder / REPORT
+        try:
+            status = path.stat()
+            stamp = (status.st_mtime_ns, status.st_size)
+            if stamp == self._stamp:
+                return
+            self.last = parsed(json.loads(read_input(path, MOST_BYTES)))
+            self._stamp = stamp
+        except FileNotFoundError:
+            self._stamp, self.last = None, LastCheck(fault=f"{path} is not there")
+        except (BadInput, OSError, ValueError, KeyError, TypeError, IndexError) as error:
+            self._stamp = None
+            self.last = LastCheck(fault=f"{path} cannot be read: {' '.join(str(error).split())}")
+
+
+def parsed(result: dict[str, Any]) -> LastCheck:
+    """What the daemon needs of a result of `armd interim`."""
+    if result["schema"] != "armd.interim/1":
+        raise ValueError(f"schema {result['schema']!r}")
+    last = result["checks"][-1]
+    changed = ""
+    if result["state"] == "changed":
+        change = result["changes"][-1]
+        since = change["between"][0][:16].replace("T", " ")
+        location = "" if change["location"] == "-" else f", {change['location']}"
+        changed = (
+            f"{change['cause'].replace('_', ' ')}{location}, since {since} UTC at the earliest"
+        )
+    started = datetime.datetime.fromisoformat(last["started"]).timestamp()
+    judged = str(result["calibration"])
+    since_then = sum(change["judged_under"] == judged for change in result["changes"])
+    return LastCheck("", str(last["name"]), started, changed, judged, since_then)
+
+
+def complaint(
+    last: LastCheck | None,
+    in_use: Mapping[str, Any],
+    now_unix_s: float,
+    at_most_h: float | None,
+) -> tuple[str, str]:
+    """Why the arm is changed, and why its checks are due: in words, "" for what is as it should be.
+
+    *in_use*: where the calibration in use comes from, its `provenance`. One that was made from
+    these checks and has their changes is as good as the one before was before them.
+    """
+    if last is None:
+        return "", ""
+    if last.fault:
+        return "", f"no interim check known: {last.fault}"
+    changed = ""
+    made = in_use.get("interim")
+    has_them = (
+        isinstance(made, dict)
+        and made.get("calibration") == last.judged
+        and len(made.get("changes", ())) >= last.changes
+    )
+    if last.changed and not has_them:
+        changed = f"interim checks say that the arm has changed: {last.changed}"
+    hours = (now_unix_s - last.started_unix_s) / HOUR_S
+    due = ""
+    if at_most_h is not None and hours > at_most_h:
+        due = f"interim check overdue: the last, {last.name}, is {hours:.0f} h old ({at_most_h:g})"
+    return changed, due

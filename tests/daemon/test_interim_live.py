@@ -1,0 +1,112 @@
+"""What a history of interim checks does to the daemon's state, health and events."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from running_daemon import running_daemon
+from simulated_arm import simulated_arm
+
+from armd.daemon.interim_checks import InterimChecks, complaint
+
+NOON = 1_772_971_200.0  # 2026-03-08 12:00 UTC
+
+
+def result(**more: object) -> dict:
+    return {
+        "schema": "armd.interim/1",
+        "state": "in_control",
+        "calibration": "abc",
+        "checks": [{"name": "day-04", "started": "2026-03-07T12:00:00Z"}],
+        "changes": [],
+        **more,
+    }
+
+
+CHANGED = result(
+    state="changed",
+    changes=[
+        {
+            "between": ["2026-03-05T09:00:00Z", "2026-03-06T09:00:00Z"],
+            "cause": "encoder_slip",
+            "location": "joint 3",
+            "judged_under": "abc",
+        }
+    ],
+)
+
+
+def read(folder: Path, text: str) -> InterimChecks:
+    (folder / "report.json").write_text(text)
+    checks = InterimChecks(folder)
+    checks.look()
+    return checks
+
+
+def test_in_control_and_in_time_there_is_no_complaint(tmp_path: Path) -> None:
+    last = read(tmp_path, json.dumps(result())).last
+    assert complaint(last, {}, NOON, 26.0) == ("", "")
+
+
+def test_an_old_check_is_due(tmp_path: Path) -> None:
+    last = read(tmp_path, json.dumps(result())).last
+    changed, due = complaint(last, {}, NOON + 8 * 3600, 26.0)
+    assert not changed and "day-04, is 32 h old (26)" in due
+    assert complaint(last, {}, NOON + 1e6, None) == ("", "")
+
+
+def test_a_change_is_told_until_the_calibration_has_it(tmp_path: Path) -> None:
+    last = read(tmp_path, json.dumps(CHANGED)).last
+    changed, _ = complaint(last, {}, NOON, None)
+    assert "encoder slip, joint 3, since 2026-03-05 09:00 UTC" in changed
+    mended = {"interim": {"calibration": "abc", "changes": ["encoder_slip joint 3 since …"]}}
+    assert complaint(last, mended, NOON, None) == ("", "")
+    of_another = {"interim": {"calibration": "xyz", "changes": ["…"]}}
+    assert complaint(last, of_another, NOON, None)[0]
+    of_none = {"interim": {"calibration": "abc", "changes": []}}
+    assert complaint(last, of_none, NOON, None)[0]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": "armd.interim/1"}', "null"])
+def test_a_history_that_cannot_be_read_is_told(tmp_path: Path, text: str) -> None:
+    last = read(tmp_path, text).last
+    changed, due = complaint(last, {}, NOON, None)
+    assert not changed and "report.json cannot be read" in due
+
+
+def test_a_missing_history_is_told_and_found_when_it_comes(tmp_path: Path) -> None:
+    checks = InterimChecks(tmp_path)
+    checks.look()
+    assert "is not there" in complaint(checks.last, {}, NOON, None)[1]
+    (tmp_path / "report.json").write_text(json.dumps(result()))
+    checks.look()
+    assert complaint(checks.last, {}, NOON, None) == ("", "")
+    (tmp_path / "report.json").write_text(json.dumps(CHANGED))
+    os.utime(tmp_path / "report.json", (NOON, NOON))
+    checks.look()
+    assert complaint(checks.last, {}, NOON, None)[0]
+
+
+def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
+    """Over the wire: the last check and its age, a change, and an event of it."""
+    history = tmp_path / "checks"
+    history.mkdir()
+    (history / "report.json").write_text(json.dumps(result()))
+    extra = '[interim]\nhistory = "checks"\n'
+    with (
+        simulated_arm(tmp_path, rate_hz=100) as arm,
+        running_daemon(tmp_path, arm.port, extra) as daemon,
+        daemon.listen() as heard,
+    ):
+        heard.wait_for(lambda: (heard.json("health")[-1]["interim"] or {}).get("check"))
+        told = heard.json("health")[-1]["interim"]
+        assert (told["check"], told["state"]) == ("day-04", "in_control")
+        assert told["age_h"] > 0
+        (history / "report.json").write_text(json.dumps(CHANGED))
+        heard.wait_for(lambda: heard.events("interim_changed"))
+        heard.wait_for(lambda: heard.json("health")[-1]["state"] == "INACCURATE")
+        assert "encoder slip, joint 3" in heard.json("health")[-1]["reason"]
+        assert daemon.stop()[0] == 0
