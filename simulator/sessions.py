@@ -156,7 +156,9 @@ def _interim(args: argparse.Namespace) -> int:
                 "cause": h.plant.cause,
                 "location": h.plant.location,
                 "size": h.plant.size,
-                "since": interim.instant(h.day).isoformat(),
+                "since": interim.instant(
+                    interim.begins(h, interim.use(days, args.seed))
+                ).isoformat(),
                 "grows": h.grows,
             }
             for h in history.happenings

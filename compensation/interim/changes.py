@@ -20,6 +20,9 @@ from armd.compensation.interim.watch import Watched, watch
 
 F64 = npt.NDArray[np.float64]
 
+#: An alarm is withdrawn when the statistic, over all readings since, has fallen so low (natural
+#: logarithm); while nothing changes it stands at about 2.5, and a change that is there only adds.
+REFUTED = 0.6 * LIMIT
 #: A growth that was told as a step first began at most so many checks from there.
 NEAR = 6
 #: More changes than this within one epoch are a worn-out arm, not a list.
@@ -83,6 +86,12 @@ def find(of: Stack, causes: Sequence[Cause]) -> Found:
         first_look = first_look or looked
         bad = tuple(sorted({*(i for i in bad if i < since), *looked.bad}))
         if looked.alarm is None:
+            if found and _refuted(of, causes, found, bad):
+                # Later checks speak against the last alarm: it was a false one.
+                found.pop()
+                since = alarms.pop() + 1
+                if since < of.n:
+                    continue
             break
         until = looked.alarm + 1
         if looked.strange:
@@ -175,6 +184,15 @@ def _same_growth(found: Sequence[Change], causes: Sequence[Cause], new: Change) 
         return None
     grows = new.gradual or found[same[-1]].gradual
     return same[0] if grows or len(same) > 1 else None
+
+
+def _refuted(
+    of: Stack, causes: Sequence[Cause], found: Sequence[Change], bad: Sequence[int]
+) -> bool:
+    """Whether all readings until now hardly want the last change found."""
+    start = found[-2].first + 1 if len(found) > 1 else 0
+    before = with_changes(of, causes, found[:-1])
+    return _weighed(before, causes, start, of.n, of.n, bad)[0].log_sum < REFUTED
 
 
 def _renamed(

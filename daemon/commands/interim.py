@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import json
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from armd.compensation.data.session import load_sessions
 from armd.compensation.interim import history
@@ -13,10 +17,12 @@ from armd.compensation.interim.columns import causes_of
 from armd.compensation.interim.judge import Judgement, judge
 from armd.compensation.interim.reduce import reduce
 from armd.compensation.interim.result import as_json, in_words
+from armd.compensation.interim.tomorrow import Tomorrow, tomorrow
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
+from armd.errors import BadInput
 from armd.files import write_whole
-from armd.outputs import PAGE, RESULT, add_force, check_outputs
+from armd.outputs import PAGE, POSES, RESULT, add_force, check_outputs
 
 #: In a history's folder: the last result, for the daemon and for programs.
 REPORT = "report.json"
@@ -44,6 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="OUT.json",
         help="the result for programs, to a file or (no file named) printed",
     )
+    report.add_argument(
+        "--poses", metavar="POSES.csv", help="poses of the next check, where a cause is in doubt"
+    )
     report.add_argument("--report", metavar="R.html", help="a report that opens offline")
     add_force(report)
 
@@ -68,16 +77,26 @@ def _add(args: argparse.Namespace) -> int:
             history.load(folder)  # a damaged history takes no more
         history.check_new(folder, lines, sessions)
         history.keep(folder, lines, new, Path(args.arm), calibration)
-        judgement, result = _judged(folder)
+        judgement, result, _ = _judged(folder)
     _say(judgement, result, "-" if args.json else None)
     return 1 if judgement.changed else 0
 
 
 def _report(args: argparse.Namespace) -> int:
     to_file = args.json if args.json != "-" else None
-    check_outputs({"--json": (to_file, RESULT), "--report": (args.report, PAGE)}, [], args.force)
+    check_outputs(
+        {
+            "--json": (to_file, RESULT),
+            "--report": (args.report, PAGE),
+            "--poses": (args.poses, POSES),
+        },
+        [],
+        args.force,
+    )
     folder = Path(args.history)
-    judgement, result = _judged(folder)
+    judgement, result, after = _judged(folder)
+    if args.poses:
+        write_whole(args.poses, _poses(after))
     if args.report:
         from armd.compensation.interim.page import interim_page
 
@@ -88,7 +107,7 @@ def _report(args: argparse.Namespace) -> int:
     return 1 if judgement.changed else 0
 
 
-def _judged(folder: Path) -> tuple[Judgement, dict[str, Any]]:
+def _judged(folder: Path) -> tuple[Judgement, dict[str, Any], Tomorrow]:
     """Judge a history; its changes' calibrations and the result are written beside it."""
     judgement = judge(history.load(folder))
     files: list[tuple[str, str] | None] = []
@@ -98,9 +117,23 @@ def _judged(folder: Path) -> tuple[Judgement, dict[str, Any]]:
             continue
         name = f"calibration-{len(files) + 1}.json"
         files.append((name, save_calibration(folder / name, told.calibration).sha256))
-    result = as_json(judgement, files, None)
+    after = tomorrow(judgement)
+    result = as_json(judgement, files, after.as_json())
     write_whole(folder / REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    return judgement, result
+    return judgement, result, after
+
+
+def _poses(after: Tomorrow) -> str:
+    """The next check's poses, as a table that `armd measure poses` takes."""
+    if after.states is None or after.tip_mm is None:
+        raise BadInput("--poses", "the next check", "no poses of its own", "a cause in doubt")
+    text = io.StringIO()
+    joints = range(1, after.states.q.shape[1] + 1)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["pose", "x_mm", "y_mm", "z_mm", *(f"q{k}_deg" for k in joints)])
+    for i, (tip, q) in enumerate(zip(after.tip_mm, np.degrees(after.states.q), strict=True), 1):
+        writer.writerow([i, *(f"{v:.1f}" for v in tip), *(f"{v:.2f}" for v in q)])
+    return text.getvalue()
 
 
 def _say(judgement: Judgement, result: dict[str, Any], to: str | None) -> None:
@@ -112,3 +145,4 @@ def _say(judgement: Judgement, result: dict[str, Any], to: str | None) -> None:
     for change in result["changes"]:
         if change["calibration_from"]:
             print(f"mended calibration: {change['calibration_from']} (in the history's folder)")
+    print(f"next: {result['next_check']['sentence']}")

@@ -145,6 +145,16 @@ def campaign(seed: int, noise: Noise, artefact: str = "bar") -> Campaign:
     return Campaign(nominal.arm_toml(), Rig(TrueArm.default(seed), made, noise), [])
 
 
+def begins(happening: Happening, used: F64) -> float:
+    """The day from which something is there: wear begins when the arm is used, not at rest."""
+    if not happening.grows:
+        return happening.day
+    days = np.arange(len(used))
+    at_onset = float(np.interp(happening.day, days, used))
+    after = np.flatnonzero((days > happening.day) & (used > at_onset))
+    return happening.day if not len(after) else max(happening.day, float(after[0] - 1))
+
+
 def arm_at(
     seed: int, happenings: Sequence[Happening], day: float, used: F64, drawn: int | None = None
 ) -> TrueArm:

@@ -101,7 +101,8 @@ def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
         running_daemon(tmp_path, arm.port, extra) as daemon,
         daemon.listen() as heard,
     ):
-        heard.wait_for(lambda: (heard.json("health")[-1]["interim"] or {}).get("check"))
+        heard.wait_for(lambda: heard.json("health"))
+        heard.wait_for(lambda: heard.json("health")[-1]["interim"]["check"])
         told = heard.json("health")[-1]["interim"]
         assert (told["check"], told["state"]) == ("day-04", "in_control")
         assert told["age_h"] > 0

@@ -172,7 +172,8 @@ def run_case(case: Case, bench: Bench) -> Outcome:
     history = interim.History(DAYS, (happening,), case.bad, case.artefact)
     checks = list(bench.checks(history, case.seed))
     of, causes = stack(checks, bench.causes), bench.causes
-    first = int(np.ceil(case.day)) - 1 + int(case.grows)  # the first check that has some of it
+    begun = interim.begins(happening, interim.use(DAYS, case.seed))
+    first = int(np.ceil(begun)) - 1 + int(case.grows)  # the first check that has some of it
     found = find(of, causes)
     right = true_cause(case, causes)
     bad = [day - 1 for _, day in case.bad]
@@ -181,7 +182,7 @@ def run_case(case: Case, bench: Bench) -> Outcome:
     delay = np.inf if found.alarm is None or early else found.alarm - first + 1
     told = found.changes
     main = min(told, key=lambda c: abs(c.first - first)) if told else None
-    instant = interim.instant(case.day).timestamp()
+    instant = interim.instant(begun).timestamp()
     inside = named = among = sure = False
     if main is not None:
         inside = _inside(checks, of, main, instant)
@@ -190,7 +191,7 @@ def run_case(case: Case, bench: Bench) -> Outcome:
         named = here == place
         among = named or any(causes[k].place == place for k, _ in main.rivals)
         sure = main.probability >= SURE
-    errors = _errors(case, bench, checks, of, found.changes, found.bad, right, first)
+    errors = _errors(case, bench, checks, of, found.changes, found.bad, right, first, instant)
     return Outcome(
         case, early, delay, oracle, main is not None, inside, named, among, sure,
         main is not None and main.gradual == case.grows, max(len(told) - 1, 0),
@@ -241,6 +242,7 @@ def _errors(
     bad: tuple[int, ...],
     right: int,
     first: int,
+    instant: float,
 ) -> tuple[float, float, float]:
     """µm RMS of measurements since the onset, corrected again: as told, by the oracle, and not."""
     if not told:
@@ -252,7 +254,6 @@ def _errors(
         origin = _origin_d(of, kept, kept.index(nearest))
         truth = _growth(of, bench.causes, replace(truth, origin_d=origin), kept, [nearest])
     begun = checks[0].mean_unix_s
-    instant = interim.instant(case.day).timestamp()
     last = checks[-1].last_unix_s
 
     def mended(changes: tuple[Change, ...], instants: list[float], left_out: list[int]):
@@ -345,6 +346,7 @@ def in_control(bench: Bench, seed: int, checks: int, draws: int) -> tuple[int, i
         np.stack([k.T @ z for k, z in zip(of.known, noise, strict=True)]), axis=0
     )
     square = np.cumsum(np.stack([(z**2).sum(axis=0) for z in noise]), axis=0)
+    highest = np.full(draws, -np.inf)
     alive, watched, alarms = np.ones(draws, dtype=bool), 0, 0
     priors = np.log(
         np.maximum([[c.prior_sudden, c.prior_gradual] for c in bench.causes], 1e-300)
@@ -382,6 +384,8 @@ def in_control(bench: Bench, seed: int, checks: int, draws: int) -> tuple[int, i
         alarmed = alive & (total >= evidence.LIMIT)
         alarms += int(alarmed.sum())
         alive &= ~alarmed
+        highest = np.maximum(highest, total)
+    print("highest", np.round(np.sort(highest)[::-1][:12], 2), file=sys.stderr)
     return alarms, watched
 
 
