@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,8 +11,9 @@ import numpy.typing as npt
 
 from armd.compensation.diagnose.diagnose import Diagnosis
 from armd.compensation.diagnose.fitting.fit import Fit
-from armd.compensation.diagnose.fitting.noise import LEVER_MM, Noise
+from armd.compensation.diagnose.fitting.noise import Noise
 from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import frames, jacobian, joint_jacobian
@@ -199,9 +201,6 @@ def _target_mm(last: Fit) -> float:
 def _whitener(joints: F64, noise: Noise, target_mm: float) -> F64:
     """(n, 3, 3): the noise of the sessions, as it would be in poses of Jacobian (n, 3, joints),
     each at a target of its own."""
-    turning = joints / LEVER_MM
-    share = noise.encoder_share
-    blocks = share * turning @ turning.transpose(0, 2, 1)
-    blocks += (1 - share + (target_mm / noise.scale_mm) ** 2) * np.eye(3)
-    whitener: F64 = np.linalg.inv(np.linalg.cholesky(blocks)) / noise.scale_mm
-    return whitener
+    of_point = math.hypot(noise.repeat_mm, target_mm)
+    covariance = ReadingNoise(noise.encoder_rad, of_point).covariance(joints)
+    return whitening(covariance, np.ones(len(joints)))

@@ -66,7 +66,7 @@ def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float) -> No
 
     def dense(scale: float, relative: np.ndarray) -> float:
         covariance = np.zeros((len(residual),) * 2)
-        for i, block in enumerate(noise_model._blocks(problem, share)):
+        for i, block in enumerate(noise_model._covariance(problem, share)):
             covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
         covariance[3 * N :, 3 * N :] = np.diag(distance**2)
         covariance = scale**2 * (covariance + shared @ np.diag(relative) @ shared.T)
@@ -86,7 +86,7 @@ def test_the_noise_of_many_rests_is_found() -> None:
     problem = linear(7, n, 10)
     problem.rests.observations.distances.standard_uncertainty_mm = np.zeros(0)
     rng = np.random.default_rng(8)
-    root = np.linalg.cholesky(noise_model._blocks(problem, share))
+    root = np.linalg.cholesky(noise_model._covariance(problem, share))
     residual = scale * (root @ rng.normal(size=(n, 3, 1))).ravel()
     nothing = in_blocks(np.zeros((3 * n, 0)), problem)
     found = noise_model.estimate(problem, residual, nothing, np.zeros(0))

@@ -19,6 +19,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from armd.compensation.diagnose.fitting.blocks import Blocks
 from armd.compensation.diagnose.fitting.problem import Linear
+from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights
 
 F64 = npt.NDArray[np.float64]
@@ -125,11 +126,10 @@ def _stack(columns: list[F64], linear: Linear) -> F64:
     return np.stack(columns, axis=1) if columns else np.zeros((len(linear.residual), 0))
 
 
-def _blocks(linear: Linear, share: float) -> F64:
-    """(n, 3, 3) covariance of a rest for s = 1."""
-    jq = linear.joints / LEVER_MM
-    blocks: F64 = share * np.einsum("nij,nkj->nik", jq, jq) + (1.0 - share) * np.eye(3)
-    return blocks
+def _covariance(linear: Linear, share: float) -> F64:
+    """(n, 3, 3) of a rest for s = 1."""
+    unit = ReadingNoise(np.sqrt(share) / LEVER_MM, np.sqrt(1.0 - share))
+    return unit.covariance(linear.joints)
 
 
 @dataclass(frozen=True)
@@ -187,8 +187,7 @@ def estimate(
 
 def _unit_whitener(linear: Linear, share: float) -> F64:
     """(n, 3, 3) whitening for s = 1."""
-    whitener: F64 = np.linalg.inv(np.linalg.cholesky(_blocks(linear, share)))
-    return whitener
+    return whitening(_covariance(linear, share), np.ones(linear.rests.n))
 
 
 def _sums(whitener: F64, gram: F64, f: int, rows: int) -> _Gram:
