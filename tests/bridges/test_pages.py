@@ -15,7 +15,7 @@ from armd.daemon.cli import module_of
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = [
     "stream.md", "ippdme.md", "pc-dmis.md", "verisurf.md", "ros2.md", "fleet.md", "export.md",
-    "recorrect.md", "view.md",
+    "recorrect.md", "import.md", "view.md",
 ]  # fmt: skip
 
 

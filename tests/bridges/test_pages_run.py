@@ -63,6 +63,9 @@ FOR_EVER = [  # with --seconds 3, so that they end
 ]
 ELSEWHERE = {
     "armd export recording.mcap -o drawn.mcap": "test_export_foxglove.py",
+    "armd init my-arm --from so101": "test_import.py",
+    "armd import readings.csv --arm arm.toml -o measured": "test_import.py",
+    "armd import robot.urdf -o arm.toml": "test_import.py",
     "armd fleet --router plant-router.json5": "test_fleet.py: it needs certificates",
     "armd view --listen 192.0.2.10:8470 --name controller.example --certificate controller.pem"
     " --key controller.key --token token": "test_view.py: likewise",
