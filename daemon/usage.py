@@ -98,6 +98,10 @@ USAGE = {
         ),
         "measure.md", "mm, °C, seconds", "not finished: the same command takes it up again",
     ),
+    "feature": Usage(
+        ("armd feature sphere table.csv", "armd feature distance plane=table.csv:1-9 sphere=b.csv"),
+        "measure.md", "mm and degrees, in the base frame",
+    ),
     "correct": Usage(
         ("armd correct readings.csv --arm arm.toml --calibration calibration.json -o points.csv",),
         "offline.md", FILE_UNITS,
