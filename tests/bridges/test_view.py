@@ -28,12 +28,13 @@ from armd.daemon.bridges.listening import listen
 from armd.daemon.bridges.view import told
 from armd.daemon.bridges.view.access import Access, read_token
 from armd.daemon.bridges.view.board import KEPT, MOST_BYTES, Board
+from armd.daemon.bridges.view.features import feature
 from armd.daemon.bridges.view.files import Files
 from armd.daemon.bridges.view.history import History
 from armd.daemon.bridges.view.http import MOST_HEAD_BYTES, Refused, parse
 from armd.daemon.bridges.view.server import SEND_BUFFER_BYTES, Server
 from armd.daemon.cli import main
-from armd.errors import BadInput
+from armd.errors import ArmdError, BadInput
 from armd.simulator.truth.nominal import arm_toml
 
 NOWHERE = "tcp/127.0.0.1:1"  # where no daemon is
@@ -140,6 +141,31 @@ def test_temperatures_of_an_hour_are_kept() -> None:
     assert told_["rows"][-1][1:] == [20.0, None]
     history.add({"stamp_ns": 10**9, "temperatures": {"t1": 20.0, "t2": None}})  # clock set back
     assert len(json.loads(history.text())["rows"]) == 1
+
+
+def test_features_through_what_was_picked() -> None:
+    measured = {
+        str(k): {"position_mm": place, "covariance_mm2": [1e-4, 0, 0, 1e-4, 0, 1e-4]}
+        for k, place in enumerate(
+            [
+                [0.0, 0.0, 5.0],
+                [10.0, 0.0, 5.0],
+                [0.0, 10.0, 5.0],
+                [10.0, 10.0, 5.0],
+                [3.0, 4.0, 25.0],
+            ]
+        )
+    }
+    measured["none"] = {"position_mm": None, "covariance_mm2": None}
+    plane = feature(measured, {"of": "plane:0,1,2,3"})
+    assert np.abs(plane["direction"]) == pytest.approx([0, 0, 1], abs=1e-9)
+    assert plane["uncertainty_from"] == "points"
+    related = feature(measured, {"of": "plane:0,1,2,3", "and": "point:4"})
+    assert related["distance"]["value"] == pytest.approx(20.0)
+    assert related["angle"] is None
+    for of in ("plane:0,1", "blob:0,1,2", "plane:0,1,none", "plane:0,1,9", ""):
+        with pytest.raises(ArmdError):
+            feature(measured, {"of": of})
 
 
 # --- who may look, who may do ----------------------------------------------------------------
@@ -333,6 +359,7 @@ def test_what_is_asked_is_answered_under_guard() -> None:
             for path, status in {
                 "/../server.py": 404, "/%2e%2e/server.py": 404, "/vendor/": 404, "/nothing": 404,
                 "/measurements.csv": 503, "/measurements.exe": 404, "/temperatures": 200,
+                "/feature?of=plane:1,2,3": 409, "/feature": 409,
             }.items():  # fmt: skip
                 assert (await ask(port, f"GET {path} HTTP/1.1\n{host}"))[0] == status, path
             for foreign in ("Host: evil.example", "X: no host at all"):
@@ -383,7 +410,7 @@ def test_on_the_network_a_token_and_a_certificate() -> None:
             host = f"Host: localhost:{port}"
             status, _, body = await ask(port, f"GET / HTTP/1.1\n{host}", tls=ours)
             assert (status, b"Token of this arm" in body) == (200, True)
-            for path in ("/events", "/temperatures", "/measurements.csv"):
+            for path in ("/events", "/temperatures", "/measurements.csv", "/feature", "/guided"):
                 assert (await ask(port, f"GET {path} HTTP/1.1\n{host}", tls=ours))[0] == 401, path
             post = f"POST /command/reload HTTP/1.1\n{host}\nContent-Type: application/json"
             assert (await ask(port, post, b"{}", ours))[0] == 401

@@ -200,6 +200,16 @@ def test_keyboard_alone(browser: Browser, daemon: Daemon, view: RunningBridge) -
         assert page.inner_text("#sound") == "Sound off"
         page.keyboard.press("k")
         assert "No. " in page.inner_text("#picked")
+        page.wait_for_function("() => document.querySelectorAll('#rows tr').length > 3")
+        page.keyboard.press("A")
+        page.click("#shapes button:has-text('plane')")
+        page.click("#shapes button:has-text('point')")
+        page.wait_for_function("() => document.querySelectorAll('#features li').length === 2")
+        for box in page.locator("#features input").all():
+            box.check()
+        page.wait_for_function(
+            "() => /distance .* mm/.test(document.getElementById('related').textContent)"
+        )
         page.keyboard.press("Escape")
         assert page.inner_text("#picked") == ""
         page.keyboard.press("?")

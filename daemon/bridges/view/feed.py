@@ -55,6 +55,8 @@ class Feed:
         self._asking: asyncio.Task[None] | None = None
         self._events: list[dict[str, Any]] = []
         self._seen: dict[tuple[str, int, str], None] = {}
+        self.kept: dict[str, dict[str, Any]] = {}
+        """Measurements by the id that the page has of each, the last ones."""
 
     @property
     def stamp_ns(self) -> int:
@@ -112,6 +114,9 @@ class Feed:
     def _take_measurement(self, measurement: dict[str, Any]) -> None:
         if self._is_new("measurement", measurement["stamp_ns"], str(measurement["seq"])):
             self._board.append("measurement", told.measurement(measurement))
+            self.kept[told.measurement_id(measurement)] = measurement
+            if len(self.kept) > KEPT:
+                self.kept.pop(next(iter(self.kept)))
             self.measured(measurement)
 
     def _is_new(self, what: str, stamp_ns: int, which: str) -> bool:

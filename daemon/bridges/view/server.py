@@ -149,6 +149,8 @@ class Server:
         self._access.check_token(request)
         if path == "/temperatures":
             return answer(HTTPStatus.OK, JSON, self._feed.history.text().encode())
+        if path == "/feature":
+            return await self._feature(request)
         if path == "/guided" and self._guided is not None:
             choices = await in_thread(self._guided.choices)
             return answer(HTTPStatus.OK, JSON, json.dumps(choices).encode())
@@ -184,6 +186,21 @@ class Server:
         name = "".join(c if c.isalnum() or c in "-_" else "_" for c in arm.serial)
         more = {"Content-Disposition": f'attachment; filename="{name}{suffix}"'}
         return answer(HTTPStatus.OK, TABLES[suffix], text.encode(), more)
+
+    async def _feature(self, request: Request) -> bytes:
+        """Through measurements that were picked; it changes nothing."""
+        kept = dict(self._feed.kept)
+
+        def fitted() -> object:
+            from armd.daemon.bridges.view.features import feature  # scipy, only when wanted
+
+            return feature(kept, request.query)
+
+        try:
+            return answer(HTTPStatus.OK, JSON, json.dumps(await in_thread(fitted)).encode())
+        except ArmdError as error:
+            said = json.dumps({"error": str(error)}).encode()
+            return answer(HTTPStatus.CONFLICT, JSON, said)
 
     async def _done(self, request: Request) -> bytes:
         self._access.check_origin(request)

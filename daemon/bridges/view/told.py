@@ -79,7 +79,7 @@ def measurement(content: Mapping[str, Any]) -> str:
         {
             "seq": content["seq"],
             "ms": content["stamp_ns"] / 1e6,
-            "id": f"{content['stamp_ns']}-{content['seq']}",
+            "id": measurement_id(content),
             "p": content["position_mm"],
             "sd": content.get("standard_deviation_mm"),
             "u": standard_uncertainty_mm(content.get("covariance_mm2")),
@@ -91,6 +91,11 @@ def measurement(content: Mapping[str, Any]) -> str:
             "calibration": content.get("calibration"),
         }
     )
+
+
+def measurement_id(content: Mapping[str, Any]) -> str:
+    """By which the page names it."""
+    return f"{content['stamp_ns']}-{content['seq']}"
 
 
 def event(content: Mapping[str, Any]) -> str:

@@ -96,6 +96,8 @@ export class Guide {
     const { next } = state;
     const words = { measuring: "everything is measured", ending: "being worked out…", ended: "done" }[phase];
     write($("next-target"), next && phase === "measuring" ? next.target : words);
+    $("next-word").hidden = !next || phase !== "measuring";
+    if ($("next-word").hidden) { this.scene?.target(null, null); write($("away"), ""); }
     write($("next-where"), next && phase === "measuring" ? `in ${next.placement}${next.place ? `: ${next.place}` : ""}` : "");
     write($("next-how"), next && phase === "measuring" ? [next.how, next.why].filter(Boolean).join("; ") : "");
     this.scene?.ghost(phase === "measuring" ? (next?.posture_deg ?? null) : null);
@@ -103,6 +105,9 @@ export class Guide {
     const estimate = [state.estimate?.text, so_far && `as armd calibrate has it: ${so_far}`];
     write($("estimate"), estimate.filter(Boolean).join(" · "));
     this.cover(state);
+    const over = phase === "ending" || phase === "ended"; // then what the commands say matters
+    $("coverage").hidden = over;
+    $("ranges").hidden = over;
     $("results").replaceChildren(...results.flatMap((done) => [
       element("h3", `${done.command}: ${done.code === 0 ? "done" : done.code === 1 ? "the answer is no" : "failed"}`),
       element("pre", [done.output, done.error].filter(Boolean).join("\n")),

@@ -49,6 +49,8 @@ export class Measurements {
     this.mark();
   }
 
+  everything() { this.picked = this.all.map((m) => m.id); this.mark(); }
+
   none() { this.picked = []; this.mark(); }
 
   /** The one before (−1) or after (+1) the one picked last. */

@@ -1,6 +1,7 @@
 // The page: what the server tells, put where a person looks for it.
 
 import { Curves } from "./curves.js";
+import { Features } from "./features.js";
 import { Guide } from "./guide.js";
 import { Events, Measurements } from "./lists.js";
 import { STATES, celsius, duration, element, instant, micrometres, millimetres, norm, write } from "./say.js";
@@ -42,14 +43,17 @@ const guide = new Guide(post, scene);
 
 // --- lists ------------------------------------------------------------------------------------
 
+let features = null;
 const measurements = new Measurements($("rows"), () => {
   const placed = measurements.all.filter((m) => m.p);
   scene?.points(placed.map((m) => m.p), measurements.chosen.filter((m) => m.p).map((m) => m.p));
   write($("picked"), measurements.words(flagWords));
+  features?.offer(measurements.chosen.filter((m) => m.p));
   write($("count"), measurements.all.length ? String(measurements.all.length) : "");
   $("none-measured").hidden = measurements.all.length > 0;
   showDistance();
 });
+features = new Features();
 const events = new Events($("events"), $("none-happened"));
 
 // --- what the server tells --------------------------------------------------------------------
@@ -141,6 +145,7 @@ function showAge() {
   $("readout").classList.toggle("old", old);
   const text = !page.live ? "no point yet" : `no point for ${(age / 1000).toFixed(age < 10000 ? 1 : 0)} s: these are the last figures`;
   $("held").hidden = !old;
+  if (old && !(page.connected && page.link?.here)) { write($("rate"), "–"); write($("latency"), "–"); }
   if (old) write($("held"), text);
 }
 setInterval(showAge, 250);
@@ -242,6 +247,7 @@ const KEYS = {
   s: turnSound, t: turnTheme, d: turnCurves, e: () => $("csv").click(), "?": () => $("help").showModal(),
   j: (event) => measurements.step(-1, event.shiftKey), k: (event) => measurements.step(1, event.shiftKey),
   m: () => guide.open(), x: () => guide.key("x"), a: () => guide.key("a"),
+  A: () => measurements.everything(),
   J: () => measurements.step(-1, true), K: () => measurements.step(1, true), Escape: () => measurements.none(),
 };
 document.addEventListener("keydown", (event) => {
