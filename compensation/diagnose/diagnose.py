@@ -22,6 +22,7 @@ from armd.compensation.diagnose.fitting.problem import Rests, gather_rests, requ
 from armd.compensation.diagnose.gain import Gain, cross_validate, gain, gains, groups_of
 from armd.compensation.diagnose.scoring.threshold import ALPHA
 from armd.compensation.diagnose.search import Progress, Result, Search
+from armd.compensation.diagnose.touched import MOST_TOUCHED, Touched, find_touched
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
@@ -62,6 +63,8 @@ class Diagnosis:
     by_target: bool  # these two of targets left out within placements: others could not tell
     extended: Calibration
     told: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
+    touched: tuple[Touched, ...]  # placements parted in two
+    touched_gain: Gain | None
 
     @property
     def found(self) -> tuple[Finding, ...]:
@@ -106,12 +109,21 @@ def _diagnose(
     if holdout:
         beside = make_sound(holdout, arm)
         holdout, told = beside.sessions, told + list(beside.told)
-    rests = gather_rests(sessions, arm)
-    for some in (rests, *([gather_rests(holdout, arm)] if holdout else [])):
+    given = gather_rests(sessions, arm)
+    for some in (given, *([gather_rests(holdout, arm)] if holdout else [])):
         require_spare(some.observations, ", ".join(str(s.path) for s in some.sessions))
-    baseline = model_under_test(sessions, arm, calibration)
-    progress("search", 0.0)
-    result = Search(rests, arm, baseline, progress).run()
+    touched: list[Touched] = []
+    while True:
+        rests = gather_rests(sessions, arm)
+        baseline = model_under_test(sessions, arm, calibration)
+        progress("search", 0.0)
+        search = Search(rests, arm, baseline, progress)
+        found = find_touched(search.first)
+        if found is None or len(touched) == MOST_TOUCHED:
+            break
+        touched.append(found)
+        sessions = found.sessions
+    result = search.run()
     progress("gain", 0.9)
     last = result.last
     outlying, outlier_p = find_outliers(last)
@@ -124,7 +136,6 @@ def _diagnose(
         squares, groups = checked.squares, checked.groups
         kept = np.ones(rests.n, dtype=bool)
         kept[outlying] = False
-    found = len(result.found)
     measured = gains(squares, groups, np.ones_like(kept))
     progress("held out", 0.95)
     written = (
@@ -143,7 +154,7 @@ def _diagnose(
             for i, (g, pair) in enumerate(zip(measured, pairs, strict=True))
         ]
     extension = _extension(written.some, result, rests, arm, sessions, command)
-    if len(written.some) == found and not written.further:
+    if len(written.some) == len(result.found) and not written.further:
         written = replace(written, after=squares[-1])  # of a search repeated, where there is one
     return Diagnosis(
         arm,
@@ -165,7 +176,18 @@ def _diagnose(
         bool(written.further),
         extension,
         tuple(told),
+        tuple(touched),
+        _gain_of_parting(given.sessions, sessions, arm, baseline.calibration) if touched else None,
     )
+
+
+def _gain_of_parting(
+    given: Sequence[Session], parted: Sequence[Session], arm: Arm, calibration: Calibration
+) -> Gain:
+    """Of placements that were touched: as one pose, and as two, under the same model."""
+    whole, apart = (evaluate(some, arm, calibration) for some in (given, parted))
+    squares = [(one.residual_mm**2).sum(axis=1) for one in (whole, apart)]
+    return gain(squares[0], squares[1], groups_of(whole.observations))
 
 
 def _before_and_after_um(written: BorneOut, kept: npt.NDArray[np.bool_]) -> tuple[float, float]:

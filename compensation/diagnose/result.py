@@ -20,8 +20,9 @@ from armd.compensation.diagnose.fitting.scanned import scanned_uncertainty
 from armd.compensation.diagnose.fitting.target_steps import TargetStep, steps, target_steps
 from armd.compensation.diagnose.gain import Gain
 from armd.compensation.diagnose.search import MOST_FINDINGS
+from armd.compensation.diagnose.touched import Touched
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import Candidate, plain
+from armd.compensation.effects.effect import Candidate, clock, plain
 from armd.compensation.effects.location import ROWS
 
 F64 = npt.NDArray[np.float64]
@@ -42,6 +43,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
         _finding(diagnosis, i, found, gain)
         for i, (found, gain) in enumerate(zip(diagnosis.found, diagnosis.gains, strict=True))
     ]
+    findings = [*(_touched(diagnosis, one) for one in diagnosis.touched), *findings]
     if diagnosis.outliers and diagnosis.outlier_gain is not None:
         findings.append(_outliers(diagnosis, diagnosis.outlier_gain))
     unexplained = max(diagnosis.remaining_rms_um**2 - diagnosis.noise_floor_um**2, 0.0)
@@ -86,7 +88,9 @@ def verdict(diagnosis: Diagnosis) -> str:
     gains = diagnosis.gains
     doubtful = _numbers(i for i, gain in enumerate(gains) if not gain.shown)
     if not gains:
-        sentences.append("No cause was found.")
+        sentences.append(
+            "No cause was found in the arm." if diagnosis.touched else "No cause was found."
+        )
     else:
         count = f"{len(gains)} finding{'' if len(gains) == 1 else 's'}"
         if diagnosis.written:
@@ -127,7 +131,17 @@ def verdict(diagnosis: Diagnosis) -> str:
             )
     elif not gains and not diagnosis.outliers:
         sentences.append(_nothing_found(diagnosis, refused or moved))
-    return " ".join(text for text in [*sentences, *refused, *moved, *diagnosis.told] if text)
+    return " ".join(
+        text
+        for text in [
+            *sentences,
+            *refused,
+            *moved,
+            *map(touched_in_words, diagnosis.touched),
+            *diagnosis.told,
+        ]
+        if text
+    )
 
 
 def _numbers(of: Iterable[int]) -> str:
@@ -363,6 +377,48 @@ def _gain(gain: Gain) -> dict[str, Any]:
         "interval_um": list(gain.interval_um),
         "shown": gain.shown,
     }
+
+
+def touched_in_words(touched: Touched) -> str:
+    """What was moved, where and when."""
+    what = CATALOGUE["artefact_moved"].reading(touched.candidate, touched.amplitudes)
+    when = "" if np.isnan(touched.instant_unix_s) else f", {clock(touched.instant_unix_s)}"
+    return (
+        f"In {touched.session}, {touched.placement}, before row {touched.row}{when}, {what}: its "
+        "readings count as two placements; nothing of that is the arm's."
+    )
+
+
+def _touched(diagnosis: Diagnosis, touched: Touched) -> dict[str, Any]:
+    effect = CATALOGUE["artefact_moved"]
+    assert diagnosis.touched_gain is not None
+    rows = [
+        _row(column.name, float(value), column.unit, float(sigma))
+        for column, value, sigma in zip(
+            touched.candidate.columns, touched.amplitudes, touched.uncertainties, strict=True
+        )
+    ]
+    return {
+        "cause": "artefact_moved",
+        "location": "artefact",
+        "parameters": [*rows, _row("instant", touched.instant_unix_s, "s (Unix)", 0.0)],
+        "session": touched.session,
+        "placement": touched.placement,
+        "row": touched.row,
+        "probability": touched.probability,
+        "p_value": touched.p_value,
+        "alternatives": [
+            {"cause": rival.cause, "location": rival.location, "probability": probability,
+             "angle_deg": 0.0}
+            for rival, probability in touched.rivals
+        ],
+        "gain": _gain(diagnosis.touched_gain),
+        "in_extended_calibration": False,
+        "depends_on": list(touched.candidate.depends_on),
+        "reading": touched_in_words(touched),
+        "reason": effect.reason,
+        "confounded_with": effect.confounded_with,
+    }  # fmt: skip
 
 
 def _outliers(diagnosis: Diagnosis, gain: Gain) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,8 @@ F64 = npt.NDArray[np.float64]
 MOST_FINDINGS = 10
 MOST_STEPS = 16
 MOST_RENAMINGS = 3
+#: What is found otherwise, or is no cause.
+NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
 
 Progress = Callable[[str, float], None]
 
@@ -86,11 +89,16 @@ class Search:
         self._signatures: Signatures | None = None
         self._refused: list[Refused] = []
 
+    @cached_property
+    def first(self) -> ScoredCandidates:
+        """The whole catalogue against the model under test."""
+        return self._survey(self._fit([]))
+
     def run(self) -> Result:
         """Search forward, looking back after every step."""
-        first = current = self._fit([])
-        scored = self._survey(current)
-        untold = scored.scores.silent(set(catalogue.CATALOGUE) - {"outliers", "unknown"})
+        scored = self.first
+        first = current = scored.fit
+        untold = scored.scores.silent(set(catalogue.CATALOGUE) - NOT_SOUGHT)
         would_show = scored.scores.shown_at_typical_size()
         seen: set[str] = set()
         for step in range(MOST_STEPS):

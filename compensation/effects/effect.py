@@ -36,12 +36,15 @@ class ArtefactChange:
     "scale": position, amplitude dimensionless.
     "target": the named target moves along `axis` (0…2), amplitude in mm.
     "distance": the certified length number `index` grows, amplitude in mm.
+    "moved": placement number `index` moves as a whole after `after` of its rests, along or about
+    `axis` (0…2, 3…5) of the base frame, about its middle; amplitude in mm and rad.
     """
 
-    kind: Literal["expansion", "scale", "target", "distance"]
+    kind: Literal["expansion", "scale", "target", "distance", "moved"]
     target: str = ""
     axis: int = 0
     index: int = 0
+    after: int = 0
     artefact: str = ""  # name of the artefact, where the sessions have several; empty: all
 
 

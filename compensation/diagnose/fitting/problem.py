@@ -91,6 +91,9 @@ class Linear:
         if change.kind == "distance":
             column[3 * self.rests.n + change.index] = -1.0
             return column
+        if change.kind == "moved":
+            column[: 3 * self.rests.n] = -self._moved(change).ravel()
+            return column
         at = observations.known_mm(self.poses.target_mm)
         if change.kind == "expansion":
             move = at * self.rests.artefact_rise_c[:, None]
@@ -106,6 +109,19 @@ class Linear:
         rotation = self.poses.rotation[observations.placement]
         column[: 3 * self.rests.n] = -np.einsum("nij,nj->ni", rotation, move).ravel()
         return column
+
+    def _moved(self, change: ArtefactChange) -> F64:
+        """Motion (n, 3) of the targets of one placement, of its later rests in time."""
+        observations = self.rests.observations
+        own = np.flatnonzero(observations.placement == change.index)
+        own = own[np.argsort(observations.states.time_s[own], kind="stable")]
+        points = self.poses.placed(observations)[own]
+        along = np.eye(3)[change.axis % 3]
+        moves = np.zeros((self.rests.n, 3))
+        turned = np.cross(along, points - points.mean(axis=0))
+        moves[own] = along if change.axis < 3 else turned
+        moves[own[: change.after]] = 0.0
+        return moves
 
 
 def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:

@@ -1,0 +1,53 @@
+"""The artefact was touched half-way through a placement: a step of one placement, not the arm's."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from armd.compensation.effects.effect import (
+    F64,
+    ArtefactChange,
+    Candidate,
+    Column,
+    Effect,
+    SessionFacts,
+    plain,
+)
+
+#: A hand moves an artefact by tenths of a millimetre; a mount that steps moves by some µm.
+SHIFT_MM, TURN_RAD = 0.1, 0.3e-3
+
+
+def moved(placement: int, after: int) -> Candidate:
+    """Of the placement of this number, after so many of its rests in the order of time."""
+    columns = tuple(
+        Column(
+            f"{'shift' if axis < 3 else 'turn'} {'xyz'[axis % 3]}",
+            "mm" if axis < 3 else "rad",
+            SHIFT_MM if axis < 3 else TURN_RAD,
+            artefact=ArtefactChange("moved", axis=axis, index=placement, after=after),
+        )
+        for axis in range(6)
+    )
+    return Candidate("artefact_moved", "artefact", columns, ("placement", "time_s"))
+
+
+def candidates(_: SessionFacts) -> Iterator[Candidate]:
+    """None: `diagnose.touched` looks before the search, and parts the placement."""
+    return iter(())
+
+
+def reading(_: Candidate, amplitudes: F64) -> str:
+    shift, turn = (float(np.linalg.norm(part)) * 1e3 for part in (amplitudes[:3], amplitudes[3:]))
+    return f"the artefact was moved by {plain(shift)} µm and turned by {plain(turn)} mrad"
+
+
+EFFECT = Effect(
+    "artefact_moved",
+    "somebody leaned on it, a magnet slid, a clamp let go",
+    "a step of the base, a slip of joint 1",
+    "measure three of its targets at the start and the end of every placement",
+    candidates,
+    reading,
+    accident=True,
+)
