@@ -408,7 +408,7 @@ def _touched(diagnosis: Diagnosis, touched: Touched) -> dict[str, Any]:
         "probability": touched.probability,
         "p_value": touched.p_value,
         "alternatives": [
-            {"cause": rival.cause, "location": rival.location, "probability": probability,
+            {"cause": rival.cause, "location": str(rival.location), "probability": probability,
              "angle_deg": 0.0}
             for rival, probability in touched.rivals
         ],

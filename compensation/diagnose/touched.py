@@ -16,15 +16,15 @@ from scipy.special import softmax
 
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.fitting.fit import finding_columns
-from armd.compensation.diagnose.fitting.noise import WINSOR_AT
 from armd.compensation.diagnose.fitting.problem import Rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
-from armd.compensation.diagnose.scoring.evidence import ABSORBED, estimates
+from armd.compensation.diagnose.scoring.evidence import ABSORBED, estimates, kind
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
 from armd.compensation.diagnose.scoring.threshold import family_wise, significant
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
+from armd.compensation.estimate.robust import WINSOR_AT
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -208,14 +208,20 @@ def _at_the_instant(
     def apart(step: Candidate) -> float:
         return abs({name: value for name, value, _ in step.setting}["instant"] - instant)
 
-    nearest: dict[tuple[tuple[str, str], tuple[str, ...]], Candidate] = {}
+    nearest: dict[tuple[str, ...], Candidate] = {}
     for step in filter(_steps, scored.scores.signatures.candidates):
-        key = step.place, tuple(column.name for column in step.columns)
+        key = kind(step)
         if key not in nearest or apart(step) < apart(nearest[key]):
             nearest[key] = step
     return [
-        min([step, *(step.refine() if step.refine else ())], key=apart) for step in nearest.values()
+        _as_large_as_it_steps(min([step, *(step.refine() if step.refine else ())], key=apart))
+        for step in nearest.values()
     ]
+
+
+def _as_large_as_it_steps(step: Candidate) -> Candidate:
+    columns = tuple(replace(column, reach=MOST_STEP) for column in step.columns)
+    return replace(step, columns=columns) if step.cause == "mount_drift" else step
 
 
 def _parted(

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     F64,
     ArtefactChange,
@@ -29,7 +30,7 @@ def moved(placement: int, after: int) -> Candidate:
         )
         for axis in range(6)
     )
-    return Candidate("artefact_moved", "artefact", columns, ("placement", "time_s"))
+    return Candidate("artefact_moved", location.ARTEFACT, columns, ("placement", "time_s"))
 
 
 def candidates(_: SessionFacts) -> Iterator[Candidate]:
@@ -49,5 +50,4 @@ EFFECT = Effect(
     "measure three of its targets at the start and the end of every placement",
     candidates,
     reading,
-    accident=True,
 )

@@ -1,0 +1,24 @@
+"""The mess of a workshop and a desk, made by the simulator: told, and neither hides nor makes any."""
+
+from __future__ import annotations
+
+import pytest
+from messy import run_mess
+
+from armd.simulator.mess import KINDS
+
+
+def test_a_touched_artefact_is_no_step_of_the_arm() -> None:
+    outcome = run_mess("touched", 4406)
+    assert [cause for cause, _, _ in outcome.found] == ["artefact_moved"]
+    assert 0.9 < outcome.floor < 1.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_mess_is_told_and_a_cause_beside_it_named(kind: str) -> None:
+    outcome = run_mess(kind, 4407)
+    assert outcome.right
+    assert not outcome.sure_and_wrong
+    assert not outcome.worse
+    assert outcome.floor < 1.7  # noise correlated in time counts as wandering, too
