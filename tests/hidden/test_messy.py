@@ -1,4 +1,4 @@
-"""The mess of a workshop and a desk, made by the simulator: told, and neither hides nor makes any."""
+"""The mess of a workshop and a desk, made by the simulator: it is told, and makes no cause."""
 
 from __future__ import annotations
 
