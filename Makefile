@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test test-slow lint bench clean hidden interim soak fuzz system-test deb paper real so101 circle page browser
+.PHONY: install demo test test-slow lint bench clean hidden hidden-sweep interim soak fuzz system-test deb paper real so101 circle page browser
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -50,6 +50,11 @@ hidden: install
 # Interim checks against an oracle, the table of docs/interim.md: make interim CASES=40 SEED=2
 interim: install
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/interim/montecarlo.py --cases $(CASES) --seed $(SEED)
+
+# How the marks move when each constant of the search is halved and doubled:
+# make hidden-sweep CASES=4 SEED=7 SWEEP_ARGS="--only OFF ALPHA"
+hidden-sweep: install
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/sweep.py --cases $(CASES) --seed $(SEED) $(SWEEP_ARGS)
 
 # Simulator, daemon and subscribers under random faults, every point accounted for:
 # make soak MINUTES=60 SEED=3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 from drifts import run_drift, said
 from planting import of_joint, planted
+from sweep import CONSTANTS, ROOM, changed
 
 from armd.compensation.data.session import load_session
+from armd.compensation.diagnose import explains
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.result import as_json
 from armd.compensation.model.arm import load_arm
@@ -54,3 +57,21 @@ def test_a_drift_is_no_staircase(seed: int) -> None:
     found = run_drift("drift", seed)
     assert found.right, found
     assert found.worse < 0.002
+
+
+def test_every_constant_of_the_sweep_is_there_and_comes_back() -> None:
+    for constant in CONSTANTS:
+        origin = importlib.import_module(ROOM + constant.module)
+        value = getattr(origin, constant.name)
+        with changed(constant, 2.0) as doubled:
+            assert getattr(origin, constant.name) == doubled == 2 * value
+        assert getattr(origin, constant.name) == value
+        assert constant.why
+
+
+def test_a_constant_that_others_import_changes_for_them_too() -> None:
+    (alpha,) = (c for c in CONSTANTS if c.name == "ALPHA")
+    before = explains.ALPHA
+    with changed(alpha, 0.5):
+        assert before / 2 == explains.ALPHA
+    assert before == explains.ALPHA
