@@ -106,6 +106,16 @@ def verdict(diagnosis: Diagnosis) -> str:
             )
         if doubtful:
             sentences.append(f"Held-out readings do not bear out {doubtful}: leads, not facts.")
+        guesses = _numbers(
+            i
+            for i, found in enumerate(diagnosis.found)
+            if found.candidate.cause != "unknown" and found.explained and found.explained.guess
+        )
+        if guesses:
+            sentences.append(
+                f"The name of {guesses} is a guess: it explains little of what goes with its "
+                "variables."
+            )
         unsized = _numbers(i for i in range(len(gains)) if not size_known(diagnosis, i))
         if unsized:
             sentences.append(f"The size of {unsized} is within its own uncertainty.")
@@ -131,6 +141,8 @@ def verdict(diagnosis: Diagnosis) -> str:
             )
     elif not gains and not diagnosis.outliers:
         sentences.append(_nothing_found(diagnosis, refused or moved))
+    elif gains and not diagnosis.outliers:
+        sentences.append(_what_stays(diagnosis))
     return " ".join(
         text
         for text in [
@@ -147,6 +159,17 @@ def verdict(diagnosis: Diagnosis) -> str:
 def _numbers(of: Iterable[int]) -> str:
     """Findings as they are counted for a person, from 1."""
     return ", ".join(str(i + 1) for i in of)
+
+
+def _what_stays(diagnosis: Diagnosis) -> str:
+    """Residuals beyond the noise in which nothing is significant, beside findings."""
+    left, floor = diagnosis.remaining_rms_um, diagnosis.noise_floor_um
+    if left <= BEYOND_NOISE * floor:
+        return ""
+    return (
+        f"Yet {um(left)} µm stay under the extended calibration, where the noise alone would leave "
+        f"{um(floor)} µm."
+    )
 
 
 def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
