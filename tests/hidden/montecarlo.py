@@ -23,17 +23,19 @@ import numpy as np
 from cases import NOISES, run_case
 from doubts import draw_doubtful, settle
 from drifts import Drifted
+from messy import MessOutcome, run_mess, table_of_mess, tell_mess
 
 from armd.compensation.diagnose.diagnose import Diagnosis
+from armd.simulator.mess import KINDS as MESSES
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import draw_plant
 from armd.simulator.plants.plant import Plant, depends_on
 
 #: One cause; two or three; one outside the catalogue; clean data of each noise; one cause whose
 #: shape is DISTORTION off the catalogue's; one that the data leave in doubt, and the experiment
-#: that armd proposes; something that drifts, and slow noise without. All but the first have a
-#: quarter of the cases.
-KINDS = ("single", "pair", "unknown", *NOISES, "distorted", "doubt", *drifts.KINDS)
+#: that armd proposes; something that drifts, and slow noise without; readings as a workshop
+#: leaves them. All but the first have a quarter of the cases.
+KINDS = ("single", "pair", "unknown", *NOISES, "distorted", "doubt", *drifts.KINDS, *MESSES)
 DISTORTION = 0.3
 #: Causes that act through the posture, whose shape the simulator can bend.
 DISTORTABLE = (
@@ -105,11 +107,13 @@ def plants_for(task: Task) -> list[Plant]:
     return []
 
 
-def carry_out(task: Task) -> Outcome | Asked | Drifted | None:
+def carry_out(task: Task) -> Outcome | Asked | Drifted | MessOutcome | None:
     """One task; a failure is told and counted, not hidden."""
     try:
         if task.kind in drifts.KINDS:
             return drifts.run_drift(task.kind, task.seed)
+        if task.kind in MESSES:
+            return run_mess(task.kind, task.seed)
         return ask(task) if task.kind == "doubt" else judge(task)
     except Exception:
         traceback.print_exc(file=sys.stderr)
@@ -180,9 +184,11 @@ def tell_asked(asked: Asked) -> str:
     )
 
 
-def tell(outcome: Outcome | Asked | Drifted) -> str:
+def tell(outcome: Outcome | Asked | Drifted | MessOutcome) -> str:
     if isinstance(outcome, Drifted):
         return drifts.tell(outcome)
+    if isinstance(outcome, MessOutcome):
+        return tell_mess(outcome)
     if isinstance(outcome, Asked):
         return tell_asked(outcome)
     truths = " + ".join(f"{c} {where} {size:.3g}" for c, where, size in outcome.truths) or "clean"
@@ -204,7 +210,7 @@ def share(values: Sequence[bool]) -> str:
     return f"{np.mean(values):.3f} of {len(values)}" if len(values) else "no case"
 
 
-def table(everything: Sequence[Outcome | Asked | Drifted]) -> None:
+def table(everything: Sequence[Outcome | Asked | Drifted | MessOutcome]) -> None:
     """Print the marks of the diagnosis beside what was reached."""
     outcomes = [o for o in everything if isinstance(o, Outcome)]
     asked = [o for o in everything if isinstance(o, Asked)]
@@ -293,7 +299,7 @@ def tasks_of(args: argparse.Namespace) -> list[Task]:
     ]
 
 
-def main(run: Callable[[Task], Outcome | Asked | Drifted | None] = carry_out) -> int:
+def main(run: Callable[[Task], Outcome | Asked | Drifted | MessOutcome | None] = carry_out) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=40, help="single causes; others follow")
     parser.add_argument("--seed", type=int, default=1)
@@ -303,7 +309,7 @@ def main(run: Callable[[Task], Outcome | Asked | Drifted | None] = carry_out) ->
     parser.add_argument("--save", type=Path, help="raw outcomes, a JSON object per line")
     args = parser.parse_args()
     tasks = tasks_of(args)
-    outcomes: list[Outcome | Asked | Drifted] = []
+    outcomes: list[Outcome | Asked | Drifted | MessOutcome] = []
     with multiprocessing.get_context("spawn").Pool(args.workers) as pool:
         for outcome in pool.imap_unordered(run, tasks):
             if outcome is not None:
@@ -313,6 +319,7 @@ def main(run: Callable[[Task], Outcome | Asked | Drifted | None] = carry_out) ->
                     with args.save.open("a") as file:
                         print(json.dumps(asdict(outcome)), file=file)
     table(outcomes)
+    table_of_mess([o for o in outcomes if isinstance(o, MessOutcome)])
     if len(outcomes) < len(tasks):
         print(f"{len(tasks) - len(outcomes)} cases failed", file=sys.stderr)
         return 1
