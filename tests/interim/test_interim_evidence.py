@@ -1,0 +1,142 @@
+"""The alarm's statistic by brute force, and whole histories with changes of several kinds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import multivariate_t
+from test_interim_history import measured, run, true_calibration
+
+from armd.compensation.data.session import load_sessions
+from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.effects.location import joint
+from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.interim.columns import Cause
+from armd.compensation.interim.evidence import NOISE_WORD, SIZES, weigh
+from armd.compensation.interim.stack import RAMP_DAYS, Stack, Sums
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import load_calibration
+
+
+def a_stack(rng: np.random.Generator) -> tuple[Stack, list[Cause]]:
+    """Five checks of a few numbers each, one cause of one column and one of two."""
+    rows = [4, 6, 3, 5, 4]
+    columns = tuple(rng.normal(size=(r, 3)) for r in rows)
+    known = tuple(rng.normal(size=(r, 2)) for r in rows)
+    residual = tuple(rng.normal(size=r) for r in rows)
+    time_d = np.cumsum(rng.uniform(0.5, 2.0, len(rows)))
+    one, two = (
+        Candidate(
+            "geometry_shift", joint(k), tuple(Column(f"{i}", "mm", 1.0) for i in range(n)), ()
+        )
+        for k, n in ((2, 1), (3, 2))
+    )
+    causes = [Cause(one, 0.25, 0.25), Cause(two, 0.25, 0.25)]
+    none = tuple(np.zeros((r, 0)) for r in rows)
+    return Stack(time_d, residual, columns, known, none, (slice(0, 1), slice(1, 3))), causes
+
+
+def density(of: Stack, more: list[np.ndarray], size: float) -> float:
+    """Log of Student's density of all readings, the covariance written out in full."""
+    z = np.concatenate(of.residual)
+    known, extra = np.concatenate(of.known), np.concatenate(more)
+    shape = np.eye(len(z)) + known @ known.T + size**2 * extra @ extra.T
+    return float(multivariate_t.logpdf(z, np.zeros(len(z)), shape, df=NOISE_WORD))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_weights_are_likelihood_ratios(seed: int) -> None:
+    of, causes = a_stack(np.random.default_rng(seed))
+    first = np.arange(of.n)
+    weighed = weigh(Sums(of), causes, of.n, first)
+    nothing = [np.zeros((len(z), 1)) for z in of.residual]
+    days = of.time_d / RAMP_DAYS
+    gap = np.median(np.diff(days))
+    for onset in first:
+        origin = days[onset - 1] if onset else days[0] - gap
+        step = (first >= onset).astype(float)
+        ramp = np.where(first >= onset, days - origin, 0.0)
+        for shape, course in enumerate((step, ramp)):
+            for k, block in enumerate(of.blocks):
+                more = [w * x[:, block] for w, x in zip(course, of.columns, strict=True)]
+                by_hand = [density(of, more, size) - density(of, nothing, 0.0) for size in SIZES]
+                expected = logsumexp(by_hand) - np.log(len(SIZES)) + np.log(0.25)
+                assert weighed.log_weight[onset, k, shape] == pytest.approx(expected, abs=1e-8)
+
+
+def judged(folder: Path, *plants: str) -> tuple[dict, Path]:
+    checks = measured(folder / "checks", *plants)
+    true_calibration(checks)
+    days = sorted(checks.glob("day-*"))
+    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
+    run("add", *days, *files, "--history", folder / "history")
+    return json.loads((folder / "history" / "report.json").read_text()), checks
+
+
+def rms_um(checks: Path, calibration: Path, day: int) -> float:
+    arm = load_arm(checks / "arm.toml")
+    found = evaluate(
+        load_sessions([checks / f"day-{day:02}"], arm),
+        arm,
+        load_calibration(calibration, arm).content,
+    )
+    return float(np.sqrt((found.distance_um**2).mean()))
+
+
+@pytest.mark.slow
+def test_wear_is_one_growth_and_its_calibration_grows(tmp_path: Path) -> None:
+    result, checks = judged(
+        tmp_path, "--days", "26", "--plant", "geometry_shift@joint 4=40@9+",
+        "--bad", "wrong-artefact@17",
+    )  # fmt: skip
+    (change,) = result["changes"]
+    assert change["gradual"] and change["location"] == "joint 4"
+    assert change["cause"] == "geometry_shift" and "per_day" in change["parameters"][0]
+    assert [c["name"] for c in result["checks"] if c["verdict"] == "bad_check"] == ["day-17"]
+    mended = tmp_path / "history" / change["calibration_from"]
+    for day in (16, 26):  # on the way, and at the end
+        before = rms_um(checks, checks / "calibration.json", day)
+        assert rms_um(checks, mended, day) < 0.25 * before
+    content = load_calibration(mended, load_arm(checks / "arm.toml")).content
+    ends = [f.until_unix_s for t in content.terms for f in t.basis if f.kind == "time"]
+    assert ends and all(end is not None for end in ends)  # held after the last check
+
+
+@pytest.mark.slow
+def test_a_second_change_is_another_and_its_calibration_has_both(tmp_path: Path) -> None:
+    result, checks = judged(
+        tmp_path, "--days", "24", "--plant", "encoder_slip@joint 2=-6@9",
+        "--plant", "tip_offset@tip=20@17",
+    )  # fmt: skip
+    first, second = result["changes"]
+    assert (first["cause"], first["location"]) == ("encoder_slip", "joint 2")
+    assert (second["cause"], second["location"]) == ("tip_offset", "tip")
+    history = tmp_path / "history"
+    usual = rms_um(checks, checks / "calibration.json", 5)
+    assert rms_um(checks, history / second["calibration_from"], 22) < 2 * usual
+    assert rms_um(checks, history / first["calibration_from"], 12) < 2 * usual
+    assert rms_um(checks, history / first["calibration_from"], 22) > 2 * usual
+
+
+@pytest.mark.slow
+def test_clean_checks_stay_in_control(tmp_path: Path) -> None:
+    result, _ = judged(tmp_path, "--days", "30", "--artefact", "seats")
+    assert result["state"] == "in_control" and not result["changes"]
+    assert {check["verdict"] for check in result["checks"]} == {"in_control"}
+
+
+def test_simulate_says_what_it_does_not_know(tmp_path: Path) -> None:
+    from armd.errors import BadInput
+
+    for words in (
+        ["--plant", "encoder_slip@joint 3=15@x"],
+        ["--plant", "encoder_slip@joint 3=15@99"],
+        ["--bad", "dirty-seat"],
+        ["--bad", "dirty-seat@0"],
+    ):
+        with pytest.raises(BadInput):
+            measured(tmp_path / "x", *words)
