@@ -1,6 +1,8 @@
 """`armd measure` from its command line to the end, with a stand-in for the daemon; and kill -9."""
 
+import argparse
 import contextlib
+import importlib
 import json
 import signal
 import subprocess
@@ -10,13 +12,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_measuring import ARM, BALLS, at, press
+from small_arm import thermal_calibration
+from test_measuring import ARM, BALLS, BEAM, IN_USE, at, press
 
 import armd
 from armd.compensation.data.session import load_session
 from armd.compensation.model.arm import load_arm
-from armd.daemon.cli import main
+from armd.compensation.model.calibration import load_calibration
+from armd.daemon.cli import main, module_of
+from armd.daemon.measure.ending import Options, commands
+from armd.daemon.measure.in_use import InUse
+from armd.daemon.measure.kinds import plan_of
 from armd.daemon.measure.log import NAME
+from armd.daemon.measure.measuring import Measuring
+from armd.daemon.measure.stations import Wishes
 
 BEAM_TOML = '[artefact]\nname = "beam"\n' + "".join(
     f'[[artefact.target]]\nname = "{name}"\nposition_mm = {list(where)}\n'
@@ -136,6 +145,36 @@ def test_bad_usage(command, arguments, words):
     assert code == 2 and words in error
 
 
+@pytest.mark.parametrize(
+    ("kind", "calibrated", "named"),
+    [
+        ("seats", False, ["calibrate"]),
+        ("seats", True, ["diagnose"]),
+        ("artefact", True, ["calibrate", "diagnose"]),
+        ("verify", True, ["verify"]),
+        ("tip", False, ["tip"]),
+        ("interim", True, ["interim"]),
+    ],
+)
+def test_each_kind_ends_with_a_command_that_there_is(tmp_path, kind, calibrated, named):
+    calibration = thermal_calibration(ARM).content if calibrated else None
+    in_use = InUse(ARM, calibration, "ab" * 8, None) if calibrated else IN_USE
+    plan = plan_of(kind, ARM, BEAM if kind == "artefact" else None, Wishes())
+    options = Options(mpe=Path("mpe.toml"), history=Path("checks"), tip_name="ruby")
+    with Measuring(tmp_path / kind, plan, in_use) as measuring:
+        made = commands(measuring, options)
+    assert [command[0] for command in made] == named
+    for command in made:
+        parser = argparse.ArgumentParser()
+        importlib.import_module(module_of(command[0])).add_arguments(parser)
+        parser.parse_args(command[1:])  # exits where an option is not one of the command's
+    written = load_arm(tmp_path / kind / "arm.toml")
+    assert written == ARM
+    if calibrated:
+        in_force = load_calibration(tmp_path / kind / "calibration_in_use.json", ARM).content
+        assert in_force.constants == calibration.constants
+
+
 TAKER = """
 import json, sys
 from pathlib import Path
@@ -168,8 +207,6 @@ def test_killed_at_any_moment_nothing_that_was_told_is_lost(tmp_path):
         taker.stdin.flush()
         taker.send_signal(signal.SIGKILL)
     assert told > 1
-    from test_measuring import IN_USE, Measuring
-
     with Measuring.resume(folder, IN_USE) as measuring:
         taken = measuring.state()["taken"]
         assert taken in (told, told + 1)
