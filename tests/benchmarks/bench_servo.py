@@ -125,6 +125,7 @@ def _measure(family: str) -> dict[str, float]:
         "of_a_bare_client": hz / bare_hz,
         "quickest_tenth_of_the_line": 1e9 / quick_ns / line_hz,
         "lost": float(after["lost"] - before["lost"]),
+        "of_these_untimed": float(after["untimed"] - before["untimed"]),  # somebody stood still
         "answers_missed": float(after["missed"] - before["missed"]),
         "cpu_s_per_1000_cycles": cpu_s / len(rows) * 1000,
     }
