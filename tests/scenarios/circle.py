@@ -72,7 +72,7 @@ SEATS = (
             (
                 "position_mm = [250.0, 0.0, 300.0]",
                 "position_mm = [0.0, 620.0, 250.0]",
-                "position_mm = [-880.0, 150.0, 350.0]",
+                "position_mm = [150.0, -880.0, 350.0]",  # behind, joint 1 would turn all around
             ),
             1,
         )
@@ -93,9 +93,18 @@ expansion_per_k = 0.5e-6
         "B5": (220.0, 180.0, 90.0),
     }.items()
 )
-PLACEMENTS, ROUNDS = ("P1", "P2", "P3"), 2
+#: Not behind the arm, where joint 1 would turn all around between two balls.
+PLACEMENTS, ROUNDS = (
+    {
+        "P1": "position_mm = [300.0, -300.0, 100.0]\nrotation_deg = [0.0, 0.0, 40.0]",
+        "P2": "position_mm = [-100.0, 450.0, 300.0]\nrotation_deg = [30.0, 0.0, 0.0]",
+        "P3": "position_mm = [250.0, -600.0, 500.0]\nrotation_deg = [0.0, 50.0, 20.0]",
+    },
+    2,
+)
 BALLS = HAND.replace("start_s = 2.5", 'start_s = 2.5\nartefact = "beam.toml"') + "".join(
-    f'\n[[visit]]\nplacement = "{name}"\nrounds = {ROUNDS + 1}\n' for name in PLACEMENTS
+    f'\n[[visit]]\nplacement = "{name}"\nrounds = {ROUNDS + 1}\n{where}\n'
+    for name, where in PLACEMENTS.items()
 )
 
 
