@@ -22,7 +22,7 @@ from armd.compensation.diagnose.fitting.problem import Rests, gather_rests, requ
 from armd.compensation.diagnose.gain import Gain, cross_validate, gain, gains, groups_of
 from armd.compensation.diagnose.scoring.threshold import ALPHA
 from armd.compensation.diagnose.search import Progress, Result, Search
-from armd.compensation.diagnose.touched import MOST_TOUCHED, Touched, find_touched
+from armd.compensation.diagnose.touched import MOST_TOUCHED, Touched, beside, find_touched
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
@@ -107,8 +107,8 @@ def _diagnose(
     sound = make_sound(sessions, arm)
     sessions, arm, told = sound.sessions, sound.arm, list(sound.told)
     if holdout:
-        beside = make_sound(holdout, arm)
-        holdout, told = beside.sessions, told + list(beside.told)
+        other = make_sound(holdout, arm)
+        holdout, told = other.sessions, told + list(other.told)
     given = gather_rests(sessions, arm)
     for some in (given, *([gather_rests(holdout, arm)] if holdout else [])):
         require_spare(some.observations, ", ".join(str(s.path) for s in some.sessions))
@@ -118,12 +118,16 @@ def _diagnose(
         baseline = model_under_test(sessions, arm, calibration)
         progress("search", 0.0)
         search = Search(rests, arm, baseline, progress)
-        found = find_touched(search.first)
-        if found is None or len(touched) == MOST_TOUCHED:
+        found = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
+        if found is None:
+            result = search.run()
+            stepped = beside(result.last, result.signatures, arm)
+            if stepped is not None and len(touched) < MOST_TOUCHED:
+                found = find_touched(stepped)
+        if found is None:
             break
         touched.append(found)
         sessions = found.sessions
-    result = search.run()
     progress("gain", 0.9)
     last = result.last
     outlying, outlier_p = find_outliers(last)

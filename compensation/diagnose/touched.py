@@ -15,8 +15,9 @@ import numpy.typing as npt
 from scipy.special import softmax
 
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.fitting.fit import finding_columns
+from armd.compensation.diagnose.fitting.fit import Fit, finding_columns, solve_again
 from armd.compensation.diagnose.fitting.problem import Rests
+from armd.compensation.diagnose.fitting.signatures import Signatures
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
 from armd.compensation.diagnose.scoring.evidence import ABSORBED, estimates, kind
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
@@ -25,6 +26,7 @@ from armd.compensation.diagnose.scoring.threshold import family_wise, significan
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
 from armd.compensation.estimate.robust import WINSOR_AT
+from armd.compensation.model.arm import Arm
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -57,6 +59,16 @@ class Touched:
     probability: float  # that it is this and not a slip or a step of the base, at that instant
     rivals: tuple[tuple[Candidate, float], ...]  # those, with probabilities
     sessions: tuple[Session, ...]  # with the placement parted
+
+
+def beside(last: Fit, signatures: Signatures, arm: Arm) -> ScoredCandidates | None:
+    """The catalogue against a fit without the steps of the base that it found, beside a stronger
+    cause perhaps; None where it found none."""
+    others = [c for c in last.findings if c.cause != "mount_drift" or not _steps(c)]
+    if len(others) == len(last.findings):
+        return None
+    projection = make_projection(solve_again(last, others, last.noise, arm), arm)
+    return score_candidates(projection, signatures)
 
 
 def find_touched(scored: ScoredCandidates) -> Touched | None:
@@ -141,7 +153,10 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
     pose = finding_columns(fit.linear, [moved(number, 0)], projection.arm)[0][rows]
     pose = (whitener @ pose.reshape(-1, 3, 6)).reshape(-1, 6)
     # As measured: of what the fit explains, a wandering base has taken a part of the step.
-    left = (whitener @ fit.raw_residual[rows].reshape(-1, 3, 1)).ravel()
+    known = [j for at in fit.layout.findings for j in range(at.start, at.stop)]
+    explained = fit.nuisance.columns[rows][:, known] @ fit.solution[known]
+    raw = fit.raw_residual[rows] - explained
+    left = (whitener @ raw.reshape(-1, 3, 1)).ravel()
 
     def loss(k: int) -> float:
         cut = 3 * k
