@@ -80,6 +80,7 @@ class Measured:
             target=np.array([names.index(target) for _, target, _ in self.rows]),
             truth_mm=np.full((n, 3), np.nan),
             artefact_c=np.full(n, self.artefact_c),
+            row=np.arange(n),
             unused_columns=[],
         )
 
