@@ -40,11 +40,14 @@ I64 = npt.NDArray[np.int64]
 
 #: Where placements are left out, the finding was chosen with them too. That hardly flatters one so
 #: sure that a search without any of them finds it as well; a weaker one must not have done harm
-#: when the search was repeated without them.
+#: when the search was repeated without them, and a sure one none beyond `MOST_WORSE`.
 SURE_P = 1e-6
 TARGET_FOLDS = 4
 #: A finding that shows so much in placements left out together cannot be learnt from the others.
 IN_ONE = 0.75
+#: Gross errors have no voice in the decision, and they move the error over all readings by chance,
+#: of noise-sized findings by far less than this share: beyond it a finding does harm somewhere.
+MOST_WORSE = 1.02
 
 
 @dataclass(frozen=True)
@@ -93,8 +96,11 @@ def choose(
         heard = not deaf or not all(deaf[i] for i in after if i not in before)
         if heard and decided[0].interval_um[1] < 0.0:
             return None
-        shown = next((k for k, found in enumerate(decided) if found.shown), None)
-        return None if shown is None else (shown, replace(gain(*pairs[shown]), shown=True))
+        for k, found in enumerate(decided):
+            of_all = gain(*pairs[k])
+            if found.shown and of_all.after_um <= MOST_WORSE * of_all.before_um:
+                return k, replace(of_all, shown=True)
+        return None
 
     chosen: tuple[int, ...] = ()
     further: dict[int, Gain] = {}
@@ -126,7 +132,7 @@ def by_placement(result: Result, arm: Arm, stepwise: Sequence[Gain]) -> BorneOut
         for folds in (folds_of(result.last), _by_target(observations))
     ]
     able = [
-        found.p_value < SURE_P or own.after_um <= own.before_um
+        own.after_um <= (MOST_WORSE if found.p_value < SURE_P else 1.0) * own.before_um
         for found, own in zip(result.found, stepwise, strict=True)
     ]
     deaf = [_in_one_fold(result.last, i) for i in range(len(result.found))]

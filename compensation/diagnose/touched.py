@@ -31,8 +31,9 @@ from armd.compensation.model.arm import Arm
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
 
-#: Rests before and after that tell where an artefact stood: three targets at the least.
-LEAST_RESTS = 4
+#: Rests before and after that tell where an artefact stood, and targets among them: of a single
+#: target nobody can tell whether it or the arm moved.
+LEAST_RESTS, LEAST_TARGETS = 4, 2
 #: Instants in a placement on the first, coarse grid; as many causes are compared as strictly.
 GRID, COMPARED = 12, 12
 #: Parts of a placement that are tried at once, and rounds of a robust pose.
@@ -75,7 +76,7 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
     """The clearest step of one placement, if no cause of the catalogue explains more."""
     projection = scored.projection
     rests = projection.fit.linear.rests
-    coarse = [moved(p, k) for p, own in _by_placement(rests) for k in _grid(len(own))]
+    coarse = [moved(p, k) for p, own in _by_placement(rests) for k in _grid(_possible(rests, own))]
     if not coarse:
         return None
     own = score_candidates(projection, coarse).scores
@@ -133,11 +134,27 @@ def in_order(rests: Rests, placement: int) -> I64:
     return own[np.argsort(rests.observations.states.time_s[own], kind="stable")]
 
 
-def _grid(n: int) -> list[int]:
-    """After how many of n rests."""
-    if n < 2 * LEAST_RESTS:
-        return []
-    possible = np.arange(LEAST_RESTS, n - LEAST_RESTS + 1)
+def _possible(rests: Rests, own: I64) -> I64:
+    """After how many of the rests *own* (in order) a step can be told from the arm's.
+
+    Without times a slip at that instant is no candidate, and so nothing can be told.
+    """
+    if not np.isfinite(rests.observations.states.time_s[own]).all():
+        return np.zeros(0, dtype=np.int64)
+    target = rests.observations.target[own]
+    new = np.zeros(len(own), dtype=np.int64)
+    new[np.unique(target, return_index=True)[1]] = 1
+    last = np.zeros(len(own), dtype=np.int64)
+    last[len(own) - 1 - np.unique(target[::-1], return_index=True)[1]] = 1
+    after = np.arange(LEAST_RESTS, len(own) - LEAST_RESTS + 1)
+    before = np.cumsum(new)[after - 1]  # targets among the rests so far
+    still = np.cumsum(last[::-1])[::-1][after]  # and to come
+    possible: I64 = after[(before >= LEAST_TARGETS) & (still >= LEAST_TARGETS)]
+    return possible
+
+
+def _grid(possible: I64) -> list[int]:
+    """Some of them, evenly."""
     picked = np.linspace(0, len(possible) - 1, min(GRID, len(possible))).round().astype(int)
     return [int(k) for k in possible[np.unique(picked)]]
 
@@ -162,13 +179,13 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
         cut = 3 * k
         return _loss(pose[:cut], left[:cut]) + _loss(pose[cut:], left[cut:])
 
-    low, high = LEAST_RESTS, len(own) - LEAST_RESTS
+    possible = _possible(fit.linear.rests, own)
     while True:  # a placement of thousands of rests is searched more and more finely
-        step = max((high - low) // FINER, 1)
-        best = min(range(low, high + 1, step), key=loss)
+        step = max(len(possible) // FINER, 1)
+        best = min(possible[::step].tolist(), key=loss)
         if step == 1:
             return moved(number, best)
-        low, high = max(best - 2 * step, LEAST_RESTS), min(best + 2 * step, high)
+        possible = possible[np.abs(possible - best) <= 2 * step]
 
 
 def _loss(columns: F64, left: F64) -> float:

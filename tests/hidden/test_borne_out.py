@@ -77,6 +77,18 @@ def test_what_one_placement_shows_its_targets_bear_out() -> None:
     assert deaf.further[0].shown
 
 
+def test_gross_readings_have_no_voice_but_a_finding_that_makes_them_worse_is_not_written() -> None:
+    """A decision clips them; the error over all readings is what the calibration will show."""
+    gross = np.arange(len(GROUPS)) % 50 == 0
+
+    def squares(worse: float) -> Any:
+        usual = squares_of({(): 4.0, (0,): 2.0})
+        return lambda some: np.where(gross, 4000.0 * (worse if some else 1.0), usual(some))
+
+    assert choose(search_of(cause(1)), [Look(squares(1.0), GROUPS)], [True]).some == (0,)
+    assert choose(search_of(cause(1)), [Look(squares(1.2), GROUPS)], [True]).some == ()
+
+
 def test_a_shape_is_not_written_without_its_cause() -> None:
     shape = Candidate("unknown", location.shape_of("encoder_scale", location.joint(1)), (), ("q1",))
     worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 4.4}
