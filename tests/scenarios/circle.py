@@ -60,7 +60,7 @@ schema = "armd.operator/1"
 rest_s = 0.8
 press_after_s = 0.62
 haste = 5.0
-start_s = 2.5
+start_s = 3.0
 """
 PRESSES = 11  # one more than is asked for at each seat, so that one may be refused
 SEATS = (
@@ -102,7 +102,7 @@ PLACEMENTS, ROUNDS = (
     },
     2,
 )
-BALLS = HAND.replace("start_s = 2.5", 'start_s = 2.5\nartefact = "beam.toml"') + "".join(
+BALLS = HAND.replace("start_s = 3.0", 'start_s = 3.0\nartefact = "beam.toml"') + "".join(
     f'\n[[visit]]\nplacement = "{name}"\nrounds = {ROUNDS + 1}\n{where}\n'
     for name, where in PLACEMENTS.items()
 )
@@ -118,6 +118,7 @@ class Circle:
             probe.bind(("127.0.0.1", 0))
             self._endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
         self._began_s = time.monotonic()
+        self._boots = 0
 
     def run(self) -> dict[str, Any]:
         """Figures of the circle; printed as they come."""
@@ -182,6 +183,12 @@ class Circle:
         options = ["--serial", "--link", str(self._folder / "port"), "--seed", self._seed]
         options += ["--rate", "500", "--seconds", str(seconds), "--plant", FAULT]
         options += ["--operator", str(self._folder / plan)]
+        # A simulator of one seed boots as the same device each time: were its samples numbered
+        # from 0 again, the daemon would take them for repeated ones.
+        self._boots += 1
+        scenario = self._folder / f"boot-{self._boots}.toml"
+        scenario.write_text(f"first_seq = {1_000_000 * self._boots}\n")
+        options += ["--scenario", str(scenario)]
         log = (self._folder / "arm.log").open("a")
         with (
             log,
