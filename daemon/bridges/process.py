@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import os
 import signal
+import sys
 import threading
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
@@ -38,12 +40,24 @@ def serve(args: argparse.Namespace, bridge: Bridge) -> int:
 
     Raises `ArmdError` if no such arm shows up within `WAIT_S`.
     """
-    return asyncio.run(_until_told(lambda: _bridge(args, bridge)))
+    return _ended(asyncio.run(_until_told(lambda: _bridge(args, bridge))))
 
 
 def serve_alone(work: Callable[[], Awaitable[None]]) -> int:
     """The same for work that finds its arms itself."""
-    return asyncio.run(_until_told(work))
+    return _ended(asyncio.run(_until_told(work)))
+
+
+def _ended(code: int) -> int:
+    """The exit code; a thread that nobody waits for ends here with the process.
+
+    It may stand within Zenoh: an interpreter that is taken down under it aborts the process.
+    """
+    if threading.active_count() > 1:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    return code
 
 
 async def _until_told(work: Callable[[], Awaitable[None]]) -> int:
