@@ -111,7 +111,7 @@ def test_clean_data_are_met_with_silence_and_an_unchanged_model() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("noise", "seed"),
-    itertools.product(["heavy tails", "slow drift"], [300, 301, 302]),
+    list(itertools.product(["heavy tails", "slow drift"], [300, 301, 302])),
 )
 def test_neither_heavy_tails_nor_slow_drift_are_a_cause(noise: str, seed: int) -> None:
     judged = run_case(seed, [], NOISES[noise])
