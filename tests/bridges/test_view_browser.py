@@ -386,7 +386,10 @@ def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) ->
         page.wait_for_selector("#guide:visible")
         assert page.inner_text("#progress") == "0 of 15"
         # The hand begins when it is told what to touch, as a person does.
+        # Numbered on: from 0 again, the samples would be taken for repeated ones.
+        (tmp_path / "boot.toml").write_text("first_seq = 1000000\n")
         operator = ("--operator", str(tmp_path / "plan.toml"))
+        operator += ("--scenario", str(tmp_path / "boot.toml"))
         stack.enter_context(simulated_arm(tmp_path, *operator, link=True, seconds=400))
         page.wait_for_function("() => document.getElementById('bar').value > 0.2")
         # Where to go is known after three balls, and how far it is changes as the hand moves.
