@@ -10,7 +10,7 @@ import sys
 import threading
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
-from typing import TypeVar, cast
+from typing import Protocol, TypeVar, cast
 
 import armd
 from armd import Arm
@@ -21,6 +21,12 @@ WAIT_S = 60.0
 CLOSE_S = 1.0
 
 Result = TypeVar("Result")
+
+
+class SupportsClose(Protocol):
+    def close(self) -> object: ...
+
+
 Bridge = Callable[[Arm], Awaitable[None]]
 """Serves one arm until it is cancelled."""
 
@@ -81,9 +87,14 @@ async def _bridge(args: argparse.Namespace, bridge: Bridge) -> None:
     try:
         await bridge(arm)
     finally:
-        closing = threading.Thread(target=arm.close, daemon=True)
-        closing.start()
-        closing.join(CLOSE_S)
+        close_soon(arm)
+
+
+def close_soon(session: SupportsClose) -> None:
+    """Close what may wait for its peers, for `CLOSE_S` at most."""
+    closing = threading.Thread(target=session.close, daemon=True)
+    closing.start()
+    closing.join(CLOSE_S)
 
 
 def in_thread(work: Callable[[], Result]) -> asyncio.Future[Result]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-import threading
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -16,7 +15,7 @@ import numpy as np
 import zenoh
 
 from armd import POINT, Arm, Flag, joints_dtype, keys
-from armd.daemon.bridges.process import in_thread, ready
+from armd.daemon.bridges.process import close_soon, in_thread, ready
 from armd.daemon.bridges.ros2 import messages
 from armd.daemon.bridges.ros2.node import Node, Quality
 
@@ -77,9 +76,7 @@ class Bridge:
         try:
             await self._serve(session)
         finally:
-            closing = threading.Thread(target=session.close, daemon=True)
-            closing.start()
-            closing.join(1.0)
+            close_soon(session)
 
     async def _serve(self, session: zenoh.Session) -> None:
         # Kept: Zenoh takes a token away with the object that declared it.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -15,7 +14,7 @@ import numpy as np
 import armd
 from armd import POINT, Arm, joints_dtype, keys
 from armd.client import Stream
-from armd.daemon.bridges.process import CLOSE_S, in_thread
+from armd.daemon.bridges.process import close_soon, in_thread
 from armd.daemon.bridges.view import told
 from armd.daemon.bridges.view.board import KEPT, Board
 from armd.daemon.bridges.view.history import History
@@ -78,9 +77,7 @@ class Feed:
                 await self._follow(arm)
             finally:
                 self.arm = None
-                closing = threading.Thread(target=arm.close, daemon=True)
-                closing.start()
-                closing.join(CLOSE_S)
+                close_soon(arm)
 
     async def _follow(self, arm: Arm) -> None:
         """Until the daemon has been silent for too long."""
