@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
-from armd.schema import KEY_FAULT, Strict
+from armd.files.schema import KEY_FAULT, Strict
 
 
 class SerialConfig(Strict):
@@ -55,7 +55,7 @@ class CanConfig(Strict):
 
 
 def _wrong(key: str, found: str, expected: str) -> PydanticCustomError:
-    """See `armd.schema.KEY_FAULT`."""
+    """See `armd.files.schema.KEY_FAULT`."""
     return PydanticCustomError(
         KEY_FAULT, "{found}", {"key": key, "found": found, "expected": expected}
     )

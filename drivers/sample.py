@@ -8,6 +8,8 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from armd.arrays import F64
+
 SampleArray = npt.NDArray[np.void]
 
 
@@ -39,7 +41,7 @@ def sample_dtype(n_joints: int) -> np.dtype[np.void]:
 class Temperatures:
     """One reading of all channels; NaN where a channel is invalid."""
 
-    celsius: npt.NDArray[np.float64]  # (n_sensors,)
+    celsius: F64  # (n_sensors,)
     device_ns: int
     monotonic_ns: int  # host arrival where the device clock is not mapped yet
     stamp_ns: int  # the same instant, Unix time

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from armd.jit import jit
+from armd.arrays import I64
+from armd.compiled.jit import jit
 
 MAX_JOINT_RATE_DEG_S = 1200.0  # a wrist spun by hand stays below three turns a second
 MARGIN_COUNTS = 4  # noise, and the granularity of the time stamps
@@ -116,10 +117,10 @@ class Unwrapper:
 
     def __call__(
         self,
-        raw: npt.NDArray[np.int64],
-        t_us: npt.NDArray[np.int64],
+        raw: I64,
+        t_us: I64,
         invalid: npt.NDArray[np.uint16],
-    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.uint16]]:
+    ) -> tuple[I64, npt.NDArray[np.uint16]]:
         """*raw* (m, N) counts, *t_us* (m,) rising, *invalid* (m,) bits of joints not to be used.
 
         Returns the unwrapped counts (m, N) and, bit k-1 for joint k, which of them jumped (m,).

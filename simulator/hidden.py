@@ -11,24 +11,28 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.files import write_whole
-from armd.simulator.answers import true_constants, true_expansion
-from armd.simulator.artefact import Artefact
-from armd.simulator.campaigns.campaign import Campaign
+from armd.arrays import F64
+from armd.files.writing import write_whole
 from armd.simulator.campaigns.hidden import NOISE, Design, campaigns
-from armd.simulator.measuring import Measured, Rig, session_files, take_readings, write_session
-from armd.simulator.mess import in_the_workshop, on_the_desk
-from armd.simulator.noise import Noise
-from armd.simulator.placement import Placement
-from armd.simulator.plan import Climate, Plan
+from armd.simulator.measured.artefact import Artefact
+from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.measuring import (
+    Measured,
+    Rig,
+    session_files,
+    take_readings,
+    write_session,
+)
+from armd.simulator.measured.mess import in_the_workshop, on_the_desk
+from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.placement import Placement
+from armd.simulator.measured.plan import Climate, SessionPlan
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, depends_on
+from armd.simulator.truth.answers import true_constants, true_expansion
 from armd.simulator.truth.conditions import Conditions
 from armd.simulator.truth.rotations import random_rotation
-
-F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -145,7 +149,7 @@ def measure_next(
     """
     rng = np.random.default_rng([seed, 0x0E87])
     rig = case.present.rig
-    plan = Plan(
+    plan = SessionPlan(
         folder.name,
         case.present.span_s()[-1][1] / 3600 + 24.0,
         climate or Climate(),
@@ -205,6 +209,6 @@ def _error(alone: Rig, healthy: Rig, measured: Measured) -> F64:
     if alone.core_lag_s is not None:
         felt = replace(conditions, link_c=measured.felt_c)
         error += healthy.arm.tip(phi, felt) - healthy.arm.tip(phi, conditions)
-    where = (measured.target, measured.artefact_c)
+    where = (measured.target, measured.artefact_c, measured.down)
     moved = alone.artefact.positions(*where) - healthy.artefact.positions(*where)
     return error + measured.to_base(moved)

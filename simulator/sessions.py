@@ -14,10 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from armd.arguments import factor, seed, whole
 from armd.errors import BadInput
-from armd.files import write_whole
-from armd.outputs import (
+from armd.files.outputs import (
     ARM,
     SESSION,
     SETTINGS,
@@ -26,14 +24,18 @@ from armd.outputs import (
     check_outputs,
     check_same,
 )
-from armd.simulator.answers import true_constants, true_expansion
+from armd.files.writing import write_whole
 from armd.simulator.campaigns import calibration, hidden, interim, paper, verification
-from armd.simulator.campaigns.campaign import Campaign
-from armd.simulator.measuring import Measured, session_files
-from armd.simulator.noise import Noise
+from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.measuring import Measured, session_files
+from armd.simulator.measured.noise import Noise
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.printed import bench
+from armd.simulator.truth.answers import true_constants, true_expansion
+from armd.terminal.arguments import factor, seed, whole
+from armd.terminal.aside import add_quiet, aside, bar
+from armd.terminal.counted import counted
 
 KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
     "paper": paper.campaign,
@@ -51,6 +53,7 @@ PRINTED = "so101"
 INTERIM = "interim"
 #: Options of interim checks alone, as argparse names what they say.
 OF_INTERIM = ("days", "bad", "artefact")
+MEASURING = "measuring with the simulated arm …"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -96,6 +99,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--truth-out", metavar="FILE", type=Path, help="write the true settings to a JSON file"
     )
     add_force(parser)
+    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -116,7 +120,10 @@ def run(args: argparse.Namespace) -> int:
     if args.session == PRINTED:
         if args.plant or args.noise != 1.0:
             raise BadInput("--session so101", "--plant or --noise", "one", "neither of them")
-        printed, texts, readings = bench.measure(args.seed)
+        with bar(aside(args), MEASURING) as told:
+            printed, texts, readings = bench.measure(
+                args.seed, lambda share: told(MEASURING, share)
+            )
         _write_files({folder / name: text for name, text in texts.items()}, folder, args.force)
         if args.truth_out is not None:
             write_whole(args.truth_out, json.dumps(printed.as_json(), indent=1) + "\n")
@@ -127,11 +134,13 @@ def run(args: argparse.Namespace) -> int:
     campaign = KINDS[args.session](args.seed, noise)
     plants = [parse_plant(text) for text in args.plant]
     campaign = plant_all(campaign, plants, np.random.default_rng([args.seed, 0x9147]))
-    measured = write_campaign(folder, campaign, args.seed, args.force)
+    with aside(args).status(MEASURING):
+        measured = write_campaign(folder, campaign, args.seed, args.force)
     if args.truth_out is not None:
         truth = truth_of(campaign, plants, measured)
         write_whole(args.truth_out, json.dumps(truth, indent=1) + "\n")
-    print(f"{len(measured)} sessions, {sum(m.n for m in measured)} readings in {folder}")
+    total = counted(sum(m.n for m in measured), "reading")
+    print(f"{counted(len(measured), 'session')}, {total} in {folder}")
     return 0
 
 
@@ -146,7 +155,11 @@ def _interim(args: argparse.Namespace) -> int:
         args.artefact or "bar",
     )
     noise = Noise().scaled(args.noise)
-    measured = list(interim.carry_out(history, args.seed, noise))
+    measured = []
+    with bar(aside(args), MEASURING) as told:
+        for one in interim.carry_out(history, args.seed, noise):
+            measured.append(one)
+            told(MEASURING, len(measured) / days)
     campaign = interim.campaign(args.seed, noise, history.artefact)
     _write_measured(args.output, campaign.arm_toml, measured, args.force)
     if args.truth_out is not None:
@@ -165,8 +178,8 @@ def _interim(args: argparse.Namespace) -> int:
         ]
         truth["bad"] = [{"kind": kind, "day": day} for kind, day in history.bad]
         write_whole(args.truth_out, json.dumps(truth, indent=1) + "\n")
-    readings = sum(m.n for m in measured)
-    print(f"{len(measured)} sessions, {readings} readings in {args.output}")
+    readings = counted(sum(m.n for m in measured), "reading")
+    print(f"{counted(len(measured), 'session')}, {readings} in {args.output}")
     return 0
 
 

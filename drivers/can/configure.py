@@ -36,7 +36,7 @@ class NodeAbsent(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Encoder:
+class EncoderFacts:
     """What a joint's encoder said of itself."""
 
     counts_per_turn: int
@@ -93,7 +93,7 @@ def is_encoder(node: PromptNode) -> bool:
         return False
 
 
-def configure_encoder(node: PromptNode, expected_counts: int | None) -> Encoder:
+def configure_encoder(node: PromptNode, expected_counts: int | None) -> EncoderFacts:
     """Make *node* a joint: position and alarms at every SYNC, a heartbeat.
 
     Raises `NodeRefused` or `NodeAbsent`. The node is left operational.
@@ -156,7 +156,7 @@ def _check_profile(node: PromptNode, expected: int) -> None:
         raise NodeRefused(f"device profile: found {found}, expected {expected}")
 
 
-def _read_encoder(node: PromptNode) -> Encoder:
+def _read_encoder(node: PromptNode) -> EncoderFacts:
     """6501 tells the steps of a turn; with scaling switched on, 6001 tells the units instead."""
     sdo = node.sdo
     index, sub = can.SERIAL_NUMBER
@@ -168,7 +168,7 @@ def _read_encoder(node: PromptNode) -> Encoder:
         total = per_turn * max(1, _optional(sdo, can.TURNS, 1))
     if per_turn < 2 or total < per_turn:
         raise NodeRefused(f"counts per turn {per_turn} and range {total} make no encoder")
-    return Encoder(per_turn, min(total, 1 << 32), sdo[index][sub].raw)
+    return EncoderFacts(per_turn, min(total, 1 << 32), sdo[index][sub].raw)
 
 
 def _optional(sdo: Any, index: int, default: T) -> int | T:

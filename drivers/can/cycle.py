@@ -14,7 +14,7 @@ LATE_MOST_NS = 100_000_000  # no answer to a SYNC comes later than this
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class EncoderReading:
     position: int  # counts, as the encoder says it
     alarms: int
 
@@ -25,7 +25,7 @@ class Cycle:
 
     number: int
     latch_ns: int  # host monotonic, instant of the SYNC
-    readings: dict[int, Reading] = field(default_factory=dict)  # by joint, from 1
+    readings: dict[int, EncoderReading] = field(default_factory=dict)  # by joint, from 1
     complete: bool = False
 
 
@@ -57,7 +57,7 @@ class CycleAssembler:
             self.incomplete += 1
             self._doubtful_until_ns = last.latch_ns + LATE_MOST_NS
 
-    def report(self, joint: int, reading: Reading, expected: frozenset[int]) -> Cycle | None:
+    def report(self, joint: int, reading: EncoderReading, expected: frozenset[int]) -> Cycle | None:
         """The cycle, if with this every joint of *expected* has reported in it, exactly once."""
         cycle = self._cycle
         if cycle is None:

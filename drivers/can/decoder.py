@@ -10,8 +10,9 @@ import json
 from collections import Counter
 from typing import Any
 
+from armd.drivers.can import news
 from armd.drivers.can import objects as can
-from armd.drivers.can.cycle import LATE_MOST_NS, CycleAssembler, Reading
+from armd.drivers.can.cycle import LATE_MOST_NS, CycleAssembler, EncoderReading
 from armd.drivers.can.node import Node
 from armd.drivers.can.sampler import CycleSampler
 from armd.drivers.can.sync_time import SyncTime
@@ -162,7 +163,7 @@ class CanDecoder:
         if node.reported():
             items += self._recovered(node, frame.monotonic_ns)
             self._await_all &= not all(joint.reporting for joint in self._joints)
-        reading = Reading(*can.ENCODER_PDO.unpack(data))
+        reading = EncoderReading(*can.ENCODER_PDO.unpack(data))
         cycle = self._assembler.report(node.number, reading, self._reporting())
         if cycle is not None and self._sampler.ready and self._in_service:
             self.last_sample_ns = frame.monotonic_ns
@@ -262,16 +263,10 @@ class CanDecoder:
                     self._await_all = False  # go on without it
                 return [Event(note["kind"], note["text"], now_ns, "error", note["detail"])]
             case "warnings":
-                return self._warned(self.nodes[note["node"]], note["warnings"], now_ns)
+                node = self.nodes[note["node"]]
+                node.warnings = note["warnings"]
+                return [news.warned(node, now_ns)]
         return []
-
-    def _warned(self, node: Node, warnings: int, now_ns: int) -> list[Item]:
-        node.warnings = warnings
-        detail = {"joint": node.number, "warnings": warnings}
-        if not warnings:
-            return [Event("joint_warning", f"{node.name} warns no more", now_ns, "info", detail)]
-        text = f"{node.name}: its encoder warns ({warnings:#06x}); its position still holds"
-        return [Event("joint_warning", text, now_ns, "warning", detail)]
 
     def _configured(self, node: Node, note: dict[str, Any], now_ns: int) -> list[Item]:
         node.configured()
@@ -288,18 +283,10 @@ class CanDecoder:
     def _failed(self, node: Node, fault: str | None, now_ns: int) -> list[Item]:
         if fault is None:
             return []
-        detail: dict[str, Any] = {"node": node.number, "reason": fault}
         if node.number in can.TEMPERATURE_NODES:
             self._thermometers.lose(node.number)
-            return [Event("sensors_lost", f"{node.name}: {fault}", now_ns, "error", detail)]
-        detail["joint"] = node.number
-        return [Event("joint_invalid", f"{node.name}: {fault}", now_ns, "error", detail)]
+        return [news.failed(node, fault, now_ns)]
 
     def _recovered(self, node: Node, now_ns: int) -> list[Item]:
         fault, node.fault = node.fault, ""
-        if not fault:
-            return []
-        kind = "sensors_valid" if node.number in can.TEMPERATURE_NODES else "joint_valid"
-        detail = {"node": node.number, "joint": node.number}
-        text = f"{node.name} is configured again and reports ({fault})"
-        return [Event(kind, text, now_ns, "info", detail)]
+        return [news.recovered(node, fault, now_ns)] if fault else []

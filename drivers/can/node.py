@@ -11,7 +11,7 @@ HEARTBEAT_MS = 100
 PATIENCE_NS = 350_000_000  # without a heartbeat, or a joint's value: the node is lost
 
 
-class State(Enum):
+class NodeState(Enum):
     NEW = "not configured"
     READY = "configured, not heard yet"
     REPORTING = "reporting"
@@ -24,7 +24,7 @@ class Node:
 
     number: int
     name: str  # "joint 3", "temperature module 0x20"
-    state: State = State.NEW
+    state: NodeState = NodeState.NEW
     fault: str = ""
     range_counts: int = 0  # joints only
     counts_per_turn: int = 0
@@ -36,23 +36,23 @@ class Node:
 
     @property
     def wants_configuration(self) -> bool:
-        return self.state in (State.NEW, State.FAULTY)
+        return self.state in (NodeState.NEW, NodeState.FAULTY)
 
     @property
     def reporting(self) -> bool:
-        return self.state is State.REPORTING
+        return self.state is NodeState.REPORTING
 
     def configured(self) -> None:
-        self.state = State.READY
+        self.state = NodeState.READY
         self._beating = False
         self._beat_age_ns = self._value_age_ns = 0
 
     def reported(self) -> bool:
         """A process value arrived; True if with it the node is taken (back) into service."""
         self._value_age_ns = 0
-        if self.state is not State.READY or not self._beating:
+        if self.state is not NodeState.READY or not self._beating:
             return False
-        self.state = State.REPORTING
+        self.state = NodeState.REPORTING
         return True
 
     def heartbeat(self, nmt_state: int) -> str | None:
@@ -62,7 +62,7 @@ class Node:
         if self._beating or self.wants_configuration:
             return None
         # The first heartbeat after the start command may still tell the state before it.
-        if self.state is State.READY and nmt_state != BOOT_UP:
+        if self.state is NodeState.READY and nmt_state != BOOT_UP:
             return None
         return self.fail("it has restarted" if nmt_state == BOOT_UP else "it has left operation")
 
@@ -82,13 +82,13 @@ class Node:
         """To be configured again; returns *fault* if a person does not know of the trouble."""
         if self.wants_configuration:
             return None
-        news = self.state is State.REPORTING or not self.fault
-        self.state = State.FAULTY
+        news = self.state is NodeState.REPORTING or not self.fault
+        self.state = NodeState.FAULTY
         self.fault = self.fault or fault
         return fault if news else None
 
     def bus_was_down(self) -> None:
         """To be configured again, but it has done nothing wrong."""
-        if self.state is not State.FAULTY:
-            self.state = State.NEW
+        if self.state is not NodeState.FAULTY:
+            self.state = NodeState.NEW
             self.fault = ""

@@ -23,14 +23,14 @@ INTERFACES = tuple(sorted(BACKENDS))
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class InterfaceKeys:
     """The keys of one interface, `channel` among them where it is one."""
 
     known: frozenset[str]
     required: frozenset[str]
 
 
-def options_of(interface: str) -> Options | None:
+def options_of(interface: str) -> InterfaceKeys | None:
     """None for an interface whose library is not installed here: nobody knows its keys then.
 
     An interface takes what its constructors name, and what they fetch from their `**kwargs`.
@@ -50,4 +50,4 @@ def options_of(interface: str) -> Options | None:
             known.add(parameter.name)
             if kind is bus and parameter.default is parameter.empty:
                 required.add(parameter.name)
-    return Options(frozenset(known - {"self"}), frozenset(required - {"self"}))
+    return InterfaceKeys(frozenset(known - {"self"}), frozenset(required - {"self"}))

@@ -8,7 +8,7 @@ from functools import partial
 from armd.drivers.can import objects as can
 from armd.drivers.can.bus import OwnNetwork
 from armd.drivers.can.configure import (
-    Encoder,
+    EncoderFacts,
     NodeRefused,
     PromptNode,
     Warnings,
@@ -26,7 +26,7 @@ NODE_BACK_OFF_NS = 250_000_000
 WARNINGS_INTERVAL_NS = 50_000_000  # between two joints
 TEMPERATURES_HZ = 2.0
 
-Outcome = Encoder | Warnings | bool | None
+Outcome = EncoderFacts | Warnings | bool | None
 
 
 class NodeSetup:
@@ -114,7 +114,7 @@ class NodeSetup:
             outcome = job.result()
             if outcome is True:
                 raise NodeRefused(f"an encoder, expected {self._expected.n_joints} joints")
-            if isinstance(outcome, Encoder):
+            if isinstance(outcome, EncoderFacts):
                 self._check_serial_number(number, outcome.serial_number)
         except NodeRefused as error:
             return self._complain(number, "foreign_arm", str(error))

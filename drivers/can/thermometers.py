@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.drivers.can import objects as can
 
 
@@ -19,7 +19,7 @@ class Thermometers:
         self._celsius = np.full((len(self.nodes), can.CHANNELS_PER_MODULE), np.nan)
         self._arriving = self._celsius.copy()  # values whose status has not come yet
 
-    def take(self, node: int, pdo: int, data: bytes) -> npt.NDArray[np.float64] | None:
+    def take(self, node: int, pdo: int, data: bytes) -> F64 | None:
         """TPDO *pdo* of module *node*: all channels (n_sensors,) if that makes a reading whole.
 
         Raises ValueError where the length is wrong.

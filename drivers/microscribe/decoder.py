@@ -13,8 +13,8 @@ import numpy as np
 from armd.drivers.identity import Expectation
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.microscribe import wire
+from armd.drivers.microscribe.conversation import Conversation, Phase
 from armd.drivers.microscribe.homing import Homing
-from armd.drivers.microscribe.session import Session, Step
 from armd.drivers.sample import Event, Item, RawFrame, sample_dtype
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
 
@@ -28,7 +28,7 @@ class MicroScribeDecoder:
     def __init__(
         self, expectation: Expectation, max_joint_rate_deg_s: float = MAX_JOINT_RATE_DEG_S
     ) -> None:
-        self.session = Session()
+        self.conversation = Conversation()
         self.accepted = False  # whether the connected arm is the expected one
         self.homing: Homing | None = None  # of an accepted arm
         self.last_sample_ns: int | None = None  # arrival of the last reading, host monotonic
@@ -48,7 +48,9 @@ class MicroScribeDecoder:
     def counters(self) -> dict[str, int]:
         """Samples, and what was asked for or came without becoming one."""
         names = ("samples", "lost", "foreign")
-        return {name: self._counted[name] for name in names} | {"malformed": self.session.malformed}
+        return {name: self._counted[name] for name in names} | {
+            "malformed": self.conversation.malformed
+        }
 
     def preamble(self) -> list[RawFrame]:
         """What a fresh decoder must be fed to go on from here."""
@@ -71,24 +73,28 @@ class MicroScribeDecoder:
             self._link(frame.data)
             return []
         if frame.direction == "tx":
-            items = [i for reply in self.session.sent(frame) for i in self._reply(*reply, frame)]
+            items = [
+                i for reply in self.conversation.sent(frame) for i in self._reply(*reply, frame)
+            ]
             # Not a cycle: HOME, and what is asked of an arm whose samples nobody wants.
             if self.accepted and frame.data[0] in wire.POLLS:
                 self._seq += 1
             return items
-        return [i for reply in self.session.received(frame) for i in self._reply(*reply, frame)]
+        return [
+            i for reply in self.conversation.received(frame) for i in self._reply(*reply, frame)
+        ]
 
     def _link(self, data: bytes) -> None:
         if data.startswith(SEQ):
             self._seq = self._delivered = int(data.removeprefix(SEQ))
-            self.session.step = Step.SERIAL_NUMBER
+            self.conversation.phase = Phase.SERIAL_NUMBER
         elif data == HOMED:
             if self.homing is not None:
                 self.homing.acknowledged()
         else:
             if data.startswith(UP):
                 self._baud = int(data.removeprefix(UP))
-            self.session.restart()
+            self.conversation.restart()
             self.accepted, self.homing = False, None
 
     # --- replies -------------------------------------------------------------------------

@@ -13,8 +13,8 @@ import serial
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.microscribe import wire
+from armd.drivers.microscribe.conversation import Phase
 from armd.drivers.microscribe.decoder import PUT_IT_TO_REST, UP, MicroScribeDecoder
-from armd.drivers.microscribe.session import Step
 from armd.drivers.sample import Item
 from armd.drivers.shell import SerialShell
 
@@ -73,12 +73,16 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
     # --- what is to be asked ---------------------------------------------------------------
 
     def _ask(self, port: serial.Serial, now_ns: int) -> list[Item]:
-        session, homing = self._decoder.session, self._decoder.homing
-        if session.step is not Step.POLL and now_ns >= self._give_up_ns:
+        conversation, homing = self._decoder.conversation, self._decoder.homing
+        if conversation.phase is not Phase.POLL and now_ns >= self._give_up_ns:
             self._tried += 1
             self._hang_up()
             return self._try_open(now_ns)
-        if session.pending is not None and session.step is Step.POLL and not self._draining:
+        if (
+            conversation.pending is not None
+            and conversation.phase is Phase.POLL
+            and not self._draining
+        ):
             self._draining = True
             self._send_ns = now_ns + POLL_NS
             return []
@@ -88,24 +92,24 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
             self._home_ns = now_ns + HOME_EVERY_NS
             self._send_ns = now_ns + HOME_EVERY_NS // 3
             return self._send(port, bytes([wire.HOME]))
-        request = session.request
+        request = conversation.request
         byte_ns = 10_000_000_000 // port.baudrate
-        waits = {Step.SYNC: SYNC_EVERY_NS, Step.POLL: POLL_NS + 20 * byte_ns}
-        self._send_ns = now_ns + waits.get(session.step, REPLY_NS)
+        waits = {Phase.SYNC: SYNC_EVERY_NS, Phase.POLL: POLL_NS + 20 * byte_ns}
+        self._send_ns = now_ns + waits.get(conversation.phase, REPLY_NS)
         return self._send(port, request)
 
     def _answered(self, port: serial.Serial) -> None:
         """The request was answered: the next one may leave, at the line's own pace."""
-        session = self._decoder.session
-        if session.pending is not None:
+        conversation = self._decoder.conversation
+        if conversation.pending is not None:
             return
         self._send_ns = 0
-        if session.step is not Step.POLL:
+        if conversation.phase is not Phase.POLL:
             self._session_ns = time.monotonic_ns()
             self._give_up_ns = self._session_ns + PER_BAUD_NS
-        if session.step is Step.POLL:
+        if conversation.phase is Phase.POLL:
             byte_ns = 10_000_000_000 // port.baudrate
-            self._send_ns = self._sent_ns + (1 + session.reply_size) * byte_ns
+            self._send_ns = self._sent_ns + (1 + conversation.reply_size) * byte_ns
             if self._tried:  # this rate works: the next session begins with it
                 good = self._tried % len(self._bauds)
                 self._bauds, self._tried = self._bauds[good:] + self._bauds[:good], 0
@@ -134,7 +138,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
         knowledge that the arm is homed."""
         items = self._line.silent(now_ns)
         young = now_ns - self._session_ns < self.RENEW_NS
-        if items or young or self._decoder.session.step is not Step.POLL:
+        if items or young or self._decoder.conversation.phase is not Phase.POLL:
             return items
         self._hang_up()
         return self._try_open(now_ns)

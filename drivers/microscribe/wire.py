@@ -28,7 +28,7 @@ _ANGLES_AT = 12  # in the reply to MAXIMA: after buttons, time, eight controller
 _MAXIMA_BYTES = 24
 
 
-class Reading(NamedTuple):
+class StandardReply(NamedTuple):
     """A standard reply."""
 
     buttons: int  # bit 0: the single or right pedal, bit 1: the left one
@@ -43,7 +43,7 @@ def standard_size(command: int) -> int:
     return 2 + (2 if command & _TIME else 0) + extra + 2 * _ANGLES[command & 3]
 
 
-def encode_standard(command: int, reading: Reading) -> bytes:
+def encode_standard(command: int, reading: StandardReply) -> bytes:
     """As the arm sends it; controllers, if asked for, read zero."""
     controllers = _CONTROLLERS[command >> 2 & 3]
     data = bytearray([command | 0x80, reading.buttons & 0x7F])
@@ -54,14 +54,14 @@ def encode_standard(command: int, reading: Reading) -> bytes:
     return bytes(data) + b"".join(_seven(count) for count in counts)
 
 
-def decode_standard(packet: bytes) -> Reading:
+def decode_standard(packet: bytes) -> StandardReply:
     """A whole standard reply, as `take` cuts it."""
     command = packet[0]
     n = _ANGLES[command & 3]
     angles = packet[-2 * n :]
     words = [high << 7 | low for high, low in zip(angles[::2], angles[1::2], strict=True)]
     ticks = packet[2] << 7 | packet[3] if command & _TIME else None
-    return Reading(packet[1], ticks, tuple(words))
+    return StandardReply(packet[1], ticks, tuple(words))
 
 
 def take(command: int, buffer: bytes, complete: bool = False) -> tuple[bytes | None, bytes]:

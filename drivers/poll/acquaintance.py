@@ -13,7 +13,7 @@ from armd.drivers.config import ServoConfig
 from armd.drivers.poll.decoder import ServoDecoder, note
 from armd.drivers.poll.memory import Memory
 from armd.drivers.poll.packet import ReadRequest
-from armd.drivers.poll.plan import Plan
+from armd.drivers.poll.plan import RequestPlan
 from armd.errors import BadInput
 
 TRIES = 3  # identity requests before a servo counts as missing
@@ -24,7 +24,7 @@ class Acquaintance:
     """Of one line; `restart` with each connection."""
 
     def __init__(
-        self, config: ServoConfig, decoder: ServoDecoder, plan: Plan, serial_number: str
+        self, config: ServoConfig, decoder: ServoDecoder, plan: RequestPlan, serial_number: str
     ) -> None:
         self._config = config
         self._decoder = decoder

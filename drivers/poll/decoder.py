@@ -60,6 +60,8 @@ class ServoDecoder:
         self._splitter = family.splitter()
         self._own = family.splitter()  # of what we say
         self._asked: dict[bytes, ReadRequest | None] = {}  # what it means, by packet
+        self._gaps: dict[tuple[int, ...], list[float]] = {}  # by the servos asked
+        self._gaps_version = -1  # of the roster that they are of
         self._sizes = range(0)  # of answers to the last request
         self._number = -1  # of the present cycle
         self._settled = False  # it is known whose arm this is
@@ -202,7 +204,8 @@ class ServoDecoder:
         if len(silent) == len(request.ids):
             return items
         self.last_sample_ns = self.last_heard_ns
-        at_ns = exchange.instants(self.byte_ns, self.gap_ns)
+        gaps_ns = self.gaps_ns(request)
+        at_ns = exchange.instants(self.byte_ns, gaps_ns)
         unix_minus_monotonic_ns = exchange.sent.unix_ns - now_ns
         items += self._temperatures(exchange, silent, round(at_ns[0]), unix_minus_monotonic_ns)
         positions = {
@@ -214,7 +217,7 @@ class ServoDecoder:
             self._number,
             [positions.get(servo) for servo in self.joints],
             at_ns[: len(self.joints)],
-            self._lateness.doubt_ns(exchange.late_ns(self.byte_ns, self.gap_ns)),
+            self._lateness.doubt_ns(exchange.late_ns(self.byte_ns, gaps_ns)),
             unix_minus_monotonic_ns,
             self.roster.unusable,
             warned,
@@ -228,11 +231,20 @@ class ServoDecoder:
             return None
         return positions[trigger.id] % 4096 < trigger.pressed_below
 
-    def gap_ns(self, servo: int) -> float:
-        """The pause before a servo's answer."""
-        known = self.roster.servos.get(servo)
-        told_us = 0 if known is None else known.return_delay_us
-        return max(told_us, self.family.return_delay_least_us) * 1e3
+    def gaps_ns(self, request: ReadRequest) -> list[float]:
+        """The pauses before the answers to *request*, in the order in which these are asked for."""
+        if request.fast:
+            return [0.0] * len(request.ids)
+        if self._gaps_version != self.roster.version:
+            self._gaps.clear()
+            self._gaps_version = self.roster.version
+        gaps_ns = self._gaps.get(request.ids)
+        if gaps_ns is None:
+            least_us = self.family.return_delay_least_us
+            known = map(self.roster.servos.get, request.ids)
+            told_us = [0 if servo is None else servo.return_delay_us for servo in known]
+            gaps_ns = self._gaps[request.ids] = [max(us, least_us) * 1e3 for us in told_us]
+        return gaps_ns
 
     def _temperatures(
         self, exchange: Exchange, silent: set[int], at_ns: int, unix_minus_monotonic_ns: int

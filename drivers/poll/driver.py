@@ -17,7 +17,7 @@ from armd.drivers.poll.acquaintance import Acquaintance
 from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, note
 from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.packet import ReadRequest
-from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, Pace, Plan
+from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, Pace, RequestPlan
 from armd.drivers.sample import Item, RawFrame
 from armd.drivers.shell import SerialShell
 
@@ -33,7 +33,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
     def __init__(self, config: ServoConfig, expectation: Expectation) -> None:
         super().__init__(ServoDecoder(config, expectation), config.port, CHANNEL)
         self._baud = config.baud
-        self._plan = Plan(self._decoder)
+        self._plan = RequestPlan(self._decoder)
         self._pace = Pace()
         self._known = Acquaintance(config, self._decoder, self._plan, expectation.serial_number)
         self._packets: dict[ReadRequest, bytes] = {}  # those that were asked for
@@ -42,6 +42,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         self._hold_ns = 0  # nothing is sent before: a servo is busy with a write
         self._needs_ns = 0.0  # what the exchange under way needs on the line, at least
         self._heard_ns = 0  # its last bytes; 0: none yet
+        self._undecoded: list[RawFrame] = []  # what it has brought, while more is to come
         self._is_cycle = False
         self._side: ReadRequest | None = None  # due besides the cycles
         self._next: ReadRequest | None = None  # the next cycle's, should the present one complete
@@ -108,6 +109,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         return round(max(due_ns, self._heard_ns) + self._pace.pause_ns)
 
     def _end(self, now_ns: int) -> list[Item]:
+        self._decode()
         items = self._feed("link", OVER)
         self._next = None
         self._ended(False, now_ns)
@@ -175,7 +177,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         decoder = self._decoder
         items = self._take(sent)
         answers = len(request.ids) * decoder.family.answer_bytes(request)
-        gaps_ns = 0.0 if request.fast else sum(decoder.gap_ns(servo) for servo in request.ids)
+        gaps_ns = sum(decoder.gaps_ns(request))
         self._needs_ns = (len(sent.data) + answers) * decoder.byte_ns + gaps_ns
         self._heard_ns = 0
         return items
@@ -207,13 +209,19 @@ class ServoDriver(SerialShell[ServoDecoder]):
         self._heard_ns = now_ns = frame.monotonic_ns
         if exchange is None:
             return self._take(frame)
+        self._undecoded.append(frame)
+        brought = b"".join(each.data for each in self._undecoded)
         sent: RawFrame | None = None
-        if request is not None and self._decoder.family.is_all(data, exchange.request):
-            sent = self._write(port, self._packet(request))  # what it says can wait
-        items = self._take(frame)
+        family = self._decoder.family
+        if request is not None and family.completes(brought, exchange.request, exchange.missing):
+            sent = self._write(port, self._packet(request))  # what they say can wait
+        elif len(brought) < self._wanted(exchange):
+            return []
+        self._decode()
         if sent is None and not exchange.complete:
-            return items
+            return []
         sent_ns, needs_ns = exchange.sent.monotonic_ns, self._needs_ns
+        items: list[Item] = []
         if request is not None:
             self._next = None
             items += self._asked(request, sent or self._write(port, self._packet(request)))
@@ -226,3 +234,20 @@ class ServoDriver(SerialShell[ServoDecoder]):
         if self._decoder.exchange is exchange:  # else the next request has ended it
             items += self._feed("link", OVER)
         return self._heard(items)
+
+    def _wanted(self, exchange: Exchange) -> float:
+        """Bytes of the answers that are still expected."""
+        given_up = self._decoder.roster.given_up
+        expected = sum(not given_up(servo) for servo in exchange.missing)
+        return expected * self._decoder.family.answer_bytes(exchange.request)
+
+    def _decode(self) -> None:
+        """What has been received: all at once, as each look takes time while answers come in.
+        What they tell is said at the exchange's end."""
+        for frame in self._undecoded:
+            self._take(frame)
+        self._undecoded.clear()
+
+    def _hang_up(self) -> None:
+        self._decode()
+        super()._hang_up()

@@ -12,7 +12,7 @@ answers were here. `Lateness` tells by how much the instants of such a cycle are
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from armd.drivers.poll.family import Family
 from armd.drivers.poll.packet import Packet, ReadRequest, Status
@@ -76,24 +76,25 @@ class Exchange:
             if status != self.answers[status.id].status:
                 self.doubtful.add(status.id)
 
-    def instants(self, byte_ns: float, gap_ns: Callable[[int], float]) -> list[float]:
-        """Of each servo's position, in the order in which they were asked. *gap_ns* of a servo: the
-        pause before its answer."""
+    def instants(self, byte_ns: float, gaps_ns: Sequence[float]) -> list[float]:
+        """Of each servo's position, in the order in which they were asked. *gaps_ns*: the pauses
+        before their answers."""
         request = self.request
         arrived = [
             None if (answer := self.answers.get(servo)) is None else answer.arrived_ns
             for servo in request.ids
         ]
         size_ns = self._family.answer_bytes(request) * byte_ns
-        gaps_ns = [0.0 if request.fast else gap_ns(servo) for servo in request.ids]
         return instants(self.sent.monotonic_ns, arrived, size_ns, gaps_ns)
 
-    def late_ns(self, byte_ns: float, gap_ns: Callable[[int], float]) -> int:
+    def late_ns(self, byte_ns: float, gaps_ns: Sequence[float]) -> int:
         """How long after the line's own time the last answer was here."""
         request = self.request
-        size_ns = self._family.answer_bytes(request) * byte_ns
-        needs_ns = len(self.sent.data) * byte_ns + sum(
-            size_ns + (0.0 if request.fast else gap_ns(servo)) for servo in self.answers
+        n_bytes = len(self.sent.data) + len(self.answers) * self._family.answer_bytes(request)
+        needs_ns = n_bytes * byte_ns + sum(
+            gap_ns
+            for servo, gap_ns in zip(request.ids, gaps_ns, strict=True)
+            if servo in self.answers
         )
         return round(self.heard_ns - self.sent.monotonic_ns - needs_ns)
 

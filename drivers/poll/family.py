@@ -98,8 +98,8 @@ class Family(Protocol):
         """What one servo puts on the wire."""
         ...
 
-    def is_all(self, data: bytes, request: ReadRequest) -> bool:
-        """Whether *data* alone are all that is to come, as can be told at a glance."""
+    def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
+        """Whether *data* alone are the answers that are *missing*, as can be told at a glance."""
         ...
 
     def position_of(self, data: bytes) -> int: ...
@@ -161,8 +161,8 @@ class Feetech(Family):
     def answer_bytes(self, request: ReadRequest) -> int:
         return feetech.status_size(request.length)
 
-    def is_all(self, data: bytes, request: ReadRequest) -> bool:
-        return False  # each servo sends a packet of its own
+    def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
+        return feetech.are_statuses(data, missing, request.length)
 
     def position_of(self, data: bytes) -> int:
         return feetech.signed(data[0] | data[1] << 8, 15)
@@ -237,7 +237,7 @@ class Dynamixel(Family):
     def answer_bytes(self, request: ReadRequest) -> int:
         return 4 + request.length if request.fast else dynamixel.status_size(request.length)
 
-    def is_all(self, data: bytes, request: ReadRequest) -> bool:
+    def completes(self, data: bytes, request: ReadRequest, missing: Sequence[int]) -> bool:
         return request.fast and dynamixel.is_fast_status(data, len(request.ids), request.length)
 
     def position_of(self, data: bytes) -> int:

@@ -57,6 +57,20 @@ def status_size(length: int) -> int:
     return OVERHEAD + length
 
 
+def are_statuses(data: bytes, ids: Sequence[int], length: int) -> bool:
+    """Whether *data* are whole intact statuses of *ids*, with *length* bytes of data each."""
+    size = status_size(length)
+    if len(data) != size * len(ids):
+        return False
+    for i, servo in enumerate(ids):
+        one = data[i * size : (i + 1) * size]
+        if not one.startswith(HEADER) or one[2] != servo or one[3] != length + 2:
+            return False
+        if sum(one[2:]) & 0xFF != 0xFF:
+            return False
+    return True
+
+
 def splitter() -> Splitter:
     """Finds the packets of either side."""
     return Splitter(HEADER, _cut, range(OVERHEAD, OVERHEAD + 254))

@@ -14,9 +14,9 @@ from pydantic import Field
 
 from armd.drivers.poll.family import Family, Servo, differences
 from armd.errors import BadInput
-from armd.files import write_whole
-from armd.schema import Strict, load_json
-from armd.state_folder import state_folder
+from armd.files.schema import Strict, load_json
+from armd.files.state_folder import state_folder
+from armd.files.writing import write_whole
 
 Geometries = dict[int, dict[str, Any]]  # by servo id, as `Servo.geometry` has them
 

@@ -36,7 +36,7 @@ class Pace:
         return min(max(3 * self._excess_ns, PAUSE_LEAST_NS), PAUSE_MOST_NS)
 
 
-class Plan:
+class RequestPlan:
     """Chooses the requests of one connection."""
 
     def __init__(self, decoder: ServoDecoder) -> None:

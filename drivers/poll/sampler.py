@@ -9,12 +9,13 @@ import numpy as np
 
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.poll.family import COUNTS_PER_TURN
-from armd.drivers.sample import Item, SampleArray, sample_dtype
-from armd.drivers.unwrap import Unwrapper
+from armd.drivers.sample import Event, Item, SampleArray, sample_dtype
+from armd.drivers.unwrap import MARGIN_COUNTS, Unwrapper
 
 HALF_TURN = COUNTS_PER_TURN // 2
 #: A motion too slow to be seen in this time moves by no more than a few counts in a stall.
 PAST_NS = 20_000_000
+TOLD_EVERY_NS = 60_000_000_000  # that cycles are left out
 
 
 class ServoSampler:
@@ -25,6 +26,7 @@ class ServoSampler:
         self.lost = 0  # cycles in which nobody answered, or nobody knows at which instant
         self.untimed = 0  # of these: the latter
         n = len(ids)
+        self._counts_per_ns = COUNTS_PER_TURN * max_joint_rate_deg_s / 360e9
         self._dtype = sample_dtype(n)
         self._unwrapper = Unwrapper(
             [COUNTS_PER_TURN] * n, [COUNTS_PER_TURN] * n, max_joint_rate_deg_s
@@ -36,6 +38,7 @@ class ServoSampler:
         self._past_ns = 0
         self._first_ns: int | None = None  # where the arm's own time begins
         self._next_number: int | None = None
+        self._told_ns: int | None = None  # when an untimed cycle was told of last
         self._buttons = 0
         names = [f"joint {k} (servo {servo})" for k, servo in enumerate(ids, 1)]
         self._silence_watch = JointWatch("joint_invalid", "it does not answer", names)
@@ -60,9 +63,9 @@ class ServoSampler:
         though they answer, and of those that *warned*; *pressed*: the button, None if unheard.
         """
         row_ns = round(at_ns[0])
-        if doubt_ns and self._moves(positions):
+        if doubt_ns and self._moves(positions, row_ns + doubt_ns):
             self.untimed += 1
-            return []
+            return self._tell_untimed(row_ns, doubt_ns)
         if self._first_ns is None:
             self._first_ns = row_ns
         silent = 0
@@ -99,14 +102,28 @@ class ServoSampler:
             out,
         ]
 
-    def _moves(self, positions: Sequence[int | None]) -> bool:
+    def _tell_untimed(self, now_ns: int, doubt_ns: float) -> list[Item]:
+        if self._told_ns is not None and now_ns - self._told_ns < TOLD_EVERY_NS:
+            return []
+        self._told_ns = now_ns
+        text = (
+            f"a cycle is left out, its instant is in doubt by {doubt_ns * 1e-6:.0f} ms while the"
+            " arm moves: this computer is too busy, or the adapter holds bytes back (armd doctor)"
+        )
+        return [Event("untimed", text, now_ns, "warning", {"doubt_ms": round(doubt_ns * 1e-6, 1)})]
+
+    def _moves(self, positions: Sequence[int | None], until_ns: float) -> bool:
         """Whether a joint stands elsewhere than at its last reading, or stood elsewhere shortly
-        before that; flickering by a count is no motion."""
+        before that. Flickering by a count is no motion; nor is what no joint can have done by
+        *until_ns*: its joint is invalid in this row, whenever that was."""
         for k, (position, last) in enumerate(zip(positions, self._last, strict=True)):
-            if position is not None and last is not None:
-                step = (position - last[0]) % COUNTS_PER_TURN - HALF_TURN
-                if max(abs(step), abs(last[0] - self._past[0][k])) > 1:
-                    return True
+            if position is None or last is None:
+                continue
+            step = (position - last[0]) % COUNTS_PER_TURN - HALF_TURN
+            moved = max(abs(step), abs(last[0] - self._past[0][k]))
+            fastest = MARGIN_COUNTS + self._counts_per_ns * (until_ns - last[1])
+            if moved > 1 and abs(step) <= fastest:
+                return True
         return False
 
     def _note_past(self, row_ns: int) -> None:
@@ -138,6 +155,7 @@ class ServoSampler:
             "next_number": self._next_number,
             "buttons": self._buttons,
             "last": self._last,
+            "told_ns": self._told_ns,
             "past": [self._past, self._past_ns],
             "unwrap": [memory[name].tolist() for name in memory.dtype.names or ()],
         }
@@ -145,7 +163,7 @@ class ServoSampler:
     def restore(self, state: dict[str, Any]) -> None:
         """Go on from where `state` was taken."""
         self._first_ns, self._next_number = state["first_ns"], state["next_number"]
-        self._buttons = state["buttons"]
+        self._buttons, self._told_ns = state["buttons"], state["told_ns"]
         self._last = [None if last is None else (last[0], last[1]) for last in state["last"]]
         self._past, self._past_ns = state["past"]
         memory = self._unwrapper.memory

@@ -6,7 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
+
+from armd.arrays import F64
 
 FRESH_NS = 2_500_000_000  # a temperature that was not read for longer is none
 RESOLUTION_C = 1.0
@@ -23,7 +24,7 @@ class Warmth:
     def take(self, servo: int, celsius: float, now_ns: int) -> None:
         self._read[servo] = celsius, now_ns
 
-    def reading(self, silent: set[int], now_ns: int, again: bool) -> npt.NDArray[np.float64] | None:
+    def reading(self, silent: set[int], now_ns: int, again: bool) -> F64 | None:
         """All sensors (S,) °C, NaN of those that are *silent* or not known; None if that was told
         before and need not be told *again*."""
         if not self._ids:

@@ -21,7 +21,7 @@ from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.serial.decoder import SerialDecoder
 from armd.drivers.shell import Decoder
 from armd.errors import BadInput
-from armd.schema import validate
+from armd.files.schema import validate
 
 _CAN_KEYS = {"rate_hz", "max_joint_rate_deg_s"}
 BATCH = 256  # frames fed in one `read` at most

@@ -21,7 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer
 
 from armd.errors import BadInput
-from armd.inputs import open_input
+from armd.files.inputs import open_input
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode, length

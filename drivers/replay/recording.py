@@ -17,7 +17,7 @@ from armd.drivers.replay import raw
 from armd.drivers.replay.mcap_file import McapFile, Recorded
 from armd.drivers.sample import RawFrame
 from armd.errors import BadInput
-from armd.schema import json_data
+from armd.files.schema import json_data
 
 RAW_TOPIC = "/raw"
 PREAMBLE_TOPIC = "/preamble"

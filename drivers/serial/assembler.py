@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from armd.compiled.jit import jit
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, SampleArray, sample_dtype
-from armd.drivers.serial.clock import DeviceClock, holds, host_ns
+from armd.drivers.serial.clock import ClockMapping, holds, host_ns
 from armd.drivers.serial.sequence import Rows, Run, SequenceExtender, goes_on
 from armd.drivers.serial.wire import row_layout
 from armd.drivers.unwrap import Unwrapper, unwrap
-from armd.jit import jit
 
 #: Samples that an array is made for at once: to make one costs numpy as much as to fill it.
 ROOM = 256
@@ -23,7 +23,7 @@ NONE = -1  # no number yet; rows that do not follow
 class SampleAssembler:
     """Makes `SampleArray`s of one arm; `delivered` counts their rows."""
 
-    def __init__(self, n_joints: int, clock: DeviceClock, max_joint_rate_deg_s: float) -> None:
+    def __init__(self, n_joints: int, clock: ClockMapping, max_joint_rate_deg_s: float) -> None:
         self.delivered = 0
         self._dtype = sample_dtype(n_joints)
         self._clock = clock

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from armd.jit import jit
+from armd.compiled.jit import jit
 
 WINDOW = 64  # exchanges remembered
 ENOUGH = 8  # exchanges before the mapping is trusted
@@ -36,7 +36,7 @@ OLD_NS = 30_000_000_000  # after so long without an exchange drift may have used
 _LINE = np.dtype([("mapped", "?"), ("device_ns", "i8"), ("host_ns", "i8"), ("drift", "f8")])
 
 
-class DeviceClock:
+class ClockMapping:
     """Device microseconds since boot → nanoseconds of the host's CLOCK_MONOTONIC."""
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class DeviceClock:
 
 @jit
 def host_ns(device_ns: Any, line: Any) -> Any:
-    """The host's instant of the device's, by a `DeviceClock`'s line."""
+    """The host's instant of the device's, by a `ClockMapping`'s line."""
     since = device_ns - line[0].device_ns
     return line[0].host_ns + since + np.int64(np.rint(since * line[0].drift))
 

@@ -15,10 +15,10 @@ from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, Item, RawFrame, Temperatures
 from armd.drivers.serial import wire
 from armd.drivers.serial.assembler import SampleAssembler
-from armd.drivers.serial.clock import DeviceClock
+from armd.drivers.serial.clock import EAGER_INTERVAL_NS, ClockMapping
 from armd.drivers.serial.exchanges import Exchanges
 from armd.drivers.serial.held import Held, Reading, weight
-from armd.drivers.serial.sequence import Rows, SequenceExtender
+from armd.drivers.serial.sequence import Rows, Run, SequenceExtender
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 
 EPOCH = b"epoch "  # a "link" frame that says in which epoch a recording begins
@@ -38,7 +38,7 @@ class SerialDecoder:
     def __init__(
         self, expectation: Expectation, max_joint_rate_deg_s: float = MAX_JOINT_RATE_DEG_S
     ) -> None:
-        self.clock = DeviceClock()
+        self.clock = ClockMapping()
         self.hello: wire.Hello | None = None  # of the connected arm, expected or not
         self.accepted = False  # whether `hello` is the expected arm's
         self.last_sample_ns: int | None = None  # arrival of the last good SAMPLE, host monotonic
@@ -66,9 +66,14 @@ class SerialDecoder:
 
     @property
     def wants_identity(self) -> bool:
-        """HELLO is missing: since the connection, or since a reboot that only the clock told; or
-        it alone can tell whether packets out of the past are a reboot's."""
-        return self.hello is None or self._sequence.wants_boot_id
+        """HELLO is missing: since the connection, or since a reboot that only the clock told."""
+        return self.hello is None
+
+    @property
+    def ping_interval_ns(self) -> int:
+        """How soon after a PING the next one is to go out."""
+        doubt = self._sequence.wants_clock
+        return EAGER_INTERVAL_NS if doubt else self.clock.ping_interval_ns
 
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes, in the order of the wire."""
@@ -143,14 +148,22 @@ class SerialDecoder:
             case wire.Type.PONG:
                 pong = wire.decode_pong(data)
                 if pong is not None:
-                    agrees = self._exchanges.received(pong, frame, self._sequence)
-                    self._counted["clock_contradictions"] += not agrees
-                    return []
+                    return self._exchange(pong, frame)
             case _:
                 self._counted["unknown"] += 1
                 return []
         self._counted["malformed"] += 1
         return []
+
+    def _exchange(self, pong: wire.Pong, frame: RawFrame) -> list[Item]:
+        ping = self._exchanges.take(pong.nonce)
+        if ping is None:
+            return []
+        runs = self._sequence.clock_read(pong.t_us, ping.monotonic_ns)
+        items = self._assemble(runs, frame.monotonic_ns, frame.unix_ns - frame.monotonic_ns)
+        agrees = self._exchanges.answered(ping, pong, frame, self._sequence)
+        self._counted["clock_contradictions"] += not agrees
+        return items
 
     def _samples(self, run: list[bytes], frame: RawFrame) -> list[Item]:
         if not run:
@@ -172,7 +185,6 @@ class SerialDecoder:
 
     def _greet(self, hello: wire.Hello, frame: RawFrame) -> list[Item]:
         if hello == self.hello:
-            self._sequence.same_boot()
             return []
         self.hello = hello
         faults = (
@@ -251,14 +263,18 @@ class SerialDecoder:
 
     def _follow(self, rows: Rows, arrival_ns: int, unix_minus_monotonic_ns: int) -> list[Item]:
         """Rows that may not follow the last ones."""
+        runs = self._sequence.push(rows, arrival_ns)
+        return self._assemble(runs, arrival_ns, unix_minus_monotonic_ns)
+
+    def _assemble(self, runs: list[Run], now_ns: int, unix_minus_monotonic_ns: int) -> list[Item]:
         items: list[Item] = []
-        for run in self._sequence.push(rows, arrival_ns):
+        for run in runs:
             if run.rebooted:
                 self._new_boot()
                 self._boot_id = None
                 self.hello = None  # ask again, but go on: the line was never broken
                 text = "the arm has rebooted: its clock runs from zero again"
-                items.append(Event("reboot", text, arrival_ns, "warning"))
+                items.append(Event("reboot", text, now_ns, "warning"))
             items += self._assembler.assemble(run, unix_minus_monotonic_ns)
         return items
 

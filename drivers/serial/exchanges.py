@@ -6,16 +6,16 @@ from collections import deque
 
 from armd.drivers.sample import RawFrame
 from armd.drivers.serial import wire
-from armd.drivers.serial.clock import PROMISED_NS, WINDOW, DeviceClock
+from armd.drivers.serial.clock import PROMISED_NS, WINDOW, ClockMapping
 from armd.drivers.serial.sequence import SequenceExtender
 
 PINGS_REMEMBERED = 64
 
 
 class Exchanges:
-    """Sets a `DeviceClock`, unless what it hears contradicts the samples or the clock itself."""
+    """Sets a `ClockMapping`, unless what it hears contradicts the samples or the clock itself."""
 
-    def __init__(self, clock: DeviceClock) -> None:
+    def __init__(self, clock: ClockMapping) -> None:
         self._clock = clock
         self._pings: dict[int, RawFrame] = {}  # by nonce, sent and not answered yet
         self._answered: deque[tuple[RawFrame, RawFrame]] = deque(maxlen=WINDOW)
@@ -40,11 +40,14 @@ class Exchanges:
         while len(self._pings) > PINGS_REMEMBERED:
             del self._pings[next(iter(self._pings))]
 
-    def received(self, pong: wire.Pong, frame: RawFrame, samples: SequenceExtender) -> bool:
-        """Whether the PONG, if it was asked for, agrees with the last *samples* and the clock."""
-        ping = self._pings.pop(pong.nonce, None)
-        if ping is None:
-            return True
+    def take(self, nonce: int) -> RawFrame | None:
+        """The PING that is answered now."""
+        return self._pings.pop(nonce, None)
+
+    def answered(
+        self, ping: RawFrame, pong: wire.Pong, frame: RawFrame, samples: SequenceExtender
+    ) -> bool:
+        """Whether the PONG agrees with the last *samples* and the clock."""
         if not self._is_samples_clock(ping, pong, frame, samples):
             self.forget()
             return False

@@ -29,7 +29,7 @@ class SerialDriver(SerialShell[SerialDecoder]):
         self._baud = config.baud
         self._nonce = 0
         self._asked = 0  # IDENTIFY sent on this connection
-        self._identify_due_ns = self._ping_due_ns = 0
+        self._identify_due_ns = self._pinged_ns = 0
 
     def read(self, timeout_s: float) -> list[Item]:
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
@@ -55,20 +55,27 @@ class SerialDriver(SerialShell[SerialDecoder]):
         due = min(self._ping_due_ns, self._line.act_ns)
         return min(due, self._identify_due_ns) if self._decoder.wants_identity else due
 
+    @property
+    def _ping_due_ns(self) -> int:
+        # Out of step with the arm's own beat, so that some PING finds it idle.
+        stretch = 0.75 + 0.5 * (self._nonce * GOLDEN_RATIO % 1)
+        return self._pinged_ns + round(self._decoder.ping_interval_ns * stretch)
+
     def _housekeeping(self, now_ns: int) -> list[Item]:
         if self._port is None:
             return self._try_open(now_ns) if now_ns >= self._line.open_due_ns else []
         if now_ns >= self._ping_due_ns:
-            # Out of step with the arm's own beat, so that some PING finds it idle.
-            stretch = 0.75 + 0.5 * (self._nonce * GOLDEN_RATIO % 1)
-            self._ping_due_ns = now_ns + round(self._decoder.clock.ping_interval_ns * stretch)
+            self._pinged_ns = now_ns
             self._nonce = (self._nonce + 1) & 0xFFFFFFFF
             self._take(self._write(self._port, wire.encode_ping(self._nonce)))
-        if not self._decoder.wants_identity or now_ns < self._identify_due_ns:
+        if not self._decoder.wants_identity:
+            self._asked = 0
+            return []
+        if now_ns < self._identify_due_ns:
             return []
         self._identify_due_ns = now_ns + IDENTIFY_INTERVAL_NS
         self._take(self._write(self._port, wire.encode_identify()))
-        self._asked = self._asked + 1 if self._decoder.hello is None else 0
+        self._asked += 1
         if self._asked != IDENTIFY_PATIENCE or self._decoder.last_sample_ns is None:
             return []
         text = "samples arrive, but the arm does not answer IDENTIFY: whose are they?"
@@ -81,7 +88,7 @@ class SerialDriver(SerialShell[SerialDecoder]):
         if self._port is None:
             return missing
         self._line.opened(now_ns)
-        self._ping_due_ns = self._identify_due_ns = now_ns
+        self._pinged_ns, self._identify_due_ns = 0, now_ns
         self._asked = 0
         return self._feed("link", b"up")
 

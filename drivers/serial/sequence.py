@@ -5,7 +5,8 @@ the arm reboots. A reboot announces itself by a new boot id in HELLO; should tha
 device clock running backwards. A packet that comes twice, or late, runs backwards too: what
 tells them apart is that a reboot goes on from there, and that its clock cannot have run for
 longer than we have been waiting. Where that leaves a doubt, because at these very times samples
-of this boot were accepted before, the arm is asked: the same boot id, and it was a repetition.
+of this boot were accepted before, the arm's clock is asked (PING): one that has run on has not
+booted, whatever was repeated; one that has not, has, be its boot id the same.
 """
 
 from __future__ import annotations
@@ -16,14 +17,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from armd.jit import jit
+from armd.compiled.jit import jit
 
 Rows = npt.NDArray[np.void]  # (m,) of serial_wire.row_layout
 
 WRAP = 1 << 32
 LATENESS_NS = 100_000_000  # by how much bytes may arrive late
 CERTAIN = 32  # so many packets running on in the past are a reboot, whatever the clock says
-UNANSWERED_NS = 1_000_000_000  # an arm that does not say which boot this is: it is a new one
+UNANSWERED_NS = 1_000_000_000  # an arm that does not say what its clock reads: it is a new boot
+BEHIND_NS = 5_000_000  # a clock so far behind has not run on
+DRIFT = 500e-6  # crystals differ by less
 SUSPECTS_MOST = 1 << 14
 GAP_US = 1_000_000  # of the device's clock: times beyond it were not seen
 STRETCHES_MOST = 64  # of times seen; older ones are forgotten
@@ -61,7 +64,7 @@ class SequenceExtender:
         self._kept["seq"] = self._kept["t_us"] = -1
         self._suspects: deque[tuple[Rows, int]] = deque()
         self._seen: deque[tuple[int, int]] = deque(maxlen=STRETCHES_MOST)  # times of this boot, µs
-        self.wants_boot_id = False  # only the arm can tell whether it has rebooted
+        self.wants_clock = False  # only the arm's clock can tell whether it has rebooted
 
     @property
     def epoch(self) -> int:
@@ -92,12 +95,19 @@ class SequenceExtender:
         self._cleared = [suspect for suspect in self._suspects if self._possible(*suspect)]
         self.repeated += len(self._suspects) - len(self._cleared)
         self._suspects.clear()
-        self.wants_boot_id = False
+        self.wants_clock = False
 
-    def same_boot(self) -> None:
-        """The arm says that it has not booted: what was in doubt had been there before."""
-        if self.wants_boot_id:
+    def clock_read(self, t_us: int, after_ns: int) -> list[Run]:
+        """The arm's clock read *t_us* after *after_ns* of the host's (monotonic): what is in doubt
+        had been there before, or is of a new boot."""
+        if not self.wants_clock:
+            return []
+        since_ns = after_ns - int(self._kept["arrival_ns"])  # a sample is older than its arrival
+        ran_on_ns = 1000 * int(self._kept["t_us"]) + since_ns * (1 - DRIFT)
+        if 1000 * t_us >= ran_on_ns - BEHIND_NS:
             self._drop_suspects()
+            return []
+        return self._believe_suspects()
 
     def take_cleared(self) -> list[tuple[Rows, int]]:
         """Rows that `new_boot` found to be the new boot's, with their arrivals, to be pushed."""
@@ -137,7 +147,7 @@ class SequenceExtender:
         """A packet out of the past: late or repeated, or the first ones of another boot?"""
         t_us = int(row["t_us"][0])
         if self._suspects and t_us <= self._suspects[-1][0]["t_us"][0]:
-            if self.wants_boot_id and t_us < self._suspects[0][0]["t_us"][0]:
+            if self.wants_clock and t_us < self._suspects[0][0]["t_us"][0]:
                 self._drop_suspects()  # a repetition, and then a boot: only the later counts
             else:
                 self.repeated += 1
@@ -146,16 +156,20 @@ class SequenceExtender:
         if len(self._suspects) > SUSPECTS_MOST:
             self._suspects.popleft()
             self.repeated += 1
-        self.wants_boot_id = self.wants_boot_id or self._was_seen(t_us)
+        self.wants_clock = self.wants_clock or self._was_seen(t_us)
         first, first_arrival_ns = self._suspects[0]
         needed = 2 if self._possible(first, first_arrival_ns) else CERTAIN
-        in_doubt = self.wants_boot_id and arrival_ns - first_arrival_ns < UNANSWERED_NS
+        in_doubt = self.wants_clock and arrival_ns - first_arrival_ns < UNANSWERED_NS
         if len(self._suspects) < needed or in_doubt:
             return []
+        return self._believe_suspects()
+
+    def _believe_suspects(self) -> list[Run]:
+        """They are the first of another boot."""
         found, self._suspects = self._suspects, deque()
         self._kept["epoch"] += 1
         self._seen.clear()
-        self.wants_boot_id = False
+        self.wants_clock = False
         runs = [self._accept(found[0][0], found[0][1], rebooted=True)]
         for later, arrived_ns in list(found)[1:]:
             runs += self.push(later, arrived_ns)
@@ -174,7 +188,7 @@ class SequenceExtender:
     def _drop_suspects(self) -> None:
         self.repeated += len(self._suspects)
         self._suspects.clear()
-        self.wants_boot_id = False
+        self.wants_clock = False
 
     def _accept(self, row: Rows, arrival_ns: int, rebooted: bool = False) -> Run:
         seq, last_seq = int(row["seq"][0]), int(self._kept["seq"])

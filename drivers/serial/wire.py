@@ -16,6 +16,8 @@ import numpy as np
 import numpy.typing as npt
 from cobs import cobs
 
+from armd.arrays import F64
+
 PROTOCOL = 1
 PACKET_LIMIT = 4096  # a longer run without 0x00 is junk
 TEMPERATURE_UNIT_C = 0.01
@@ -109,7 +111,7 @@ class Hello:
 
 @dataclass(frozen=True, slots=True)
 class TemperatureReading:
-    celsius: npt.NDArray[np.float64]  # (n,), NaN where the channel is invalid
+    celsius: F64  # (n,), NaN where the channel is invalid
     t_us: int
 
 

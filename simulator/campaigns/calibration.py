@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from armd.simulator.artefact import Artefact, ball_beam, seat
-from armd.simulator.campaigns.campaign import Campaign
-from armd.simulator.measuring import Rig
-from armd.simulator.noise import Noise
-from armd.simulator.plan import Climate, Plan, Visit, rounds
+from armd.simulator.measured.artefact import Artefact, ball_beam, seat
+from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.measuring import Rig
+from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.plan import Climate, SessionPlan, Visit, rounds
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.heat import SELF_HEATING_W
@@ -24,7 +24,7 @@ STEP_H = 8.0
 def demo(seed: int, noise: Noise) -> Campaign:
     """What `armd demo` identifies its calibration from: five temperatures, quickly made."""
     plans = [
-        Plan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), rounds(3, 3))
+        SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), rounds(3, 3))
         for i, celsius in enumerate(TEMPERATURES_C)
     ]
     return _on_the_beam(seed, noise, plans)
@@ -33,7 +33,7 @@ def demo(seed: int, noise: Noise) -> Campaign:
 def calibration(seed: int, noise: Noise) -> Campaign:
     """A thorough set: five temperatures, four placements and four articulations each."""
     plans = [
-        Plan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), rounds(4, 4))
+        SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), rounds(4, 4))
         for i, celsius in enumerate(TEMPERATURES_C)
     ]
     return _on_the_beam(seed, noise, plans)
@@ -42,7 +42,7 @@ def calibration(seed: int, noise: Noise) -> Campaign:
 def isothermal(seed: int, noise: Noise) -> Campaign:
     """Two sessions at one temperature: geometry only."""
     plans = [
-        Plan(name, STEP_H * i, Climate(20.0), rounds(4, 4))
+        SessionPlan(name, STEP_H * i, Climate(20.0), rounds(4, 4))
         for i, name in enumerate(("first", "second"))
     ]
     return _on_the_beam(seed, noise, plans)
@@ -52,22 +52,24 @@ def warmup(seed: int, noise: Noise) -> Campaign:
     """From switching on a cold arm over three hours, and then with the room warming by 4 K/h."""
     power = 2.5 * SELF_HEATING_W
     plans = [
-        Plan("warm-up", 0.0, Climate(20.0, power_w=power, cold=True), rounds(6, 3), 60.0),
-        Plan("ramp", 6.0, Climate(20.0, 4.0, 0.5, power), rounds(4, 3), 60.0),
+        SessionPlan("warm-up", 0.0, Climate(20.0, power_w=power, cold=True), rounds(6, 3), 60.0),
+        SessionPlan("ramp", 6.0, Climate(20.0, 4.0, 0.5, power), rounds(4, 3), 60.0),
     ]
     return _on_the_beam(seed, noise, plans)
 
 
 def seats(seed: int, noise: Noise) -> Campaign:
     """Kinematic seats whose positions nobody knows, ten articulations each, two temperatures."""
-    sessions: list[tuple[Plan, Artefact]] = []
+    sessions: list[tuple[SessionPlan, Artefact]] = []
     for i, celsius in enumerate((20, 28)):
         visits = tuple(Visit(f"P{p + 1}", (), 10) for p in range(8))
-        sessions.append((Plan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), visits), seat()))
+        sessions.append(
+            (SessionPlan(f"T{celsius}", STEP_H * i, Climate(float(celsius)), visits), seat())
+        )
     return Campaign(nominal.arm_toml(), Rig(TrueArm.default(seed), seat(), noise), sessions)
 
 
-def _on_the_beam(seed: int, noise: Noise, plans: list[Plan]) -> Campaign:
+def _on_the_beam(seed: int, noise: Noise, plans: list[SessionPlan]) -> Campaign:
     beam = ball_beam(np.random.default_rng([seed, 0xBEA]))
     rig = Rig(TrueArm.default(seed), beam, noise)
     return Campaign(nominal.arm_toml(), rig, [(plan, beam) for plan in plans])

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from armd.simulator.artefact import Artefact, ball_frame
-from armd.simulator.campaigns.campaign import Campaign
-from armd.simulator.measuring import Rig
-from armd.simulator.noise import Noise
-from armd.simulator.plan import Climate, Plan, rounds
+from armd.simulator.measured.artefact import Artefact, ball_frame
+from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.measuring import Rig
+from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.plan import Climate, SessionPlan, rounds
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.heat import SELF_HEATING_W
@@ -89,13 +89,13 @@ def campaigns(seed: int, design: Design, noise: Noise = NOISE) -> tuple[Campaign
     )
 
 
-def _on(frame: Artefact, plans: list[Plan]) -> list[tuple[Plan, Artefact]]:
+def _on(frame: Artefact, plans: list[SessionPlan]) -> list[tuple[SessionPlan, Artefact]]:
     return [(plan, frame) for plan in plans]
 
 
 def _plans(
     name: str, count: int, start_h: float, design: Design, rng: np.random.Generator
-) -> list[Plan]:
+) -> list[SessionPlan]:
     """Sessions four hours apart, some of them on a ramp, one fast, one with a payload if any.
 
     A payload is known neither to the arm file nor to the session: to the model it is a second
@@ -114,7 +114,7 @@ def _plans(
         ramp = design.ramp_k_per_h if i in ramped else 0.0
         climate = Climate(float(celsius[i]), ramp, 0.5 if ramp else 0.0, power)
         plans.append(
-            Plan(
+            SessionPlan(
                 f"{name}-{i + 1}",
                 start_h + 4.0 * i,
                 climate,

@@ -13,24 +13,22 @@ from datetime import datetime, timedelta
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.errors import BadInput
-from armd.simulator.artefact import Artefact, Length
-from armd.simulator.campaigns.campaign import Campaign
-from armd.simulator.measuring import Measured, Rig, take_readings
-from armd.simulator.noise import Noise
-from armd.simulator.placement import Placement, place
-from armd.simulator.plan import MOUNTED, Climate, Plan, Visit
+from armd.simulator.measured.artefact import Artefact, Length
+from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.measuring import Measured, Rig, take_readings
+from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.placement import Placement, place
+from armd.simulator.measured.plan import MOUNTED, Climate, SessionPlan, Visit
+from armd.simulator.measured.poses import Reach, Unreachable
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
-from armd.simulator.poses import Reach, Unreachable
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.heat import SELF_HEATING_W
 from armd.simulator.truth.rotations import about, random_unit
-
-F64 = npt.NDArray[np.float64]
 
 #: The first check is so long after the arm was mounted, when it has been calibrated.
 FIRST_H = 75.0
@@ -161,7 +159,7 @@ def arm_at(
     """The arm of *seed* as it is on a day, with all that has happened to it; *drawn*: the seed of
     what is drawn of the happenings, if another."""
     today = campaign(seed, Noise())
-    plan = Plan("", 0.0, Climate(), (Visit("P1"),))
+    plan = SessionPlan("", 0.0, Climate(), (Visit("P1"),))
     for number, happening in enumerate(happenings):
         size = share(happening, day, used)
         draws = [seed if drawn is None else drawn, 0x9147, number]
@@ -193,7 +191,7 @@ def carry_out(
         start_h = FIRST_H + 24.0 * (day - 1) + float(rng.uniform(0.0, 0.5))
         power = SELF_HEATING_W * rng.uniform(0.7, 1.3, len(SELF_HEATING_W))
         climate = Climate(20.0 + float(rng.normal(0.0, 1.5)), power_w=power)
-        plan = Plan(f"day-{day:02}", start_h, climate, (visit,), interval_s=6.0)
+        plan = SessionPlan(f"day-{day:02}", start_h, climate, (visit,), interval_s=6.0)
         today = begun
         for number, happening in enumerate(history.happenings):
             size = share(happening, float(day), used)
@@ -211,7 +209,9 @@ def carry_out(
         )
 
 
-def _planted(today: Campaign, plant: Plant, size: float, seed: list[int], plan: Plan) -> Campaign:
+def _planted(
+    today: Campaign, plant: Plant, size: float, seed: list[int], plan: SessionPlan
+) -> Campaign:
     """Today's share of a plant; drawn alike every day, what is drawn of it."""
     if size == 0.0:
         return today

@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from armd.simulator.artefact import Artefact, ball_beam
-from armd.simulator.campaigns.campaign import Campaign
-from armd.simulator.measuring import Measured, Rig, measure
-from armd.simulator.noise import Noise
-from armd.simulator.plan import Climate, Plan, rounds
+from armd.simulator.measured.artefact import Artefact, ball_beam
+from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.measuring import Measured, Rig, measure
+from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.plan import Climate, SessionPlan, rounds
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import Materials, TrueArm
 from armd.simulator.truth.effects import BendingStylus, EccentricDisc
@@ -53,8 +53,8 @@ def campaign(seed: int, noise: Noise) -> Campaign:
     sessions = []
     for i, celsius in enumerate(TEMPERATURES_C):
         climate = Climate(float(celsius))
-        plan = Plan(f"T{celsius}", STEP_H * i, climate, rounds(5, 4))
-        heldout = Plan(
+        plan = SessionPlan(f"T{celsius}", STEP_H * i, climate, rounds(5, 4))
+        heldout = SessionPlan(
             f"heldout-T{celsius}", STEP_H * i + 2.0, climate, rounds(4, 4), held_out=True
         )
         sessions += [(plan, beam), (heldout, beam)]
@@ -68,7 +68,7 @@ def _before_ageing(arm: TrueArm, beam: Artefact, rng: np.random.Generator) -> Tr
     rig = Rig(arm, beam, Noise().scaled(0.0))
     reach = rig.reach(rng)
     trials = [
-        measure(rig, Plan("trial", 0.0, Climate(celsius), rounds(8, 4)), reach, rng)
+        measure(rig, SessionPlan("trial", 0.0, Climate(celsius), rounds(8, 4)), reach, rng)
         for celsius in (16.0, 20.0, 25.0, 30.0)
     ]
     inert = replace(arm, materials=Materials.without_expansion())

@@ -17,18 +17,16 @@ The names of the targets say which test a reading belongs to:
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.simulator.artefact import Artefact, Length
-from armd.simulator.campaigns.campaign import Campaign
-from armd.simulator.measuring import Rig
-from armd.simulator.noise import Noise
-from armd.simulator.plan import Climate, Plan, Visit
+from armd.arrays import F64
+from armd.simulator.measured.artefact import Artefact, Length
+from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.measuring import Rig
+from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.plan import Climate, SessionPlan, Visit
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.rotations import ARC_SECOND
-
-F64 = npt.NDArray[np.float64]
 
 REACH_MM = 1200.0
 SPHERE_MM, SPHERE_UNCERTAINTY_MM, SPHERE_FORM_MM = 25.4, 0.0002, 0.00005
@@ -55,7 +53,7 @@ def campaign(seed: int, noise: Noise) -> Campaign:
     rows[:, 1:3] += rng.normal(0.0, CERTIFIED_MM, (arm.n_joints, 2))
     rows[:, [0, 3]] += rng.normal(0.0, CERTIFIED_ARCSEC * ARC_SECOND, (arm.n_joints, 2))
     artefact = artefacts(rng)
-    plan = Plan("verify", 0.0, Climate(20.0), visits(artefact), 10.0)
+    plan = SessionPlan("verify", 0.0, Climate(20.0), visits(artefact), 10.0)
     text = nominal.arm_toml(rows=rows, tip=arm.tip_offset)
     return Campaign(text, Rig(arm, artefact, noise), [(plan, artefact)])
 

@@ -1,4 +1,4 @@
-"""The simulated arm on CAN: six encoders and a thermometer on one bus, latching at each SYNC."""
+"""The simulated arm on CAN: encoders and thermometers on one bus, latching at each SYNC."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from armd.drivers.can import objects as can
-from armd.simulator.books import FaultLog, TruthFile
-from armd.simulator.canbus.node import Node
+from armd.simulator.canbus.node import SimulatedNode
 from armd.simulator.canbus.parts import Encoder, Thermometer
 from armd.simulator.canbus.timeline import Instant, Timeline
 from armd.simulator.canbus.wires import Frame, Wire
-from armd.simulator.crystal import Crystal
-from armd.simulator.electronics import COUNTS_PER_TURN, Electronics
-from armd.simulator.faults import Fault, Schedule
-from armd.simulator.physics import Block
-from armd.simulator.scenario import Scenario
+from armd.simulator.live.device_clock import DeviceClock
+from armd.simulator.live.electronics import COUNTS_PER_TURN, Electronics
+from armd.simulator.live.faults import Fault, Schedule
+from armd.simulator.live.physics import Block
+from armd.simulator.live.scenario import Scenario
+from armd.simulator.live.truth_log import FaultLog, TruthFile
 
 TICK_S = 0.005  # how finely heartbeats and faults are timed while there is no SYNC
 SYNCS_STOPPED_NS = 50_000_000
@@ -50,9 +50,10 @@ class CanArm:
         self._electronics = Electronics(scenario.seed)
         n_joints = len(self._timeline.at(0.0).encoder_rad)
         self._encoders = [Encoder(k) for k in range(1, n_joints + 1)]
-        self._thermometer = Thermometer(can.TEMPERATURE_NODES[0])
-        self._nodes: list[Node] = [*self._encoders, self._thermometer]
-        self._crystal = Crystal(scenario.rate_hz, scenario.clock_ppm)
+        modules = -(-n_joints // can.CHANNELS_PER_MODULE)  # a sensor in each link
+        self._thermometers = [Thermometer(node) for node in can.TEMPERATURE_NODES[:modules]]
+        self._nodes: list[SimulatedNode] = [*self._encoders, *self._thermometers]
+        self._clock = DeviceClock(scenario.rate_hz, scenario.clock_ppm)
         self._start_ns = 0
         self._sync_k = 0  # of our own SYNCs, the next
         self._syncs = 0
@@ -62,8 +63,8 @@ class CanArm:
     def run(self) -> None:
         """Live for the scenario's seconds, or until interrupted."""
         seconds = self._scenario.seconds
-        self._crystal.start()
-        self._start_ns = self._crystal.instant_ns(0)
+        self._clock.start()
+        self._start_ns = self._clock.instant_ns(0)
         self._log.write("start", start_monotonic_ns=self._start_ns, **self._now())
         while seconds is None or self._elapsed_s() < seconds:
             frames = self._wire.receive(self._patience_s())
@@ -81,7 +82,7 @@ class CanArm:
             self._flush()
 
     def close(self) -> None:
-        """Bring the books to an end."""
+        """Bring the truth log to an end."""
         if any(node.preset_written for node in self._nodes):
             self._log.write("preset_written")
         self._log.write("stop", **self._now())
@@ -98,12 +99,12 @@ class CanArm:
         """How long to wait for frames: until something is due."""
         if not self._scenario.sync_producer:
             return TICK_S
-        wait_ns = self._crystal.instant_ns(self._sync_k) - time.monotonic_ns()
+        wait_ns = self._clock.instant_ns(self._sync_k) - time.monotonic_ns()
         return min(max(wait_ns * 1e-9, 0.0), TICK_S)
 
     def _produce_syncs(self) -> None:
         """One SYNC if one is due; those missed stay out, as from any producer that was held up."""
-        due_k = self._crystal.latches_by(time.monotonic_ns())
+        due_k = self._clock.latches_by(time.monotonic_ns())
         if due_k > self._sync_k:
             self._sync_k = due_k
             self._wire.send([Frame(can.SYNC_ID, b"")])
@@ -152,14 +153,17 @@ class CanArm:
             self._measure_temperatures(instant)
 
     def _measure_temperatures(self, instant: Instant) -> None:
-        celsius = np.full(can.CHANNELS_PER_MODULE, np.nan)
+        celsius = np.full(len(self._thermometers) * can.CHANNELS_PER_MODULE, np.nan)
         celsius[: len(instant.sensor_c)] = self._electronics.celsius(instant.sensor_c)
         for fault in self._schedule.active:
             if fault.name == "sensor_open":
                 celsius[fault.channel - 1] = np.nan
             elif fault.name == "temperature_step":
                 celsius[fault.channel - 1] += fault.size
-        self._thermometer.celsius = celsius
+        for module, channels in zip(
+            self._thermometers, np.split(celsius, len(self._thermometers)), strict=True
+        ):
+            module.celsius = channels
 
     # faults
 
@@ -174,14 +178,7 @@ class CanArm:
             self._log.write("end", fault=fault.name, **self._now())
             self._end(fault)
         for fault in begun:
-            self._log.write(
-                "begin",
-                fault=fault.name,
-                joint=fault.joint,
-                channel=fault.channel,
-                amount=fault.size,
-                **self._now(),
-            )
+            self._log.begin(fault, **self._now())
             if fault.name == "emcy":
                 self._encoders[fault.joint - 1].emergency(EMCY_HARDWARE, REGISTER_GENERIC)
 
@@ -200,7 +197,8 @@ class CanArm:
             if isinstance(node, Encoder):
                 node.alarms = ALARM_POSITION if "joint_invalid" in own else 0
                 node.warnings = WARNING_LIGHT if "joint_warning" in own else 0
-        self._thermometer.no_pdo = self._schedule.is_on("sensor_silent")
+        for module in self._thermometers:
+            module.no_pdo = self._schedule.is_on("sensor_silent")
 
     def _end(self, fault: Fault) -> None:
         if fault.name == "emcy":

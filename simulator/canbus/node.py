@@ -29,7 +29,7 @@ class Tpdo(NamedTuple):
     objects: list[tuple[int, int]]  # index and sub-index of what it carries
 
 
-class Node:
+class SimulatedNode:
     """A node that has just been switched on; subclasses say what it measures."""
 
     def __init__(self, node_id: int, eds: Traversable, tpdos: int) -> None:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from importlib.resources import files
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.drivers.can import objects as can
-from armd.simulator.canbus.node import Node
+from armd.simulator.canbus.node import SimulatedNode
 
 EDS = files("armd.drivers.can") / "eds"
 
 
-class Encoder(Node):
+class Encoder(SimulatedNode):
     """Node k is the absolute encoder of joint k."""
 
     def __init__(self, node_id: int) -> None:
@@ -33,11 +33,11 @@ class Encoder(Node):
         return super().measured(index, sub_index)
 
 
-class Thermometer(Node):
+class Thermometer(SimulatedNode):
     """A module of six channels; those without a sensor, or with a broken one, are invalid."""
 
     def __init__(self, node_id: int) -> None:
-        self.celsius: npt.NDArray[np.float64] = np.full(can.CHANNELS_PER_MODULE, np.nan)
+        self.celsius: F64 = np.full(can.CHANNELS_PER_MODULE, np.nan)
         super().__init__(node_id, EDS / "temperature.eds", tpdos=4)
 
     def measured(self, index: int, sub_index: int) -> int | None:

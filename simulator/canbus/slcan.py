@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from armd.simulator.canbus.wires import Frame
-from armd.simulator.pty_port import PtyPort
+from armd.simulator.live.pty_port import PtyPort
 
 
 class SlcanWire:

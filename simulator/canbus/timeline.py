@@ -5,12 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
-from armd.simulator.physics import Block
-
-F64 = npt.NDArray[np.float64]
+from armd.arrays import F64
+from armd.simulator.live.physics import Block
 
 GRID_HZ = 1000
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from armd.arrays import F64
 
 TEXTS = {
     0xC8: b"MicroScribe3D\0",
@@ -60,7 +59,7 @@ def _shift(mm: float, axis: int) -> F64:
     return frame
 
 
-class Hand:
+class PedalHand:
     """Somebody who leaves the stylus in its rest and presses the right pedal every two seconds
     until the arm is homed, then moves it and rests in turns, pressing a pedal at each rest."""
 

@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import I64
 from armd.drivers.microscribe import wire
-from armd.simulator.books import FaultLog, TruthFile
-from armd.simulator.faults import Schedule
+from armd.simulator.live.faults import Schedule
+from armd.simulator.live.pty_port import PtyPort
+from armd.simulator.live.scenario import Scenario
+from armd.simulator.live.truth_log import FaultLog, TruthFile
 from armd.simulator.microscribe import arm
-from armd.simulator.pty_port import PtyPort
-from armd.simulator.scenario import Scenario
 
 TICKS_PER_S = 900
 TURN_ROUND_S = 0.0002  # from a command to the first bit of its reply
@@ -41,7 +41,7 @@ class MicroScribeDevice:
         self._truth = truth
         self._log = log
         self._baud = baud
-        self._hand = arm.Hand(scenario.seed)
+        self._hand = arm.PedalHand(scenario.seed)
         self._listening: Callable[[bytes], bytes] = self._synchronise
         self._asked = 0
         self._began_ns = 0
@@ -114,7 +114,7 @@ class MicroScribeDevice:
         self._truth.append(np.array([self._asked], np.uint64), arm.tip_mm(angles)[None])
         self._asked += 1
         counts = self._counts_at_home + self._true_counts(t_s) - self._true_at_home
-        reading = wire.Reading(
+        reading = wire.StandardReply(
             self._hand.buttons(t_s),
             int(t_s * TICKS_PER_S) & 0x3FFF,
             tuple(int(count) & 0x3FFF for count in counts),
@@ -133,9 +133,9 @@ class MicroScribeDevice:
         self._true_at_home = self._true_counts(self._now_s())
         self._listening = self._synchronise
 
-    def _true_counts(self, t_s: float) -> npt.NDArray[np.int64]:
+    def _true_counts(self, t_s: float) -> I64:
         turns = self._hand.angles(t_s) / (2 * np.pi)
-        counts: npt.NDArray[np.int64] = np.floor(turns * arm.COUNTS_PER_TURN + 0.5).astype(np.int64)
+        counts: I64 = np.floor(turns * arm.COUNTS_PER_TURN + 0.5).astype(np.int64)
         return counts
 
     def _now_s(self) -> float:

@@ -7,24 +7,27 @@ from dataclasses import replace
 
 import numpy as np
 
-from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.measured.campaign import Campaign
 from armd.simulator.plants.drift import drifting, is_drift
 from armd.simulator.plants.plant import How, Plant
 from armd.simulator.truth.effects import (
     BowingLink,
+    Bristles,
     CablePull,
     CoupledHysteresis,
+    CreepingPlay,
     Distorted,
     DrivenByRate,
     Effect,
     Interpolation,
     KnockedJoint,
     LettingGo,
+    MeshingGears,
     MovingMount,
     RefittedTip,
     SquareWave,
-    ThermalEccentricity,
     TrackCurve,
+    WarmFromWork,
     WarmHousing,
     WobblingAxis,
 )
@@ -145,6 +148,26 @@ def tip(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     return RefittedTip(shift, instant(plant, rng, campaign))
 
 
+def mesh(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+    """`other`: the joint that drives it (a neighbour), `waves` a turn of it, `ratio` of its own."""
+    neighbours = [k for k in (plant.number - 1, plant.number + 1) if k >= 1]
+    neighbours = [k for k in neighbours if k <= campaign.rig.arm.n_joints]
+    other = int(plant.detail.get("other", rng.choice(neighbours)))
+    waves = int(plant.detail.get("waves", rng.integers(1, 13)))
+    ratio = float(plant.detail.get("ratio", rng.choice([-1.0, 0.0, 0.0, 1.0])))
+    return MeshingGears(plant.number, other, waves, plant.size, angle(plant, rng), ratio)
+
+
+def work(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
+    """`parameter` "theta" (size in ″ at 1 rad/s) or "length" (size × 4 ppm); `time_constant_s`."""
+    lag_s = float(
+        plant.detail.get("time_constant_s", np.exp(rng.uniform(np.log(120), np.log(900))))
+    )
+    if plant.detail.get("parameter", "theta") == "theta":
+        return WarmFromWork(plant.number, plant.size, 0.0, lag_s)
+    return WarmFromWork(plant.number, 0.0, 4.0 * plant.size, lag_s)
+
+
 def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
     """What is in no catalogue, by its `kind`; `joint` and `other` are its places."""
     joint = int(plant.detail.get("joint", 2))
@@ -154,8 +177,10 @@ def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effec
             return CablePull(joint, other, plant.size)
         case "hysteresis":
             return CoupledHysteresis(joint, other, plant.size)
-        case "thermal eccentricity":
-            return ThermalEccentricity(joint, plant.size, angle(plant, rng))
+        case "wear":
+            return CreepingPlay(joint, plant.size, campaign.span_s()[0][0])
+        case "bristles":
+            return Bristles(joint, plant.size, float(plant.detail.get("within_rad", 0.05)))
         case "letting go":
             return LettingGo(joint, plant.size)
         case _:

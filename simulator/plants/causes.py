@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from armd.errors import BadInput
-from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.measured.campaign import Campaign
 from armd.simulator.plants import arm, surroundings
 from armd.simulator.plants.plant import Cause, Plant
 from armd.simulator.truth.effects import (
@@ -24,18 +24,21 @@ from armd.simulator.truth.effects import (
     LostIndex,
     OvalDisc,
     Play,
+    SaggingStylus,
     SoftJoint,
     StretchedTape,
+    WarmDisc,
 )
 from armd.simulator.truth.nominal import sensor_names
-from armd.suggest import did_you_mean
+from armd.terminal.suggest import did_you_mean, few
 
 
 def plant_all(campaign: Campaign, plants: Sequence[Plant], rng: np.random.Generator) -> Campaign:
     """The campaign with all *plants* in it; raises `BadInput` for what cannot be planted."""
     for plant in plants:
         if plant.cause not in CAUSES:
-            expected = f"one of {', '.join(CAUSES)}{did_you_mean(plant.cause, CAUSES)}"
+            near = did_you_mean(plant.cause, CAUSES)
+            expected = f"a cause{near}" if near else f"one of {', '.join(CAUSES)}"
             raise BadInput("--plant", plant.cause, "an unknown cause", expected)
         _check_location(campaign, plant)
         campaign = CAUSES[plant.cause].plant(campaign, plant, rng)
@@ -43,8 +46,8 @@ def plant_all(campaign: Campaign, plants: Sequence[Plant], rng: np.random.Genera
 
 
 def _check_location(campaign: Campaign, plant: Plant) -> None:
-    joints = range(1, campaign.rig.arm.n_joints + 1)
-    sensors = sensor_names()
+    n = campaign.rig.arm.n_joints
+    joints, sensors = range(1, n + 1), sensor_names(n)
     places = CAUSES[plant.cause].places
     match places:
         case "joint" | "link":
@@ -58,8 +61,13 @@ def _check_location(campaign: Campaign, plant: Plant) -> None:
         case _:
             known = [places]
     if plant.location not in known:
-        shown = ", ".join(known[:3]) + (", …" if len(known) > 3 else "")
-        raise BadInput("--plant", plant.cause, f"location {plant.location!r}", shown)
+        same = [name for name in known if _bare(name) == _bare(plant.location)]
+        expected = f"{same[0]!r}" if same else few(known)
+        raise BadInput("--plant", plant.cause, f"location {plant.location!r}", expected)
+
+
+def _bare(location: str) -> str:
+    return location.replace(" ", "").replace("_", "").lower()
 
 
 CAUSES: dict[str, Cause] = {
@@ -88,6 +96,14 @@ CAUSES: dict[str, Cause] = {
     "joint_backlash": Cause(
         "″", 2.0, "joint", arm.imperfection(lambda p, _r, _: Play(p.number, p.size))
     ),
+    "encoder_thermal": Cause(
+        "µm/K",
+        0.15,
+        "joint",
+        arm.imperfection(lambda p, r, _: WarmDisc(p.number, p.size, arm.angle(p, r))),
+    ),
+    "gear_mesh": Cause("″", 3.0, "joint", arm.imperfection(arm.mesh)),
+    "self_heating": Cause("″ at 1 rad/s", 20.0, "joint", arm.imperfection(arm.work)),
     "axis_wobble": Cause("″", 3.0, "joint", arm.imperfection(arm.wobble)),
     "joint_compliance": Cause(
         "µrad/Nm",
@@ -103,6 +119,9 @@ CAUSES: dict[str, Cause] = {
     ),
     "probing_force": Cause(
         "µm", 15.0, "tip", arm.imperfection(lambda p, _r, _: BendingStylus(p.size))
+    ),
+    "stylus_sag": Cause(
+        "µm", 15.0, "tip", arm.imperfection(lambda p, _r, _: SaggingStylus(p.size))
     ),
     "link_expansion": Cause(
         "ppm/K",
@@ -124,6 +143,7 @@ CAUSES: dict[str, Cause] = {
     "sensor_swapped": Cause("-", 1.0, "sensors", surroundings.sensor_swap),
     "artefact_expansion": Cause("ppm/K", 2.5, "artefact", surroundings.artefact_expansion),
     "artefact_length": Cause("µm", 10.0, "target", surroundings.artefact_length),
+    "artefact_sag": Cause("µm", 15.0, "artefact", surroundings.artefact_sag),
     "time_skew": Cause(
         "µs", 80.0, "joint", arm.imperfection(lambda p, _r, _: LateLatch(p.number, p.size))
     ),

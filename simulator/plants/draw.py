@@ -22,12 +22,13 @@ KNOCKED = (2, 3, 4, 5)
 #: Links with enough length for a wrong temperature to matter.
 WARM = (1, 2, 4)
 
-#: Typical sizes of the foreign kinds, in ″/rad², ″, µm/K, ″/(rad/s)².
+#: Typical sizes of the foreign kinds, in ″/rad², ″, ″/(rad/s)², ″/h, ″.
 FOREIGN_SIZE = {
     "cable": 6.0,
     "hysteresis": 6.0,
-    "thermal eccentricity": 0.15,
     "drag": 40.0,
+    "wear": 0.3,
+    "bristles": 3.0,
 }
 FOREIGN = tuple(FOREIGN_SIZE)
 
@@ -57,6 +58,8 @@ def draw_plant(rng: np.random.Generator, causes: Sequence[str] = (), factor: flo
             if parameter == "d":
                 # Along parallel axes a shift of one joint is that of the other.
                 return Plant(cause, f"joint {rng.choice([4, 5])}", size, detail)
+        case "self_heating":
+            detail = {"parameter": "theta"}
         case "mount_drift":
             detail = {"kind": str(rng.choice(["drift", "step"]))}
     return Plant(cause, _place(rng, cause), size, detail)
@@ -67,7 +70,7 @@ def _place(rng: np.random.Generator, cause: str) -> str:
     match places:
         case "joint":
             joints = {"joint_compliance": LOADED, "geometry_shift": KNOCKED}.get(cause, JOINTS)
-            if cause in ("encoder_scale", "joint_thermal", "axis_wobble"):
+            if cause in ("encoder_scale", "joint_thermal", "axis_wobble", "self_heating"):
                 # A gain of the last joints' angle, or their lean, drowns in the tip's few mm.
                 joints = (2, 3, 4, 5) if cause != "axis_wobble" else (1, 2, 3, 4)
             return f"joint {rng.choice(joints)}"

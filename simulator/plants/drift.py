@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.measured.campaign import Campaign
 from armd.simulator.plants.plant import Plant
 from armd.simulator.truth import course
 from armd.simulator.truth.course import Course

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from armd.errors import BadInput
-from armd.simulator.artefact import seat
-from armd.simulator.campaigns.campaign import Campaign
-from armd.simulator.measuring import Rig
-from armd.simulator.noise import Noise
-from armd.simulator.plan import Climate, Plan, rounds
+from armd.simulator.measured.artefact import seat
+from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.measuring import Rig
+from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.plan import Climate, SessionPlan, rounds
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import parse_plant
 from armd.simulator.truth.arm import TrueArm
@@ -25,7 +25,7 @@ def planted(arm: TrueArm, texts: Sequence[str], seed: int) -> TrueArm:
 
     Raises `BadInput` for what cannot be planted, or is not of the arm itself.
     """
-    past = Plan("past", BEFORE_H, Climate(), rounds(1, 5))
+    past = SessionPlan("past", BEFORE_H, Climate(), rounds(1, 5))
     artefact = seat()
     campaign = Campaign("", Rig(arm, artefact, Noise()), [(past, artefact)])
     rng = np.random.default_rng([seed, 0x9147])

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from armd.errors import BadInput
-from armd.simulator.campaigns.campaign import Campaign
+from armd.simulator.measured.campaign import Campaign
 
 Detail = Mapping[str, float | str]
 How = Callable[[Campaign, "Plant", np.random.Generator], Campaign]
@@ -63,13 +63,24 @@ def depends_on(plant: Plant) -> list[str]:
         return {
             "cable": [f"q{joint}", f"q{other}"],
             "hysteresis": [f"w{joint}", f"q{other}"],
-            "thermal eccentricity": [f"q{joint}", f"t{joint}"],
+            "wear": [f"w{joint}", "time_s"],
+            "bristles": [f"w{joint}", f"q{joint}", "time_s"],
             "drag": [f"w{joint}"],
             "letting go": [f"w{joint}"],
         }[str(plant.detail.get("kind", "cable"))]
     match plant.cause:
         case "joint_backlash" | "time_skew":
             return [f"w{place}"]
+        case "encoder_thermal":
+            return [f"q{place}", f"t{place}"]
+        case "gear_mesh":
+            return [f"q{k}" for k in range(1, 10) if abs(k - int(place)) <= 1]
+        case "self_heating":
+            return [f"w{place}", "time_s"]
+        case "stylus_sag":
+            return [f"q{k}" for k in range(2, 10)]
+        case "artefact_sag":
+            return ["placement", "target"]
         case "encoder_slip" | "mount_drift":
             return ["time_s"]
         case "joint_thermal" | "link_expansion" | "nonlinear_expansion" | "thermal_lag":

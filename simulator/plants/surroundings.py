@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from armd.simulator.artefact import Artefact
-from armd.simulator.campaigns.campaign import Campaign
+from armd.arrays import F64
+from armd.simulator.measured.artefact import Artefact, Sag
+from armd.simulator.measured.campaign import Campaign
 from armd.simulator.plants.plant import Plant
 from armd.simulator.truth.nominal import sensor_names
-from armd.simulator.truth.rotations import F64, random_unit
+from armd.simulator.truth.rotations import random_unit
 
 
 def lag(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:
@@ -70,6 +71,15 @@ def artefact_length(campaign: Campaign, plant: Plant, rng: np.random.Generator) 
         return replace(artefact, true_mm=true)
 
     return _artefacts(campaign, change)
+
+
+def artefact_sag(campaign: Campaign, plant: Plant, rng: np.random.Generator) -> Campaign:
+    """It hangs between its supports by so much (µm) when level: along `axis` 0 or 1, supports at
+    `supports` of its half length."""
+    axis = int(plant.detail.get("axis", 0))
+    supports = float(plant.detail.get("supports", rng.choice([0.1, 0.9])))
+    sag = Sag(1e-3 * plant.size, axis, supports)
+    return _artefacts(campaign, lambda artefact: replace(artefact, sag=sag))
 
 
 def outliers(campaign: Campaign, plant: Plant, _: np.random.Generator) -> Campaign:

@@ -11,11 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64, I64
 from armd.simulator.truth.rotations import about
-
-F64 = npt.NDArray[np.float64]
 
 COUNTS_PER_TURN = 4096
 GRAVITY = 9.80665
@@ -113,7 +111,7 @@ class PrintedArm:
         found: F64 = frames[-1][:3, 3] + frames[-1][:3, :3] @ self.tip_mm * growth
         return found
 
-    def counts(self, angles: F64, rng: np.random.Generator) -> npt.NDArray[np.int64]:
+    def counts(self, angles: F64, rng: np.random.Generator) -> I64:
         """What the servos say (5,): whole counts from the middle."""
         seen = angles + self.horn_rad
         magnet = np.arctan2(

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.simulator.printed.arm import LIMITS_DEG, PrintedArm
 from armd.simulator.truth.rotations import about, random_unit
-
-F64 = npt.NDArray[np.float64]
 
 #: The plate: a triangle of 90° cones, measured with a calliper.
 SEATS_MM = {"S1": (0.0, 0.0, 0.0), "S2": (120.0, 0.0, 0.0), "S3": (40.0, 90.0, 0.0)}
@@ -38,13 +37,15 @@ Row = dict[str, str | int]
 
 
 @dataclass(frozen=True)
-class Visit:
+class Touch:
     placement: str
     target: str
     at_mm: F64
 
 
-def measure(seed: int) -> tuple[PrintedArm, dict[str, str], int]:
+def measure(
+    seed: int, progress: Callable[[float], None] = lambda _share: None
+) -> tuple[PrintedArm, dict[str, str], int]:
     """An SO-101 drawn from *seed*, the files of its three sessions by name, and the number of
     readings."""
     rng = np.random.default_rng([seed, 0x50101])
@@ -52,12 +53,17 @@ def measure(seed: int) -> tuple[PrintedArm, dict[str, str], int]:
     true = {name: np.array(at) + rng.normal(0.0, 0.1, 3) for name, at in SEATS_MM.items()}
     files: dict[str, str] = {}
     total = 0
-    for name, visits in (
-        ("calibrate", _plate_visits(rng, true, 6, 10)),
-        ("check", _plate_visits(rng, true, 4, 6)),
-        ("verify", _seat_visits()),
-    ):
-        rows = _take(arm, rng, visits, total * PAUSE_S)
+    sessions = {
+        "calibrate": _plate_visits(rng, true, 6, 10),
+        "check": _plate_visits(rng, true, 4, 6),
+        "verify": _seat_visits(),
+    }
+    every = sum(map(len, sessions.values()))
+    for name, visits in sessions.items():
+        rows: list[Row] = []
+        for row in _take(arm, rng, visits, total * PAUSE_S):
+            rows.append(row)
+            progress((total + len(rows)) / every)
         total += len(rows)
         lengths = {} if name == "verify" else _measured(rng, true)
         files[f"{name}/readings.csv"] = _table(rows)
@@ -67,7 +73,7 @@ def measure(seed: int) -> tuple[PrintedArm, dict[str, str], int]:
 
 def _plate_visits(
     rng: np.random.Generator, true: dict[str, F64], places: int, postures: int
-) -> list[Visit]:
+) -> list[Touch]:
     """The plate around the arm, flat and on a wedge, low and on a box."""
     visits = []
     for i in range(places):
@@ -79,15 +85,15 @@ def _plate_visits(
         middle = np.mean(list(true.values()), axis=0)
         corner = np.array([radius * np.cos(angle), radius * np.sin(angle), height]) - turn @ middle
         visits += [
-            Visit(f"P{i + 1}", name, corner + turn @ at)
+            Touch(f"P{i + 1}", name, corner + turn @ at)
             for name, at in true.items()
             for _ in range(postures)
         ]
     return visits
 
 
-def _seat_visits() -> list[Visit]:
-    return [Visit("V1", name, np.array(at)) for name, at in CONES_MM.items() for _ in range(10)]
+def _seat_visits() -> list[Touch]:
+    return [Touch("V1", name, np.array(at)) for name, at in CONES_MM.items() for _ in range(10)]
 
 
 def _measured(rng: np.random.Generator, true: dict[str, F64]) -> dict[tuple[str, str], float]:
@@ -99,21 +105,19 @@ def _measured(rng: np.random.Generator, true: dict[str, F64]) -> dict[tuple[str,
 
 
 def _take(
-    arm: PrintedArm, rng: np.random.Generator, visits: list[Visit], started_s: float
-) -> list[Row]:
-    rows: list[Row] = []
+    arm: PrintedArm, rng: np.random.Generator, visits: list[Touch], started_s: float
+) -> Iterator[Row]:
     for i, visit in enumerate(visits):
         warmth_k = WARM_K * (1 - np.exp(-(started_s + i * PAUSE_S) / WARM_S))
         motor_c = 22.0 + warmth_k * np.array([0.7, 0.9, 1.0, 1.1, 1.2])
         link_c = 22.0 + LINK_SHARE * (motor_c - 22.0)
         seat = visit.at_mm + rng.normal(0.0, SEAT_MM, 3)
         counts = arm.counts(_posture(arm, rng, seat, link_c), rng)
-        rows.append(
+        yield (
             {"time_s": f"{i * PAUSE_S:g}", "placement": visit.placement, "target": visit.target}
             | {f"q{k + 1}": int(count) for k, count in enumerate(counts)}
             | {f"servo{k + 2}": int(np.floor(c)) for k, c in enumerate(motor_c)}
         )
-    return rows
 
 
 def _posture(arm: PrintedArm, rng: np.random.Generator, at_mm: F64, link_c: F64) -> F64:

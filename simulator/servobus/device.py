@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.drivers.poll import dynamixel, feetech
 from armd.drivers.poll.packet import BROADCAST, Packet, Status
-from armd.simulator.books import FaultLog, TruthFile
-from armd.simulator.faults import Fault, Schedule
-from armd.simulator.pty_port import PtyPort
-from armd.simulator.scenario import Scenario
-from armd.simulator.servobus.arm import F64, IDS, PrintedArm
+from armd.simulator.live.faults import Fault, Schedule
+from armd.simulator.live.pty_port import PtyPort, transit_ns
+from armd.simulator.live.scenario import Scenario
+from armd.simulator.live.truth_log import FaultLog, TruthFile
+from armd.simulator.servobus.arm import N, ServoArm
 from armd.simulator.servobus.servo import SimulatedServo
+
+if TYPE_CHECKING:
+    from armd.simulator.live.led import Led
 
 SCHEDULE_HZ = 1000
 TRUTH_HZ = 500
@@ -25,7 +30,7 @@ GARBAGE = b"\xff\xff\x01\xff\xff\xfd\x00\x02\xff"
 
 
 class ServoBus:
-    """Six servos on one port, from power-up until `run` returns.
+    """All servos on one port, from power-up until `run` returns.
 
     Rows of truth are numbered by their instant (CLOCK_MONOTONIC, ns), as a servo line has no
     number of its own.
@@ -33,8 +38,9 @@ class ServoBus:
 
     def __init__(
         self, family: str, scenario: Scenario, port: PtyPort, truth: TruthFile, log: FaultLog,
-        baud: int | None,
+        baud: int | None, led: Led | None = None,
     ) -> None:  # fmt: skip
+        """*led*: what the hand is to do, else it wanders; *baud*: the one rate that is heard."""
         self._feetech = family == "feetech"
         self._codec = feetech if self._feetech else dynamixel
         self._turn_round_ns = TURN_ROUND_NS[family]
@@ -42,13 +48,17 @@ class ServoBus:
         self._schedule = Schedule(scenario.fault, SCHEDULE_HZ)
         self._port, self._truth, self._log, self._baud = port, truth, log, baud
         within_s = scenario.warm_up_s or scenario.seconds or 20.0
-        self._arm = PrintedArm(scenario.seed, scenario.ambient_c, scenario.warm_up_k, within_s)
+        self._arm = ServoArm(
+            scenario.seed, scenario.ambient_c, scenario.warm_up_k, within_s, led,
+            scenario.joints or N,
+        )  # fmt: skip
         self._rng = np.random.default_rng([scenario.seed, 0x5EB0])
-        self._servos = {n: SimulatedServo(n, self._feetech) for n in IDS}
+        self._servos = {n: SimulatedServo(n, self._feetech) for n in self._arm.ids}
         self._splitter = self._codec.splitter()
         self._once: list[Fault] = []  # faults of one cycle that have not been yet
         self._kept = b""  # an answer that comes a cycle late
         self._byte_ns = 0.0
+        self._transit_ns = transit_ns()  # a wire has none
         self._began_ns = time.monotonic_ns()
         self._warm_step, self._warm = -1, np.empty(0)
         self._told_s = 0.0  # truth has been written up to here
@@ -56,7 +66,7 @@ class ServoBus:
     def run(self) -> None:
         """Live for the scenario's seconds, or until interrupted."""
         self._began_ns = time.monotonic_ns()
-        self._log.write("boot", monotonic_ns=self._began_ns, servos=list(IDS))
+        self._log.write("boot", monotonic_ns=self._began_ns, servos=list(self._arm.ids))
         seconds = self._scenario.seconds
         while seconds is None or self._now_s() < seconds:
             if round(self._now_s() * SCHEDULE_HZ) >= self._schedule.next_change:
@@ -67,7 +77,7 @@ class ServoBus:
             received = self._port.read(0.005)
             if not received:
                 continue
-            arrived_ns = time.monotonic_ns()
+            arrived_ns = time.monotonic_ns() - self._transit_ns
             baud = self._port.baud
             if self._baud is not None and baud != self._baud:
                 self._splitter.flush()  # gibberish
@@ -80,7 +90,7 @@ class ServoBus:
                     self._obey(packet, arrived_ns + len(packet.raw) * self._byte_ns)
 
     def close(self) -> None:
-        """Bring the books up to now."""
+        """Bring the truth log up to now."""
         until_s = min(self._now_s(), self._scenario.seconds or float("inf"))
         time_s = np.arange(self._told_s, until_s, 1 / TRUTH_HZ)
         for part in np.array_split(time_s, max(1, len(time_s) // 2000)):
@@ -100,7 +110,7 @@ class ServoBus:
             self._read(request.ids, request.address, request.length, request.fast, heard_ns,
                        alone=packet.id in self._servos)  # fmt: skip
         elif packet.code == codec.PING:
-            asked = IDS if packet.id == BROADCAST else (packet.id,)
+            asked = self._arm.ids if packet.id == BROADCAST else (packet.id,)
             for n in asked:
                 if n in self._servos:
                     heard_ns = self._say(self._pong(n), heard_ns, n)
@@ -122,7 +132,7 @@ class ServoBus:
         self, ids: tuple[int, ...], address: int, length: int, fast: bool, heard_ns: float,
         alone: bool,
     ) -> None:  # fmt: skip
-        is_cycle = address == self._servos[IDS[0]].where.position and not alone
+        is_cycle = address == self._servos[self._arm.ids[0]].where.position and not alone
         once = []
         if is_cycle:
             once, self._once = self._once, []
@@ -137,7 +147,6 @@ class ServoBus:
             servo = self._servos.get(n)
             if servo is None or _silent(n, faults):
                 continue
-            end_ns = max(end_ns, time.monotonic_ns() - self._gap_ns(servo))  # no stall of ours
             begin_ns = end_ns + self._gap_ns(servo)
             self._feel(servo, begin_ns, faults)
             status = self._codec.status(n, servo.error, servo.read(address, length))
@@ -158,7 +167,6 @@ class ServoBus:
     ) -> None:
         """One packet of all; who is silent ends it."""
         answers: list[Status | None] = []
-        heard_ns = max(heard_ns, time.monotonic_ns() - self._turn_round_ns)
         at_ns = heard_ns + self._turn_round_ns + 8 * self._byte_ns
         for n in ids:
             servo = self._servos.get(n)
@@ -221,14 +229,11 @@ class ServoBus:
             self._lasting(fault, True)
             if fault.seconds == 0.0:
                 self._once.append(fault)
-            self._log.write(
-                "begin", fault=fault.name, joint=fault.joint, channel=fault.channel,
-                amount=fault.size, **self._when(),
-            )  # fmt: skip
+            self._log.begin(fault, **self._when())
         self._schedule.active = [fault for fault in self._schedule.active if fault.seconds > 0.0]
 
     def _lasting(self, fault: Fault, on: bool) -> None:
-        servo = self._servos[min(fault.joint, len(IDS))]
+        servo = self._servos[min(fault.joint, len(self._servos))]
         match fault.name:
             case "unplug" if on:
                 self._port.unplug()

@@ -9,15 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.simulator.truth import nominal
 from armd.simulator.truth.conditions import Conditions
 from armd.simulator.truth.effects.base import Effect
 from armd.simulator.truth.posture import Masses, Posture
-from armd.simulator.truth.rotations import Motion, about, tilt_x_y, turn_z
-
-F64 = npt.NDArray[np.float64]
+from armd.simulator.truth.rotations import SmallMotion, about, tilt_x_y, turn_z
 
 
 @dataclass(frozen=True)
@@ -31,7 +29,7 @@ class Materials:
     growth: F64  # (N,) 1/K²: strain = along·ΔT + growth·ΔT²
 
     @classmethod
-    def of_the_demo_arm(cls) -> Materials:
+    def of_the_demo_arm(cls, joints: int = 6) -> Materials:
         """Aluminium housings (23 ppm/K) and carbon tubes (about 0.5 ppm/K) between them.
 
         A link's figure is the mean over its sections: the upper arm is 130 mm of housing and
@@ -40,11 +38,12 @@ class Materials:
         aluminium, carbon = 23e-6, 0.5e-6
         upper_arm = (130 * aluminium + 390 * carbon) / 520
         forearm = (130 * aluminium + 330 * carbon) / 460
+        parts = nominal.parts(joints)
         return cls(
-            along_d=np.array([aluminium, aluminium, 0.0, forearm, 0.0, 18e-6]),
-            along_a=np.array([0.0, upper_arm, aluminium, 0.0, 0.0, 0.0]),
+            along_d=np.array([aluminium, aluminium, 0.0, forearm, 0.0, 18e-6])[parts],
+            along_a=np.array([0.0, upper_arm, aluminium, 0.0, 0.0, 0.0])[parts],
             tip=9e-6,
-            growth=np.zeros(6),
+            growth=np.zeros(joints),
         )
 
     @classmethod
@@ -65,23 +64,23 @@ class TrueArm:
     reference_c: float = nominal.REFERENCE_C
 
     @classmethod
-    def default(cls, seed: int = 1, deviation: float = 1.0) -> TrueArm:
+    def default(cls, seed: int = 1, deviation: float = 1.0, joints: int = 6) -> TrueArm:
         """The demo arm "SIM-0001" of this *seed*: off its drawing by about 0.3 mm and 0.05°.
 
-        *deviation* scales that; 0 is an arm made exactly to its drawing.
+        *deviation* scales that; 0 is an arm made exactly to its drawing. *joints*: 3 to 9.
         """
         rng = np.random.default_rng([seed, 0xA12])
-        rows = nominal.drawing_rows()
+        rows = nominal.drawing_rows(joints)
         n = len(rows)
         rows[:, 1:3] += deviation * rng.normal(0.0, 0.3, (n, 2))
         rows[:, [0, 3]] += deviation * np.radians(rng.normal(0.0, 0.05, (n, 2)))
         rows[1, 4] += deviation * np.radians(rng.normal(0.0, 0.05))
         tip = np.array(nominal.TIP_MM) + deviation * rng.normal(0.0, 0.3, 3)
         masses = Masses(
-            kg=np.array([joint.mass_kg for joint in nominal.JOINTS]),
-            centre_mm=np.array([joint.centre_of_mass_mm for joint in nominal.JOINTS]),
+            kg=np.array([joint.mass_kg for joint in nominal.drawn_joints(joints)]),
+            centre_mm=np.array([joint.centre_of_mass_mm for joint in nominal.drawn_joints(joints)]),
         )
-        return cls(rows, tip, Materials.of_the_demo_arm(), masses)
+        return cls(rows, tip, Materials.of_the_demo_arm(joints), masses)
 
     @property
     def n_joints(self) -> int:
@@ -178,7 +177,7 @@ def _apply(rotation: F64, vector: F64) -> F64:
     return turned
 
 
-def _move(position: F64, rotation: F64, motion: Motion | None) -> tuple[F64, F64]:
+def _move(position: F64, rotation: F64, motion: SmallMotion | None) -> tuple[F64, F64]:
     """Shift by, then turn about, the motion's vectors in the frame reached so far."""
     if motion is None:
         return position, rotation

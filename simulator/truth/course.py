@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from armd.arrays import F64
 
 #: (n,) seconds since the arm was mounted → (n,) how far it has come.
 Course = Callable[[F64], F64]

@@ -8,9 +8,9 @@ a step of any length is solved exactly.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from armd.arrays import F64
+from armd.simulator.truth.nominal import parts
 
 #: Heat capacity of each link, J/K: mass × 900 J/(kg K), as for aluminium and carbon.
 CAPACITY = 900.0 * np.array([2.4, 1.7, 0.9, 1.1, 0.5, 0.4])
@@ -25,25 +25,28 @@ SELF_HEATING_W = np.array([1.2, 0.9, 0.8, 0.6, 0.5, 0.6])
 
 
 class HeatField:
-    """Temperatures of the six links and their six sensors, moved on by `step`.
+    """Temperatures of the links and their sensors, one each, moved on by `step`.
 
     *core_lag_s* (N,): the time constant with which the body of a link, whose temperature sets its
     length, follows its shell, where the sensor sits. 0: the link is one body.
     """
 
-    def __init__(self, start_c: float | F64 = 20.0, core_lag_s: F64 | None = None) -> None:
-        n = len(CAPACITY)
+    def __init__(
+        self, start_c: float | F64 = 20.0, core_lag_s: F64 | None = None, joints: int = 6
+    ) -> None:
+        n, which = joints, parts(joints)
         lag = np.zeros(n) if core_lag_s is None else np.asarray(core_lag_s, float)
-        flow = np.diag(-TO_AIR)
-        for k, conduction in enumerate(TO_NEXT):
+        self._to_air: F64 = TO_AIR[which]
+        flow = np.diag(-self._to_air)
+        for k, conduction in enumerate(TO_NEXT[which[:-1]]):
             flow[k, k] -= conduction
             flow[k + 1, k + 1] -= conduction
             flow[k, k + 1] += conduction
             flow[k + 1, k] += conduction
         # Shells, then sensors, then cores; a link of one body has an idle core that nobody reads.
-        follow = np.concatenate([SENSOR_LAG_S, np.where(lag > 0, lag, 1.0)])
+        follow = np.concatenate([SENSOR_LAG_S[which], np.where(lag > 0, lag, 1.0)])
         matrix = np.zeros((3 * n, 3 * n))
-        matrix[:n, :n] = flow / CAPACITY[:, None]
+        matrix[:n, :n] = flow / CAPACITY[which, None]
         matrix[n:, :n] = np.tile(np.eye(n), (2, 1)) / follow[:, None]
         matrix[n:, n:] = np.diag(-1 / follow)
         self._flow = flow
@@ -64,8 +67,8 @@ class HeatField:
 
     def steady_c(self, ambient_c: float, self_heating_w: float | F64) -> F64:
         """Link temperatures (N,) that would last under these conditions, °C."""
-        power = np.broadcast_to(np.asarray(self_heating_w, float), CAPACITY.shape)
-        source = power + TO_AIR * ambient_c
+        power = np.broadcast_to(np.asarray(self_heating_w, float), self._to_air.shape)
+        source = power + self._to_air * ambient_c
         return np.linalg.solve(self._flow, -source).astype(np.float64)
 
     def settle(self, ambient_c: float, self_heating_w: float | F64) -> None:

@@ -2,6 +2,8 @@
 
 Vertical column, shoulder and elbow hinges with parallel axes (so that Hayati's β is wanted at the
 shoulder), then a wrist of roll, pitch and roll. Carbon tubes between aluminium joint housings.
+
+Arms of 3 to 9 joints are put together from the same parts.
 """
 
 from __future__ import annotations
@@ -10,9 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from armd.arrays import F64
 
 SERIAL_NUMBER = "SIM-0001"
 REFERENCE_C = 20.0
@@ -45,25 +46,40 @@ JOINTS = (
 )
 
 
-def sensor_names() -> list[str]:
+def parts(joints: int) -> list[int]:
+    """Which of `JOINTS` an arm of 3 to 9 joints has, base to wrist: column, shoulder and elbow,
+    then forearms of a roll and a pitch each, and a last roll where one joint is left."""
+    return [0, 1, 2] + [3, 4] * ((joints - 3) // 2) + [5] * ((joints - 3) % 2)
+
+
+def drawn_joints(joints: int = len(JOINTS)) -> list[NominalJoint]:
+    return [JOINTS[part] for part in parts(joints)]
+
+
+def sensor_names(joints: int = len(JOINTS)) -> list[str]:
     """One sensor in each link, in the order of the wire's channels."""
-    return [f"t{k}" for k in range(1, len(JOINTS) + 1)]
+    return [f"t{k}" for k in range(1, joints + 1)]
 
 
-def limits_rad() -> tuple[F64, F64]:
+def limits_rad(joints: int = len(JOINTS)) -> tuple[F64, F64]:
     """Lower and upper end stops (N,), rad."""
-    low = np.radians([joint.min_deg for joint in JOINTS])
-    return low, np.radians([joint.max_deg for joint in JOINTS])
+    low = np.radians([joint.min_deg for joint in drawn_joints(joints)])
+    return low, np.radians([joint.max_deg for joint in drawn_joints(joints)])
 
 
-def arm_toml(serial: str = SERIAL_NUMBER, rows: F64 | None = None, tip: F64 | None = None) -> str:
-    """The text of the arm's `arm.toml`.
+def arm_toml(
+    serial: str = SERIAL_NUMBER,
+    rows: F64 | None = None,
+    tip: F64 | None = None,
+    joints: int = len(JOINTS),
+) -> str:
+    """The text of the `arm.toml` of an arm of so many *joints*.
 
     *rows* (N, 5: θ0, d, a, α, β in rad and mm) and *tip* (3,) replace the drawing's figures where
     an arm comes with those of an earlier measurement.
     """
     if rows is None:
-        rows = drawing_rows()
+        rows = drawing_rows(joints)
     tip_mm = TIP_MM if tip is None else tuple(float(x) for x in tip)
     lines = [
         'schema = "armd.arm/1"',
@@ -71,9 +87,9 @@ def arm_toml(serial: str = SERIAL_NUMBER, rows: F64 | None = None, tip: F64 | No
         f"reference_temperature_c = {REFERENCE_C}",
         "",
     ]
-    for name in sensor_names():
+    for name in sensor_names(joints):
         lines += ["[[temperature_sensor]]", f'name = "{name}"']
-    for k, (joint, row) in enumerate(zip(JOINTS, rows, strict=True), 1):
+    for k, (joint, row) in enumerate(zip(drawn_joints(joints), rows, strict=True), 1):
         theta, d, a, alpha, beta = (float(x) for x in row)
         lines += [
             "",
@@ -99,11 +115,11 @@ def arm_toml(serial: str = SERIAL_NUMBER, rows: F64 | None = None, tip: F64 | No
     return "\n".join(lines) + "\n"
 
 
-def drawing_rows() -> F64:
+def drawing_rows(joints: int = len(JOINTS)) -> F64:
     """The drawing's joint rows (N, 5): θ0, d, a, α, β in rad and mm."""
     return np.array(
         [
             (math.radians(j.theta_deg), j.d_mm, j.a_mm, math.radians(j.alpha_deg), 0.0)
-            for j in JOINTS
+            for j in drawn_joints(joints)
         ]
     )

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
+from armd.arrays import F64
 from armd.simulator.truth.conditions import Conditions
 from armd.simulator.truth.posture import Posture
-from armd.simulator.truth.rotations import Motion
-
-F64 = npt.NDArray[np.float64]
+from armd.simulator.truth.rotations import SmallMotion
 
 
 class Effect:
@@ -22,15 +18,15 @@ class Effect:
         """What the encoder of *joint* adds to the true angles phi (n, N): (n,) rad."""
         return None
 
-    def base(self, conditions: Conditions) -> Motion | None:
+    def base(self, conditions: Conditions) -> SmallMotion | None:
         """Motion of the mount, in the base frame."""
         return None
 
-    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         """Motion of the axis of *joint*, in the frame it stands in (before it turns)."""
         return None
 
-    def link(self, link: int, posture: Posture, conditions: Conditions) -> Motion | None:
+    def link(self, link: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         """Deformation at the end of *link*, in the frame that turns with its joint."""
         return None
 

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import F64, Effect
+from armd.simulator.truth.effects.base import Effect
 from armd.simulator.truth.posture import Posture
-from armd.simulator.truth.rotations import Motion
+from armd.simulator.truth.rotations import SmallMotion
 
 
 @dataclass(frozen=True)
@@ -28,13 +29,13 @@ class Distorted(Effect):
         error = self.effect.shown(joint, phi, conditions)
         return None if error is None else self._factor(phi) * error
 
-    def base(self, conditions: Conditions) -> Motion | None:
+    def base(self, conditions: Conditions) -> SmallMotion | None:
         return self.effect.base(conditions)
 
-    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         return self._scaled(self.effect.axis(joint, posture, conditions), posture)
 
-    def link(self, link: int, posture: Posture, conditions: Conditions) -> Motion | None:
+    def link(self, link: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         return self._scaled(self.effect.link(link, posture, conditions), posture)
 
     def strain(self, link: int, conditions: Conditions) -> F64 | None:
@@ -44,11 +45,11 @@ class Distorted(Effect):
         displacement = self.effect.tip(posture, conditions)
         return None if displacement is None else self._factor(posture.phi)[:, None] * displacement
 
-    def _scaled(self, motion: Motion | None, posture: Posture) -> Motion | None:
+    def _scaled(self, motion: SmallMotion | None, posture: Posture) -> SmallMotion | None:
         if motion is None:
             return None
         factor = self._factor(posture.phi)[:, None]
-        return Motion(factor * motion.turn_rad, factor * motion.shift_mm)
+        return SmallMotion(factor * motion.turn_rad, factor * motion.shift_mm)
 
     def _factor(self, phi: F64) -> F64:
         wave = np.sqrt(2.0) * np.cos(2 * phi[:, self.joint - 1] + self.phase)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.simulator.truth.conditions import Conditions
 from armd.simulator.truth.course import Course
-from armd.simulator.truth.effects.base import F64, Effect
+from armd.simulator.truth.effects.base import Effect
 from armd.simulator.truth.posture import Posture
-from armd.simulator.truth.rotations import ARC_SECOND, Motion
+from armd.simulator.truth.rotations import ARC_SECOND, SmallMotion
 
 
 @dataclass(frozen=True)
@@ -49,11 +50,11 @@ class DriftingTwist(Effect):
     turn_arcsec: tuple[float, float, float]
     course: Course
 
-    def link(self, link: int, posture: Posture, conditions: Conditions) -> Motion | None:
+    def link(self, link: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         if link != self.link_number:
             return None
         turn = self.course(conditions.time_s)[:, None] * np.array(self.turn_arcsec) * ARC_SECOND
-        return Motion(turn, np.zeros_like(turn))
+        return SmallMotion(turn, np.zeros_like(turn))
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class DriftingMount(Effect):
     shift_um: tuple[float, float, float]
     course: Course
 
-    def base(self, conditions: Conditions) -> Motion | None:
+    def base(self, conditions: Conditions) -> SmallMotion | None:
         how_far = self.course(conditions.time_s)[:, None]
         turn = how_far * np.array(self.turn_arcsec) * ARC_SECOND
-        return Motion(turn, how_far * 1e-3 * np.array(self.shift_um))
+        return SmallMotion(turn, how_far * 1e-3 * np.array(self.shift_um))

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import F64, Effect
-from armd.simulator.truth.effects.eccentric_disc import GRATING_RADIUS_MM
-from armd.simulator.truth.nominal import REFERENCE_C
+from armd.simulator.truth.effects.base import Effect
 from armd.simulator.truth.posture import Posture
-from armd.simulator.truth.rotations import ARC_SECOND, Motion
+from armd.simulator.truth.rotations import ARC_SECOND, SmallMotion
 
 
 @dataclass(frozen=True)
@@ -37,32 +36,13 @@ class CoupledHysteresis(Effect):
     other: int
     arcsec: float
 
-    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         if joint != self.joint:
             return None
         side = np.tanh(conditions.rate[:, joint - 1] / 2e-5)
-        turn = np.zeros((len(posture.phi), 3))
-        turn[:, 2] = -self.arcsec * ARC_SECOND * side * np.sin(posture.phi[:, self.other - 1])
-        return Motion(turn, np.zeros_like(turn))
-
-
-@dataclass(frozen=True)
-class ThermalEccentricity(Effect):
-    """A disc's glue creeps with temperature: its eccentricity grows with every kelvin."""
-
-    joint: int
-    um_per_k: float
-    direction: float  # rad
-
-    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
-        if joint != self.joint:
-            return None
-        offset_mm = 1e-3 * self.um_per_k * (conditions.link_c[:, joint - 1] - REFERENCE_C)
-        turned = phi[:, joint - 1] + self.direction
-        bearing: F64 = np.arctan2(
-            offset_mm * np.sin(turned), GRATING_RADIUS_MM - offset_mm * np.cos(turned)
+        return SmallMotion.about_own_axis(
+            -self.arcsec * ARC_SECOND * side * np.sin(posture.phi[:, self.other - 1])
         )
-        return bearing
 
 
 @dataclass(frozen=True)
@@ -72,13 +52,11 @@ class DrivenByRate(Effect):
     joint: int
     arcsec_per_rate2: float
 
-    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         if joint != self.joint:
             return None
         rate = conditions.rate[:, joint - 1]
-        turn = np.zeros((len(posture.phi), 3))
-        turn[:, 2] = self.arcsec_per_rate2 * ARC_SECOND * rate * np.abs(rate)
-        return Motion(turn, np.zeros_like(turn))
+        return SmallMotion.about_own_axis(self.arcsec_per_rate2 * ARC_SECOND * rate * np.abs(rate))
 
 
 @dataclass(frozen=True)
@@ -89,11 +67,49 @@ class LettingGo(Effect):
     arcsec: float
     rate_rad_s: float = 0.1
 
-    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> Motion | None:
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         if joint != self.joint:
             return None
         rate = conditions.rate[:, joint - 1]
-        turn = np.zeros((len(posture.phi), 3))
         held = np.tanh(rate / 2e-5) * np.exp(-np.abs(rate) / self.rate_rad_s)
-        turn[:, 2] = -self.arcsec * ARC_SECOND * held
-        return Motion(turn, np.zeros_like(turn))
+        return SmallMotion.about_own_axis(-self.arcsec * ARC_SECOND * held)
+
+
+@dataclass(frozen=True)
+class CreepingPlay(Effect):
+    """Play that wears wider hour by hour from the first reading on."""
+
+    joint: int
+    arcsec_per_h: float
+    since_s: float  # since the arm was mounted
+
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
+        if joint != self.joint:
+            return None
+        hours = np.maximum(conditions.time_s - self.since_s, 0.0) / 3600.0
+        side = np.tanh(conditions.rate[:, joint - 1] / 2e-5)
+        return SmallMotion.about_own_axis(-self.arcsec_per_h * ARC_SECOND * hours * side)
+
+
+@dataclass(frozen=True)
+class Bristles(Effect):
+    """Friction with memory (Dahl): a joint is wound up towards the side it comes from, and only
+    within an angle of its own; the last stretch is so far as it turns in a second."""
+
+    joint: int
+    arcsec: float
+    within_rad: float
+
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
+        if joint != self.joint:
+            return None
+        phi, rate = posture.phi[:, joint - 1], conditions.rate[:, joint - 1]
+        wound = np.zeros(len(phi))
+        state = 0.0
+        for i in range(len(phi)):
+            way = phi[i] - phi[i - 1] - rate[i] if i else 0.0
+            for stretch in (way, rate[i]):
+                left = np.exp(-abs(stretch) / self.within_rad)
+                state = np.sign(stretch) + (state - np.sign(stretch)) * left
+            wound[i] = state
+        return SmallMotion.about_own_axis(-self.arcsec * ARC_SECOND * wound)

@@ -1,0 +1,35 @@
+"""What a person is told of a node: that it warns, has failed, is back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from armd.drivers.can import objects as can
+from armd.drivers.can.node import Node
+from armd.drivers.sample import Event
+
+
+def warned(node: Node, now_ns: int) -> Event:
+    """Its `warnings` have changed."""
+    detail = {"joint": node.number, "warnings": node.warnings}
+    if not node.warnings:
+        return Event("joint_warning", f"{node.name} warns no more", now_ns, "info", detail)
+    text = f"{node.name}: its encoder warns ({node.warnings:#06x}); its position still holds"
+    return Event("joint_warning", text, now_ns, "warning", detail)
+
+
+def failed(node: Node, fault: str, now_ns: int) -> Event:
+    detail: dict[str, Any] = {"node": node.number, "reason": fault}
+    kind = "sensors_lost"
+    if node.number not in can.TEMPERATURE_NODES:
+        detail["joint"] = node.number
+        kind = "joint_invalid"
+    return Event(kind, f"{node.name}: {fault}", now_ns, "error", detail)
+
+
+def recovered(node: Node, fault: str, now_ns: int) -> Event:
+    """It reports again after *fault*."""
+    kind = "sensors_valid" if node.number in can.TEMPERATURE_NODES else "joint_valid"
+    detail = {"node": node.number, "joint": node.number}
+    text = f"{node.name} is configured again and reports ({fault})"
+    return Event(kind, text, now_ns, "info", detail)

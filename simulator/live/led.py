@@ -1,0 +1,203 @@
+"""An operator who follows a plan: seats and balls of an artefact in the simulator's own world.
+
+The tip is brought to each target in turn, each time in another posture, comes to rest a little
+beside it, and the button goes down. Where the targets are, and by how much the hand misses, is the
+plan's truth: nobody on the wire is told.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import BaseModel, Field, model_validator
+
+from armd.arrays import F64
+from armd.errors import BadInput
+from armd.files.schema import Strict, load_toml
+from armd.simulator.live.operator import Hand, Stretch
+from armd.simulator.measured import plan as visits
+from armd.simulator.measured.placement import Placement, place
+from armd.simulator.measured.poses import Reach, Unreachable, settle_on
+from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.rotations import about
+
+Vector = tuple[float, float, float]
+
+#: Peak speeds of a hand that is neither careful nor in a hurry; the plan's `haste` multiplies them.
+TIP_MM_S, JOINT_RAD_S = 400.0, 3.0
+SHORTEST_MOVE_S = 0.25
+
+
+class LedTarget(Strict):
+    """A point of the artefact."""
+
+    name: str
+    position_mm: Vector = (0.0, 0.0, 0.0)
+
+
+class LedVisit(Strict):
+    """The artefact in one placement: its targets in order, round after round."""
+
+    placement: str
+    targets: list[str] = []  # none: all
+    rounds: Annotated[int, Field(ge=1, le=100)] = 1
+    #: Of the artefact's origin, base frame. None: wherever the arm reaches all targets.
+    position_mm: Vector | None = None
+    rotation_deg: Vector = (0.0, 0.0, 0.0)  # about the base's x, then y, then z
+    #: Without a position: how far from the column's axis the targets may be.
+    radius_mm: tuple[float, float] = (200.0, 1000.0)
+
+
+class OperatorPlan(Strict):
+    """`schema = "armd.operator/1"`."""
+
+    schema_: Literal["armd.operator/1"] = Field(alias="schema")
+    #: A file with the table [artefact] of a session, instead of [[target]]; beside the plan.
+    artefact: str | None = None
+    target: list[LedTarget] = []
+    visit: Annotated[list[LedVisit], Field(min_length=1)]
+    #: Standard deviation per axis by which the tip rests beside the target.
+    miss_um: Annotated[float, Field(ge=0)] = 0.5
+    #: How long the tip rests, and after how long the button goes down.
+    rest_s: Annotated[float, Field(gt=0)] = 1.2
+    press_after_s: Annotated[float, Field(gt=0)] = 0.8
+    haste: Annotated[float, Field(gt=0, le=5)] = 1.0
+    start_s: Annotated[float, Field(ge=0)] = 1.5  # before the first move
+    #: Begin anew after the last visit; else the hand rests at the last target for ever.
+    again: bool = True
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.press_after_s >= self.rest_s:
+            raise ValueError(f"press_after_s below rest_s, not {self.press_after_s:g} s")
+        if (self.artefact is None) == (not self.target):
+            raise ValueError("either artefact = FILE or [[target]]")
+        return self
+
+
+class _Position(BaseModel):
+    """Of an artefact's file only what a hand needs."""
+
+    name: str
+    position_mm: Vector
+
+
+class _Table(BaseModel):
+    target: list[_Position]
+
+
+class _ArtefactFile(BaseModel):
+    artefact: _Table
+
+
+@dataclass(frozen=True)
+class Led:
+    """A plan, read, with the points of its artefact by name."""
+
+    plan: OperatorPlan
+    points_mm: dict[str, Vector]
+
+
+def load_plan(path: Path) -> Led:
+    """Read a plan and its artefact; raises `BadInput` naming file, key, found and expected."""
+    plan = load_toml(path, OperatorPlan)
+    if plan.artefact is None:
+        points = {target.name: target.position_mm for target in plan.target}
+    else:
+        table = load_toml(path.parent / plan.artefact, _ArtefactFile).artefact
+        points = {target.name: target.position_mm for target in table.target}
+    for i, visit in enumerate(plan.visit, 1):
+        for name in visit.targets:
+            if name not in points:
+                expected = f"a target: {', '.join(list(points)[:20])}"
+                raise BadInput(path, f"visit[{i}].targets", repr(name), expected)
+    return Led(plan, points)
+
+
+class _Stop(NamedTuple):
+    """One target to rest at."""
+
+    goal_mm: F64  # (3,) base frame
+    near: F64  # (N,) a posture that reaches about there
+
+
+class LedOperator(Hand):
+    """Follows a plan; the same way for the same *seed*."""
+
+    def __init__(
+        self, arm: TrueArm, led: Led, seed: int, limits_rad: tuple[F64, F64] | None = None
+    ) -> None:
+        """*limits_rad* (N,) each: the demo arm's without. Raises `BadInput` for a target out of
+        reach."""
+        self._plan = led.plan
+        self._rng = np.random.default_rng([seed, 0x1ED])
+        once = list(_stops(led, Reach(arm, self._rng, limits_rad), self._rng))
+        self._stops: Iterator[_Stop] = itertools.cycle(once) if led.plan.again else iter(once)
+        super().__init__(arm, once[0].near)
+        self.first = Stretch(
+            0.0, 1e-9, led.plan.start_s or 1e-9, once[0].near, 0.0 * once[0].near, np.inf
+        )
+
+    def following(self, before: Stretch, link_c: F64) -> Stretch:
+        begin, start_s = before.begin + before.change, before.end_s
+        stop = next(self._stops, None)
+        if stop is None:
+            return Stretch(start_s, 1e-9, np.inf, begin, 0.0 * begin, np.inf)
+        missed = stop.goal_mm + self._rng.normal(0.0, 1e-3 * self._plan.miss_um, 3)
+        still = Conditions.at_rest(1, len(begin), link_c)
+        posture = settle_on(self._arm, stop.near[None], missed[None], still)[0]
+        change = posture - begin
+        move_s = max(self._shortest_s(begin, change, link_c), SHORTEST_MOVE_S)
+        end_s = start_s + move_s + self._plan.rest_s
+        return Stretch(start_s, move_s, end_s, begin, change, self._plan.press_after_s)
+
+    def _shortest_s(self, begin: F64, change: F64, link_c: F64) -> float:
+        tip_s, joint_s = self._durations(begin, change, link_c, TIP_MM_S, JOINT_RAD_S)
+        return max(tip_s, joint_s) / self._plan.haste
+
+
+def _stops(led: Led, reach: Reach, rng: np.random.Generator) -> Iterator[_Stop]:
+    """All targets in the order of the plan, with a posture for each: of those that a target is
+    touched in, the one left that is nearest to where the arm stands, as a hand would."""
+    stands: F64 | None = None
+    for i, visit in enumerate(led.plan.visit, 1):
+        names = visit.targets or list(led.points_mm)
+        local = np.array([led.points_mm[name] for name in names])
+        try:
+            placement, postures = _placed(visit, local, reach, rng)
+        except Unreachable as error:
+            where = f"visit[{i}] {visit.placement}"
+            raise BadInput("the operator's plan", where, str(error), "targets in reach") from error
+        goals = placement.to_base(local)
+        left = [list(own) for own in postures]
+        for _ in range(visit.rounds):
+            for goal, own in zip(goals, left, strict=True):
+                away = [0.0 if stands is None else np.abs(q - stands).max() for q in own]
+                stands = own.pop(int(np.argmin(away)))
+                yield _Stop(goal, stands)
+
+
+def _placed(
+    visit: LedVisit, local_mm: F64, reach: Reach, rng: np.random.Generator
+) -> tuple[Placement, F64]:
+    """Where the artefact stands, and postures (K, rounds, N) for its targets (K, 3)."""
+    if visit.position_mm is None:
+        somewhere = visits.Visit(
+            visit.placement,
+            (),
+            visit.rounds,
+            radius_mm=visit.radius_mm,
+            shoulder_mm=(200.0, 1120.0),
+        )
+        return place(somewhere, local_mm, reach, rng)
+    rotation = np.eye(3)
+    for axis, degrees in enumerate(visit.rotation_deg):
+        rotation = about(np.radians(degrees) * np.eye(3)[axis]) @ rotation
+    placement = Placement(visit.placement, rotation, np.array(visit.position_mm))
+    return placement, reach.articulations(placement.to_base(local_mm), visit.rounds)

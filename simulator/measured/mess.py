@@ -1,0 +1,149 @@
+"""What happens to measurements that is no error of the arm: the mess of a workshop and a desk.
+
+Some of it happens while measuring (`in_the_workshop`: a gross error, noise that is not white, an
+artefact that was touched), some in the files afterwards (`on_the_desk`: rows twice, a channel that
+died, clocks that are wrong). Sessions held out, which judge a result, are spared both.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime, timedelta
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.measuring import Touched
+from armd.simulator.truth.nominal import sensor_names
+from armd.simulator.truth.rotations import random_unit
+
+Rng = np.random.Generator
+Texts = dict[str, str]  # session.toml and readings.csv
+Rows = list[dict[str, str]]
+
+#: 100 times the noise of a reading (7 µm, 3-D).
+GROSS_UM, GROSS_SHARE = 700.0, 0.03
+KINDS = ("gross", "t3", "correlated", "touched", "doubled", "dead", "coarse", "clocks")
+
+
+def in_the_workshop(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
+    """The campaign with a mess that happens while measuring; others leave it as it is."""
+    rig = campaign.rig
+    match kind:
+        case "gross":
+
+            def spoil(own: Rng, n: int) -> F64:
+                far = 1e-3 * GROSS_UM * own.uniform(0.7, 1.5, (n, 1)) * random_unit(own, n)
+                return np.where(own.uniform(size=(n, 1)) < GROSS_SHARE, far, 0.0)
+
+            rig = replace(rig, spoil=spoil)
+        case "t3":
+            rig = replace(rig, noise=replace(rig.noise, tails="t3"))
+        case "correlated":
+            rig = replace(rig, noise=replace(rig.noise, correlation=float(rng.uniform(0.4, 0.8))))
+        case "coarse":
+            rig = replace(rig, noise=replace(rig.noise, sensor_step_c=0.0625))
+        case "touched":
+            names = [plan.name for plan, _ in campaign.sessions if not plan.held_out]
+            far = 1e-3 * float(np.exp(rng.uniform(np.log(100.0), np.log(600.0))))
+            turn = 1e-3 * rng.uniform(0.0, 1.0) * random_unit(rng, 1)[0]
+            shift = far * random_unit(rng, 1)[0]
+            touched = Touched(str(rng.choice(names)), float(rng.uniform(0.25, 0.75)), turn, shift)
+            rig = replace(rig, touched=touched)
+    return replace(campaign, rig=rig)
+
+
+def on_the_desk(kind: str, sessions: list[Texts], rng: Rng) -> list[Texts]:
+    """The sessions' files with a mess that happens afterwards; others leave them as they are."""
+    match kind:
+        case "doubled":
+            return [_table(texts, lambda rows: _doubled(rows, rng)) for texts in sessions]
+        case "dead":
+            return _dead(sessions, rng)
+        case "clocks":
+            return _clocks(sessions, rng)
+    return sessions
+
+
+def _doubled(rows: Rows, rng: Rng) -> Rows:
+    """A tenth of the rows twice: at once, or copied in once more at the end."""
+    again = rng.uniform(size=len(rows)) < 0.1
+    if rng.uniform() < 0.5:
+        return rows + [row for row, twice in zip(rows, again, strict=True) if twice]
+    return [row for row, twice in zip(rows, again, strict=True) for _ in range(1 + int(twice))]
+
+
+def _dead(sessions: list[Texts], rng: Rng) -> list[Texts]:
+    """One channel stuck from some row on, at one value throughout, or empty from some row on."""
+    name = str(rng.choice(sensor_names()[1:4]))
+    how = str(rng.choice(["stuck", "constant", "empty", "missing"]))
+    since = int(rng.integers(len(sessions) // 2)) if how in ("stuck", "empty") else 0
+    fixed = str(rng.choice(["0", "85", "20"]))
+    last = ""
+    found = []
+    for i, texts in enumerate(sessions):
+
+        def change(rows: Rows, i: int = i) -> Rows:
+            nonlocal last
+            first = 0 if i > since or how in ("constant", "missing") else len(rows) // 2
+            first = len(rows) if i < since else first
+            for j, row in enumerate(rows):
+                if how == "missing":
+                    del row[name]
+                elif j < first:
+                    last = row[name]
+                else:
+                    row[name] = {"stuck": last, "constant": fixed, "empty": ""}[how]
+            return rows
+
+        found.append(_table(texts, change))
+    return found
+
+
+def _clocks(sessions: list[Texts], rng: Rng) -> list[Texts]:
+    """Two sessions begun in the other order by the clock, one that begins during the one before,
+    or a clock set back by an hour during a session."""
+    how = str(rng.choice(["exchanged", "overlap", "back"]))
+    a, b = sorted(int(i) for i in rng.choice(len(sessions), 2, replace=False))
+    found = list(sessions)
+    if how == "back":
+        found[a] = _table(found[a], _set_back)
+        return found
+    began = [_started(texts) for texts in sessions]
+    if how == "exchanged":
+        found[a], found[b] = _begun(found[a], began[b]), _begun(found[b], began[a])
+    else:
+        found[b] = _begun(found[b], began[b - 1] + timedelta(minutes=5))
+    return found
+
+
+def _set_back(rows: Rows) -> Rows:
+    for row in rows[len(rows) // 2 :]:
+        row["time_s"] = f"{float(row['time_s']) - 3600.0:.3f}"
+    return rows
+
+
+def _started(texts: Texts) -> datetime:
+    line = next(x for x in texts["session.toml"].splitlines() if x.startswith("started"))
+    return datetime.fromisoformat(line.partition("= ")[2].replace("Z", "+00:00"))
+
+
+def _begun(texts: Texts, moment: datetime) -> Texts:
+    lines = [
+        f"started = {moment:%Y-%m-%dT%H:%M:%SZ}" if line.startswith("started") else line
+        for line in texts["session.toml"].splitlines()
+    ]
+    return {**texts, "session.toml": "\n".join(lines) + "\n"}
+
+
+def _table(texts: Texts, change: Callable[[Rows], Rows]) -> Texts:
+    rows = change(list(csv.DictReader(io.StringIO(texts["readings.csv"]))))
+    out = io.StringIO()
+    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return {**texts, "readings.csv": out.getvalue()}

@@ -1,0 +1,79 @@
+"""What an operator sets out to measure, and in what climate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.simulator.truth.heat import SELF_HEATING_W, HeatField
+
+#: When the arm was mounted: the origin of the simulated world's time.
+MOUNTED = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
+
+
+@dataclass(frozen=True)
+class Climate:
+    """The air around the arm and the power in it, from `lead_h` before the first reading on.
+
+    Until then the arm stood in air of `ambient_c`, with that power or, if `cold`, switched off.
+    """
+
+    ambient_c: float = 20.0
+    ramp_k_per_h: float = 0.0
+    lead_h: float = 0.0
+    power_w: F64 = field(default_factory=lambda: SELF_HEATING_W.copy())  # (N,)
+    cold: bool = False
+
+    def air_c(self, time_s: F64) -> F64:
+        """Air temperature at times since the first reading, s."""
+        hours = np.maximum(time_s / 3600 + self.lead_h, 0.0)
+        return self.ambient_c + self.ramp_k_per_h * hours
+
+
+def warmed(climate: Climate, link: int, kelvin: float) -> Climate:
+    """*climate* with so much more power in one link (from 0) that it ends up *kelvin* warmer."""
+    one_watt = np.zeros_like(climate.power_w)
+    one_watt[link] = 1.0
+    rise_k = HeatField().steady_c(0.0, one_watt)[link]
+    return replace(climate, power_w=climate.power_w + kelvin / rise_k * one_watt)
+
+
+@dataclass(frozen=True)
+class Visit:
+    """The artefact in one placement: which of its targets, how many articulations of each."""
+
+    name: str
+    targets: tuple[str, ...] = ()  # empty: all
+    articulations: int = 5
+    shoulder_mm: tuple[float, float] = (260.0, 1000.0)  # distances of targets from the shoulder
+    radius_mm: tuple[float, float] = (200.0, 1000.0)  # and from the axis of the column
+
+
+def rounds(placements: int, articulations: int) -> tuple[Visit, ...]:
+    """Visits of all targets in *placements* different placements."""
+    return tuple(Visit(f"P{i + 1}", (), articulations) for i in range(placements))
+
+
+@dataclass(frozen=True)
+class SessionPlan:
+    """One session."""
+
+    name: str
+    start_h: float  # since the arm was mounted
+    climate: Climate
+    visits: tuple[Visit, ...] = rounds(1, 5)
+    interval_s: float = 20.0
+    rate_rad_s: float = 0.003  # a hand is never quite still; more: readings in passing
+    payload_kg: float = 0.0
+    held_out: bool = False  # not for identification or diagnosis, only to judge their result
+
+    @property
+    def started(self) -> datetime:
+        return MOUNTED + timedelta(hours=self.start_h)
+
+    def readings(self, targets: int) -> int:
+        """How many readings it takes on an artefact of so many targets."""
+        return sum((len(visit.targets) or targets) * visit.articulations for visit in self.visits)

@@ -1,0 +1,169 @@
+"""The command line of `armd simulate`, and the scenario that it makes."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+from armd.errors import ArmdError, BadInput
+from armd.files.outputs import FAULT_LOG, TRUTH, add_force, check_outputs
+from armd.files.schema import load_toml, validate
+from armd.files.writing import check_folder
+from armd.simulator.live.faults import FAULTS, check_wire, parse_fault, random_faults
+from armd.simulator.live.faults import Wire as WireName
+from armd.simulator.live.scenario import Scenario
+from armd.terminal.parser import Parser
+
+PROGRAM = "armd simulate"
+#: python-can's name of a CAN interface → its usual channel
+CAN_WIRES = {
+    "socketcand": "",
+    "slcan": "",
+    "socketcan": "vcan0",
+    "udp_multicast": "239.74.163.2:43113",
+}
+FAULT_HELP = "faults, their usual duration in seconds and what they do:\n" + "\n".join(
+    f"  {name:17}{kind.duration_s:6g}  {kind.text}" for name, kind in FAULTS.items()
+)
+
+
+def parser() -> Parser:
+    command = Parser(
+        prog=PROGRAM,
+        description="A simulated arm as a device on the wire, in a process of its own.",
+        epilog=FAULT_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    mode = command.add_mutually_exclusive_group(required=True)
+    mode.add_argument("--serial", action="store_true", help="on a pty; prints its path first")
+    mode.add_argument(
+        "--can",
+        choices=CAN_WIRES,
+        help="as CANopen nodes; prints first: socketcand HOST:PORT (bus can0), else the channel",
+    )
+    mode.add_argument(
+        "--microscribe",
+        action="store_true",
+        help="as a MicroScribe on a pty; prints its path first",
+    )
+    mode.add_argument(
+        "--servo",
+        choices=["feetech", "dynamixel"],
+        help="as a printed arm of servos on a pty, at the line's true pace; prints its path first",
+    )
+    mode.add_argument(
+        "--session", metavar="KIND", help="measured sessions instead: see --session KIND --help"
+    )
+    mode.add_argument(
+        "--check", metavar="FILE", type=Path, help="say what is wrong with a scenario"
+    )
+    command.add_argument("--scenario", metavar="FILE", type=Path, help="TOML; options override it")
+    # Options that are keys of a scenario, under the same name.
+    command.add_argument(
+        "--rate", dest="rate_hz", metavar="HZ", type=int, help="samples per second (1000)"
+    )
+    command.add_argument("--seconds", metavar="S", type=float, help="stop after S seconds (never)")
+    command.add_argument(
+        "--seed", metavar="N", type=int, help="of the arm, the motion and all noise (1)"
+    )
+    command.add_argument(
+        "--joints", metavar="N", type=int, help="of the arm: 3 to 9 (6; --servo: 5 and a gripper)"
+    )
+    command.add_argument("--serial-number", metavar="NAME", help="what the arm says it is")
+    command.add_argument("--ambient-c", metavar="C", type=float, help="air temperature, °C (20)")
+    command.add_argument(
+        "--warm-up-k",
+        metavar="K",
+        type=float,
+        help="warm by K kelvin within --warm-up-s, in fast motion",
+    )
+    command.add_argument("--warm-up-s", metavar="S", type=float, help="(--seconds, else 20)")
+    command.add_argument(
+        "--sync-producer",
+        action="store_true",
+        default=None,
+        help="on CAN: the arm sends SYNC itself, --rate times a second",
+    )
+    command.add_argument(
+        "--baud",
+        metavar="N",
+        type=int,
+        help="of a MicroScribe or servos: the only rate they hear (any)",
+    )
+    command.add_argument(
+        "--fault",
+        metavar="NAME@SECONDS[:DURATION]",
+        action="append",
+        default=[],
+        help="may be given several times",
+    )
+    command.add_argument(
+        "--operator",
+        metavar="PLAN",
+        type=Path,
+        help="on a pty, CAN or servos: TOML with the targets that the tip is brought to"
+        " (docs/measure.md)",
+    )
+    command.add_argument(
+        "--plant",
+        metavar="CAUSE@LOCATION=SIZE",
+        action="append",
+        default=[],
+        help="on a pty or CAN: something wrong with the arm from the beginning (docs/simulator.md)",
+    )
+    command.add_argument(
+        "--channel",
+        help="socketcan: the interface (vcan0); udp_multicast: GROUP:PORT (239.74.163.2:43113)",
+    )
+    command.add_argument(
+        "--link", metavar="PATH", type=Path, help="a symbolic link to the port, kept at a replug"
+    )
+    command.add_argument(
+        "--truth", metavar="FILE", type=Path, help="true tip of every sample: <u8 seq, <f8 x, y, z"
+    )
+    command.add_argument(
+        "--fault-log", metavar="FILE", type=Path, help="what was injected, JSON lines (stderr)"
+    )
+    command.add_argument(
+        "--arm-out", metavar="FILE", type=Path, help="write the arm's nominal arm.toml"
+    )
+    add_force(command)
+    return command
+
+
+def read_scenario(options: argparse.Namespace) -> Scenario:
+    """The scenario file, overridden by the options given; raises `BadInput`."""
+    file = Scenario() if options.scenario is None else load_toml(options.scenario, Scenario)
+    given = {
+        key: value
+        for key, value in vars(options).items()
+        if key in Scenario.model_fields and value is not None and key != "fault"
+    }
+    merged = file.model_dump(by_alias=True) | given
+    scenario = validate("command line", merged, Scenario)
+    wire: WireName = "serial" if options.serial else "microscribe" if options.microscribe else "can"
+    if options.servo:
+        wire = "servo"
+    faults = [*scenario.fault, *(parse_fault(text) for text in options.fault)]
+    if scenario.faults_per_minute:
+        if scenario.seconds is None:
+            raise ArmdError("faults_per_minute wants seconds: how long the run lasts")
+        faults += random_faults(scenario.seed, scenario.faults_per_minute, scenario.seconds, wire)
+    check_wire(faults, wire)
+    return scenario.model_copy(update={"fault": faults})
+
+
+def check_places(options: argparse.Namespace) -> None:
+    """Raise `BadInput` unless every file of the options can and may be written."""
+    outputs = {
+        "--truth": (options.truth, TRUTH),
+        "--fault-log": (options.fault_log, FAULT_LOG),
+    }
+    check_outputs(outputs, [options.scenario], options.force)
+    if options.link is not None:
+        check_folder(options.link.parent)
+        if os.path.lexists(options.link) and not options.link.is_symlink():
+            found = "no symbolic link"
+            raise BadInput(options.link, "--link", found, "nothing, or a link that may be replaced")

@@ -1,0 +1,1 @@
+"""The simulated arm on armd's own serial wire."""

@@ -1,0 +1,89 @@
+"""How faults spoil a latch, a temperature reading or a packet on the serial wire."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.drivers.serial import wire
+from armd.simulator.live.electronics import COUNTS_PER_TURN
+from armd.simulator.live.faults import Fault, Schedule
+
+
+class SpoiltLine:
+    """The line as the faults of the moment leave it; *torn* while the last packet lacks its
+    delimiter, with which the next one is lost."""
+
+    def __init__(self, schedule: Schedule, rng: np.random.Generator) -> None:
+        self.torn = False
+        self._schedule = schedule
+        self._rng = rng
+
+    @property
+    def clear(self) -> bool:
+        """Nothing stands in the way of the next packet."""
+        return not (self._schedule.active or self.torn)
+
+    def sample(self, row: np.void) -> tuple[bytes, str]:
+        """What of a SAMPLE's body goes over the line, and what kept it from arriving ("": it
+        arrives)."""
+        row = row.copy()
+        for fault in self._schedule.active:
+            at_latch(fault, row)
+        whole = packet = wire.pack(row.tobytes())
+        lost_by = "truncated_packet" if self.torn else ""
+        for fault in self._schedule.active:
+            packet = on_wire(fault, packet, self._rng)
+            if not packet.startswith(whole):
+                lost_by = fault.name
+        if packet:
+            self.torn = not packet.endswith(b"\0")
+        return packet, lost_by
+
+    def temperature(self, t_us: int, celsius: F64) -> bytes:
+        """A TEMPERATURE packet of a reading (S,), which is spoilt in place."""
+        for fault in self._schedule.active:
+            in_sensors(fault, celsius)
+        if self._schedule.is_on("sensor_silent"):
+            return b""
+        return self.whole(wire.encode_temperature(t_us, celsius))
+
+    def whole(self, packet: bytes) -> bytes:
+        """A packet that no fault spoils."""
+        self.torn = False
+        return packet
+
+
+def at_latch(fault: Fault, sample: np.void) -> None:
+    """Spoil a SAMPLE's body, in place."""
+    joint = fault.joint - 1
+    match fault.name:
+        case "joint_invalid":
+            sample["joint_status"] |= 1 << joint
+        case "count_jump":
+            sample["count"][joint] = (int(sample["count"][joint]) + fault.size) % COUNTS_PER_TURN
+
+
+def in_sensors(fault: Fault, celsius: F64) -> None:
+    """Spoil a temperature reading (S,), in place; NaN is an invalid channel."""
+    match fault.name:
+        case "sensor_open":
+            celsius[fault.channel - 1] = np.nan
+        case "temperature_step":
+            celsius[fault.channel - 1] += fault.size
+
+
+def on_wire(fault: Fault, packet: bytes, rng: np.random.Generator) -> bytes:
+    """What is left of a SAMPLE packet on the wire."""
+    match fault.name:
+        case "corrupted_byte":
+            spoilt = bytearray(packet)
+            spoilt[rng.integers(len(packet) - 1)] ^= int(rng.integers(1, 256))
+            return bytes(spoilt)
+        case "truncated_packet":
+            return packet[: rng.integers(1, len(packet))]
+        case "lost_samples":
+            return b""
+        case "repeated_packet":
+            return packet + packet
+    return packet

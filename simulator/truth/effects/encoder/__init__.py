@@ -1,0 +1,1 @@
+"""What an encoder counts beside the angle."""

@@ -1,0 +1,36 @@
+"""An encoder disc whose centre is off the axis it turns about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import Effect
+
+#: Radius of the grating of every joint's disc, mm.
+GRATING_RADIUS_MM = 25.0
+
+
+@dataclass(frozen=True)
+class EccentricDisc(Effect):
+    """One read head sees the disc's centre circle round the axis."""
+
+    joint: int
+    offset_um: float
+    direction: float  # of the offset on the disc, rad
+
+    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+        if joint != self.joint:
+            return None
+        # The head stands at (R, 0); the centre at e·(cos, sin) of the turned direction. What is
+        # read is the head's bearing from the disc's centre, which would be 0 from the axis.
+        turned = phi[:, joint - 1] + self.direction
+        offset_mm = 1e-3 * self.offset_um
+        bearing = np.arctan2(
+            -offset_mm * np.sin(turned), GRATING_RADIUS_MM - offset_mm * np.cos(turned)
+        )
+        error: F64 = -bearing
+        return error

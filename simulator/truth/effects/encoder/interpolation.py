@@ -1,0 +1,32 @@
+"""Interpolation of an encoder whose two signals are not quite sine and cosine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.rotations import ARC_SECOND
+
+
+@dataclass(frozen=True)
+class Interpolation(Effect):
+    """The signals of a track with `periods` lines, one of them with an offset."""
+
+    joint: int
+    periods: int  # a turn
+    amplitude_arcsec: float
+    phase: float  # rad
+
+    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+        if joint != self.joint:
+            return None
+        # An offset of 1 in signals of amplitude 1 errs by one radian of a period.
+        offset = self.amplitude_arcsec * ARC_SECOND * self.periods
+        at = self.periods * phi[:, joint - 1] + self.phase
+        seen = np.arctan2(np.sin(at), np.cos(at) + offset)
+        error: F64 = np.angle(np.exp(1j * (seen - at))) / self.periods
+        return error

@@ -1,0 +1,20 @@
+"""A joint whose encoder is latched late: it shows where the joint is a moment after."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from armd.arrays import F64
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import Effect
+
+
+@dataclass(frozen=True)
+class LateLatch(Effect):
+    joint: int
+    delay_us: float
+
+    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+        if joint != self.joint:
+            return None
+        return 1e-6 * self.delay_us * conditions.rate[:, joint - 1]

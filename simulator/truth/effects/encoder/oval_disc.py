@@ -1,0 +1,31 @@
+"""An encoder disc clamped out of round."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.rotations import ARC_SECOND
+
+
+@dataclass(frozen=True)
+class OvalDisc(Effect):
+    """Lines of a disc squeezed along one direction stand where an ellipse puts them."""
+
+    joint: int
+    amplitude_arcsec: float  # of the angle error, which goes round twice a turn
+    direction: float  # of the long axis, rad
+
+    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+        if joint != self.joint:
+            return None
+        # Half the relative difference of the axes is the error's amplitude.
+        squeeze = 1.0 + 2.0 * self.amplitude_arcsec * ARC_SECOND
+        at = phi[:, joint - 1] + self.direction
+        seen = np.arctan2(squeeze * np.sin(at), np.cos(at))
+        error: F64 = np.angle(np.exp(1j * (seen - at)))
+        return error

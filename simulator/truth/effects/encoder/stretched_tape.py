@@ -1,0 +1,23 @@
+"""An encoder tape stretched round its drum: it counts too many, or too few, lines a radian."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from armd.arrays import F64
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.rotations import ARC_SECOND
+
+
+@dataclass(frozen=True)
+class StretchedTape(Effect):
+    joint: int
+    arcsec_per_rad: float
+
+    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+        if joint != self.joint:
+            return None
+        # The tape's own pitch: lines passed × nominal angle of a line.
+        pitch = 1.0 / (1.0 + self.arcsec_per_rad * ARC_SECOND)
+        return phi[:, joint - 1] / pitch - phi[:, joint - 1]

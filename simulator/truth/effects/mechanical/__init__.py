@@ -1,0 +1,1 @@
+"""Joints, links and styluses that are not where they should be, or give way."""

@@ -1,0 +1,30 @@
+"""A stylus pressed against the target: it bends across, and flattens where it touches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.posture import Posture
+
+#: Share of the deflection that is the contact's flattening, the same in every direction.
+FLATTENING = 0.25
+
+
+@dataclass(frozen=True)
+class BendingStylus(Effect):
+    """`deflection_um`: how far the tip stays behind when pushed across the stylus."""
+
+    deflection_um: float
+
+    def tip(self, posture: Posture, conditions: Conditions) -> F64 | None:
+        stylus = posture.tip - posture.origin[-1]
+        stylus = stylus / np.linalg.norm(stylus, axis=1, keepdims=True)
+        push = conditions.approach
+        across = push - np.sum(push * stylus, axis=1, keepdims=True) * stylus
+        behind: F64 = (1 - FLATTENING) * across + FLATTENING * push
+        return -1e-3 * self.deflection_um * behind

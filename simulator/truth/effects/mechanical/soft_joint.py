@@ -1,0 +1,21 @@
+"""A joint that gives under the weight of what it carries, beyond its encoder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.posture import Posture
+from armd.simulator.truth.rotations import SmallMotion
+
+
+@dataclass(frozen=True)
+class SoftJoint(Effect):
+    joint: int
+    rad_per_nm: float
+
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
+        if joint != self.joint:
+            return None
+        return SmallMotion.about_own_axis(self.rad_per_nm * posture.torque(joint))

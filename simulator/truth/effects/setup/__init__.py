@@ -1,0 +1,1 @@
+"""What happens to the arm while it is used: its mount, its tip."""

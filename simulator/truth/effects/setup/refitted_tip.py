@@ -1,0 +1,23 @@
+"""A stylus taken off and put back: its tip sits elsewhere in the last frame from then on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.posture import Posture
+
+
+@dataclass(frozen=True)
+class RefittedTip(Effect):
+    shift_um: tuple[float, float, float]
+    instant_s: float = -np.inf  # since the arm was mounted
+
+    def tip(self, posture: Posture, conditions: Conditions) -> F64 | None:
+        shift = posture.rotation[-1] @ (1e-3 * np.array(self.shift_um))
+        refitted: F64 = np.where((conditions.time_s >= self.instant_s)[:, None], shift, 0.0)
+        return refitted

@@ -1,0 +1,1 @@
+"""What warmth does to links, discs and housings."""

@@ -1,0 +1,27 @@
+"""A link of another material than believed: its lengths follow its temperature differently."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.nominal import REFERENCE_C
+
+
+@dataclass(frozen=True)
+class ExpandingLink(Effect):
+    """Extra expansion `per_k`, growing by `per_k2` each kelvin: the strain is their integral."""
+
+    link_number: int
+    per_k: float
+    per_k2: float = 0.0
+
+    def strain(self, link: int, conditions: Conditions) -> F64 | None:
+        if link != self.link_number:
+            return None
+        delta = conditions.link_c[:, link - 1] - REFERENCE_C
+        return np.expm1(self.per_k * delta + self.per_k2 * delta**2)

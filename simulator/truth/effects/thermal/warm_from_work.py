@@ -1,0 +1,46 @@
+"""A joint that its own friction warms, beside its sensor: the more it is turned, the warmer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.rotations import ARC_SECOND
+
+
+@dataclass(frozen=True)
+class WarmFromWork(Effect):
+    """The bearing takes up heat in proportion to |rate| and gives it off with a time constant;
+    its zero turns, or its link grows, with the heat. Rested before each session.
+
+    Sizes are what one radian a second comes to in the end. Until a reading the joint turned at that
+    reading's rate since the one before.
+    """
+
+    joint: int
+    arcsec: float
+    ppm: float
+    time_constant_s: float
+
+    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+        if joint != self.joint:
+            return None
+        return self.arcsec * ARC_SECOND * self._heat(conditions)
+
+    def strain(self, link: int, conditions: Conditions) -> F64 | None:
+        if link != self.joint:
+            return None
+        return 1e-6 * self.ppm * self._heat(conditions)
+
+    def _heat(self, conditions: Conditions) -> F64:
+        """In rad/s: the steady rate that would keep it so warm, (n,)."""
+        work = np.abs(conditions.rate[:, self.joint - 1])
+        heat = np.zeros(len(work))
+        for i in range(1, len(work)):
+            left = np.exp(-(conditions.time_s[i] - conditions.time_s[i - 1]) / self.time_constant_s)
+            heat[i] = left * heat[i - 1] + (1.0 - left) * work[i]
+        return heat
