@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from armd.compensation.data.foreign_table import ForeignTable
-from armd.compensation.data.session import number_columns
+from armd.compensation.data.session_columns import number_columns
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
-from armd.suggest import few, hint
+from armd.terminal.suggest import few, hint
 
 Value = TypeVar("Value")
 
@@ -33,6 +33,8 @@ TEMPERATURES = {
     **dict.fromkeys(("f", "°f", "degf"), (5 / 9, -160 / 9)),
     "k": (1.0, -273.15),
 }
+#: The first is a session's own.
+RATES = {"rad/s": 1.0, **dict.fromkeys(("deg/s", "°/s"), math.pi / 180)}
 _UNITS = {*ANGLES, *LENGTHS, *TIMES, *TEMPERATURES}
 _JOINT = re.compile(r"(?:q|j|a|joint|axis|theta|angle|enc|encoder|jointangle|achse|gelenk)_?(\d)")
 _RATE = re.compile(r"(?:w|rate|speed|omega|dq|qd)_?(\d)")
@@ -43,7 +45,10 @@ _WORDS = {
     "ball": "target", "sphere": "target", "point": "target", "seat": "target", "hole": "target",
     "kugel": "target", "punkt": "target", "name": "target",
     "x": "x_mm", "y": "y_mm", "z": "z_mm",
-    "artefact": "artefact_c", "artifact": "artefact_c", "parttemperature": "artefact_c",
+    **dict.fromkeys(
+        (f"{thing}{word}" for thing in ("artefact", "artifact", "part")
+         for word in ("", "temp", "temperature") if thing + word != "part"), "artefact_c",
+    ),
 }  # fmt: skip
 
 
@@ -90,6 +95,13 @@ def find_columns(
     left = [header for i, header in enumerate(table.header) if i not in places.values() and header]
     if left:
         found.said.append(f"left out: {', '.join(left)}")
+    warm = [header for header in left if _SENSOR.fullmatch(word_and_unit(header)[0])]
+    if warm:
+        sensors = f"only {few(arm.sensors)}" if arm.sensors else "none"
+        found.said.append(
+            f"{few(warm)}: temperatures without a sensor; the arm.toml has {sensors}"
+            " ([[temperature_sensor]], and temperature = of each joint)"
+        )
     _check_angles(table, found, arm, angle_unit)
     return found
 
@@ -121,8 +133,8 @@ def _meant(header: str, arm: Arm, known: Sequence[str]) -> str | None:
     """The session's name of a column called *header*."""
     if header in known:
         return header
-    word, _ = _word_and_unit(header)
-    by_word = {_word_and_unit(name)[0]: name for name in (*arm.sensors, *TEXTS, "artefact_c")}
+    word, _ = word_and_unit(header)
+    by_word = {word_and_unit(name)[0]: name for name in (*arm.sensors, *TEXTS, "artefact_c")}
     if word in by_word:
         return by_word[word]
     if (joint := _JOINT.fullmatch(word)) and int(joint[1]) <= arm.n_joints:
@@ -134,7 +146,7 @@ def _meant(header: str, arm: Arm, known: Sequence[str]) -> str | None:
     return _WORDS.get(word)
 
 
-def _word_and_unit(header: str) -> tuple[str, str]:
+def word_and_unit(header: str) -> tuple[str, str]:
     """`Joint 1 [deg]`, `q1_deg`, `X (in)` as a bare word and a unit, both in small letters."""
     text = header.lower().strip()
     if bracketed := re.fullmatch(r"(.*?)[\[(/]\s*([^\])]*?)\s*[\])]?", text):
@@ -148,7 +160,7 @@ def _word_and_unit(header: str) -> tuple[str, str]:
 def _angle_unit(table: ForeignTable, places: Mapping[str, int], given: str | None) -> str:
     if given is not None:
         return given
-    units = {_word_and_unit(table.header[at])[1] for name, at in places.items() if name[0] == "q"}
+    units = {word_and_unit(table.header[at])[1] for name, at in places.items() if name[0] == "q"}
     told = {ANGLES[unit] for unit in units if unit in ANGLES}
     if len(told) > 1:
         raise BadInput(table.path, "the angles", f"{' and '.join(sorted(told))}", "one unit")
@@ -174,15 +186,17 @@ def _in_unit(
     length_unit: str | None,
 ) -> tuple[str, list[float]]:
     """`, in inches` or the like, and the values as a session has them."""
-    unit = _word_and_unit(header)[1]
+    unit = word_and_unit(header)[1]
     factor, shift = 1.0, 0.0
     if name in ("x_mm", "y_mm", "z_mm"):
         unit = length_unit or unit or "mm"
         factor = _known(table, header, unit, LENGTHS)
     elif name == "time_s":
         factor = _known(table, header, unit or "s", TIMES)
-    elif name[0] in "qw" and name[1:].isdigit():
-        return f", in {found.angle_unit}" if name[0] == "q" else "", values
+    elif name[0] == "w" and name[1:].isdigit():
+        factor = _known(table, header, unit or "rad/s", RATES)
+    elif name[0] == "q" and name[1:].isdigit():
+        return f", in {found.angle_unit}", values
     elif not name.startswith("approach"):
         factor, shift = _known(table, header, unit or "c", TEMPERATURES)
     if (factor, shift) == (1.0, 0.0):

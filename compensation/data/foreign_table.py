@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from armd.errors import BadInput
-from armd.inputs import read_input
+from armd.files.inputs import read_input
 
 #: Excel's own limit is a million rows; a person's table of readings has some thousand.
 MOST_BYTES = 64 << 20
@@ -84,10 +84,8 @@ def _text(path: Path) -> tuple[list[list[str]], list[str]]:
         cells = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
     except csv.Error as error:
         raise BadInput(path, "the table", str(error), "a table as text") from error
-    if separator != "," and any(_DECIMAL_COMMA.fullmatch(c.strip()) for row in cells for c in row):
-        assumed.append("numbers have a decimal comma")
-        cells = [[_with_point(cell) for cell in row] for row in cells]
-    return [[cell.strip() for cell in row] for row in cells], assumed
+    stripped = [[cell.strip() for cell in row] for row in cells]
+    return (stripped if separator == "," else _with_points(stripped, assumed)), assumed
 
 
 def _columns(lines: Sequence[str], mark: str) -> tuple[int, bool, int]:
@@ -100,8 +98,12 @@ def _columns(lines: Sequence[str], mark: str) -> tuple[int, bool, int]:
     return lines_alike, mark != ",", often
 
 
-def _with_point(cell: str) -> str:
-    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell.strip()) else cell
+def _with_points(cells: list[list[str]], assumed: list[str]) -> list[list[str]]:
+    """Numbers with a decimal comma have a point, and *assumed* says so if there are any."""
+    if not any(_DECIMAL_COMMA.fullmatch(cell) for row in cells for cell in row):
+        return cells
+    assumed.append("numbers have a decimal comma")
+    return [[c.replace(",", ".") if _DECIMAL_COMMA.fullmatch(c) else c for c in r] for r in cells]
 
 
 def _excel(path: Path, sheet: str | None) -> tuple[list[list[str]], list[str]]:
@@ -121,4 +123,5 @@ def _excel(path: Path, sheet: str | None) -> tuple[list[list[str]], list[str]]:
     chosen = sheet or names[0]
     assumed = [] if sheet or len(names) == 1 else [f"the readings are on the sheet {chosen!r}"]
     rows = book[chosen].iter_rows(values_only=True)
-    return [["" if cell is None else str(cell).strip() for cell in row] for row in rows], assumed
+    cells = [["" if cell is None else str(cell).strip() for cell in row] for row in rows]
+    return _with_points(cells, assumed), assumed  # as text a cell keeps the comma it came with

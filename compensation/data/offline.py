@@ -1,7 +1,8 @@
 """Tables of readings in, the same tables with corrected points out, piece by piece.
 
 A piece holds some ten thousand rows, so that memory does not grow with the file. What lies
-between rows (held temperatures, lags) is carried from piece to piece.
+between rows (held temperatures, lags) is carried from piece to piece; all else is worked out on
+all processors, some pieces at a time.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -19,16 +20,18 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from armd import Flag
+from armd.arrays import F64, Mask
+from armd.compensation.data.in_order import in_order
+from armd.compensation.data.pieces import line_pieces, open_parquet, parquet_pieces
 from armd.compensation.data.readings import (
-    LONGEST_LINE_BYTES,
     Readings,
     cast_columns,
-    not_parquet,
     parse_csv,
     read_header,
 )
 from armd.compensation.data.row_uncertainty import row_uncertainties
-from armd.compensation.data.session import (
+from armd.compensation.data.session_columns import (
+    LikeRadians,
     angles,
     approaches,
     number_columns,
@@ -39,24 +42,29 @@ from armd.compensation.data.session_format import AngleUnit
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration, used_sensors
+from armd.compensation.model.slow_factors import Dated, SlowFactor
 from armd.compensation.model.state import States
-from armd.compensation.model.terms import DATED, Temperature, TemperatureRate
 from armd.errors import BadInput
-from armd.files import whole_file
-from armd.inputs import open_input
-
-F64 = npt.NDArray[np.float64]
+from armd.files.inputs import open_input
+from armd.files.writing import whole_file
 
 COLUMNS = ["x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "flags"]
-PIECE_BYTES = 8 << 20
-PIECE_ROWS = 1 << 16
 END_STOP_RAD = np.radians(0.5)
 #: nanometres and below are the encoders' rounding, many times over
 DECIMALS = 9
 
 
+@dataclass(frozen=True)
+class Taken:
+    """Some readings, and all that earlier ones have to say of them."""
+
+    states: States  # temperatures held
+    slow: F64  # (n, L+T) values of the model's slow factors
+    stale: Mask  # (n,) a temperature in use is missing
+
+
 class Corrector:
-    """Corrects one file's readings in their order."""
+    """Corrects one file's readings: `take` in their order, `correct` in any, from any thread."""
 
     def __init__(
         self,
@@ -68,16 +76,18 @@ class Corrector:
         self._arm = arm
         self.columns = number_columns(arm)
         self._unit = unit
+        self._like_radians = LikeRadians(arm, unit)
         self._started_unix_s = started_unix_s
         self._model = Model(arm, calibration)
         content = self._content = calibration.content if calibration else None
         self._always = Flag(0) if calibration else Flag.NOT_CALIBRATED
         factors = [factor for term in (content.terms if content else []) for factor in term.basis]
-        self._needs_date = any(isinstance(factor, DATED) for factor in factors)
+        self._needs_date = any(isinstance(factor, Dated) for factor in factors)
         self._needs_time = self._needs_date or any(
-            isinstance(factor, TemperatureRate)
-            or (isinstance(factor, Temperature) and factor.lag_s > 0)
+            lag_s > 0
             for factor in factors
+            if isinstance(factor, SlowFactor)
+            for _, lag_s in factor.means
         )
         used = used_sensors(arm, content)
         self._used = [s for s, name in enumerate(arm.sensors) if name in used]
@@ -88,43 +98,52 @@ class Corrector:
         reference_c = content.reference_temperature_c if content else arm.reference_temperature_c
         self._held_c = np.full(len(arm.sensors), reference_c)
 
-    def correct(self, readings: Readings) -> tuple[F64, npt.NDArray[np.uint32]]:
+    def take(self, readings: Readings) -> Taken:
+        """The next readings of the file, checked."""
+        arm = self._arm
+        q = angles(readings, arm, self._unit, missing_allowed=True)
+        self._like_radians.take(readings, q)
+        rate = rates(readings, arm.n_joints)
+        measured_c = temperatures(readings, arm.sensors)
+        states = States(
+            q=q,
+            rate=rate,
+            temperature_c=self._hold(measured_c),
+            time_s=self._time_s(readings),
+            approach=approaches(readings, arm, q, rate),
+            series=np.zeros(readings.n, np.int64),
+        )
+        slow = self._model.slow_values(states, onwards=True)
+        stale: Mask = np.logical_or.reduce(np.isnan(measured_c[:, self._used]), axis=1)
+        return Taken(states, slow, stale)
+
+    def ended(self) -> None:
+        """The file has no more readings; raises `BadInput` if their unit cannot be right."""
+        self._like_radians.judge()
+
+    def correct(self, taken: Taken) -> tuple[F64, npt.NDArray[np.uint32]]:
         """Positions and their standard uncertainties (n, 6) mm, and flags (n,).
 
         NaN where an angle is missing; uncertainties also where the calibration states none.
         """
-        arm, n = self._arm, readings.n
-        q = angles(readings, arm, self._unit, missing_allowed=True)
-        rate = rates(readings, arm.n_joints)
-        measured_c = temperatures(readings, arm.sensors)
-        held_c = self._hold(measured_c)
-        states = States(
-            q=q,
-            rate=rate,
-            temperature_c=held_c,
-            time_s=self._time_s(readings),
-            approach=approaches(readings, arm, q, rate),
-            series=np.zeros(n, np.int64),
-        )
-        position, _ = self._model.correct_states(states, onwards=True)
+        states = taken.states
+        position, _ = self._model.correct_rows(states, taken.slow)
         figures = np.hstack([position, self._uncertainties(states)])
-        invalid = np.isnan(q).any(axis=1)
+        invalid = np.isnan(states.q).any(axis=1)
         figures[invalid] = np.nan
 
-        used = self._used
         low, high = self._range_c
-        outside = ((held_c < low) | (held_c > high))[:, used].any(axis=1)
+        held_c = states.temperature_c
+        outside = ((held_c < low) | (held_c > high))[:, self._used].any(axis=1)
         for since, until in self._model.periods_unix_s:  # beyond them terms are held
             outside |= (states.time_s < since) | (states.time_s > until)
-        flags = np.full(n, int(self._always), np.uint32)
+        near_end = (states.q < self._low + END_STOP_RAD) | (states.q > self._high - END_STOP_RAD)
+        flags = np.full(states.n, int(self._always), np.uint32)
         for flag, rows in (
             (Flag.INVALID, invalid),
             (Flag.TEMPERATURE_RANGE, outside),
-            (Flag.TEMPERATURE_STALE, np.isnan(measured_c[:, used]).any(axis=1)),
-            (
-                Flag.END_STOP,
-                ((q < self._low + END_STOP_RAD) | (q > self._high - END_STOP_RAD)).any(axis=1),
-            ),
+            (Flag.TEMPERATURE_STALE, taken.stale),
+            (Flag.END_STOP, near_end.any(axis=1)),
         ):
             flags[rows] |= int(flag)
         return figures, flags
@@ -176,6 +195,7 @@ def correct_file(
             pieces = _parquet_pieces(source, part, target.suffix, wanted, corrector)
         for n, share in pieces:  # noqa: B007 (the last one counts)
             progress(share)
+        corrector.ended()
         if n == 0:
             raise BadInput(source, "the file", "no readings", "at least one row")
     return n
@@ -194,35 +214,35 @@ def _csv_pieces(
         size = os.fstat(lines.fileno()).st_size
         names = lines.readline().rstrip(b"\r\n")
         out.write(names + b"," + ",".join(COLUMNS).encode() + b"\n")
-        for piece in _line_pieces(source, lines):
-            rows = [line for line in piece if line.strip()]  # a blank line is no row
-            if not rows:
-                continue
-            table = parse_csv(source, io.BytesIO(b"\n".join(rows) + b"\n"), header, wanted)
-            if len(table) != len(rows):
-                found = "a line break inside a value"
-                raise BadInput(source, f"after row {done}", found, "one line per row")
-            new = _table(*corrector.correct(Readings(source, header, table, done)))
+
+        def taken() -> Iterator[tuple[list[bytes], Taken, int]]:
+            begun = 0
+            for piece in line_pieces(source, lines):
+                rows = [line for line in piece if line.strip()]  # a blank line is no row
+                if not rows:
+                    continue
+                table = parse_csv(source, io.BytesIO(b"\n".join(rows) + b"\n"), header, wanted)
+                if len(table) != len(rows):
+                    found = "a line break inside a value"
+                    raise BadInput(source, f"after row {begun}", found, "one line per row")
+                new = corrector.take(Readings(source, header, table, begun))
+                begun += len(rows)
+                yield rows, new, lines.tell()
+
+        def written(piece: tuple[list[bytes], Taken, int]) -> tuple[list[bytes], bytes, int]:
+            rows, new, end = piece
             text = pa.BufferOutputStream()
-            pa.csv.write_csv(new, text, pa.csv.WriteOptions(include_header=False))
-            added = text.getvalue().to_pybytes().splitlines(keepends=True)
+            options = pa.csv.WriteOptions(include_header=False)
+            pa.csv.write_csv(_table(*corrector.correct(new)), text, options)
+            return rows, text.getvalue().to_pybytes(), end
+
+        for rows, text, end in in_order(written, taken()):
+            added = text.splitlines(keepends=True)
             out.writelines(
-                old.rstrip(b"\r") + b"," + end for old, end in zip(rows, added, strict=True)
+                old.rstrip(b"\r") + b"," + new for old, new in zip(rows, added, strict=True)
             )
             done += len(rows)
-            yield done, lines.tell() / size
-
-
-def _line_pieces(source: Path, file: BinaryIO) -> Iterator[list[bytes]]:
-    """Whole lines without their ends, as many as come in one read; none of them endless."""
-    begun = b""
-    while block := file.read(PIECE_BYTES):
-        *lines, begun = (begun + block).split(b"\n")
-        if len(begun) > LONGEST_LINE_BYTES:
-            expected = f"rows of {LONGEST_LINE_BYTES} bytes at most"
-            raise BadInput(source, "the file", "a longer line", expected)
-        yield lines
-    yield [begun]
+            yield done, end / size
 
 
 def _parquet_pieces(
@@ -230,31 +250,29 @@ def _parquet_pieces(
 ) -> Iterator[tuple[int, float]]:
     """Yields the number of rows and the share of the file done so far."""
     done = 0
-    with pa.parquet.ParquetFile(source) as file:
+    with open_parquet(source) as file:
         old = file.schema_arrow
         added = [(name, pa.float64()) for name in COLUMNS[:-1]] + [(COLUMNS[-1], pa.uint32())]
         schema = pa.schema([*old, *pa.schema(added)])
         writer = pa.parquet.ParquetWriter if suffix == ".parquet" else pa.csv.CSVWriter
-        with writer(part, schema) as out:
-            for table in _parquet_tables(source, file):
+
+        def taken() -> Iterator[tuple[pa.Table, Taken]]:
+            begun = 0
+            for table in parquet_pieces(source, file):
                 asked = cast_columns(source, table, wanted)
-                new = _table(*corrector.correct(Readings(source, old.names, asked, done)))
-                columns = [*table.columns, *new.columns]
-                out.write_table(pa.Table.from_arrays(columns, schema=schema))
+                yield table, corrector.take(Readings(source, old.names, asked, begun))
+                begun += len(table)
+
+        def corrected(piece: tuple[pa.Table, Taken]) -> pa.Table:
+            table, new = piece
+            columns = [*table.columns, *_table(*corrector.correct(new)).columns]
+            return pa.Table.from_arrays(columns, schema=schema)
+
+        with writer(part, schema) as out:
+            for table in in_order(corrected, taken()):
+                out.write_table(table)
                 done += len(table)
                 yield done, done / file.metadata.num_rows
-
-
-def _parquet_tables(source: Path, file: pa.parquet.ParquetFile) -> Iterator[pa.Table]:
-    batches = file.iter_batches(PIECE_ROWS)
-    while True:
-        try:
-            batch = next(batches, None)
-        except (OSError, pa.ArrowException) as error:  # a damaged page
-            raise not_parquet(source, error) from error
-        if batch is None:
-            return
-        yield pa.Table.from_batches([batch])
 
 
 def _table(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:

@@ -15,18 +15,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet
 
+from armd.arrays import F64, I64, Mask
 from armd.errors import BadInput
-from armd.inputs import check_input, open_input
-from armd.suggest import did_you_mean, few
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from armd.files.inputs import check_input, open_input
+from armd.terminal.suggest import did_you_mean, few
 
 MISSING = ("", "nan", "NaN", "NAN")
 #: Of tables as Excel writes them where a comma is the decimal point.
@@ -88,7 +85,7 @@ class Readings:
         line = f" (line {row + 2})" if self.path.suffix == ".csv" else ""
         return BadInput(self.path, f"row {row + 1}{line}, column {column}", found, expected)
 
-    def refuse(self, bad: npt.NDArray[np.bool_], column: str, values: F64, expected: str) -> None:
+    def refuse(self, bad: Mask, column: str, values: F64, expected: str) -> None:
         """Raise the fault of the first row that is *bad* (n,), if any."""
         if row := _first(bad):
             raise self.fault(row - 1, column, f"{values[row - 1]:g}", expected)
@@ -103,18 +100,28 @@ class Readings:
 def load_readings(path: Path, numbers: list[str], texts: list[str]) -> Readings:
     """Read those of the named columns that *path* has; raises `BadInput` naming row and column."""
     header = read_header(path)
-    wanted = {name: pa.float64() for name in numbers if name in header}
-    wanted |= {name: pa.string() for name in texts if name in header}
+    wanted = wanted_columns(header, numbers, texts)
     if path.suffix == ".csv":
         table = parse_csv(path, path, header, wanted)
-        _check_quotes(path, table.num_rows)
+        check_quotes(path, table.num_rows)
     else:
         table = _parquet_table(path, [name for name in header if name in wanted])
         table = cast_columns(path, table, wanted)
-    readings = Readings(path, header, table)
-    if readings.n == 0:
-        raise BadInput(path, "the file", "no readings", "at least one row")
-    return readings
+    if table.num_rows == 0:
+        raise without_readings(path)
+    return Readings(path, header, table)
+
+
+def wanted_columns(
+    header: list[str], numbers: list[str], texts: list[str]
+) -> dict[str, pa.DataType]:
+    """Those of the named columns that there are, and what they hold."""
+    wanted = {name: pa.float64() for name in numbers if name in header}
+    return wanted | {name: pa.string() for name in texts if name in header}
+
+
+def without_readings(path: Path) -> BadInput:
+    return BadInput(path, "the file", "no readings", "at least one row")
 
 
 def read_header(path: Path) -> list[str]:
@@ -158,18 +165,23 @@ def parse_csv(
             read_options=pa.csv.ReadOptions(
                 column_names=header, skip_rows=0 if isinstance(source, io.BytesIO) else 1
             ),
-            convert_options=pa.csv.ConvertOptions(
-                column_types=wanted,
-                include_columns=list(wanted),
-                null_values=list(MISSING),
-                strings_can_be_null=False,
-            ),
+            convert_options=convert_options(wanted),
         )
     except pa.ArrowInvalid as error:
-        raise _explain(path, header, wanted, error) from error
+        raise explain(path, header, wanted, error) from error
 
 
-def _explain(
+def convert_options(wanted: dict[str, pa.DataType]) -> pa.csv.ConvertOptions:
+    """How Arrow is to take the wanted columns of a CSV file, and no others."""
+    return pa.csv.ConvertOptions(
+        column_types=wanted,
+        include_columns=list(wanted),
+        null_values=list(MISSING),
+        strings_can_be_null=False,
+    )
+
+
+def explain(
     path: Path, header: list[str], wanted: dict[str, pa.DataType], error: pa.ArrowInvalid
 ) -> BadInput:
     """Find the cell (or ragged row) at fault by reading the file as text."""
@@ -188,7 +200,7 @@ def _explain(
     return BadInput(path, "the file", str(error), "a CSV table")
 
 
-def _check_quotes(path: Path, rows: int) -> None:
+def check_quotes(path: Path, rows: int) -> None:
     """Refuse a quotation mark that is never closed: Arrow takes the rest of the file for its text,
     and no row of that would be missed."""
     with open_input(path) as file:
@@ -261,6 +273,6 @@ def cast_columns(path: Path, table: pa.Table, wanted: dict[str, pa.DataType]) ->
     return table
 
 
-def _first(bad: npt.NDArray[np.bool_]) -> int:
+def _first(bad: Mask) -> int:
     """One more than the first true row, or 0: so that "none" is false."""
     return int(np.argmax(bad)) + 1 if bad.any() else 0

@@ -11,16 +11,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.state import States
-from armd.compensation.model.terms import Temperature, Term
-
-F64 = npt.NDArray[np.float64]
+from armd.compensation.model.terms import Term
 
 ROWS_AT_ONCE = 4096
 
@@ -61,8 +60,8 @@ def _piece(arm: Arm, calibration: Calibration, states: States) -> F64:
     ]
     variance = np.zeros((states.n, 3))
     if columns:
-        each = np.stack(columns, axis=-1)
-        variance += (each @ np.array(calibration.covariance) * each).sum(axis=2)
+        each = np.stack(columns, axis=-1).reshape(-1, len(columns))  # one product, not one a row
+        variance += (each @ np.array(calibration.covariance) * each).sum(axis=1).reshape(-1, 3)
     angles = moved[:, :, layout.angles][:, :, : len(noise.encoder_rad)]
     variance += ((angles * noise.encoder_rad) ** 2).sum(axis=2)
     variance += noise.reading_mm**2  # what the encoders do not explain

@@ -7,40 +7,39 @@ row per reading. Whatever does not fit is refused with file, row, column, found 
 from __future__ import annotations
 
 import hashlib
-import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64, I64, Mask
+from armd.compensation.data.pieces import reading_pieces
 from armd.compensation.data.readings import Readings, load_readings
-from armd.compensation.data.session_format import AngleUnit, Artefact, SessionFile
+from armd.compensation.data.session_columns import (
+    LikeRadians,
+    angles,
+    approaches,
+    number_columns,
+    rates,
+    temperatures,
+    times,
+    truths,
+)
+from armd.compensation.data.session_format import Artefact, SessionFile
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import joint_jacobian
 from armd.compensation.model.state import States
 from armd.errors import BadInput
-from armd.inputs import open_input
-from armd.schema import load_toml
-from armd.suggest import hint
+from armd.files.inputs import open_input
+from armd.files.schema import load_toml
+from armd.terminal.counted import counted
+from armd.terminal.suggest import few, hint, near, within
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-
+TEXTS = ["placement", "target"]
 READINGS = ("readings.csv", "readings.parquet")
-APPROACH = ["approach_x", "approach_y", "approach_z"]
-TRUTH = ["x_mm", "y_mm", "z_mm"]
-
-# Beyond these a number is taken for one in another unit, not for a measurement.
-MOST_TURNS = 10.0
-MOST_SECONDS = 10 * 365 * 86400.0
-LEAST_C, MOST_C = -60.0, 150.0
-MOST_RATE_RAD_S = 100.0
-MOST_MM = 1e6
-#: Rows whose Jacobians are held in memory at once.
-CHUNK = 1 << 16
+#: what `armd import` reads
+TABLES = (".csv", ".tsv", ".txt", ".xlsx")
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class Session:
     def n(self) -> int:
         return len(self.target)
 
-    def rows(self, kept: npt.NDArray[np.bool_] | I64) -> Session:
+    def rows(self, kept: Mask | I64) -> Session:
         """The chosen rows only."""
         return replace(
             self,
@@ -101,13 +100,18 @@ def load_sessions(
     Readings that count twice look better known than they are, and held-out ones that were fitted
     prove nothing. Raises `BadInput`.
     """
+    check_once(paths, besides)
+    return [load_session(path, arm) for path in paths]
+
+
+def check_once(paths: Sequence[str | Path], besides: Sequence[Session] = ()) -> None:
+    """Raises `BadInput` at a session that is given twice, or that is one of *besides*."""
     seen = {os.path.realpath(session.path) for session in besides}
     for path in map(Path, paths):
         real = os.path.realpath(path)  # of a link that leads back to itself, too
         if real in seen:
             raise BadInput(path, "the session", "given twice", "every session once")
         seen.add(real)
-    return [load_session(path, arm) for path in paths]
 
 
 def load_session(path: str | Path, arm: Arm) -> Session:
@@ -116,14 +120,54 @@ def load_session(path: str | Path, arm: Arm) -> Session:
     Raises `BadInput` naming file, row, column, found and expected.
     """
     folder = Path(path)
+    file = _session_file(folder, arm)
+    like_radians = LikeRadians(arm, file.angle_unit)
+    readings = load_readings(_readings_path(folder), number_columns(arm), TEXTS)
+    session = _session(folder, file, arm, readings, {})
+    like_radians.take(readings, session.states.q)
+    like_radians.judge()
+    return session
+
+
+def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
+    """The session that `load_session` reads, in pieces that follow each other.
+
+    Each piece names the placements that there were so far. Raises `BadInput` as `load_session`.
+    """
+    folder = Path(path)
+    file = _session_file(folder, arm)
+    like_radians = LikeRadians(arm, file.angle_unit)
+    placements: dict[str, int] = {}
+    dated: bool | None = None
+    for readings in reading_pieces(_readings_path(folder), number_columns(arm), TEXTS):
+        piece = _session(folder, file, arm, readings, placements)
+        like_radians.take(readings, piece.states.q)
+        now = not np.isnan(piece.states.time_s).any()
+        if dated not in (None, now):
+            row = 0 if dated else -readings.first_row
+            raise readings.fault(row, "time_s", "nothing", "a number")
+        dated = now
+        yield piece
+    like_radians.judge()
+
+
+def _session_file(folder: Path, arm: Arm) -> SessionFile:
     check_is_session(folder)
     file = load_toml(folder / "session.toml", SessionFile)
     if file.arm != arm.serial_number:
         expected = f"{arm.serial_number!r}, as in arm.toml"
         raise BadInput(folder / "session.toml", "arm", repr(file.arm), expected)
+    return file
+
+
+def _session(
+    folder: Path, file: SessionFile, arm: Arm, readings: Readings, placements: dict[str, int]
+) -> Session:
+    """*placements*: names of earlier rows and their numbers; new ones are added to it."""
     numbers = number_columns(arm)
-    readings = load_readings(_readings_path(folder), numbers, ["placement", "target"])
-    placement, placement_names = readings.names("placement")
+    own, names = readings.names("placement")
+    numbered = [placements.setdefault(name, len(placements)) for name in names]
+    placement = np.array(numbered, dtype=np.int64)[own]
     time_s = times(readings)
     q = angles(readings, arm, file.angle_unit)
     rate = rates(readings, arm.n_joints)
@@ -142,14 +186,12 @@ def load_session(path: str | Path, arm: Arm) -> Session:
             series=np.zeros(readings.n, dtype=np.int64),
         ),
         placement=placement,
-        placement_names=placement_names,
+        placement_names=list(placements),
         target=_targets(readings, file.artefact),
-        truth_mm=_truth(readings),
+        truth_mm=truths(readings),
         artefact_c=temperatures(readings, ["artefact_c"])[:, 0],
-        unused_columns=[
-            name for name in readings.header if name not in (*numbers, "placement", "target")
-        ],
-        row=np.arange(readings.n),
+        unused_columns=[name for name in readings.header if name not in (*numbers, *TEXTS)],
+        row=readings.first_row + np.arange(readings.n),
         operator=file.operator,
     )
 
@@ -161,74 +203,25 @@ def check_is_session(folder: Path) -> None:
         found = "a file" if folder.exists() else "nothing"
         if folder.is_file() and (folder.parent / "session.toml").is_file():
             found, expected = "a file of a session", f"its folder, {folder.parent}"
+        elif folder.suffix.lower() in TABLES:
+            expected += ": armd import makes one of a table"
+        elif not folder.exists():
+            beside = sorted(path.parent.name for path in folder.parent.glob("*/session.toml"))
+            expected += near(folder) or (f": there is {few(beside)}" if beside else "")
         raise BadInput(folder, "the session", found, expected)
     if (folder / "session.toml").exists():
         return
     below = sorted(path.parent.name for path in folder.glob("*/session.toml"))
     if below:
-        found = f"a folder of {len(below)} session{'' if len(below) == 1 else 's'}"
+        found = f"a folder of {counted(len(below), 'session')}"
         expected = f"sessions, as {' '.join(str(folder / name) for name in below[:2])}"
         raise BadInput(folder, "the session", found, expected + " …" * (len(below) > 2))
     if (folder.parent / "session.toml").is_file():
         found = "a folder within a session"
         raise BadInput(folder, "the session", found, f"the session, {folder.parent}")
-
-
-def angles(readings: Readings, arm: Arm, unit: AngleUnit, *, missing_allowed: bool = False) -> F64:
-    """Encoder angles (n, N) in rad, signed as they stand; counts by `direction` and turn."""
-    q = np.empty((readings.n, arm.n_joints))
-    for k, joint in enumerate(arm.joint):
-        name = f"q{k + 1}"
-        values = readings.number(name) if missing_allowed else readings.required(name)
-        if unit == "count":
-            if joint.counts_per_turn is None:
-                raise BadInput(
-                    "arm.toml", f"joint[{k + 1}].counts_per_turn", "nothing", "counts per turn"
-                )
-            turn = float(joint.counts_per_turn)
-            scale = joint.direction * math.tau / turn
-        else:
-            turn, scale = (math.tau, 1.0) if unit == "rad" else (360.0, math.radians(1.0))
-        q[:, k] = scale * values
-        # Unwrapped counts may stand a turn or two off; more than that is another unit.
-        low, high = joint.min_deg, joint.max_deg
-        low = -360.0 * MOST_TURNS if low is None else low - 720.0
-        high = 360.0 * MOST_TURNS if high is None else high + 720.0
-        absurd = (q[:, k] < math.radians(low)) | (q[:, k] > math.radians(high))
-        expected = f"an angle in {unit} ({turn:.10g} a turn), {low:g}° to {high:g}°"
-        readings.refuse(absurd, name, values, expected)
-    whole = q[np.isfinite(q).all(axis=1)]
-    if unit != "rad" and len(whole) >= 10 and _looks_like_rad(whole, arm, unit):
-        expected = f"angles in {unit}: all of them lie within 2π, like radians"
-        raise readings.fault(0, "q1", f"{readings.number('q1')[0]:g}", expected)
-    return q
-
-
-def temperatures(readings: Readings, sensors: list[str]) -> F64:
-    """Columns of °C (n, S); NaN where a value or the whole column is missing."""
-    columns = np.empty((readings.n, len(sensors)))
-    for s, name in enumerate(sensors):
-        columns[:, s] = values = readings.optional(name)
-        absurd = (values < LEAST_C) | (values > MOST_C)
-        readings.refuse(absurd, name, values, f"a temperature in °C, {LEAST_C:g} to {MOST_C:g}")
-    return columns
-
-
-def times(readings: Readings) -> F64:
-    """Seconds since `started` (n,); all NaN where the whole column is empty: nobody knows when."""
-    time_s = readings.number("time_s")
-    if not np.isnan(time_s).all():
-        time_s = readings.required("time_s")
-    expected = "seconds since `started`"
-    readings.refuse(np.abs(time_s) > MOST_SECONDS, "time_s", time_s, expected)
-    return time_s
-
-
-def number_columns(arm: Arm) -> list[str]:
-    """The columns of numbers that readings of this arm may have."""
-    joints = range(1, arm.n_joints + 1)
-    angle_and_rate = [f"{letter}{k}" for letter in "qw" for k in joints]
-    return ["time_s", *angle_and_rate, *arm.sensors, "artefact_c", *APPROACH, *TRUTH]
+    raise BadInput(
+        folder, "the session", f"a folder without session.toml{within(folder)}", expected
+    )
 
 
 def _readings_path(folder: Path) -> Path:
@@ -237,44 +230,6 @@ def _readings_path(folder: Path) -> Path:
         found = "both" if present else "neither"
         raise BadInput(folder, " or ".join(READINGS), found, "one of them")
     return present[0]
-
-
-def _looks_like_rad(q: F64, arm: Arm, unit: AngleUnit) -> bool:
-    """Whether every value as written lies within 2π, though it should be in deg or counts."""
-    for k, joint in enumerate(arm.joint):
-        turn = 360.0 if unit == "deg" else float(joint.counts_per_turn or 1)
-        if turn < 300 or np.abs(q[:, k]).max() * turn / math.tau > math.tau:
-            return False
-    return True
-
-
-def rates(readings: Readings, n_joints: int) -> F64:
-    """Joint rates (n, N) in rad/s; NaN where a value or the whole column is missing."""
-    rate = np.empty((readings.n, n_joints))
-    for k in range(n_joints):
-        name = f"w{k + 1}"
-        rate[:, k] = values = readings.optional(name)
-        readings.refuse(np.abs(values) > MOST_RATE_RAD_S, name, values, "a joint rate in rad/s")
-    return rate
-
-
-def approaches(readings: Readings, arm: Arm, q: F64, rate: F64) -> F64:
-    """Unit vectors (n, 3): as given, otherwise the tip's direction of motion, otherwise NaN."""
-    given = _three(readings, APPROACH)
-    length = np.linalg.norm(given, axis=1)
-    readings.refuse(np.abs(length - 1) > 0.01, APPROACH[0], length, "a vector of length 1")
-    approach: F64 = given / length[:, None]
-    moved = np.flatnonzero(
-        np.isnan(length) & np.isfinite(rate).all(axis=1) & (rate != 0).any(axis=1)
-    )
-    for first in range(0, len(moved), CHUNK):
-        rows = moved[first : first + CHUNK]
-        velocity = np.einsum("nij,nj->ni", joint_jacobian(q[rows], arm.nominal()), rate[rows])
-        speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-        approach[rows] = np.divide(
-            velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 0
-        )
-    return approach
 
 
 def _targets(readings: Readings, artefact: Artefact) -> I64:
@@ -286,23 +241,3 @@ def _targets(readings: Readings, artefact: Artefact) -> I64:
             expected = f"a target of session.toml{hint(name, known)}"
             raise readings.fault(row, "target", repr(name), expected)
     return np.array([known[name] for name in names], dtype=np.int64)[codes]
-
-
-def _truth(readings: Readings) -> F64:
-    truth = _three(readings, TRUTH)
-    for i, name in enumerate(TRUTH):
-        values = truth[:, i]
-        readings.refuse(np.abs(values) > MOST_MM, name, values, "a position in mm")
-    return truth
-
-
-def _three(readings: Readings, names: list[str]) -> F64:
-    """Three columns that are all there or all absent, row by row and as columns; NaN absent."""
-    if not any(readings.has(name) for name in names):
-        return np.full((readings.n, 3), np.nan)
-    values = np.column_stack([readings.number(name) for name in names])
-    missing = np.isnan(values)
-    for i, name in enumerate(names):
-        partly = missing[:, i] & ~missing.all(axis=1)
-        readings.refuse(partly, name, values[:, i], "a number, as in the other two columns")
-    return values

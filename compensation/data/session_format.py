@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import AwareDatetime, Field, model_validator
 
+from armd.arrays import F64
 from armd.compensation.model.arm import Vector3
-from armd.schema import Strict
+from armd.files.schema import Strict
+from armd.terminal.suggest import hint
 
 AngleUnit = Literal["rad", "deg", "count"]
 Name = Annotated[str, Field(min_length=1)]
@@ -50,7 +51,8 @@ class Artefact(Strict):
         for i, distance in enumerate(self.distances, 1):
             for name in distance.between:
                 if name not in names:
-                    raise ValueError(f"distance[{i}] between targets of this file, not {name!r}")
+                    like = hint(name, names)
+                    raise ValueError(f"a target's name in distance[{i}], not {name!r}{like}")
             if distance.between[0] == distance.between[1]:
                 raise ValueError(f"distance[{i}] between two different targets")
         return self
@@ -59,7 +61,7 @@ class Artefact(Strict):
     def target_names(self) -> list[str]:
         return [target.name for target in self.targets]
 
-    def positions_mm(self) -> npt.NDArray[np.float64]:
+    def positions_mm(self) -> F64:
         """Certified positions (K, 3) mm; NaN where a target is an unknown seat."""
         unknown = (np.nan, np.nan, np.nan)
         return np.array([target.position_mm or unknown for target in self.targets], dtype=float)

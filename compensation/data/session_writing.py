@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.csv
@@ -15,7 +13,8 @@ import pyarrow.parquet
 
 from armd.compensation.data.session import READINGS
 from armd.compensation.data.session_format import SessionFile
-from armd.files import whole_file
+from armd.files.toml_text import toml_text
+from armd.files.writing import whole_file
 
 
 def write_session(
@@ -41,31 +40,4 @@ def write_session(
             pa.csv.write_csv(table, part)
     (folder / READINGS[not parquet]).unlink(missing_ok=True)
     with whole_file(folder / "session.toml") as part:
-        part.write_text(_toml(file), encoding="utf-8")
-
-
-def _toml(file: Mapping[str, Any]) -> str:
-    """The few shapes of session.toml: values, one table, and two arrays of tables in it."""
-    artefact = dict(file["artefact"])
-    tables = {name: artefact.pop(name, []) for name in ("target", "distance")}
-    lines = [f"{key} = {_value(value)}" for key, value in file.items() if key != "artefact"]
-    lines += ["", "[artefact]", *(f"{key} = {_value(value)}" for key, value in artefact.items())]
-    for name, rows in tables.items():
-        for row in rows:
-            lines += ["", f"[[artefact.{name}]]"]
-            lines += [f"{key} = {_value(value)}" for key, value in row.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _value(value: object) -> str:
-    match value:
-        case str():
-            escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-            return f'"{escaped}"'
-        case datetime.datetime():
-            return value.isoformat()
-        case float() | int():
-            return repr(float(value)) if isinstance(value, float) else str(value)
-        case _:
-            assert isinstance(value, list | tuple | np.ndarray)
-            return "[" + ", ".join(_value(item) for item in value) + "]"
+        part.write_text(toml_text(file), encoding="utf-8")

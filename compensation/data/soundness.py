@@ -13,12 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm
-
-F64 = npt.NDArray[np.float64]
 
 #: A channel that lacks more than this share of a session's rows is no channel there.
 MOST_MISSING = 0.1

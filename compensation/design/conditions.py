@@ -7,21 +7,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.fitting.fit import Fit
-from armd.compensation.diagnose.fitting.noise import Noise
+from armd.arrays import F64
+from armd.compensation.design.clearance import from_the_column_mm, height_mm
+from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.whitening import Noise
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
-from armd.compensation.model.kinematics import frames, jacobian, joint_jacobian
+from armd.compensation.model.kinematics import jacobian, joint_jacobian
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
-
-F64 = npt.NDArray[np.float64]
 
 POOL = 300
 #: Least height of the tip over the base, and reach kept clear around the column.
@@ -69,11 +68,11 @@ def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
     seen = last.linear.rests.observations.states.q
     low, high = _ranges(arm, seen)
     q = rng.uniform(low, high, (12 * POOL, arm.n_joints))
-    lowest = min(LOWEST_MM, float(_height(seen, last, arm).min()))
-    away = _from_the_column(q, last, arm) > min(
-        CLEAR_MM, float(_from_the_column(seen, last, arm).min())
+    lowest = min(LOWEST_MM, float(height_mm(seen, last.model.constants, arm).min()))
+    away = from_the_column_mm(q, last.model.constants) > min(
+        CLEAR_MM, float(from_the_column_mm(seen, last.model.constants).min())
     )
-    q = q[away & (_height(q, last, arm) >= lowest)][:POOL]
+    q = q[away & (height_mm(q, last.model.constants, arm) >= lowest)][:POOL]
     if not len(q):
         raise BadInput(
             "arm.toml", "joint limits", "no pose above the base", "ranges that have some"
@@ -96,22 +95,6 @@ def _ranges(arm: Arm, seen: F64) -> tuple[F64, F64]:
     low = np.where(np.isfinite(low), low, seen.min(axis=0))
     high = np.where(np.isfinite(high), high, seen.max(axis=0))
     return low, high
-
-
-def _height(q: F64, last: Fit, arm: Arm) -> F64:
-    """(n,) height over the base, against gravity, of the lowest of all joints and the tip, mm."""
-    up = -np.array(arm.gravity) / np.linalg.norm(arm.gravity)
-    origins = frames(q, last.model.constants)[0]
-    tip = jacobian(q, last.model.constants)[0]
-    points = np.concatenate([origins - origins[:, :1], (tip - origins[:, 0])[:, None]], axis=1)
-    height: F64 = (points @ up).min(axis=1)
-    return height
-
-
-def _from_the_column(q: F64, last: Fit, arm: Arm) -> F64:
-    """(n,) distance of the tip from the base's first axis, mm."""
-    distance: F64 = np.hypot(*jacobian(q, last.model.constants)[0][:, :2].T)
-    return distance
 
 
 def in_climate(poses: States, climate: Climate, diagnosis: Diagnosis) -> States:
@@ -174,7 +157,7 @@ def _moves(terms: Sequence[Term], states: States, jac: F64, last: Fit, arm: Arm)
 
 def _artefact(column: Column, position: F64, climate: Climate, last: Fit) -> F64:
     """Motion (n, 3) of the targets, mm per unit; the new targets are not those that moved."""
-    if column.artefact is None or column.artefact.kind in ("target", "distance"):
+    if column.artefact is None or column.artefact.kind in ("target", "distance", "sag"):
         return np.zeros_like(position)
     rise = climate.air_c - last.model.reference_c if column.artefact.kind == "expansion" else 1.0
     moves: F64 = -rise * (position - position.mean(axis=0))

@@ -11,18 +11,16 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import logsumexp
 
-from armd.compensation.diagnose.advice import Doubt, alike
-from armd.compensation.diagnose.fitting.fit import Fit
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.told.advice import Doubt, alike
 from armd.compensation.estimate.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.state import States
 from armd.errors import BadInput
-
-F64 = npt.NDArray[np.float64]
 
 #: The block of the columns of the causes that are to be told apart.
 ASKED = "asked"

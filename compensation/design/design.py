@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.design.conditions import (
     Climate,
     climates,
@@ -25,16 +25,15 @@ from armd.compensation.design.criterion import (
     between,
     weakest,
 )
-from armd.compensation.diagnose.advice import most_doubtful
-from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
-from armd.compensation.diagnose.fitting.nuisance import IDENTIFIED, finding
+from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.layout import IDENTIFIED, finding
+from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.told.advice import most_doubtful
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
-
-F64 = npt.NDArray[np.float64]
 
 FEW, MANY = 12, 24  # poses to choose unless told how many
 TOLD_AT_ALL = 2.0  # noise units between two causes under which they are not told apart

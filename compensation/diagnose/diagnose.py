@@ -3,78 +3,45 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
+from armd.arrays import I64, Mask
 from armd.compensation.data.session import Session
 from armd.compensation.data.soundness import make_sound
-from armd.compensation.diagnose.borne_out import BorneOut, by_placement, by_session
+from armd.compensation.diagnose.diagnosis import (
+    Diagnosis,
+    Gain,
+    Outlier,
+    Progress,
+    SearchResult,
+    Touched,
+)
 from armd.compensation.diagnose.extend import extended
-from armd.compensation.diagnose.findings import Finding
-from armd.compensation.diagnose.fitting.baseline import Baseline, from_calibration
-from armd.compensation.diagnose.fitting.fit import Fit, fit
-from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.outliers import find_outliers
-from armd.compensation.diagnose.fitting.problem import Rests, gather_rests, require_spare
-from armd.compensation.diagnose.gain import Gain, cross_validate, gain, gains, groups_of
-from armd.compensation.diagnose.scoring.threshold import ALPHA
-from armd.compensation.diagnose.search import Progress, Result, Search
-from armd.compensation.diagnose.touched import MOST_TOUCHED, Touched, beside, find_touched
+from armd.compensation.diagnose.heldout.borne_out import (
+    BorneOut,
+    by_placement,
+    by_session,
+    on_sessions,
+)
+from armd.compensation.diagnose.heldout.cross_validation import cross_validate
+from armd.compensation.diagnose.heldout.gain import gain, gains, groups_of
+from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
+from armd.compensation.diagnose.problem.baseline import from_calibration
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Baseline, Rests
+from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
+from armd.compensation.diagnose.search.search import Search
+from armd.compensation.diagnose.search.touched import MOST_TOUCHED, beside, find_touched
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-
-F64 = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Outlier:
-    """A reading that belongs to no effect: its session, its row (from 1), how far off it is."""
-
-    session: str
-    row: int
-    error_um: float
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """Everything `armd diagnose` tells."""
-
-    arm: Arm
-    sessions: tuple[Session, ...]
-    holdout: tuple[Session, ...]
-    baseline: Baseline
-    search: Result
-    rms_um: float  # of the sessions, under the model to test
-    heldout_rms_um: float
-    noise_floor_um: float
-    remaining_rms_um: float  # of the sessions, under the extended model
-    gains: tuple[Gain, ...]  # one per finding of the search
-    outliers: tuple[Outlier, ...]
-    outlier_p: float
-    outlier_gain: Gain | None
-    written: tuple[int, ...]  # findings in the extended calibration, by number
-    written_rms_um: tuple[float, float]  # held out, without any and with these
-    written_clear_um: tuple[float, float] | None  # the same without the outliers, if any are named
-    by_target: bool  # these two of targets left out within placements: others could not tell
-    extended: Calibration
-    told: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
-    touched: tuple[Touched, ...]  # placements parted in two
-    touched_gain: Gain | None
-
-    @property
-    def found(self) -> tuple[Finding, ...]:
-        """Findings other than outliers, in the order in which they were added."""
-        return self.search.found
-
-    @property
-    def significant_rest(self) -> bool:
-        """Whether something significant stays that is in no finding."""
-        return self.search.remaining_p < ALPHA
 
 
 def diagnose(
@@ -128,27 +95,36 @@ def _diagnose(
             break
         touched.append(found)
         sessions = found.sessions
+    if not baseline.held and (odd := baseline.calibration.provenance.get("odd_session")):
+        told.append(odd)
     progress("gain", 0.9)
     last = result.last
     outlying, outlier_p = find_outliers(last)
     outliers = _named(outlying, rests, last)
     if holdout:  # in which no reading was named: none is left out
-        squares, groups = _held_out(result, baseline, arm, sessions, holdout)
+        progress("held out", 0.95)
+        groups = groups_of(evaluate(holdout, arm, baseline.calibration).observations)
+        written = by_session(result, baseline, arm, sessions, holdout, groups)
+        squares = [
+            on_sessions(step, baseline, arm, sessions, holdout, written.growth)
+            for step in result.steps
+        ]
         kept = np.ones(len(groups), dtype=bool)
+        measured = gains(squares, groups, kept)
     else:
         checked = cross_validate(result, arm, progress)
         squares, groups = checked.squares, checked.groups
         kept = np.ones(rests.n, dtype=bool)
         kept[outlying] = False
-    measured = gains(squares, groups, np.ones_like(kept))
-    progress("held out", 0.95)
-    written = (
-        by_session(result, baseline, arm, sessions, holdout)
-        if holdout
-        else by_placement(result, arm, measured)
-    )
+        measured = gains(squares, groups, np.ones_like(kept))
+        progress("held out", 0.95)
+        written = by_placement(result, arm, measured)
     measured = [
-        replace(written.further.get(i, g), shown=i in written.some) for i, g in enumerate(measured)
+        replace(
+            written.further.get(i, g),
+            shown=i in written.some or (found.candidate.told_only and g.shown),
+        )
+        for i, (found, g) in enumerate(zip(result.found, measured, strict=True))
     ]
     if not kept.all():
         clear = gains([square[kept] for square in squares], groups[kept], kept[kept])
@@ -157,8 +133,9 @@ def _diagnose(
             g if i in written.further else replace(g, without_outliers_um=pair)
             for i, (g, pair) in enumerate(zip(measured, pairs, strict=True))
         ]
-    extension = _extension(written.some, result, rests, arm, sessions, command)
-    if len(written.some) == len(result.found) and not written.further:
+    extension = _extension(written, result, rests, arm, sessions, command)
+    repeated = holdout or not written.growth  # the search repeated without readings has no growth
+    if len(written.some) == len(result.found) and not written.further and repeated:
         written = replace(written, after=squares[-1])  # of a search repeated, where there is one
     return Diagnosis(
         arm,
@@ -177,6 +154,7 @@ def _diagnose(
         written.some,
         _before_and_after_um(written, np.ones_like(kept)),
         None if kept.all() else _before_and_after_um(written, kept),
+        written.unforeseen,
         bool(written.further),
         extension,
         tuple(told),
@@ -194,22 +172,22 @@ def _gain_of_parting(
     return gain(squares[0], squares[1], groups_of(whole.observations))
 
 
-def _before_and_after_um(written: BorneOut, kept: npt.NDArray[np.bool_]) -> tuple[float, float]:
+def _before_and_after_um(written: BorneOut, kept: Mask) -> tuple[float, float]:
     before, after = (1e3 * float(np.sqrt(s[kept].mean())) for s in (written.before, written.after))
     return before, after
 
 
 def _extension(
-    some: Sequence[int],
-    result: Result,
+    written: BorneOut,
+    result: SearchResult,
     rests: Rests,
     arm: Arm,
     sessions: Sequence[Session],
     command: str,
 ) -> Calibration:
-    """The calibration with *some* of the findings; with none, it predicts what the one under test
-    does."""
-    last = result.last
+    """The calibration with what is written of the findings; with none, it predicts what the one
+    under test does."""
+    last, some = result.last, written.some
     model = last
     if len(some) < len(last.findings):
         model = fit(
@@ -222,7 +200,9 @@ def _extension(
             noise=last.noise,
         )
     left_out = [c for i, c in enumerate(last.findings) if i not in some]
-    return extended(last.baseline, model, arm, sessions, command, left_out)
+    model = followed(model, arm)
+    calibration = extended(last.baseline, model, arm, sessions, command, left_out, written.growth)
+    return saying_what_is_open(calibration, last, some, arm, sessions)
 
 
 def model_under_test(
@@ -250,22 +230,6 @@ def _turns(parameter: str) -> bool:
     return parameter.startswith(("theta", "alpha", "beta"))
 
 
-def _held_out(
-    result: Result,
-    baseline: Baseline,
-    arm: Arm,
-    sessions: Sequence[Session],
-    holdout: Sequence[Session],
-) -> tuple[list[F64], npt.NDArray[np.int64]]:
-    """Squared residuals of all held-out readings under the models of the search's steps."""
-    squares = []
-    for step in result.steps:
-        model = extended(baseline, step, arm, sessions) if step.findings else baseline.calibration
-        found = evaluate(holdout, arm, model)
-        squares.append((found.residual_mm**2).sum(axis=1) * scale_kept(step, arm) ** 2)
-    return squares, groups_of(found.observations)
-
-
 def noise_floor_um(last: Fit) -> float:
     """3-D RMS that the noise alone would leave, before placements absorb some of it."""
     covariance = np.linalg.inv(last.noise.whitener)
@@ -280,7 +244,7 @@ def _rms_um(found: Evaluation) -> float:
     return float(np.sqrt((found.distance_um**2).mean()))
 
 
-def _named(rests: npt.NDArray[np.int64], of: Rests, last: Fit) -> tuple[Outlier, ...]:
+def _named(rests: I64, of: Rests, last: Fit) -> tuple[Outlier, ...]:
     left = (last.raw_residual - last.fitted)[: 3 * of.n].reshape(-1, 3)
     lengths = [s.n for s in of.sessions]
     first = np.concatenate([[0], np.cumsum(lengths)])

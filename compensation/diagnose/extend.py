@@ -7,24 +7,24 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from armd import __version__
+from armd.arrays import F64
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.fitting.baseline import Baseline, moved
 from armd.compensation.diagnose.fitting.curves import as_curve
-from armd.compensation.diagnose.fitting.fit import Fit
-from armd.compensation.diagnose.fitting.nuisance import is_curve, mount_term
+from armd.compensation.diagnose.fitting.nuisance import mount_term
+from armd.compensation.diagnose.problem.amplitudes import is_curve
+from armd.compensation.diagnose.problem.baseline import moved
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration, constants_of
 from armd.compensation.model.terms import Term
 
-F64 = npt.NDArray[np.float64]
-
 NEGLIGIBLE = 1e-9  # of an effect's largest term
-#: The first link's growth joins the model where it is known so many times better than its size:
-#: the findings were fitted beside it, and without it would stand in for it.
+#: The first link's growth may join the model where it is known so many times better than its size:
+#: the findings were fitted beside it. Held-out readings may still speak against it.
 GROWTH_KNOWN = 5.0
 
 
@@ -35,9 +35,11 @@ def extended(
     sessions: Sequence[Session],
     command: str = "",
     left_out: Sequence[Candidate] = (),
+    growth: bool = False,
 ) -> Calibration:
-    """The calibration under test with the findings' terms, all identified together; *left_out*:
-    findings that held-out readings do not bear out, told in the provenance.
+    """The calibration under test with the findings' terms, all identified together, and the first
+    link's *growth*; *left_out*: findings that held-out readings do not bear out, told in the
+    provenance.
 
     A constant that shifted is a constant again; what is wrong with the artefact stands in
     `artefact`, which `evaluate` applies and `correct` does not.
@@ -87,12 +89,12 @@ def extended(
                         effect=label,
                     )
                 )
-    growth = _growth(last, arm)
-    if growth is not None:
+    grown = _growth(last, arm) if growth else None
+    if grown is not None:
         row = np.zeros(len(last.solution))
         row[last.layout.mount] = 1.0
         rows.append((f"term {len(terms)}", row))
-        terms.append(growth)
+        terms.append(grown)
     matrix = np.array([row for _, row in rows]).reshape(len(rows), len(last.solution))
     covariance = matrix @ last.inverse @ matrix.T
     return baseline.calibration.model_copy(
@@ -110,15 +112,21 @@ def extended(
 
 
 def _growth(last: Fit, arm: Arm) -> Term | None:
-    """The first link's growth as a term, where a ramp showed it."""
+    """The first link's growth as a term."""
     term = mount_term(last.model, arm)
     if term is None:
         return None
     at = last.layout.mount.start
     value, sigma = -float(last.solution[at]), float(np.sqrt(max(last.inverse[at, at], 0.0)))
-    if not 0.0 < GROWTH_KNOWN * sigma < abs(value):
-        return None
     return term.model_copy(update={"coefficient": value, "standard_uncertainty": sigma})
+
+
+def knows_growth(last: Fit, arm: Arm) -> bool:
+    """Whether a ramp showed how the first link grows."""
+    term = _growth(last, arm)
+    return term is not None and (
+        0.0 < GROWTH_KNOWN * (term.standard_uncertainty or 0.0) < abs(term.coefficient)
+    )
 
 
 def _own_rows(baseline: Baseline, last: Fit, names: list[str]) -> list[tuple[str, F64]]:
@@ -158,7 +166,7 @@ def _artefact(
     for candidate, values in zip(last.findings, last.amplitudes, strict=True):
         for column, value in zip(candidate.columns, values, strict=True):
             change = column.artefact
-            if change is None or change.kind == "distance":
+            if change is None or change.kind in ("distance", "sag"):
                 continue
             found = True
             if change.artefact:

@@ -16,11 +16,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.model.state import lagged
-
-F64 = npt.NDArray[np.float64]
 
 TIME_CONSTANTS_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 4800.0, 9600.0)
 #: Ridge penalties relative to a column's variance.

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.compensation.effects.effect import F64, Candidate, Column, SessionFacts, plain, tie
+from armd.arrays import F64
+from armd.compensation.effects.effect import Candidate, Column, SessionFacts, plain, tie
 from armd.compensation.effects.location import Location
-from armd.compensation.model.basis import at_times
-from armd.compensation.model.terms import After, Daily, Factor, Period, Relaxation, Term, Time
+from armd.compensation.model.slow_factors import After, Daily, Dated, Period, Relaxation, Time
+from armd.compensation.model.terms import Factor, Term
 
 #: Time constants, as shares of the time seen: with a shorter one all is over before much was
 #: measured, with a longer one it is a straight line, or nearly. Twice apart, refined in between.
@@ -191,7 +192,8 @@ POINTS = 400
 
 def is_drift(candidate: Candidate) -> bool:
     """Whether a candidate goes along a course rather than steps at an instant."""
-    return any(isinstance(f, Period) for t in candidate.columns[0].terms for f in t.basis)
+    terms = (term for column in candidate.columns for term in column.terms)
+    return any(isinstance(factor, Period) for term in terms for factor in term.basis)
 
 
 def goes(candidate: Candidate) -> str:
@@ -205,7 +207,7 @@ def goes(candidate: Candidate) -> str:
         return f"{anew} with a time constant of {plain(time_constant / 3600.0)} h"
     for word, told in (
         ("walk", "wanders"),
-        ("day", "goes with the day"),
+        ("day", "follows the time of day"),
         ("bend", "creeps in a curve"),
     ):
         if any(word in name for name in names):
@@ -229,6 +231,6 @@ def swing(candidate: Candidate, amplitudes: F64, parameter: str) -> float:
     times = np.linspace(since, until, POINTS)
     total = np.zeros(POINTS)
     for value, factor in own:
-        if isinstance(factor, Time | Relaxation | Daily | After):
-            total += value * at_times(factor, times)
+        if isinstance(factor, Dated):
+            total += value * factor.at_times(times)
     return float(np.ptp(total))

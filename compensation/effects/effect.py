@@ -14,14 +14,13 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.effects.location import Location
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.parameters import TIP_PARAMETERS
-from armd.compensation.model.terms import Factor, Temperature, Term
-
-F64 = npt.NDArray[np.float64]
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Factor, Term
 
 ARC_SECOND = np.pi / 180.0 / 3600.0
 #: Amplitudes may be this many times their typical size, with these probabilities.
@@ -38,14 +37,30 @@ class ArtefactChange:
     "distance": the certified length number `index` grows, amplitude in mm.
     "moved": placement number `index` moves as a whole after `after` of its rests, along or about
     `axis` (0…2, 3…5) of the base frame, about its middle; amplitude in mm and rad.
+    "sag": a beam along principal axis `axis` (0…2, the longest first) of the targets bends towards
+    gravity across it, by the square of the place along it; amplitude in mm at its end.
     """
 
-    kind: Literal["expansion", "scale", "target", "distance", "moved"]
+    kind: Literal["expansion", "scale", "target", "distance", "moved", "sag"]
     target: str = ""
     axis: int = 0
     index: int = 0
     after: int = 0
     artefact: str = ""  # name of the artefact, where the sessions have several; empty: all
+
+
+@dataclass(frozen=True)
+class Use:
+    """What a joint's own use warms, rested before each session, moves parameters by their weights
+    per rad/s that it takes to keep it so warm.
+
+    Known at the readings alone: nothing that the daemon could evaluate.
+    """
+
+    joint: int
+    by_rate: bool  # by the rate at each reading since the one before; else by the way between
+    time_constant_s: float
+    parameters: tuple[tuple[str, float], ...]
 
 
 @dataclass(frozen=True)
@@ -58,6 +73,7 @@ class Column:
     terms: tuple[Term, ...] = ()
     artefact: ArtefactChange | None = None
     reach: float = np.inf  # times the typical size that is still plausible
+    use: Use | None = None
 
 
 @dataclass(frozen=True)
@@ -74,6 +90,15 @@ class Candidate:
     refine: Callable[[], Sequence[Candidate]] | None = field(default=None, compare=False)
     #: the same at another value of what was scanned, where that can be as uncertain as a size
     elsewhere: Callable[[float], Candidate] | None = field(default=None, compare=False)
+
+    @property
+    def told_only(self) -> bool:
+        """Whether no calibration can hold it: nothing that the daemon or `evaluate` could apply."""
+        return any(
+            column.use is not None
+            or (column.artefact is not None and column.artefact.kind == "sag")
+            for column in self.columns
+        )
 
     @cached_property
     def place(self) -> tuple[str, str]:
@@ -162,6 +187,8 @@ class Effect:
     by_weight: bool = False
     #: as large as the arm is coarsely made, of which its encoders tell
     as_coarse_as_encoders: bool = False
+    #: how often it happens beside others of the catalogue: most arms have no part that could
+    commonness: float = 1.0
     #: the same reading where many harmonics of one joint make a curve over its turn: from the
     #: curve's root mean square in rad and its strongest order
     curve_reading: Callable[[Candidate, float, int], str] | None = None

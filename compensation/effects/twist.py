@@ -7,11 +7,9 @@ that frame span such motions; this module finds the weights.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.effects.effect import SessionFacts
-
-F64 = npt.NDArray[np.float64]
 
 
 def outgoing(alpha: float, beta: float) -> F64:

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
-    F64,
     Candidate,
     Column,
     Effect,
@@ -20,16 +20,9 @@ from armd.compensation.effects.effect import (
     temperature,
     tie,
 )
-from armd.compensation.model.terms import (
-    Angle,
-    Approach,
-    Factor,
-    Harmonic,
-    Rate,
-    Side,
-    TemperatureRate,
-    Time,
-)
+from armd.compensation.model.pose_factors import Angle, Approach, Harmonic, Rate, Side
+from armd.compensation.model.slow_factors import TemperatureRate, Time
+from armd.compensation.model.terms import Factor
 
 #: A named cause of more columns than this is a curve.
 MOST_NAMED = 6
@@ -130,8 +123,7 @@ def _functions(
         rate = TemperatureRate(weights={name: 1.0}, smoothing_s=300.0)
         yield (name, "time_s"), [(f"d{name}/dt", "s/K", 1e-3, (rate,))]
     if facts.timed and turning is not None:
-        seen = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
-        hours = max((facts.end_unix_s - facts.start_unix_s) / 3600.0, 1e-6)
+        seen, hours = _seen(facts)
         for j in facts.joints:
             grown = [
                 (f"t {label}", "1/h", hours, (seen, *wave)) for label, _, _, wave in _waves(j, 1)
@@ -151,12 +143,22 @@ def _functions(
             yield from _of_the_side(facts, turning)
 
 
+def _seen(facts: SessionFacts) -> tuple[Time, float]:
+    """Time since the first reading, and how many hours were seen."""
+    seen = Time(since_unix_s=facts.start_unix_s, until_unix_s=facts.end_unix_s)
+    return seen, max((facts.end_unix_s - facts.start_unix_s) / 3600.0, 1e-6)
+
+
 def _of_the_side(
     facts: SessionFacts, joint: int
 ) -> Iterator[tuple[tuple[str, ...], list[_Function]]]:
-    """Friction of one joint that depends on where another stands, how warm it is, or how fast it
-    turned."""
+    """Friction of one joint that depends on where another stands, how warm it is, how fast it
+    turned, or how long it has been in use."""
     of_the_rate = _of_the_rate(joint)
+    if facts.timed:
+        seen, hours = _seen(facts)
+        side = Side(joint=joint)
+        yield (f"w{joint}", "time_s"), [(f"t side {joint}", "1/h", hours, (seen, side))]
     yield (f"w{joint}",), [of_the_rate[2]]
     for j in facts.joints:
         if j != joint:

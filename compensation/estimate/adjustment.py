@@ -9,12 +9,10 @@ levers scatter less, so the arm shrinks (docs/decisions/0013). Taken at adjusted
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.parameters import ParameterLayout
-
-F64 = npt.NDArray[np.float64]
 
 #: A direction whose lever is shorter than this share of the reading's longest is hardly turned
 #: towards: an arm stretched out cannot reach farther. Between 0.01 and 0.1 nothing changes.

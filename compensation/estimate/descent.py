@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.estimate.elimination import Elimination
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import Weighting
@@ -18,13 +18,14 @@ from armd.compensation.model.basis import parameter_rows
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.terms import Term
 
-F64 = npt.NDArray[np.float64]
-
 MOST_STEPS = 40
 #: Where a step promises less than this share of the cost, columns and cost need not agree to the
 #: last: columns are taken where the angles have been adjusted, and how they change is left out of
 #: the cost. There the step is right, which `converged` tells by what a next one would gain.
 NEAR = 0.01
+#: A step that promises less (χ²) and does not keep it is not tried again with damping: forty short
+#: ones would crawl towards what no figure shows.
+NOTHING = 1e-3
 
 
 @dataclass(frozen=True)
@@ -90,11 +91,11 @@ class Descent:
                     second = solve(self._triangle(there, scale), scale, pull, damping, held)
                     there = self._moved(there, second.step, floor_mm, held)
                 better = cost(there) <= most
-                if better or damping > 1e3:
+                if better or damping > 1e3 or solution.gain < NOTHING:
                     break
                 damping = max(10.0 * damping, 1e-6)
             if not better:  # no step gains anything
-                converged = solution.gain < 1e-3
+                converged = solution.gain < NOTHING
                 break
             here = there
             damping = damping / 10.0 if damping > 1e-8 else 0.0

@@ -9,13 +9,10 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import solve_triangular, svd
 
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.linearise import Linearisation
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 #: A direction of the nuisances shorter than this, relative to the longest column, says nothing.
 NUISANCE_RANK = 1e-5
@@ -56,8 +53,18 @@ class Elimination:
         """Degrees of freedom that the nuisances took."""
         return sum(piece.rank for piece in self._pieces)
 
+    def left(self, moves: F64) -> F64:
+        """(n, 3, 3) I − H of each whitened reading, H by how much it pulls its own fit: that of
+        the nuisances, and of unknowns that *moves* (n, 3, C) mm, each as far as it is uncertain."""
+        left = np.tile(np.eye(3), (len(self.whitening), 1, 1))
+        whitened = self.whitening @ moves
+        for piece in self._pieces:
+            own = piece.project(whitened[piece.rows], own_residual=False)
+            left[piece.rows] -= _products_by_reading(own, len(piece.rows)) + piece.pulls()
+        return left
+
     @property
-    def reading_rows(self) -> npt.NDArray[np.bool_]:
+    def reading_rows(self) -> Mask:
         """(m,) which rows belong to readings."""
         kinds = [
             (np.ones(3 * len(piece.rows), dtype=bool), np.zeros(len(piece.extra_residual), bool))
@@ -145,6 +152,13 @@ class _Session:
     def rank(self) -> int:
         return self.target_range.rank + sum(block.rank for _, _, block in self.placements)
 
+    def pulls(self) -> F64:
+        """(rows, 3, 3) by how much each reading pulls its own nuisances."""
+        pulls = _products_by_reading(self.target_range.u, len(self.rows))
+        for _, inside, block in self.placements:
+            pulls[inside] += _products_by_reading(block.u, len(inside))
+        return pulls
+
     def project(self, whitened: F64, own_residual: bool) -> F64:
         clear = self._clear_of_placements(whitened)
         extra = np.zeros((len(self.extra_residual), clear.shape[1]))
@@ -207,6 +221,13 @@ def _safe_inverse(triangle: F64, least: float) -> F64 | None:
     return inverse if 1.0 / max(float(np.linalg.norm(inverse)), 1e-300) > least else None
 
 
+def _products_by_reading(rows: F64, readings: int) -> F64:
+    """(n, 3, 3) products of each reading's three rows, the first of (…, C)."""
+    own = rows[: 3 * readings].reshape(readings, 3, rows.shape[1])
+    products: F64 = own @ own.transpose(0, 2, 1)
+    return products
+
+
 def _flat(rows: F64) -> F64:
     """(3 m, C) from (m, 3, C), for any C including none."""
     m, three, c = rows.shape
@@ -226,18 +247,15 @@ def _certified(at: Linearisation, targets: I64, floor_mm: float) -> tuple[F64, F
     rows: list[F64] = []
     residual: list[float] = []
     distances = observations.distances
-    for (a, b), length, u in zip(
-        distances.between, distances.length_mm, distances.standard_uncertainty_mm, strict=True
-    ):
-        apart = position[a] - position[b]
-        found = float(np.linalg.norm(apart))
-        if found == 0 or not (a in place or b in place):
+    uncertain = np.maximum(distances.standard_uncertainty_mm, floor_mm)
+    found, directions = at.poses.apart(distances.between)
+    for i, (a, b) in enumerate(distances.between):
+        if found[i] == 0 or not (a in place or b in place):
             continue
-        u = max(float(u), floor_mm)
         rows.append(np.zeros(3 * len(targets)))
         for k, sign in ((a, 1.0), (b, -1.0)):
             if k in place:
-                rows[-1][place[k] : place[k] + 3] = sign * apart / found / u
-        residual.append((found - length) / u)
+                rows[-1][place[k] : place[k] + 3] = sign * directions[i] / uncertain[i]
+        residual.append((found[i] - distances.length_mm[i]) / uncertain[i])
     of_distances = np.array(rows).reshape(len(rows), 3 * len(targets))
     return np.vstack([of_positions, of_distances]), np.append(off, residual)

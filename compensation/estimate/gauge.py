@@ -6,14 +6,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import qr
 
+from armd.arrays import F64
 from armd.compensation.estimate.solution import ROUNDING
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
-
-F64 = npt.NDArray[np.float64]
 
 #: Consecutive axes closer to parallel than this need Hayati's β.
 PARALLEL_DEG = 5.0
@@ -68,6 +66,19 @@ def unidentifiable(null: F64, names: Sequence[str], arm: Arm) -> list[str]:
     return [_in_words(vector, lead, names, arm) for vector, lead in _sparse(null, names, arm)]
 
 
+def scale_is_free(null: F64, names: Sequence[str], arm: Arm) -> bool:
+    """Whether one of these directions is the arm's size: nothing measured says how long it is."""
+    return any(_is_size(vector, names, arm) for vector, _ in _sparse(null, names, arm))
+
+
+def _is_size(vector: F64, names: Sequence[str], arm: Arm) -> bool:
+    """Whether a direction is all lengths in proportion."""
+    drawn = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
+    lengths = np.array([drawn.get(name, 0.0) * (parameters.unit(name) == "mm") for name in names])
+    along = abs(vector @ lengths)
+    return bool(along > ALL_LENGTHS * np.linalg.norm(vector) * np.linalg.norm(lengths))
+
+
 def _sparse(null: F64, names: Sequence[str], arm: Arm) -> list[tuple[F64, int]]:
     """The same space by vectors with few entries, each with its leading entry.
 
@@ -103,9 +114,7 @@ def _reason(vector: F64, names: Sequence[str], together: Sequence[str], arm: Arm
         return "the last joint's constants and the tip's offset place the same point"
     if all(name in ("theta_1", "d_1") for name in together):
         return "moving the whole arm about its first axis moves every placement alike"
-    drawn = dict(zip(arm.layout.names, arm.nominal().tolist(), strict=True))
-    lengths = np.array([drawn.get(name, 0.0) * (parameters.unit(name) == "mm") for name in names])
-    if abs(vector @ lengths) > ALL_LENGTHS * np.linalg.norm(vector) * np.linalg.norm(lengths):
+    if _is_size(vector, names, arm):
         return "no certified length tells the scale of the arm well enough"
     if any("ΔT" in name for name in together):
         return "these temperatures and poses do not tell them apart"

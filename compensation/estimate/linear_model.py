@@ -22,11 +22,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from armd.arrays import F64, I64
 
 #: Weight of nothing, beside columns of unit length: far above rounding (1e-16), far below what
 #: decides anything (a candidate's share of 1e-6 that survives projection).
@@ -161,7 +159,11 @@ class LinearModel:
     @cached_property
     def factor(self) -> F64:
         """F (b, b), F Fᵀ what projects: columns · F are an orthonormal basis of what they take."""
-        return inverse_factor(self._unit(self.variance)) / self.length[:, None]
+        return _inverse_of(self._lower) / self.length[:, None]
+
+    @cached_property
+    def _lower(self) -> F64:
+        return _lower_factor(self._unit(self.variance))
 
     def project(self, across: F64) -> F64:
         """Coordinates (b, …) along that basis of what the blocks take of other columns, from their
@@ -171,7 +173,9 @@ class LinearModel:
 
     def explain(self, across: F64) -> F64:
         """Amplitudes (b, …) that explain other columns best, from their products (b, …)."""
-        amplitudes: F64 = self.factor @ (self.factor.T @ across)
+        scaled = (across.T / self.length).T
+        solved = cho_solve((self._lower, True), scaled, check_finite=False)
+        amplitudes: F64 = (solved.T / self.length).T
         return amplitudes
 
     def solve(self, side: F64) -> tuple[F64, F64]:
@@ -205,14 +209,17 @@ class LinearModel:
         return scaled
 
 
-def inverse_factor(matrix: F64) -> F64:
-    """F (b, b) with F Fᵀ the inverse of a symmetric *matrix* of columns of unit length.
+def _lower_factor(matrix: F64) -> F64:
+    """Cholesky's factor of a symmetric *matrix* of columns of unit length.
 
     Directions of which it knows nothing (gauges) are held so softly that they clear as they should.
     """
     held = matrix + HELD * np.eye(len(matrix))
-    lower = np.linalg.cholesky(held)
-    inverse: F64 = solve_triangular(lower, np.eye(len(held)), lower=True, check_finite=False)
+    return np.asarray(np.linalg.cholesky(held), dtype=np.float64)
+
+
+def _inverse_of(lower: F64) -> F64:
+    inverse: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False)
     return inverse.T
 
 

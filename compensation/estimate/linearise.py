@@ -1,7 +1,9 @@
 """The model around a point: residuals, parameter Jacobian, and what only nuisances explain.
 
-Nuisances are the placements (six columns each) and the targets nobody certified exactly (three
-columns each); `elimination` projects them out.
+Calibration and diagnosis stand on this one. Nuisances are the placements (six columns each) and
+the targets nobody certified exactly (three columns each). A calibration steps towards its answer,
+so its columns are taken at adjusted angles; a diagnosis asks what an answer leaves, at the angles
+as read (docs/decisions/0027).
 """
 
 from __future__ import annotations
@@ -10,17 +12,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.adjustment import adjusted
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.poses import Poses, centres, pose_columns, target_columns
+from armd.compensation.estimate.poses import (
+    Poses,
+    centres,
+    fit_poses,
+    pose_columns,
+    target_columns,
+)
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.terms import Term
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -36,14 +41,14 @@ class Linearisation:
     poses: Poses
     position_mm: F64  # (n, 3) tip, base frame
     residual_mm: F64  # (n, 3)
-    jacobian: F64  # (n, 3, P) d residual / d parameter, at adjusted angles
+    jacobian: F64  # (n, 3, P) d residual / d parameter, at angles adjusted or as read
     basis: F64  # (n, T) values of the terms' basis functions
     centre_mm: F64  # (p, 3) what the placements' twists turn about
     pose_columns: F64  # (n, 3, 6)
     target_columns: F64  # (n, 3, 3); zero where the row's own truth counts
     free_targets: I64  # targets that move: unknown seats, and positions with an uncertainty
 
-    def rows(self, mask: npt.NDArray[np.bool_]) -> Linearisation:
+    def rows(self, mask: Mask) -> Linearisation:
         """The same linearisation with some readings only."""
         return replace(
             self,
@@ -92,16 +97,38 @@ def linearise(
     position = forward(states.q, rows)[0]
     placed = poses.placed(observations)
     columns = jacobian(adjusted(states.q, rows, placed), rows)[1]
-    centre = centres(observations, placed)
+    return _around(observations, poses, position, columns, basis, placed)
+
+
+def linearise_as_read(
+    observations: Observations, constants: F64, terms: Sequence[Term], basis: F64
+) -> Linearisation:
+    """The same where the readings put the tip, with poses and unknown seats fitted there: columns
+    and levers at the angles as read."""
+    rows = parameter_rows(constants, terms, basis)
+    position, columns = jacobian(observations.states.q, rows)
+    poses = fit_poses(observations, position)
+    return _around(observations, poses, position, columns, basis, position)
+
+
+def _around(
+    observations: Observations,
+    poses: Poses,
+    position: F64,
+    columns: F64,
+    basis: F64,
+    levers_to_mm: F64,
+) -> Linearisation:
+    centre = centres(observations, levers_to_mm)
     return Linearisation(
         observations=observations,
         poses=poses,
         position_mm=position,
-        residual_mm=position - placed,
+        residual_mm=poses.residual(observations, position),
         jacobian=columns,
         basis=basis,
         centre_mm=centre,
-        pose_columns=pose_columns(observations, placed, centre),
+        pose_columns=pose_columns(observations, levers_to_mm, centre),
         target_columns=target_columns(observations, poses),
         free_targets=_free_targets(observations),
     )

@@ -9,14 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
+from armd.arrays import F64, Mask
 from armd.compensation.estimate.adjustment import backwards
-from armd.compensation.estimate.robust import MEDIAN_D2, OUTLIER_D2
-
-F64 = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from armd.compensation.estimate.robust import far_off
 
 #: Below this a reading's noise is rounding (mm).
 LEAST_MM = 1e-9
@@ -68,19 +65,24 @@ def whitening(covariance: F64, weight: F64) -> F64:
     return inverse
 
 
-def estimate(residual_mm: F64, joint_columns: F64, fitted: float, region: Mask) -> ReadingNoise:
-    """Most likely noise for residuals (n, 3), outliers set aside but those of a *region* (n,);
-    *fitted* unknowns took part.
+def estimate(
+    residual_mm: F64, joint_columns: F64, whiten: F64, left: F64, region: Mask
+) -> ReadingNoise:
+    """Most likely noise for residuals (n, 3), outliers set aside but those of a *region* (n,).
 
-    The ratio of the two variances by maximum likelihood, their size by the median first (to tell
-    outliers) and then by the mean square over the degrees of freedom left.
+    *whiten* (n, 3, 3) is what the fit weighed by, *left* (n, 3, 3) what it left of each whitened
+    reading. Restricted maximum likelihood: a component counts as the share of it that is left, and
+    where noise and weights agree, after some rounds, this is its gradient (docs/decisions/0033).
     """
     shape = joint_columns @ joint_columns.transpose(0, 2, 1)
     value, vector = np.linalg.eigh(shape)
     value = np.maximum(value, 0.0)
     turned2 = np.einsum("nij,ni->nj", vector, residual_mm) ** 2
     typical = float(value.mean()) or 1.0
-    inliers = _inliers(turned2.sum(axis=1)) | region
+    axes = whiten @ vector
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    share_left = np.clip(np.einsum("nij,nik,nkj->nj", axes, left, axes), 0.0, 1.0)
+    inliers = ~far_off(turned2.sum(axis=1), LEAST_MM**2) | region
 
     def scaled(log_ratio: float) -> F64:
         """Variances (n, 3) up to one common factor; encoders' share of it = ratio / (1+ratio)."""
@@ -88,24 +90,22 @@ def estimate(residual_mm: F64, joint_columns: F64, fitted: float, region: Mask) 
         result: F64 = share * value / typical + (1.0 - share)
         return result
 
+    def size_of(variance: F64) -> float:
+        freedom = max(float(share_left[inliers].sum()), 1.0)
+        return float(np.sum(turned2[inliers] / variance[inliers])) / freedom
+
     def unlikely(log_ratio: float) -> float:
-        variance = scaled(log_ratio)[inliers]
-        size = float(np.mean(turned2[inliers] / variance))
-        return float(np.mean(np.log(variance)) + np.log(max(size, LEAST_MM**2)))
+        variance = scaled(log_ratio)
+        logs = float(np.sum(share_left[inliers] * np.log(variance[inliers])))
+        freedom = max(float(share_left[inliers].sum()), 1.0)
+        return logs / freedom + float(np.log(max(size_of(variance), LEAST_MM**2)))
 
     log_ratio = float(minimize_scalar(unlikely, bounds=(-12.0, 12.0), method="bounded").x)
     variance = scaled(log_ratio)
-    inliers = _inliers((turned2 / variance).sum(axis=1)) | region
-    left = max(3 * int(inliers.sum()) - fitted, 1.0)
-    size = float(np.sum(turned2[inliers] / variance[inliers])) / left
+    inliers = ~far_off((turned2 / variance).sum(axis=1), LEAST_MM**2) | region
+    size = size_of(variance)
     share = 1.0 / (1.0 + np.exp(-log_ratio))
     return ReadingNoise(
         encoder_rad=float(np.sqrt(size * share / typical)),
         reading_mm=max(float(np.sqrt(size * (1.0 - share))), LEAST_MM),
     )
-
-
-def _inliers(distance2: F64) -> Mask:
-    """Readings within the robust loss's bound, the median telling what is usual."""
-    usual = float(np.median(distance2)) / MEDIAN_D2
-    return distance2 <= max(OUTLIER_D2 * usual, LEAST_MM**2)

@@ -9,13 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.observations import Observations
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 #: A rotation by 1 rad moves a point at this lever by as much: it makes columns comparable.
 LEVER_MM = 100.0
@@ -39,6 +36,13 @@ class Poses:
     def residual(self, observations: Observations, position_mm: F64) -> F64:
         """Tip minus target (n, 3) mm, in the base frame."""
         return position_mm - self.placed(observations)
+
+    def apart(self, between: I64) -> tuple[F64, F64]:
+        """How far apart pairs of targets (D, 2) are, mm (D,), and unit vectors (D, 3) from the
+        second to the first; zero where both are one point."""
+        way = self.target_mm[between[:, 0]] - self.target_mm[between[:, 1]]
+        length = np.linalg.norm(way, axis=1)
+        return length, way / np.where(length > 0.0, length, 1.0)[:, None]
 
     def moved(self, centre_mm: F64, twist: F64, target_step_mm: F64) -> Poses:
         """Poses turned by twist[:, :3] / LEVER_MM rad about their centres (P, 3) and shifted by
@@ -110,7 +114,7 @@ def fit_poses(
     return poses
 
 
-def _touched_seats(observations: Observations) -> npt.NDArray[np.bool_]:
+def _touched_seats(observations: Observations) -> Mask:
     """(K,) unknown targets that some reading without its own truth stands at."""
     touched = np.zeros(len(observations.target_names), dtype=bool)
     touched[observations.target[~observations.has_truth]] = True
@@ -152,7 +156,7 @@ def _first_seats(
     observations: Observations,
     position_mm: F64,
     target: F64,
-    row_seat: npt.NDArray[np.bool_],
+    row_seat: Mask,
 ) -> None:
     """Give every seat a first position, in place: placement after placement, most shared first.
 

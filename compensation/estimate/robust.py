@@ -4,7 +4,7 @@
 truth (`armd calibrate`): beyond one in 10 000 its pull falls off as 1/d, so that a reading gone
 wrong is let go. `huber_weights`, where the fit is near (`armd diagnose`): its pull stays what it
 is at the edge, so that a cause which few rests show is not taken for their going wrong. *Is it an
-outlier, by name?* `outlying`, which asks whether the noise's own tails explain it.
+outlier, by name?* `outlying`, the one judge of both: whether the noise's own tails explain it.
 
 All are of the distance of a reading's three components together, in units of its noise: a χ² of
 three degrees of freedom where the noise is normal.
@@ -13,13 +13,10 @@ three degrees of freedom where the noise is normal.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import fdtrc, fdtri, gammaincinv
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from armd.arrays import F64, I64, Mask
 
 # Quantiles of χ² with three degrees of freedom: one in 10 000 above, and one in two.
 OUTLIER_D2 = 2.0 * float(gammaincinv(1.5, 1 - 1e-4))
@@ -65,18 +62,31 @@ def huber_loss(size: F64) -> float:
     return float((within * (size - 0.5 * within)).sum())
 
 
-def outlying(square: F64) -> tuple[I64, float]:
+def far_off(distance2: F64, least: float) -> Mask:
+    """Squared distances (n,) beyond that of one normal reading in 10 000, the median telling what
+    is usual, and beyond *least*."""
+    usual = float(np.median(distance2)) / MEDIAN_D2
+    return distance2 > max(OUTLIER_D2 * usual, least)
+
+
+def outlying(distance2: F64, region: Mask) -> tuple[I64, float]:
     """Which of squared distances (n,) no tail explains, and the smallest family-wise p.
 
     Two looks: each against the tail of the others, and a gap in the ordered sizes that no tail
-    leaves (several outliers of one kind hide from the first).
+    leaves (several outliers of one kind hide from the first). What stands among its like, a
+    *region* (n,), takes no part.
     """
+    alone = np.flatnonzero(~region)
+    square = distance2[alone]
+    nothing = np.zeros(0, dtype=np.int64), 1.0
+    if not len(square) or not far_off(square, OUTLIER_D2).any():
+        return nothing
     single, p_single = _beyond_the_tail(square)
     group, p_group = _beyond_a_gap(np.sqrt(square))
     found = np.union1d(single, group)
     if not len(found) or len(found) > MOST_SHARE * len(square):
-        return np.zeros(0, dtype=np.int64), 1.0
-    return found, min(p_single, p_group)
+        return nothing
+    return alone[found], min(p_single, p_group)
 
 
 def _beyond_the_tail(square: F64) -> tuple[I64, float]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from armd.arrays import F64, Mask
 
 #: A singular value below this, relative to the largest, is rounding.
 ROUNDING = 1e-9
@@ -21,8 +20,8 @@ class Solution:
 
     step: F64  # (C,) in the unknowns' own units
     singular_values: F64  # (C,)
-    known: npt.NDArray[np.bool_]  # (C,) which directions are known
-    prior: npt.NDArray[np.bool_]  # (C,) along which the drawing counts as one more reading
+    known: Mask  # (C,) which directions are known
+    prior: Mask  # (C,) along which the drawing counts as one more reading
     directions: F64  # (C, C) columns: directions in scaled unknowns
     scale: F64  # (C,) plausible departures
     gain: float  # by how much the sum of squares falls, to first order
@@ -55,6 +54,17 @@ class Solution:
         step: F64 = self.scale * (known @ (known.T @ (self.step / self.scale)))
         return step
 
+    @property
+    def root(self) -> F64:
+        """(C, C) R with R Rᵀ the covariance, what moves no point included."""
+        root: F64 = self.scale[:, None] * self.directions / np.sqrt(self._curvature)
+        return root
+
+    @property
+    def _curvature(self) -> F64:
+        curvature: F64 = self.singular_values**2 + self.prior
+        return curvature
+
     def known_covariance(self) -> F64:
         """(C, C) covariance of what is known alone, in the unknowns' own units."""
         return self._covariance(self.directions[:, self.known], self.known)
@@ -67,8 +77,8 @@ class Solution:
         clear = self.directions - gauge @ (gauge.T @ self.directions)
         return self._covariance(clear, np.ones_like(self.known))
 
-    def _covariance(self, directions: F64, chosen: npt.NDArray[np.bool_]) -> F64:
-        root = directions / np.sqrt((self.singular_values**2 + self.prior)[chosen])
+    def _covariance(self, directions: F64, chosen: Mask) -> F64:
+        root = directions / np.sqrt(self._curvature[chosen])
         root = self.scale[:, None] * root
         covariance: F64 = root @ root.T
         return covariance

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.estimate.gauge import PLAUSIBLE
 from armd.compensation.model import parameters
 from armd.compensation.model.parameters import ParameterLayout
-from armd.compensation.model.terms import Temperature, Term
-
-F64 = npt.NDArray[np.float64]
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
 
 #: A term is plausible up to this share of its parameter's plausible departure (rms of its basis).
 PLAUSIBLE_TERM = 0.1

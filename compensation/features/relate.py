@@ -6,11 +6,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.features.fit import Feature
-
-F64 = npt.NDArray[np.float64]
 
 #: Directions closer to parallel than this have no one nearest point between them.
 PARALLEL = 1e-9

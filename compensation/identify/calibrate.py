@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -15,13 +15,8 @@ from armd.compensation.data.session import Session
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.certificate import Certificate, judge
-from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.fit import Fit, fit
-from armd.compensation.identify.fit import rms_um as residual_rms_um
-from armd.compensation.identify.heldout import Errors, HeldOut, placement_folds
-from armd.compensation.identify.lengths import Length
-from armd.compensation.identify.requirements import (
+from armd.compensation.identify.admission.odd_session import odd_session, refuse_mistakes
+from armd.compensation.identify.admission.requirements import (
     choose_readings,
     not_known,
     require_enough,
@@ -29,12 +24,20 @@ from armd.compensation.identify.requirements import (
     require_plausible,
     require_some,
 )
+from armd.compensation.identify.certificate import judge
+from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.fit import Fit, fit
+from armd.compensation.identify.fit import rms_um as residual_rms_um
+from armd.compensation.identify.heldout import HeldOut, placement_folds
+from armd.compensation.identify.result import Result
 from armd.compensation.identify.sensor_noise import sensor_noise_c
-from armd.compensation.identify.thermal import Comparison, Trial, length_terms
+from armd.compensation.identify.thermal.comparison import Comparison, Trial
+from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of
 from armd.compensation.model.terms import Term
 from armd.errors import ArmdError
+from armd.terminal.counted import counted
 
 Progress = Callable[[str], None]
 Method = Literal["polynomial", "zones", "components", "per-temperature"]
@@ -48,74 +51,6 @@ class Options:
     thermal_method: Method = "polynomial"
     offset: bool = False  # C of eq. 14, per temperature; in the other models it is in the constants
     command: str = ""  # for the provenance
-
-
-@dataclass(frozen=True)
-class Result:
-    """A calibration, and what a report tells of how it came about."""
-
-    calibration: Calibration
-    fit: Fit
-    rms_um: float  # 3-D RMS of all readings at their best placements, as `armd evaluate` has it
-    heldout: Errors
-    heldout_by: str  # "placement", "reading" or "temperature"
-    thermal_order: int
-    thermal_method: str
-    trials: list[Trial]
-    unidentifiable: list[str]
-    certificate: Certificate
-    lengths: list[Length]  # certified, beside what the calibrated arm makes of them
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def heldout_rms_um(self) -> float:
-        """3-D RMS over all readings left out in turn."""
-        return self.heldout.rms_um
-
-    def as_json(self) -> dict[str, Any]:
-        """As `armd calibrate --json` writes it."""
-        observations = self.fit.observations
-        ranges = list(self.calibration.temperature_range_c.values())
-        return {
-            "rms_um": self.rms_um,
-            "heldout_rms_um": self.heldout_rms_um,
-            "heldout_by": self.heldout_by,
-            "heldout_without_outliers_um": self.heldout.without_outliers_um,
-            "certificate": asdict(self.certificate),
-            "lengths": [length.as_json() for length in self.lengths],
-            "rank": self.fit.solution.rank,
-            "unknowns": len(self.fit.unknowns.names),
-            "unidentifiable": self.unidentifiable,
-            "thermal_order": self.thermal_order,
-            "thermal_method": self.thermal_method,
-            "temperature_range_c": (
-                [min(low for low, _ in ranges), max(high for _, high in ranges)] if ranges else []
-            ),
-            "n": observations.n,
-            "placements": len(np.unique(observations.placement)),
-            "noise": self.calibration.noise.model_dump(),
-            "outliers": self.outliers(),
-            "thermal_trials": [
-                {"model": trial.name, "heldout_rms_um": trial.heldout_rms_um}
-                for trial in self.trials
-            ],
-            "steps": self.fit.steps,
-            "converged": self.fit.converged,
-            "notes": self.notes,
-        }
-
-    def outliers(self) -> list[dict[str, Any]]:
-        """Readings that the robust loss weighs down, by session and row (counted from 1)."""
-        observations = self.fit.observations
-        return [
-            {
-                "session": observations.session_names[observations.session[i]],
-                "row": int(observations.row[i]) + 1,
-                "error_um": 1e3 * float(np.linalg.norm(self.fit.at.residual_mm[i])),
-                "sigma": float(np.sqrt(self.fit.distance2[i])),
-            }
-            for i in self.fit.outliers
-        ]
 
 
 def calibrate(
@@ -142,10 +77,15 @@ def _calibrate(
         gather(sessions, arm), files, options.thermal_order, notes
     )
     require_some(observations, files)
+    refuse_mistakes(sessions, observations)
     thermal = len(groups) > 1 and options.thermal_order != 0
     terms = length_terms(arm, [1]) if thermal else []
     first = _fit(observations, arm, unknown, terms, progress)
-    require_plausible(first, files)
+    drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
+    drawn_rms_um = residual_rms_um(drawn.residual_mm)
+    if odd := odd_session(sessions, first, drawn_rms_um):
+        notes.append(odd.in_words())
+    require_plausible(first, str(odd.path) if odd else files)
     trials: list[Trial] = []
     order, final = 0, first
     per_temperature = thermal and options.thermal_method == "per-temperature"
@@ -178,9 +118,7 @@ def _calibrate(
     terms, reference_c = final.terms, final.reference_c
     evaluation = evaluate_model(observations, final.constants, terms, reference_c)
     rms_um = residual_rms_um(evaluation.residual_mm)
-    drawn = evaluate_model(observations, arm.nominal(), [], reference_c)
     lengths = evaluation.lengths
-    drawn_rms_um = residual_rms_um(drawn.residual_mm)
     # Copies of one reading fit any drawing: where that misses by nothing, nothing helps.
     share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
     require_help(first, share, files, notes)
@@ -197,11 +135,12 @@ def _calibrate(
         "readings": observations.n,
         "rms_um": rms_um,
         "heldout_rms_um": heldout.rms_um,
-        "heldout_without_outliers_um": heldout.without_outliers_um,
+        "heldout_without_outliers_um": heldout.without_far_um,
         "heldout_by": by,
         "thermal_order": order,
         "certificate": asdict(certificate),
         "lengths": [length.as_json() for length in lengths],
+        "odd_session": odd.in_words() if odd else None,
         "thermal_method": options.thermal_method if order else "none",
         "thermal_offset": ("identified" if options.offset else "0")
         if per_temperature
@@ -280,7 +219,9 @@ def _choose(
     if options.thermal_method != "polynomial":
         name = {"zones": "two zones", "components": "principal components"}[options.thermal_method]
         if name not in comparison.models:
-            raise ArmdError(f"{name}: {len(comparison.groups)} temperatures, expected at least 3")
+            raise ArmdError(
+                f"{name}: {counted(len(comparison.groups), 'temperature')}, expected at least 3"
+            )
         return 1, comparison.models[name]
     if options.thermal_order is not None:
         return options.thermal_order, length_terms(arm, range(1, options.thermal_order + 1))

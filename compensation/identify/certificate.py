@@ -7,16 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.compensation.estimate.gauge import PLAUSIBLE
+from armd.compensation.estimate.gauge import PLAUSIBLE, scale_is_free
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.solution import LEAST_KNOWN
+from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.fit import Fit
 from armd.compensation.identify.heldout import Errors
 from armd.compensation.identify.lengths import MOST_OFF, Length
-from armd.compensation.identify.requirements import readings_needed
+from armd.terminal.counted import counted
 
 #: What a granted one is, and what it is not.
 KIND = "identification record, not an ISO 17025 certificate"
+#: A smaller arm scatters less: no scatter shows a wrong size.
+NO_SCALE = (
+    "no certified length tells the arm's size well enough: lengths are only as good as the drawing,"
+    " and all of them may be wrong by the same share"
+)
 #: Readings left out must lose at least half of the error they have under the drawing.
 MOST_LEFT = 0.5
 #: Readings left out that miss by more than this are as unsure as a direction counted not known.
@@ -40,9 +46,17 @@ class Certificate:
     granted: bool
     reason: str
     kind: str = KIND
+    scale_known: bool = True  # a certified length or position says how large the arm is
+
+    @property
+    def word(self) -> str:
+        """What came of it: a granted one never hides that nothing measured a length."""
+        if not self.granted:
+            return "refused"
+        return "granted" if self.scale_known else "granted, but not for lengths"
 
     def in_words(self) -> str:
-        return f"{self.kind}: {'granted' if self.granted else 'refused'}: {self.reason}"
+        return f"{self.kind}: {self.word}: {self.reason}"
 
 
 def judge(
@@ -62,7 +76,7 @@ def judge(
     percent = f"{100 * share:.0f}" if share > 0.1 else f"{100 * share:.2g}"  # never 1.1e+02
     left = (
         f"each {heldout_by} left out misses by {heldout_mm:.4g} mm RMS,"
-        f" {percent}% of the {drawn_mm:.4g} mm under the drawing"
+        f" {percent}% of the {drawn_mm:.4g} mm that the drawing's own dimensions miss by"
     )
     faults = []
     if not converged:
@@ -86,7 +100,11 @@ def judge(
         for length in lengths
         if abs(length.off) > MOST_OFF
     ]
-    return Certificate(not faults, "; ".join([left, *faults]))
+    scale_known = not scale_is_free(
+        found.solution.null, found.unknowns.words(found.terms), found.observations.arm
+    )
+    scale = [] if scale_known else [NO_SCALE]
+    return Certificate(not faults, "; ".join([left, *faults, *scale]), scale_known=scale_known)
 
 
 def _too_few(observations: Observations) -> list[str]:
@@ -95,14 +113,14 @@ def _too_few(observations: Observations) -> list[str]:
     placements = len(np.unique(observations.placement))
     if placements < LEAST_PLACEMENTS and not observations.has_truth.all():
         faults.append(
-            f"{placements} placement{'s' * (placements > 1)}, expected at least {LEAST_PLACEMENTS}:"
+            f"{counted(placements, 'placement')}, expected at least {LEAST_PLACEMENTS}:"
             " another place may miss by any amount"
         )
     needed = LEAST_TIMES * readings_needed(observations)
     if observations.n < needed:
         faults.append(
-            f"{observations.n} readings, expected at least {needed}: {LEAST_TIMES} times what the"
-            " unknowns take"
+            f"{counted(observations.n, 'reading')}, expected at least {needed}: "
+            f"{LEAST_TIMES} times what the unknowns take"
         )
     return faults
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
+from armd.compensation.identify import tally
 from armd.compensation.identify.lengths import Length, certified_lengths
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
@@ -20,7 +21,6 @@ from armd.compensation.model.kinematics import forward
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
 
-F64 = npt.NDArray[np.float64]
 Progress = Callable[[str], None]
 
 #: Rows whose parameters are held in memory at once.
@@ -104,7 +104,8 @@ def evaluate_model(
             progress(f"{min(first + CHUNK, observations.n)} of {observations.n} readings")
     usable = np.isfinite(position[:, 0])
     if not usable.any():
-        raise _without_temperatures(observations, terms)
+        missing = np.isnan(states.temperature_c).sum(axis=0)
+        raise without_temperatures(observations, terms, observations.n, missing)
     if not usable.all():
         observations, position = observations.rows(usable), position[usable]
     poses = fit_poses(observations, position)
@@ -112,24 +113,25 @@ def evaluate_model(
     return Evaluation(observations, poses, position, residual, int((~usable).sum()))
 
 
-def _without_temperatures(observations: Observations, terms: Sequence[Term]) -> BadInput:
-    """Names the sensor that most readings lack."""
+def without_temperatures(
+    observations: Observations, terms: Sequence[Term], n: int, missing: I64
+) -> BadInput:
+    """Names the sensor that most of *n* readings lack; *missing* (S,) of them lack each."""
     sensors = observations.arm.sensors
-    missing = np.isnan(observations.states.temperature_c).sum(axis=0)
     needed = sorted(sensors_of(terms), key=sensors.index)
     worst = max(needed, key=lambda name: int(missing[sensors.index(name)]))
     count = int(missing[sensors.index(worst)])
     return BadInput(
         ", ".join(observations.session_names),
         f"column {worst}",
-        f"a temperature in {observations.n - count} of {observations.n} readings",
+        f"a temperature in {n - count} of {n} readings",
         f"readings with every temperature the calibration needs ({', '.join(needed)})",
     )
 
 
 def _statistics(distance_um: F64) -> dict[str, Any]:
     if not len(distance_um):
-        return {"rms_um": None, "max_um": None, "mean_um": None, "median_um": None, "n": 0}
+        return dict(tally.NONE)
     return {
         "rms_um": float(np.sqrt(np.mean(distance_um**2))),
         "max_um": float(distance_um.max()),

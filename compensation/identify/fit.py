@@ -12,10 +12,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.descent import Descent
 from armd.compensation.estimate.elimination import Elimination
 from armd.compensation.estimate.gauge import gauge
@@ -23,22 +24,21 @@ from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import LEAST_MM, ReadingNoise, Weighting, estimate
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import fit_poses
+from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.robust import (
     MEDIAN_D2,
     OUTLIER_D2,
-    Mask,
     mahalanobis2,
+    outlying,
     redescending_weights,
 )
 from armd.compensation.estimate.solution import Solution
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.regions import in_region
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Term
 
-F64 = npt.NDArray[np.float64]
 Progress = Callable[[str], None]
 
 MOST_ROUNDS = 10
@@ -68,9 +68,14 @@ class Fit:
     converged: bool
 
     @property
-    def outliers(self) -> npt.NDArray[np.int64]:
-        """Rows that the robust loss weighs down."""
+    def weighed_down(self) -> I64:
+        """Rows that count less than fully, the tails of the noise among them."""
         return np.flatnonzero((self.distance2 > OUTLIER_D2) & ~self.region)
+
+    @cached_property
+    def outliers(self) -> I64:
+        """Rows gone wrong, as `armd diagnose` judges them, too."""
+        return outlying(self.distance2, self.region)[0]
 
     @property
     def rms_um(self) -> float:
@@ -131,7 +136,9 @@ def fit(
         constants, terms = unknowns.put(x, constants, terms)
         fitted = end.elimination.rank + end.solution.told
         joints = end.at.joints
-        before, weighing = weighing, estimate(end.at.residual_mm, joints, fitted, region)
+        moves = unknowns.columns(end.at.jacobian, end.at.basis, terms) @ end.solution.root
+        left, whiten = end.elimination.left(moves), end.elimination.whitening
+        before, weighing = weighing, estimate(end.at.residual_mm, joints, whiten, left, region)
         distance2 = mahalanobis2(end.at.residual_mm, weighing.covariance(joints))
         if not held:  # far off, everything is
             region = region | in_region(distance2 > OUTLIER_D2, states.q)
@@ -152,9 +159,9 @@ def fit(
         )
         held = held and not settled and not repeats and round_ < rounds // 2
     # The last weights are those of the round before: what is left of the difference is a factor.
-    left = max(3 * float(weight.sum()) + end.elimination.n_certified - fitted, 1.0)
+    freedom = max(3 * float(weight.sum()) + end.elimination.n_certified - fitted, 1.0)
     free = gauge_of(unknowns, constants, terms, basis, end.solution.scale)
-    factor = end.elimination.cost / left
+    factor = end.elimination.cost / freedom
     covariance = end.solution.covariance(free) * factor
     deviation = np.sqrt(np.diag(covariance))[len(unknowns.constants) :]
     for i, u in zip(unknowns.terms, deviation, strict=True):

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.elimination import Elimination
 from armd.compensation.estimate.folds import whole_groups
 from armd.compensation.estimate.linearise import Linearisation
@@ -22,10 +22,6 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.robust import redescending_weights
 from armd.compensation.estimate.solution import Solution, solve
 from armd.compensation.identify.fit import Fit, rms_um
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 MOST_FOLDS = 8
 
@@ -52,7 +48,7 @@ class HeldOut:
         self.scale, self.pull = scale, pull
         base = replace(fit.at, residual_mm=residual)
         self.folds = [_Fold(base, whiten, weight, columns, out) for out in folds if out.any()]
-        self._kept = [~np.isin(np.flatnonzero(out), fit.outliers) for out in folds if out.any()]
+        self._kept = [~np.isin(np.flatnonzero(out), fit.weighed_down) for out in folds if out.any()]
 
     def solve(self, fold: int, chosen: I64) -> Solution:
         """The chosen unknowns' changes (len(chosen),), fitted without the fold."""
@@ -76,16 +72,16 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Errors:
-    """3-D RMS of all readings left out in turn, and without those the fit calls outliers."""
+    """3-D RMS of all readings left out in turn, and without those weighed down."""
 
     rms_um: float
-    without_outliers_um: float
-    n_outliers: int
+    without_far_um: float
+    n_far: int
 
     def in_words(self) -> str:
         """Both figures where they differ, in one line."""
-        beside = f" ({self.without_outliers_um:.2f} without the {self.n_outliers} outliers)"
-        return f"{self.rms_um:.2f} µm" + beside * (self.n_outliers > 0)
+        beside = f" ({self.without_far_um:.2f} without the {self.n_far} far off)"
+        return f"{self.rms_um:.2f} µm" + beside * (self.n_far > 0)
 
 
 class _Fold:

@@ -8,12 +8,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import Poses
-
-F64 = npt.NDArray[np.float64]
 
 #: Farther off than this, in standard uncertainties, a length contradicts the arm.
 MOST_OFF = 3.0
@@ -51,11 +49,15 @@ class Length:
         )
 
 
-def certified_lengths(observations: Observations, poses: Poses, residual_mm: F64) -> list[Length]:
+def certified_lengths(
+    observations: Observations, poses: Poses, residual_mm: F64, weight: F64 | None = None
+) -> list[Length]:
     """Certified lengths between points that were touched.
 
-    *poses* and *residual_mm* (n, 3): of a fit that the lengths themselves had no part in.
+    *poses* and *residual_mm* (n, 3): of a fit that the lengths themselves had no part in. *weight*
+    (n,): how many readings each row stands for.
     """
+    weight = np.ones(observations.n) if weight is None else weight
     certified = observations.distances
     known = np.isin(np.arange(len(poses.target_mm)), observations.target) | ~observations.unknown
     return [
@@ -64,7 +66,7 @@ def certified_lengths(observations: Observations, poses: Poses, residual_mm: F64
             certified_mm=float(length),
             standard_uncertainty_mm=float(u),
             measured_mm=float(np.linalg.norm(poses.target_mm[a] - poses.target_mm[b])),
-            measured_uncertainty_mm=_scatter_mm(observations, residual_mm, (a, b)),
+            measured_uncertainty_mm=_scatter_mm(observations, residual_mm, weight, (a, b)),
         )
         for (a, b), length, u in zip(
             certified.between, certified.length_mm, certified.standard_uncertainty_mm, strict=True
@@ -73,7 +75,9 @@ def certified_lengths(observations: Observations, poses: Poses, residual_mm: F64
     ]
 
 
-def _scatter_mm(observations: Observations, residual_mm: F64, ends: Sequence[int]) -> float:
+def _scatter_mm(
+    observations: Observations, residual_mm: F64, weight: F64, ends: Sequence[int]
+) -> float:
     """Standard uncertainty of the distance between two seats, from how their readings scatter.
 
     Placements tell it each for itself, as well as their readings at both ends let them; where none
@@ -83,10 +87,11 @@ def _scatter_mm(observations: Observations, residual_mm: F64, ends: Sequence[int
     count = np.zeros((2, len(observations.placement_names)))
     for i, end in enumerate(ends):
         rows = (observations.target == end) & ~observations.has_truth
-        count[i] = np.bincount(observations.placement[rows], minlength=count.shape[1])
-        freedom = max(int(rows.sum()) - int((count[i] > 0).sum()), 1)
+        at, readings = observations.placement[rows], weight[rows]
+        count[i] = np.bincount(at, readings, count.shape[1])
+        freedom = max(readings.sum() - int((count[i] > 0).sum()), 1.0)
         if observations.unknown[end]:
-            variance[i] = np.sum(residual_mm[rows] ** 2) / (3 * freedom)
+            variance[i] = np.sum(readings[:, None] * residual_mm[rows] ** 2) / (3 * freedom)
     with np.errstate(divide="ignore", invalid="ignore"):
         each = np.where(variance[:, None] > 0, variance[:, None] / count, 0.0).sum(axis=0)
     if not variance.any():

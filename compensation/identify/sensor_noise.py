@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.model.state import States
-
-F64 = npt.NDArray[np.float64]
 
 #: Share of the residuals that counts: the rest may be steps of the true temperature (a table that
 #: has one value for each placement). Of a normal distribution it holds this share of the variance.

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
-F64 = npt.NDArray[np.float64]
+from armd.arrays import F64
 
 #: Readings beyond the unknowns, so that the scatter is an estimate and no accident.
 SPARE = 2

@@ -1,1 +1,2 @@
-"""An arm over time: what was measured is corrected again by what was learnt since."""
+"""An arm over time: short checks tell when it changed and why, and what was measured since is
+corrected again."""

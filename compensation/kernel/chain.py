@@ -9,12 +9,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.kernel.memory import Folded, Program, Work
-from armd.jit import inlined, jit
-
-F64 = npt.NDArray[np.float64]
+from armd.compiled.jit import inlined, jit
 
 # π/2 in two parts. j·_HALF_PI is exact inside a fused multiply-add; without one it is rounded, as
 # the angle itself was.

@@ -12,15 +12,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64, I64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, sensors_of
 from armd.compensation.model.terms import Term
-from armd.jit import jit
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from armd.compiled.jit import jit
 
 #: Share of the variance that may be left out of the low-rank factor.
 NEGLECTED = 1e-6

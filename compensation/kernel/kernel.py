@@ -16,9 +16,7 @@ pose-dependent functions.
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
+from armd.arrays import F64, I64
 from armd.compensation.kernel.chain import (
     fixed,
     posed_base,
@@ -37,10 +35,7 @@ from armd.compensation.kernel.memory import (
     opened,
 )
 from armd.compensation.kernel.pose_factors import evaluate_factors
-from armd.jit import inlined, jit
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from armd.compiled.jit import inlined, jit, unlocked
 
 
 @jit
@@ -81,7 +76,7 @@ def correct(q: F64, rate: F64, approach: F64, state: State, position: F64, corre
                     correction[start + i, axis] = vectors[axis, i] - vectors[9 + axis, i]
 
 
-@jit
+@unlocked
 def correct_runs(
     values: F64, amounts: Amounts, q: F64, rate: F64, approach: F64, state: State,
     position: F64, correction: F64,

@@ -6,12 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.jit import jit
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from armd.arrays import F64, I64
+from armd.compiled.jit import jit
 
 #: Samples of a batch that are worked off together.
 BLOCK = 64

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from armd.arrays import F64, I64
 from armd.compensation.kernel import kernel
 from armd.compensation.kernel.covariance import Uncertainty
 from armd.compensation.kernel.memory import Amounts, fold
@@ -14,13 +15,11 @@ from armd.compensation.kernel.points import fill
 from armd.compensation.kernel.program import by_parameter, compile_terms, state_of
 from armd.compensation.kernel.slow_factors import SlowFactors
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import Delay, basis_values
+from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import LoadedCalibration
+from armd.compensation.model.slow_factors import Dated, Period, SlowFactor
 from armd.compensation.model.state import States
-from armd.compensation.model.terms import DATED, SLOW_FACTORS, Period, Term
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from armd.compensation.model.terms import Term
 
 
 class Model:
@@ -53,17 +52,14 @@ class Model:
         #: (since, until) Unix seconds: the periods in which terms that follow time were identified
         self.periods_unix_s = sorted(
             {
-                (
-                    factor.since_unix_s,
-                    math.inf if factor.until_unix_s is None else factor.until_unix_s,
-                )
+                factor.ends_unix_s
                 for term in terms
                 for factor in term.basis
                 if isinstance(factor, Period)
             }
         )
         #: Whether a term depends on the date, so that the model must be folded as time goes on.
-        self.dated = any(isinstance(factor, DATED) for t in terms for factor in t.basis)
+        self.dated = any(isinstance(factor, Dated) for t in terms for factor in t.basis)
         self.state = state_of(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
         now_s = math.nan if self.dated else 0.0  # positions are NaN until the date is known
@@ -123,9 +119,20 @@ class Model:
         Rows in which a temperature that a term uses is missing come out NaN. Lags are followed
         within each series of *states*; with *onwards* from call to call, as `fold` does.
         """
+        return self.correct_rows(states, self.slow_values(states, onwards=onwards))
+
+    def slow_values(self, states: States, *, onwards: bool = False) -> F64:
+        """Slow factors' values (n, L+T) of slow terms, then pose terms; lags as above."""
+        delay = self._slow.delay if onwards else None
+        return basis_values(
+            self._slow_parts, states, self.arm, self._reference_c, self.constants, delay
+        )
+
+    def correct_rows(self, states: States, slow_values: F64) -> tuple[F64, F64]:
+        """As `correct_states`, where the slow factors' values are known; from any thread."""
         position, correction = np.empty((states.n, 3)), np.empty((states.n, 3))
         kernel.correct_runs(
-            self._values(states, self._slow.delay if onwards else None),
+            slow_values,
             self._amounts,
             np.ascontiguousarray(states.q),
             np.ascontiguousarray(states.rate),
@@ -136,14 +143,8 @@ class Model:
         )
         return position, correction
 
-    def _values(self, states: States, delay: Delay | None) -> F64:
-        """Slow factors' values (n, L+T) of slow terms, then pose terms."""
-        return basis_values(
-            self._slow_parts, states, self.arm, self._reference_c, self.constants, delay
-        )
-
 
 def _slow_part(term: Term) -> Term:
     """The term without its pose factors."""
-    factors = [factor for factor in term.basis if isinstance(factor, SLOW_FACTORS)]
+    factors = [factor for factor in term.basis if isinstance(factor, SlowFactor)]
     return term.model_copy(update={"basis": factors})

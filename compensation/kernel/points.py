@@ -7,14 +7,12 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from armd.arrays import F64, I64
 from armd.compensation.kernel.chain import quaternion
 from armd.compensation.kernel.kernel import take_angles, to_world, to_world_posed
 from armd.compensation.kernel.memory import Program, State, Work, opened
 from armd.compensation.model.kinematics import compiled_jacobian
-from armd.jit import jit
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from armd.compiled.jit import jit
 
 
 @jit

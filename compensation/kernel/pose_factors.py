@@ -5,15 +5,26 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.kernel.chain import sincos
 from armd.compensation.kernel.memory import Program, Work
-from armd.jit import jit
+from armd.compiled.jit import jit
 
-F64 = npt.NDArray[np.float64]
-
-# What a pose factor is: its row in `Program.factors` is (kind, joint or link from 0, detail).
+#: Kinds of pose factors; a row in `Program.factors` is (kind, joint or link from 0, detail).
+KINDS = (
+    "sin",
+    "cos",
+    "angle",
+    "curve",
+    "torque",
+    "direction",
+    "moment",
+    "side",
+    "rate",
+    "approach",
+    "approach_tip",
+)
 SIN, COS, ANGLE, CURVE, TORQUE, DIRECTION, MOMENT, SIDE, RATE, APPROACH, APPROACH_TIP = range(11)
 
 

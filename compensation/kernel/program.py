@@ -5,30 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.kernel import pose_factors as codes
 from armd.compensation.kernel.memory import Folded, Program, State
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import AXES, curve_spline
 from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
 from armd.compensation.model.parameters import PER_JOINT, ParameterLayout
-from armd.compensation.model.terms import (
-    SLOW_FACTORS,
-    Angle,
-    Approach,
-    Curve,
-    Factor,
-    GravityDirection,
-    GravityMoment,
-    GravityTorque,
-    Harmonic,
-    Rate,
-    Side,
-    Term,
-)
-
-F64 = npt.NDArray[np.float64]
+from armd.compensation.model.pose_factors import PoseFactor
+from armd.compensation.model.terms import Term
 
 
 def by_parameter(terms: Sequence[Term], n_joints: int) -> list[Term]:
@@ -50,15 +35,15 @@ def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
     factor_first, term_factors = [0], []
     for term in terms:
         for factor in term.basis:
-            if isinstance(factor, SLOW_FACTORS):
+            if not isinstance(factor, PoseFactor):
                 continue
             key = factor.model_dump_json()
             if key not in distinct:
                 distinct[key] = len(rows)
-                rows.append(_code(factor, sum(map(len, curves))))
-                pieces.append(len(factor.values) if isinstance(factor, Curve) else 0)
-                if isinstance(factor, Curve):
-                    curves.append(curve_spline(factor.values).c[::-1].T)
+                kind, of, detail = factor.pose_code(sum(map(len, curves)))
+                rows.append((codes.KINDS.index(kind), of, detail))
+                curves.append(factor.table())
+                pieces.append(len(curves[-1]))
             term_factors.append(distinct[key])
         factor_first.append(len(term_factors))
     kinds = {kind for kind, _, _ in rows}
@@ -95,36 +80,6 @@ def state_of(program: Program, constants: F64) -> State:
         numbers=np.concatenate([array.ravel() for array in (*folded, *floats)]),
         work=np.zeros((rows, 1)),
     )
-
-
-def _code(factor: Factor, curve_at: int) -> tuple[int, int, int]:
-    """Kind, joint or link from 0, and detail of a pose factor."""
-    match factor:
-        case Harmonic():
-            return (
-                codes.SIN if factor.kind == "sin" else codes.COS,
-                factor.joint - 1,
-                factor.order,
-            )
-        case Angle():
-            return codes.ANGLE, factor.joint - 1, factor.power
-        case Curve():
-            return codes.CURVE, factor.joint - 1, curve_at
-        case GravityTorque():
-            return codes.TORQUE, factor.joint - 1, 0
-        case GravityDirection():
-            return codes.DIRECTION, factor.link - 1, AXES.index(factor.axis)
-        case GravityMoment():
-            return codes.MOMENT, factor.link - 1, AXES.index(factor.axis)
-        case Side():
-            return codes.SIDE, factor.joint - 1, 0
-        case Rate():
-            return codes.RATE, factor.joint - 1, 0
-        case Approach():
-            kind = codes.APPROACH if factor.frame == "base" else codes.APPROACH_TIP
-            return kind, 0, AXES.index(factor.axis)
-        case _:
-            raise AssertionError(f"{factor.kind} is no pose factor")
 
 
 def _gravity(arm: Arm) -> F64:

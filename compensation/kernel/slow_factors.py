@@ -11,29 +11,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64, I64
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import DAY_S, delay_name
+from armd.compensation.model.instants import delay_name
+from armd.compensation.model.slow_factors import DAY_S, SlowFactor
 from armd.compensation.model.state import advance, followed
-from armd.compensation.model.terms import (
-    SLOW_FACTORS,
-    After,
-    Daily,
-    Period,
-    Relaxation,
-    SlowFactor,
-    Temperature,
-    TemperatureRate,
-    Term,
-    Time,
-)
-from armd.jit import jit
+from armd.compensation.model.terms import Term
+from armd.compiled.jit import jit
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-
-
+KINDS = ("power", "zone", "rate", "time", "after", "relaxation", "day")
 POWER, ZONE, RATE, TIME, AFTER, RELAXATION, DAY = range(7)
 
 
@@ -59,13 +46,13 @@ class SlowFactors:
 
     def __init__(self, terms: Sequence[Term], arm: Arm, reference_c: float) -> None:
         listed = [
-            [factor for factor in term.basis if isinstance(factor, SLOW_FACTORS)] for term in terms
+            [factor for factor in term.basis if isinstance(factor, SlowFactor)] for term in terms
         ]
         distinct = {factor.model_dump_json(): factor for row in listed for factor in row}
         number = {key: f for f, key in enumerate(distinct)}
-        means = {delay_name(*mean): mean for factor in distinct.values() for mean in _means(factor)}
+        means = {delay_name(*mean): mean for factor in distinct.values() for mean in factor.means}
         self._mean_of = {name: d for d, name in enumerate(means)}
-        rows = [_code(factor, self._mean_of, reference_c) for factor in distinct.values()]
+        rows = [_row(factor, self._mean_of, reference_c) for factor in distinct.values()]
         self._n_terms, self._n_sensors = len(terms), len(arm.sensors)
         self._program = Program(
             weights=np.array(
@@ -73,8 +60,8 @@ class SlowFactors:
             ).reshape(len(means), self._n_sensors),
             lag_s=np.array([lag_s for _, lag_s in means.values()], dtype=np.float64),
             memory=np.full((len(means), 3), np.nan),
-            factors=np.array([row[:3] for row in rows], dtype=np.int64).reshape(-1, 3),
-            numbers=np.array([row[3:] for row in rows], dtype=np.float64).reshape(-1, 3),
+            factors=np.array([whole for whole, _ in rows], dtype=np.int64).reshape(-1, 3),
+            numbers=np.array([others for _, others in rows], dtype=np.float64).reshape(-1, 3),
             factor_first=np.cumsum([0, *map(len, listed)]),
             term_factors=np.array(
                 [number[factor.model_dump_json()] for row in listed for factor in row], np.int64
@@ -104,44 +91,11 @@ class SlowFactors:
         return followed(time_s, value[:, None], lag_s, memory)[:, 0]
 
 
-def _means(factor: SlowFactor) -> list[tuple[dict[str, float], float]]:
-    """Weights and lags of the mean temperatures that a factor is made of."""
-    match factor:
-        case Temperature():
-            return [(factor.weights, factor.lag_s)]
-        case TemperatureRate():
-            return [(factor.weights, 0.0), (factor.weights, factor.smoothing_s)]
-        case _:
-            return []
-
-
-def _code(
-    factor: SlowFactor, mean_of: dict[str, int], reference_c: float
-) -> tuple[int, int, int, float, float, float]:
-    """A row of `Program.factors`, then one of `Program.numbers`."""
-    means = [mean_of[delay_name(*mean)] for mean in _means(factor)]
-    match factor:
-        case Temperature(zone_c=None):
-            reference_c = reference_c if factor.reference_c is None else factor.reference_c
-            return POWER, means[0], factor.order, reference_c, 0.0, 0.0
-        case Temperature(zone_c=(low, high)):
-            return ZONE, means[0], factor.order, low, high, 0.0
-        case TemperatureRate():
-            return RATE, means[0], means[1], factor.smoothing_s, 0.0, 0.0
-        case Time():
-            return TIME, factor.power, 0, factor.since_unix_s, _until(factor), 0.0
-        case Relaxation():
-            period = factor.since_unix_s, _until(factor)
-            return RELAXATION, 0, 0, *period, factor.time_constant_s
-        case Daily():
-            return DAY, int(factor.kind == "daily_sin"), 0, factor.since_unix_s, 0.0, 0.0
-        case After():
-            return AFTER, 0, 0, factor.instant_unix_s, 0.0, 0.0
-    raise AssertionError(f"{factor.kind} is no slow factor")
-
-
-def _until(factor: Period) -> float:
-    return math.inf if factor.until_unix_s is None else factor.until_unix_s
+def _row(factor: SlowFactor, mean_of: dict[str, int], reference_c: float) -> tuple[list[int], F64]:
+    """Rows of `Program.factors` and `Program.numbers`."""
+    means = [mean_of[delay_name(*mean)] for mean in factor.means]
+    kind, first, second, numbers = factor.slow_code(means, reference_c)
+    return [KINDS.index(kind), first, second], np.pad(numbers, (0, 3 - len(numbers)))
 
 
 @jit
@@ -184,19 +138,20 @@ def _set_factors(unix_s: float, means: F64, factors: I64, numbers: F64, values: 
             value = (value - number) ** b
         elif kind == RATE:
             value = (means[a] - means[b]) / number
-        elif kind in (TIME, RELAXATION):
+        elif kind in (TIME, RELAXATION, DAY):
             value = unix_s  # NaN stays
             if value < number:
                 value = number
             if value > other:
                 value = other
+            value -= number
             if kind == TIME:
-                value = ((value - number) / 3600) ** a
+                value = (value / 3600) ** a
+            elif kind == RELAXATION:
+                value = -math.expm1(-value / numbers[f, 2])
             else:
-                value = -math.expm1(-(value - number) / numbers[f, 2])
-        elif kind == DAY:
-            turn = math.tau * (unix_s - number) / DAY_S
-            value = math.sin(turn) if a == 1 else math.cos(turn)
+                turn = math.tau * value / DAY_S
+                value = math.sin(turn) if a == 1 else math.cos(turn)
         elif math.isfinite(unix_s):
             value = 1.0 if unix_s >= number else 0.0
         else:

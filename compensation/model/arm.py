@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from armd.arrays import F64
 from armd.compensation.model.parameters import ParameterLayout
-from armd.schema import Strict, load_toml
+from armd.files.schema import Strict, load_toml
 
 Vector3 = Annotated[tuple[float, float, float], Field(description="three numbers")]
 #: No arm is longer than 100 m, and no angle of it more than ten turns.
@@ -113,13 +113,13 @@ class Arm(Strict):
         return links + math.hypot(*self.tip.offset_mm)
 
     @property
-    def limits_rad(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    def limits_rad(self) -> tuple[F64, F64]:
         """(N,) lowest and highest angles of the joints, ∓inf where arm.toml has none."""
         low = [-math.inf if joint.min_deg is None else joint.min_deg for joint in self.joint]
         high = [math.inf if joint.max_deg is None else joint.max_deg for joint in self.joint]
         return np.radians(low), np.radians(high)
 
-    def nominal(self) -> npt.NDArray[np.float64]:
+    def nominal(self) -> F64:
         """The drawing's parameter vector (5 N + 9,), in mm and rad, ordered as `parameters`."""
         layout = self.layout
         values = np.zeros(layout.count)

@@ -17,17 +17,18 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from armd.arrays import F64
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm, Celsius, Vector3
 from armd.compensation.model.parameters import ParameterLayout
-from armd.compensation.model.terms import Period, Temperature, TemperatureRate, Term
+from armd.compensation.model.slow_factors import Period, SlowFactor
+from armd.compensation.model.terms import Term
 from armd.errors import BadInput
-from armd.files import write_whole
-from armd.inputs import read_input
-from armd.schema import Strict, json_data, validate
+from armd.files.inputs import read_input
+from armd.files.schema import Strict, json_data, validate
+from armd.files.writing import write_whole
 
 #: A diagnosis writes dozens; a sample pays 5 ns for each that depends on the pose.
 MOST_TERMS = 10_000
@@ -87,7 +88,7 @@ class Calibration(Strict):
             raise ValueError(f"a covariance of {n} × {n}, one row per entry of covariance_of")
         return self
 
-    def vector(self, n_joints: int) -> npt.NDArray[np.float64]:
+    def vector(self, n_joints: int) -> F64:
         """Constants as the parameter vector (5 N + 9,)."""
         names = ParameterLayout(n_joints).names
         return np.array([self.constants.get(name, 0.0) for name in names])
@@ -112,7 +113,7 @@ class LoadedCalibration:
         return int.from_bytes(bytes.fromhex(self.sha256)[:8], "little")
 
 
-def constants_of(vector: npt.NDArray[np.float64], n_joints: int) -> dict[str, float]:
+def constants_of(vector: F64, n_joints: int) -> dict[str, float]:
     """A parameter vector as the mapping a calibration stores."""
     return dict(zip(ParameterLayout(n_joints).names, map(float, vector), strict=True))
 
@@ -246,8 +247,9 @@ def sensors_of(terms: Sequence[Term]) -> set[str]:
         name
         for term in terms
         for factor in term.basis
-        if isinstance(factor, Temperature | TemperatureRate)
-        for name, weight in factor.weights.items()
+        if isinstance(factor, SlowFactor)
+        for weights, _ in factor.means
+        for name, weight in weights.items()
         if weight
     }
 

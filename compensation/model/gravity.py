@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
-
-F64 = npt.NDArray[np.float64]
 
 STANDARD_GRAVITY = 9.80665
 DEFAULT_KG_PER_M = 1.0

@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.model.parameters import ParameterLayout
-from armd.jit import jit
-
-F64 = npt.NDArray[np.float64]
+from armd.compiled.jit import jit, unlocked
 
 
 def forward(q: F64, p: F64) -> tuple[F64, F64]:
@@ -97,7 +95,7 @@ def _step(q: float, row: F64, origin: F64, rotation: F64, origin_to: F64, rotati
         rotation_to[i, 2] = sb * x + cb * z
 
 
-@jit
+@unlocked
 def _frames(q: F64, p: F64, origins: F64, rotations: F64) -> None:
     n, n_joints = q.shape
     for i in range(n):
@@ -118,7 +116,7 @@ def _turn(axis_x: float, axis_y: float, axis_z: float, arm: F64, out: F64) -> No
     out[2] = axis_x * arm[1] - axis_y * arm[0]
 
 
-@jit
+@unlocked
 def compiled_jacobian(q: F64, p: F64, position: F64, derivatives: F64) -> None:
     n, n_joints = q.shape
     origins = np.empty((n_joints + 1, 3))

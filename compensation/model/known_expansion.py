@@ -15,7 +15,8 @@ import numpy as np
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of
-from armd.compensation.model.terms import Temperature, Term
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
 
 
 def known_expansion(

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import Mask
 from armd.errors import ArmdError
 
 JOINT_PARAMETERS = ("theta", "d", "a", "alpha", "beta")
@@ -94,7 +94,7 @@ class ParameterLayout:
         return slice(self.tip.stop, self.count)
 
     @cached_property
-    def are_lengths(self) -> npt.NDArray[np.bool_]:
+    def are_lengths(self) -> Mask:
         """(P,) which are in mm."""
         return np.array([unit(name) == "mm" for name in self.names])
 

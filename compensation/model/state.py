@@ -6,12 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.jit import jit
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from armd.arrays import F64, I64, Mask
+from armd.compiled.jit import jit
 
 
 @dataclass(frozen=True)
@@ -29,7 +26,7 @@ class States:
     def n(self) -> int:
         return len(self.q)
 
-    def rows(self, chosen: npt.NDArray[np.bool_] | I64 | slice) -> States:
+    def rows(self, chosen: Mask | I64 | slice) -> States:
         """The chosen rows only. Lags want all rows of a run: evaluate them before choosing."""
         return States(
             self.q[chosen],

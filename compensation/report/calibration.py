@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
+from matplotlib.ticker import LogFormatter
 
+from armd.arrays import I64
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.unknowns import in_words
-from armd.compensation.identify.calibrate import Result
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit
-from armd.compensation.identify.thermal import temperature_groups
+from armd.compensation.identify.result import Result
+from armd.compensation.identify.thermal.comparison import temperature_groups
 from armd.compensation.model import parameters
+from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.report.drawing import MOST_POINTS, cloud, drawing, one_drawing, views
-from armd.compensation.report.page import Page, report_number
-from armd.compensation.report.sessions import session_facts
-
-F64 = npt.NDArray[np.float64]
+from armd.compensation.report.page import Page
+from armd.compensation.report.sessions import origin
 
 #: Correlations stronger than this are worth knowing.
 WORTH_KNOWING = 0.9
@@ -26,8 +27,10 @@ WORTH_KNOWING = 0.9
 ALONE = 1e-3
 
 
-def calibration_report(result: Result, sessions: Sequence[Session]) -> str:
-    """The whole HTML file."""
+def calibration_report(
+    result: Result, sessions: Sequence[Session], arm_file: str | Path, written: LoadedCalibration
+) -> str:
+    """The whole HTML file; *written* is the calibration as it stands on the disk."""
     arm = result.fit.observations.arm
     page = Page(f"Calibration of {arm.serial_number}")
     _summary(page, result)
@@ -38,12 +41,14 @@ def calibration_report(result: Result, sessions: Sequence[Session]) -> str:
     _correlations(page, result.fit)
     _thermal_trials(page, result)
     _outliers(page, result)
-    _provenance(page, result, sessions)
+    _provenance(page, result, sessions, arm_file, written)
     return page.html()
 
 
 def _summary(page: Page, result: Result) -> None:
-    found, noise = result.fit, result.fit.noise
+    found, noise, record = result.fit, result.fit.noise, result.certificate
+    good = (True if record.scale_known else None) if record.granted else False
+    page.verdict(record.word.upper(), f"{record.kind}: {record.reason}", good)
     page.table(
         ["", "value", "unit"],
         [
@@ -57,7 +62,6 @@ def _summary(page: Page, result: Result) -> None:
             ["thermal order", result.thermal_order, ""],
         ],
     )
-    page.text(f"This is an {result.certificate.in_words()}.")
     if result.notes:
         page.items(result.notes)
     if result.lengths:
@@ -108,6 +112,8 @@ def _before_and_after(page: Page, result: Result) -> None:
             )  # fmt: skip
     panel.set_xticks(np.arange(len(labels)) + wide * (len(models) - 1) / 2, labels)
     panel.set(yscale="log", ylabel="3-D RMS, µm", xlabel="temperature of the arm")
+    panel.yaxis.set_major_formatter(LogFormatter())  # the usual one writes TeX
+    panel.yaxis.set_minor_formatter(LogFormatter())
     panel.legend(loc="upper center", bbox_to_anchor=(0.5, 1.15), ncols=len(models), frameon=False)
     page.heading("Before and after, by temperature")
     page.figure(figure, "3-D RMS of the readings used, µm, by model and temperature")
@@ -236,7 +242,8 @@ def _outliers(page: Page, result: Result) -> None:
     page.heading("Outliers")
     page.text(
         "Readings farther off than one Gaussian reading in 10 000 count with a weight that falls"
-        f" with the square of their distance. Found: {len(listed)}."
+        f" with the square of their distance: {len(result.fit.weighed_down)}. Outliers are those"
+        f" that the tails of the noise do not explain: {len(listed)}."
     )
     if listed:
         page.table(
@@ -248,19 +255,22 @@ def _outliers(page: Page, result: Result) -> None:
         )
 
 
-def _provenance(page: Page, result: Result, sessions: Sequence[Session]) -> None:
+def _provenance(
+    page: Page,
+    result: Result,
+    sessions: Sequence[Session],
+    arm_file: str | Path,
+    written: LoadedCalibration,
+) -> None:
     provenance = result.calibration.provenance
-    arm = result.fit.observations.arm
-    inputs = {
-        f"session {session.name}": entry["sha256"]
-        for session, entry in zip(sessions, provenance["sessions"], strict=True)
+    facts = {
+        "calibration written": f"{written.path.name}, SHA-256 {written.sha256}",
+        "command": f"{provenance['command']} (armd {provenance['version']})",
     }
-    facts = {"command": f"{provenance['command']} (armd {provenance['version']})"}
-    page.origin(report_number(arm.serial_number, *inputs.values()), inputs, facts)
-    session_facts(page, sessions, arm)
+    origin(page, result.fit.observations.arm, sessions, {"arm": arm_file}, facts)
     page.signatures("Calibrated by", "Checked by")
 
 
-def _some(n: int) -> npt.NDArray[np.int64]:
+def _some(n: int) -> I64:
     """Rows to draw: all, or as many as a page bears, evenly spread."""
     return np.linspace(0, n - 1, min(n, MOST_POINTS)).astype(np.int64)

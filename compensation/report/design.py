@@ -3,32 +3,50 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from armd.compensation.data.session import Session
 from armd.compensation.design.design import Experiment
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames
 from armd.compensation.report.drawing import views
 from armd.compensation.report.page import Page
+from armd.compensation.report.sessions import origin
+from armd.terminal.counted import counted
 
 
-def design_report(experiment: Experiment, arm: Arm, rows: Sequence[Mapping[str, Any]]) -> str:
-    """The page; *rows* is the table, one mapping per pose."""
+def design_report(
+    experiment: Experiment,
+    arm: Arm,
+    sessions: Sequence[Session],
+    rows: Sequence[Mapping[str, Any]],
+    files: Mapping[str, str | Path | None],
+) -> str:
+    """The page; *sessions* are those there are, *rows* is the table, one mapping per pose, *files*
+    are arm and calibration."""
     page = Page(f"Next experiment with {arm.serial_number}")
     criterion = experiment.criterion
+    page.verdict(
+        f"MEASURE {counted(len(rows), 'pose').upper()}",
+        f"To {criterion.words}: {experiment.climate.words}.",
+        None,
+    )
+    with_these = "this pose" if len(rows) == 1 else f"these {len(rows)} poses"
     page.text(
-        f"To {criterion.words}: {experiment.climate.words}. {criterion.quantity.capitalize()}: "
+        f"{criterion.quantity[:1].upper()}{criterion.quantity[1:]}: "
         f"{experiment.before:.2f} {criterion.unit} with the sessions there are, "
-        f"{experiment.after:.2f} with these {len(rows)} poses on one new placement of the "
-        "artefact too. Put a target near each tip position, turn the joints as shown, and come "
+        f"{experiment.after:.2f} with {with_these} on one new placement of "
+        "the artefact too. Put a target near each tip position, turn the joints as shown, and come "
         "to rest from the side given."
     )
     page.figure(_picture(experiment), "The arm in each pose, joint by joint; its number at the tip")
     narrow = [_narrow(row) for row in rows]
     page.table(list(narrow[0]), [list(row.values()) for row in narrow])
+    origin(page, arm, sessions, files)
     return page.html()
 
 

@@ -2,28 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.result import um
+from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.told.verdict import um
 from armd.compensation.effects.effect import ARC_SECOND, clock
 from armd.compensation.report.drawing import one_drawing
-from armd.compensation.report.page import Page, report_number
-from armd.compensation.report.sessions import session_facts
+from armd.compensation.report.page import Page
+from armd.compensation.report.sessions import origin
 from armd.compensation.report.signature_plot import signature_plot
+from armd.terminal.counted import counted
 
 #: Units in which a person reads amplitudes.
 SMALL = {"rad": (1.0 / ARC_SECOND, "″"), "mm": (1e3, "µm")}
 
 
-def diagnosis_report(diagnosis: Diagnosis, result: dict[str, Any]) -> str:
-    """The page; *result* is the diagnosis as its JSON has it."""
+#: What may be found without a cause that has a name and is in the arm or its setting-up.
+NO_CAUSES = ("artefact_moved", "outliers", "unknown")
+
+
+def diagnosis_report(
+    diagnosis: Diagnosis, result: dict[str, Any], files: Mapping[str, str | Path | None]
+) -> str:
+    """The page; *result* is the diagnosis as its JSON has it, *files* arm and calibration."""
     page = Page(f"Diagnosis of {diagnosis.arm.serial_number}")
+    page.verdict(*headline(result), None)  # a cause is no limit that was kept or not
     _at_a_glance(page, diagnosis, result)
-    for index in range(len(diagnosis.found)):
-        _finding(page, diagnosis, index, result["findings"][index])
+    touched = len(diagnosis.touched)  # they stand first among the findings
+    for number, finding in enumerate(result["findings"][:touched], 1):
+        page.heading(f"{number}. {_name(finding)}")
+        page.text(finding["reading"])
+    for index, finding in enumerate(result["findings"][touched:][: len(diagnosis.found)]):
+        _finding(page, diagnosis, index, touched + index + 1, finding)
     if diagnosis.outliers:
         page.heading("Readings that belong to no effect")
         page.table(
@@ -34,26 +48,62 @@ def diagnosis_report(diagnosis: Diagnosis, result: dict[str, Any]) -> str:
     _cannot_tell(page, result)
     page.heading("Next experiment")
     page.text(result["next_experiment"])
-    sessions = [*diagnosis.sessions, *diagnosis.holdout]
-    inputs = {f"session {session.name}": session.fingerprint() for session in sessions}
-    page.origin(report_number(diagnosis.arm.serial_number, *inputs.values()), inputs)
-    session_facts(page, sessions, diagnosis.arm)
+    origin(page, diagnosis.arm, [*diagnosis.sessions, *diagnosis.holdout], files)
+    page.signatures("Measured by", "Checked by")
     return page.html()
 
 
+def headline(result: dict[str, Any]) -> tuple[str, str]:
+    """A diagnosis in a word or two, and the reason: the causes, or why none is named."""
+    findings = result["findings"]
+    strange = any(one["cause"] == "unknown" for one in findings)
+    causes = [one for one in findings if one["cause"] not in NO_CAUSES]
+    confirmed = [one for one in causes if one["gain"]["shown"]]
+    told = "; ".join(_told(one) for one in findings)
+    if confirmed:
+        count = len(confirmed)
+        return ("ONE CAUSE FOUND" if count == 1 else f"{count} CAUSES FOUND"), f"{told}."
+    if causes:
+        return "NOT CONFIRMED", f"{told}."
+    if strange or result["unexplained"]["significant"]:
+        return "CAUSE UNKNOWN", f"{told}." if told else result["verdict"]
+    if any(one["cause"] == "artefact_moved" for one in findings):
+        return "NO CAUSE IN THE ARM", f"{told}."
+    why = result["verdict"].removeprefix("No cause was found. ")
+    return "NO CAUSE FOUND", f"Only {told}." if told else why
+
+
+def _told(finding: dict[str, Any]) -> str:
+    """A finding in the reason, and how far it is to be believed."""
+    if finding["cause"] == "outliers":
+        rows = len(finding["rows"])
+        return f"{counted(rows, 'reading')} far from where all others put them"
+    if finding["cause"] == "unknown":
+        on = ", ".join(finding["depends_on"]) or "nothing that was recorded"
+        return f"an error that depends on {on} and fits no known cause"
+    doubts = []
+    if not finding["gain"]["shown"]:
+        doubts.append("held-out readings do not confirm it")
+    if (finding.get("explains") or {}).get("guess"):
+        doubts.append("the name is a guess")
+    return _name(finding) + (f" ({', '.join(doubts)})" if doubts else "")
+
+
 def _name(finding: dict[str, Any]) -> str:
-    place = "" if finding["location"] == "-" else f", {finding['location']}"
+    said = finding["location"] == "-" or finding["cause"].startswith(finding["location"])
+    place = "" if said else f", {finding['location']}"
     return f"{finding['cause'].replace('_', ' ')}{place}"
 
 
 def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> None:
     baseline = result["baseline"]
-    page.text(result["verdict"])
+    if result["findings"]:
+        page.text(result["verdict"])
     readings, sessions = sum(s.n for s in diagnosis.sessions), len(diagnosis.sessions)
     if diagnosis.holdout:
         held = sum(s.n for s in diagnosis.holdout)
         others = len(diagnosis.holdout)
-        heldout = f"{held} readings of {others} other session{'' if others == 1 else 's'}"
+        heldout = f"{held} readings of {counted(others, 'other session')}"
     else:
         heldout = "each placement in turn"
     model = (
@@ -62,7 +112,7 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
         else "what armd calibrate makes of these sessions"
     )
     page.text(
-        f"{readings} readings in {sessions} session{'' if sessions == 1 else 's'}. "
+        f"{readings} readings in {counted(sessions, 'session')}. "
         f"Model under test: {model}. Held out: {heldout}."
     )
     labels, values = ["model under test"], [baseline["heldout_rms_um"]]
@@ -91,16 +141,17 @@ def _at_a_glance(page: Page, diagnosis: Diagnosis, result: dict[str, Any]) -> No
         )
 
 
-def _finding(page: Page, diagnosis: Diagnosis, index: int, finding: dict[str, Any]) -> None:
-    page.heading(f"{index + 1}. {_name(finding)}")
+def _finding(
+    page: Page, diagnosis: Diagnosis, index: int, number: int, finding: dict[str, Any]
+) -> None:
+    page.heading(f"{number}. {_name(finding)}")
     page.text(_sentence(finding["reading"]))
     gain = finding["gain"]
     low, high = gain["interval_um"]
     page.text(
         f"Held-out readings: {um(gain['heldout_rms_um_before'])} µm before, "
         f"{um(gain['heldout_rms_um_after'])} µm after (95 % of the gain: {um(low)} to {um(high)} "
-        "µm)."
-        + ("" if gain["shown"] else " They do not bear it out: a lead to follow, not a fact.")
+        "µm)." + ("" if gain["shown"] else " They do not confirm it: a lead to follow, not a fact.")
     )
     page.text(
         f"Why: {finding['reason']}. In these readings it moves the tip by "
@@ -130,7 +181,7 @@ def _evidence(page: Page, finding: dict[str, Any]) -> None:
         for a in finding["alternatives"]
     ]
     page.table(["cause", "where", "probability", "angle between signatures"], rows)
-    page.text(f"Easily taken for each other: {finding['confounded_with']}.")
+    page.text(f"Easily confused with each other: {finding['confounded_with']}.")
 
 
 def _explains(page: Page, finding: dict[str, Any]) -> None:

@@ -33,7 +33,7 @@ figcaption { color: var(--neutral); }
 .good { color: var(--good); } .bad { color: var(--bad); } .neutral { color: var(--neutral); }
 .sign { display: flex; flex-wrap: wrap; gap: 2.5rem; margin-top: 3.5rem; }
 .sign div { flex: 1 1 14rem; border-top: 1px solid var(--ink); padding-top: .3rem; }
-@media (prefers-color-scheme: dark) and (not print) {
+@media screen and (prefers-color-scheme: dark) {
   :root { --ink: #e6edf3; --paper: #0d1117; --line: #30363d; --head: #161b22;
           --good: #56d364; --bad: #ff7b72; --neutral: #9198a1; }
   figure svg { filter: invert(.9) hue-rotate(180deg); } }
@@ -41,7 +41,8 @@ figcaption { color: var(--neutral); }
   :root { color-scheme: light; }
   body { font-size: 10pt; max-width: none; margin: 0; padding: 0; }
   h2 { break-after: avoid; } tr, figure, .verdict, .sign { break-inside: avoid; }
-  thead { display: table-header-group; } .wide { overflow: visible; } }
+  thead { display: table-header-group; } .wide { overflow: visible; }
+  table { font-size: 8pt; } th, td { padding: .1rem .3rem; overflow-wrap: anywhere; } }
 @page { margin: 18mm 15mm; @bottom-right { content: counter(page) " / " counter(pages); } }
 """
 
@@ -77,11 +78,14 @@ class Page:
         """Numbers stand as given: format them beforehand."""
         first = [_kind(value) for value in rows[0]] if rows else [""] * len(header)
         head = "".join(
-            f"<th{kind}>{html.escape(name)}</th>" for name, kind in zip(header, first, strict=True)
+            f"<th{kind}>{html.escape(name)}</th>" if name else "<td></td>"
+            for name, kind in zip(header, first, strict=True)
         )
         body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
         self._blocks.append(
-            f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+            # What is wider than a phone scrolls, by the keyboard too.
+            f'<div class="wide" tabindex="0"><table><thead><tr>{head}</tr></thead>'
+            f"<tbody>{body}</tbody></table>"
             "</div>"
         )
 
@@ -122,7 +126,7 @@ class Page:
             f'<meta name="viewport" content="width=device-width, initial-scale=1">'
             f'<meta name="generator" content="armd">'
             f"<title>{html.escape(self.title)}</title><style>{STYLE}</style></head>\n"
-            f"<body>{''.join(self._blocks)}</body></html>\n"
+            f"<body><main>{''.join(self._blocks)}</main></body></html>\n"
         )
 
 

@@ -1,17 +1,41 @@
-"""The sessions a page speaks of: when, by whom, on what, how warm."""
+"""What a page of sessions comes from: every file by its hash, and when, by whom, on what, how warm
+it was measured."""
 
 from __future__ import annotations
 
 import datetime
-from collections.abc import Sequence
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from armd.compensation.data.session import F64, Session
+from armd.arrays import F64
+from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm
-from armd.compensation.report.page import Page
+from armd.compensation.report.page import Page, report_number
+from armd.files.inputs import open_input
 
 NOT_STATED = "not stated"
+
+
+def origin(
+    page: Page,
+    arm: Arm,
+    sessions: Sequence[Session],
+    files: Mapping[str, str | Path | None],
+    facts: Mapping[str, str] | None = None,
+) -> None:
+    """*files* are the other inputs by what they are to the command; None: there was none."""
+    inputs = {f"session {session.name}": session.fingerprint() for session in sessions}
+    inputs |= {f"{role} {Path(file).name}": _sha256(file) for role, file in files.items() if file}
+    page.origin(report_number(arm.serial_number, *inputs.values()), inputs, facts)
+    session_facts(page, sessions, arm)
+
+
+def _sha256(file: str | Path) -> str:
+    with open_input(file) as content:
+        return hashlib.file_digest(content, "sha256").hexdigest()
 
 
 def session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:
@@ -21,6 +45,9 @@ def session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:
          "its certificate", "arm, °C", "artefact, °C"],
         [_row(session) for session in sessions],
     )  # fmt: skip
+    if not arm.sensors:
+        page.text("The arm has no temperature sensors.")
+        return
     page.text(
         f"Temperatures: the lowest and the highest of the {len(arm.sensors)} sensors of the arm,"
         " and of the artefact, over all readings of the session."

@@ -9,17 +9,15 @@ it depends on several variables: readings that bear it out follow the line.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.compensation.diagnose.fitting.signatures import compile_candidates
+from armd.arrays import F64, I64
+from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.problem.signatures import compile_candidates
 from armd.compensation.effects.effect import ARC_SECOND, Candidate
 from armd.compensation.model import parameters
 from armd.compensation.report.drawing import COLOURS, MOST_POINTS, cloud, one_drawing
-
-F64 = npt.NDArray[np.float64]
 
 BINS = 24
 MOST_DOTS = 2500
@@ -70,7 +68,7 @@ def _legend(panel: Axes) -> None:
 
 def _in_the_parameter(
     diagnosis: Diagnosis, index: int, parameter: str
-) -> tuple[npt.NDArray[np.int64], F64, F64, str]:
+) -> tuple[I64, F64, F64, str]:
     """Rows that tell, their error of the parameter, the fitted one, and the axis' title."""
     last = diagnosis.search.last
     n = last.linear.rests.n
@@ -93,7 +91,7 @@ def _in_the_parameter(
     return rows, scale * error[rows], scale * effect[rows], f"correction of the {what}, {unit}"
 
 
-def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[npt.NDArray[np.int64], F64, F64, str]:
+def _at_the_tip(diagnosis: Diagnosis, index: int) -> tuple[I64, F64, F64, str]:
     """All rows: the residual before this finding along the effect, and the effect, in µm."""
     last = diagnosis.search.last
     signature = last.net_signature(index)

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
 from matplotlib.figure import Figure
 
 from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.report.drawing import COLOURS, one_drawing
-from armd.compensation.report.page import Page, report_number
-from armd.compensation.report.sessions import session_facts
+from armd.compensation.report.page import Page
+from armd.compensation.report.sessions import origin
 from armd.compensation.verify.limits import Limits
-from armd.compensation.verify.verdict import COVERAGE_FACTOR, Judged, Verdict
+from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged, Verdict
+
+#: Of fewer results a table says as much.
+WORTH_A_DRAWING = 4
 
 
 def verification_report(
-    verdict: Verdict, session: Session, arm: Arm, calibration: LoadedCalibration | None
+    verdict: Verdict, session: Session, arm: Arm, files: Mapping[str, str | Path | None]
 ) -> str:
-    """HTML text of the report."""
+    """HTML text of the report; *files*: arm, calibration and limits, None where there is none."""
     page = Page(f"Verification of arm {arm.serial_number}")
     _verdict(page, verdict)
     page.text(f"Decision rule: {verdict.rule}.")
@@ -29,8 +34,10 @@ def verification_report(
         [_row(item) for item in verdict.judged],
     )  # fmt: skip
     page.text(
-        "Largest: the largest in size. Deciding: nearest its limit or farthest beyond it; limits"
-        " and uncertainties may differ from one result to the next, and its own stand beside it."
+        "Largest: the largest in size. Deciding: nearest its limit or farthest beyond it. Limits"
+        " and uncertainties may differ from one result to the next; those shown are the deciding"
+        " result's own. U: expanded uncertainty (k = 2) of the test, not of the arm, from the"
+        " certified lengths, the artefact's temperature, the form of sphere and seat."
     )
     untested = [
         f"{key}: {'though it has a limit: ' * (key in verdict.not_tested)}{reason}"
@@ -43,19 +50,18 @@ def verification_report(
         page.heading("Remarks")
         page.items(verdict.remarks)
     for item in verdict.judged:
-        if len(item.figure.deviations) > 3:
-            page.heading(f"{item.figure.name}: every result")
+        page.heading(f"{item.figure.name}: every result")
+        if len(item.figure.deviations) >= WORTH_A_DRAWING:
             page.figure(
                 _by_length(item, verdict.limits),
                 f"{item.figure.name}: error of each result over its length, µm; dashed: the MPE",
             )
-            page.table(["result", "length, mm", "error, µm", "U (k = 2), µm"], _results(item))
-    inputs = {f"session {session.name}": session.fingerprint()}
-    if calibration is not None:
-        inputs[f"calibration {calibration.path.name}"] = calibration.sha256
-    facts = {} if calibration else {"calibration": "none: nominal geometry of arm.toml"}
-    page.origin(report_number(arm.serial_number, *inputs.values()), inputs, facts)
-    session_facts(page, [session], arm)
+        page.table(["result", "length, mm", "error, µm", "U (k = 2), µm"], _results(item))
+    offset = ", ".join(f"{value:g}" for value in arm.tip.offset_mm)
+    facts = {"tip as arm.toml has it": f"{offset} mm, radius {arm.tip.radius_mm:g} mm"}
+    if not files.get("calibration"):
+        facts["calibration"] = "none: nominal geometry of arm.toml"
+    origin(page, arm, [session], files, facts)
     page.signatures("Measured by", "Checked by")
     return page.html()
 
@@ -74,7 +80,9 @@ def _results(item: Judged) -> list[list[str]]:
             deviation.where,
             f"{deviation.length_mm:.3f}",
             f"{1e3 * deviation.value_mm:+.2f}",
-            f"{1e3 * COVERAGE_FACTOR * deviation.standard_uncertainty_mm:.2f}",
+            f"{1e3 * COVERAGE_FACTOR * deviation.standard_uncertainty_mm:.2f}"
+            if deviation.standard_uncertainty_mm
+            else NOT_STATED,
         ]
         for deviation in item.figure.deviations
     ]
@@ -89,7 +97,7 @@ def _row(item: Judged) -> list[str]:
         f"{1e3 * item.deciding.value_mm:+.2f}",
         item.deciding.where,
         "" if item.limit_mm is None else f"{1e3 * item.limit_mm:.2f}",
-        f"{1e3 * item.expanded_uncertainty_mm:.2f}",
+        item.uncertainty_um(2).removesuffix(" µm"),
         item.outcome,
     ]
 

@@ -10,8 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from armd.errors import ArmdError, BadInput
-from armd.files import write_whole
-from armd.outputs import PAGE, PDF, Kind
+from armd.files.outputs import PAGE, PDF, OutputKind
+from armd.files.writing import write_whole
+from armd.terminal.aside import aside
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 PRINTING_S = 120.0
@@ -23,7 +24,7 @@ def add_pages(parser: argparse.ArgumentParser, what: str = "a report that opens 
     parser.add_argument("--pdf", metavar="R.pdf", help="the same, printed by an installed Chromium")
 
 
-def page_outputs(args: argparse.Namespace) -> dict[str, tuple[str | Path | None, Kind]]:
+def page_outputs(args: argparse.Namespace) -> dict[str, tuple[str | Path | None, OutputKind]]:
     """The pages asked for, for `check_outputs`; raises `BadInput` where nothing can print."""
     if args.pdf and _browser() is None:
         expected = f"one of {', '.join(BROWSERS)} on the path; or print the page of --report"
@@ -34,11 +35,14 @@ def page_outputs(args: argparse.Namespace) -> dict[str, tuple[str | Path | None,
 def write_pages(args: argparse.Namespace, make: Callable[[], str]) -> None:
     """Write what was asked for; *make* makes the page, and is called only if something was."""
     if args.report or args.pdf:
-        page = make()
+        console = aside(args)
+        with console.status("drawing the page …"):
+            page = make()
         if args.report:
             write_whole(args.report, page)
         if args.pdf:
-            write_whole(args.pdf, printed(page))
+            with console.status("printing the page …"):
+                write_whole(args.pdf, printed(page))
 
 
 def printed(page: str) -> bytes:

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Distance
 from armd.compensation.kernel.model import Model
@@ -22,9 +22,7 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.verify.limits import TestUncertainty
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
 
-F64 = npt.NDArray[np.float64]
-
-ISO, ASME = "ISO 10360-12", "ASME B89.4.22"
+ISO, ASME = "ISO 10360-12:2016", "ASME B89.4.22-2004"
 SPHERE = ("SPHERE.a", "SPHERE.b")
 
 
@@ -138,7 +136,7 @@ class _Readings:
         thermal = artefact.expansion_per_k * distance.length_mm * self.test.artefact_temperature_c
         return length, math.hypot(distance.standard_uncertainty_mm, thermal)
 
-    def _rows(self, target: str, placement: str | None) -> npt.NDArray[np.int64]:
+    def _rows(self, target: str, placement: str | None) -> I64:
         if target not in self._names:
             return np.zeros(0, np.int64)
         session = self._session

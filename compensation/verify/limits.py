@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from armd.schema import Strict, load_toml
+from armd.files.schema import Strict, load_toml
 
 #: No articulated arm is specified so loosely: a larger number was typed in µm.
 LARGEST_MM = 5.0

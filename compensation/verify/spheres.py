@@ -5,10 +5,9 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import least_squares
 
-F64 = npt.NDArray[np.float64]
+from armd.arrays import F64
 
 
 def fit_sphere(points: F64) -> tuple[F64, float]:

@@ -9,6 +9,7 @@ from armd.compensation.verify.figures import Deviation, Figure, Verification
 from armd.compensation.verify.limits import Limits
 
 COVERAGE_FACTOR = 2.0
+NOT_STATED = "not stated"
 #: The longest length of E_Uni is at least this part of the measuring range.
 LONGEST_SHARE = 0.66
 #: No arm errs so much: it is another.
@@ -41,6 +42,17 @@ class Judged:
     @property
     def expanded_uncertainty_mm(self) -> float:
         return COVERAGE_FACTOR * self.deciding.standard_uncertainty_mm
+
+    def uncertainty_um(self, digits: int) -> str:
+        """U as a person reads it."""
+        if not self.uncertainty_stated:
+            return NOT_STATED
+        return f"{1e3 * self.expanded_uncertainty_mm:.{digits}f} µm"
+
+    @property
+    def uncertainty_stated(self) -> bool:
+        """No test is certain: where nothing was said of its uncertainty, U is not 0."""
+        return self.expanded_uncertainty_mm > 0.0
 
 
 @dataclass(frozen=True)
@@ -75,7 +87,7 @@ class Verdict:
         reasons = [
             f"{item.figure.name}: {item.outcome} ({1e3 * item.deciding.value_mm:+.1f} µm at"
             f" {item.deciding.where}, MPE {1e3 * (item.limit_mm or 0.0):.1f} µm,"
-            f" U {1e3 * item.expanded_uncertainty_mm:.1f} µm)"
+            f" U {item.uncertainty_um(1)})"
             for item in self.judged
             if item.outcome not in ("conforms", "not judged")
         ]
@@ -103,6 +115,11 @@ class Verdict:
                     " this arm, and the session's unit of angles right?"
                 )
         for item in self.judged:
+            if item.outcome != "not judged" and not item.uncertainty_stated:
+                remarks.append(
+                    f"{item.figure.name}: the test's uncertainty is not stated: decided as if it"
+                    " were 0 ([uncertainty] of the limits' file, and that of the certified lengths)"
+                )
             largest = abs(item.figure.worst.value_mm)
             if item.limit_mm is not None and item.limit_mm > LOOSE * largest > 0:
                 remarks.append(

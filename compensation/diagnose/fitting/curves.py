@@ -9,17 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.compensation.diagnose.fitting.fit import Fit
-from armd.compensation.diagnose.fitting.nuisance import is_curve
+from armd.arrays import F64, I64, Mask
+from armd.compensation.diagnose.problem.amplitudes import is_curve
+from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.model.parameters import ParameterLayout
-from armd.compensation.model.terms import Curve, Harmonic, Term
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from armd.compensation.model.pose_factors import Curve, Harmonic
+from armd.compensation.model.terms import Term
 
 #: Points of a curve over the turn: over ten to the shortest period there is.
 CURVE_POINTS = 360

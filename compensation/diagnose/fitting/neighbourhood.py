@@ -8,20 +8,19 @@ its drawing can be off, or a certified length by more than its uncertainty allow
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.compensation.diagnose.fitting.baseline import moved
-from armd.compensation.diagnose.fitting.fit import Fit, with_findings
-from armd.compensation.diagnose.fitting.nuisance import is_sized, most_plausible
-from armd.compensation.diagnose.fitting.problem import Linear, ModelState, linearise
+from armd.arrays import F64, Mask
+from armd.compensation.diagnose.problem.amplitudes import is_sized, most_plausible
+from armd.compensation.diagnose.problem.baseline import moved, with_findings
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Linear, ModelState
+from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, plain
 from armd.compensation.estimate.gauge import PLAUSIBLE
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
-
-F64 = npt.NDArray[np.float64]
 
 #: An amplitude so many standard deviations of its broadest prior from zero is none of that cause.
 MOST_SIGMAS = 3.0
@@ -132,7 +131,7 @@ def _rows(fit: Fit, arm: Arm) -> F64:
     return rows
 
 
-def _is_length(arm: Arm) -> npt.NDArray[np.bool_]:
+def _is_length(arm: Arm) -> Mask:
     lengths = arm.layout.are_lengths.copy()
     lengths[arm.layout.base] = False
     return lengths

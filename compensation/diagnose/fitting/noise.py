@@ -13,16 +13,15 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize, minimize_scalar
 
-from armd.compensation.diagnose.fitting.blocks import Blocks
-from armd.compensation.diagnose.fitting.problem import Linear
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.linear import Linear
+from armd.compensation.diagnose.problem.whitening import Noise, Nuisance
+from armd.compensation.estimate.blocks import Blocks
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights
-
-F64 = npt.NDArray[np.float64]
 
 LEVER_MM = 500.0
 #: Slow drift is a random walk from knot to knot, this far apart (and at most so many per session).
@@ -36,44 +35,6 @@ MOST_ROBUST = 12
 _TINY = 1e-10
 LEAST_MM = 1e-6  # no reading is better than a nanometre, even where everything is absorbed
 MOST_RELATIVE = 1e6  # variance of a shared column over that of one rest
-
-
-@dataclass(frozen=True)
-class Nuisance:
-    """Columns (N, b) that explain for themselves, each amplitude normal with a variance.
-
-    Infinite: it absorbs freely. NaN: the slow drift's, which the noise estimate fills in.
-    """
-
-    columns: F64
-    variance: F64
-
-    def ridged(self, noise: Noise) -> Nuisance:
-        """With the drift's variance filled in."""
-        variance = np.where(np.isnan(self.variance), noise.drift_mm**2, self.variance)
-        return Nuisance(self.columns, np.maximum(variance, 1e-14))
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Estimated variances, and a whitening of the part that is independent between rests."""
-
-    scale_mm: float  # s
-    encoder_share: float  # ρ
-    drift_mm: float  # standard deviation of what the slow drift changes from knot to knot
-    encoder_rad: float
-    repeat_mm: float
-    whitener: F64  # (n, 3, 3): applied to a rest's residual gives unit variance
-    distance_mm: F64  # (D,) standard uncertainties of the certified lengths
-
-    def whiten(self, columns: F64) -> F64:
-        """Rows (N,) or (N, m) in units of their own noise."""
-        n = len(self.whitener)
-        flat = columns.reshape(len(columns), -1)
-        white = np.empty_like(flat)
-        white[: 3 * n] = (self.whitener @ flat[: 3 * n].reshape(n, 3, -1)).reshape(3 * n, -1)
-        white[3 * n :] = flat[3 * n :] / self.distance_mm[:, None]
-        return white.reshape(columns.shape)
 
 
 def target_columns(linear: Linear) -> Nuisance:

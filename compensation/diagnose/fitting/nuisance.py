@@ -3,91 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.diagnose.fitting import noise as noise_model
-from armd.compensation.diagnose.fitting.baseline import Baseline
-from armd.compensation.diagnose.fitting.noise import Nuisance
-from armd.compensation.diagnose.fitting.problem import Linear, ModelState
-from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import SCALES, Candidate, Column
+from armd.compensation.diagnose.problem.amplitudes import amplitude_variance
+from armd.compensation.diagnose.problem.layout import (
+    DRIFT,
+    IDENTIFIED,
+    MOUNT,
+    PLACEMENTS,
+    TARGETS,
+    Layout,
+    finding,
+)
+from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
+from armd.compensation.diagnose.problem.whitening import Nuisance
+from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate import linear_model
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.terms import Temperature, Term
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-
-#: Functions of more columns than this have amplitudes that share one likely size.
-MOST_FREE_COLUMNS = 6
 #: Where the data leave constants open (the last joint's turn against the tip's offset), the
 #: solution nearest to the model under test is taken: as if each were known this well.
 GAUGE = {"mm": 1.0, "rad": 2e-3}
 PER_KELVIN = 0.1  # of that, for the slope of a term
-
-
-PLACEMENTS, IDENTIFIED, MOUNT, TARGETS, DRIFT = (
-    "placements and seats",
-    "identified",
-    "mount",
-    "targets",
-    "drift",
-)
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Which of the nuisance columns belong to whom."""
-
-    blocks: linear_model.Layout
-    drawing: F64  # (b,) variance with which to choose where the data leave it open; inf: none
-
-    @property
-    def identified(self) -> slice:
-        """Constants and terms (when held: the directions of their covariance)."""
-        return self.blocks[IDENTIFIED]
-
-    @property
-    def findings(self) -> tuple[slice, ...]:
-        """Of each finding."""
-        return tuple(self.blocks[finding(i)] for i in range(self._n_findings))
-
-    @property
-    def mount(self) -> slice:
-        """One column or none: the first link's growth, see `mount_term`."""
-        return self.blocks[MOUNT]
-
-    @property
-    def shared(self) -> int:
-        """First of those that targets and drift share."""
-        return int(self.blocks[TARGETS].start)
-
-    @property
-    def drift(self) -> slice:
-        """Of the wandering base."""
-        return self.blocks[DRIFT]
-
-    @property
-    def _n_findings(self) -> int:
-        return len(self.blocks.sizes) - 5  # the blocks that are always there
-
-    def with_findings(self, counts: Sequence[int]) -> Layout:
-        """With findings of so many columns each in the place of those that it has."""
-        first, stop = self.identified.stop, self.mount.start
-        open_ = np.full(sum(counts), np.inf)
-        drawing = np.concatenate([self.drawing[:first], open_, self.drawing[stop:]])
-        sizes = self.blocks.sizes
-        own = tuple((finding(i), int(count)) for i, count in enumerate(counts))
-        return Layout(linear_model.Layout((*sizes[:2], *own, *sizes[-3:])), drawing)
-
-
-def finding(index: int) -> str:
-    """The name of a finding's block."""
-    return f"finding {index + 1}"
 
 
 def gather_nuisance(
@@ -140,15 +83,6 @@ def with_other_findings(
     return changed, layout.with_findings([block.shape[1] for block in columns])
 
 
-def with_some_findings(layout: Layout, some: Sequence[int]) -> tuple[I64, Layout]:
-    """Which nuisance columns stay with *some* of the findings, and their layout."""
-    names = [name for name, _ in layout.blocks.sizes]
-    own = [finding(i) for i in some]
-    kept = layout.blocks.of([*names[:2], *own, *names[-3:]])
-    sizes = dict(layout.blocks.sizes)
-    return kept, layout.with_findings([sizes[name] for name in own])
-
-
 def mount_term(model: ModelState, arm: Arm) -> Term | None:
     """How the first link grows per kelvin (1 mm/K), where the model under test is silent on it.
 
@@ -172,36 +106,6 @@ def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> Nuisan
     rise = np.nan_to_num(temperature - linear.model.reference_c)
     column = linear.signature(arm.layout.index(term.parameter), rise)
     return Nuisance(column[:, None], np.array([np.inf]))
-
-
-def is_sized(candidate: Candidate) -> bool:
-    """Whether it is a nearly free function, its amplitudes held together by one likely size."""
-    own_shape = candidate.location.kind == "shape"
-    return len(candidate.columns) > MOST_FREE_COLUMNS and not own_shape
-
-
-def is_curve(candidate: Candidate) -> bool:
-    """Whether it is such a function over the turn of one joint."""
-    return CATALOGUE[candidate.cause].curve_reading is not None and is_sized(candidate)
-
-
-def most_plausible(column: Column) -> float:
-    """Standard deviation of an amplitude under the broadest prior that the catalogue has for it."""
-    return min(max(SCALES), column.reach) * column.typical
-
-
-def amplitude_variance(candidate: Candidate, size: float) -> F64:
-    """A named cause's amplitudes are as large as they can be, those without a name free; a nearly
-    free function's are of a size in units of the catalogue's.
-
-    Where the readings tell the amplitudes, that changes nothing; where several do the same, they
-    share it rather than stand against each other, a thousand times what they could be.
-    """
-    if not is_sized(candidate):
-        if candidate.cause == "unknown":
-            return np.full(len(candidate.columns), np.inf)
-        return np.square([most_plausible(column) for column in candidate.columns])
-    return np.array([(size * column.typical) ** 2 for column in candidate.columns])
 
 
 def for_noise(nuisance: Nuisance, layout: Layout, extra: Sequence[F64]) -> Nuisance:

@@ -1,19 +1,20 @@
-"""Single rests that belong to no effect, judged against tails as heavy as the noise has."""
+"""Single rests that belong to no effect, judged by the rule that `armd calibrate` judges by."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.compensation.diagnose.fitting.fit import Fit
-from armd.compensation.estimate.robust import outlying
-
-I64 = npt.NDArray[np.int64]
+from armd.arrays import I64
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.estimate.regions import in_region
+from armd.compensation.estimate.robust import OUTLIER_D2, far_off, outlying
 
 
 def find_outliers(current: Fit) -> tuple[I64, float]:
-    """Rests whose residual no tail explains, and the smallest family-wise p."""
-    n = current.linear.rests.n
-    left = (current.raw_residual - current.fitted)[: 3 * n].reshape(n, 3)
+    """Rests gone wrong, and the smallest family-wise p."""
+    rests = current.linear.rests
+    left = (current.raw_residual - current.fitted)[: 3 * rests.n].reshape(-1, 3)
     white = np.einsum("nij,nj->ni", current.noise.whitener, left)
-    return outlying((white**2).sum(axis=1))
+    square = (white**2).sum(axis=1)
+    region = in_region(far_off(square, OUTLIER_D2), rests.observations.states.q)
+    return outlying(square, region)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.model.arm import Arm
 
 #: The signature's slope is taken between values this share apart to either side.

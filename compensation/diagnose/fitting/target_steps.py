@@ -9,12 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import fdtrc
 
-from armd.compensation.diagnose.fitting.fit import Fit
-
-F64 = npt.NDArray[np.float64]
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.fitted import Fit
 
 #: Rests whose mean says where a target stood.
 LEAST_PART = 3

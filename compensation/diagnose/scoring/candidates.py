@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import logsumexp
 
-from armd.compensation.diagnose.fitting.fit import Fit
-from armd.compensation.diagnose.fitting.signatures import Signatures, compile_candidates
+from armd.arrays import Mask
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
 from armd.compensation.diagnose.scoring.evidence import Scores, Sums, score
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
@@ -61,24 +61,28 @@ class ScoredCandidates:
         return score_candidates(self.projection, self.fit.findings)
 
     @cached_property
-    def _parts(self) -> npt.NDArray[np.bool_]:
+    def _parts(self) -> Mask:
         """(findings, C) which candidates are within a finding."""
         candidates = self.sums.signatures.candidates
         parts = [[c.within(finding) for c in candidates] for finding in self.fit.findings]
         return np.array(parts, dtype=bool).reshape(len(parts), len(candidates))
 
     def posterior_of(self, index: int, scores: Scores) -> float:
-        """Posterior weight of a finding's place; a refined value may be better than its grid.
+        """Posterior weight of a finding's place, see `log_posterior_of`."""
+        return float(np.exp(np.clip(self.log_posterior_of(index, scores), -500.0, 500.0)))
 
-        *scores* are those without it.
+    def log_posterior_of(self, index: int, scores: Scores) -> float:
+        """Log posterior weight of a finding's place; a refined value may be better than its grid.
+
+        *scores* are those without it, by which it is normalised.
         """
         candidate = self.fit.findings[index]
         if is_shape(candidate):
             evidence = float(self.alone(index).log_evidence[index])
-            return float(SHAPE_PRIOR * np.exp(np.clip(evidence - scores.log_total, -500.0, 500.0)))
+            return float(np.log(SHAPE_PRIOR)) + evidence - scores.log_total
         of_place = np.array([c.place == candidate.place for c in scores.signatures.candidates])
         if not np.isfinite(scores.log_evidence[of_place]).any():
-            return 0.0
+            return -np.inf
         log_weight = float(logsumexp(scores.log_posterior()[of_place]))
         best = float(scores.log_evidence[of_place].max())
         own = float(self.alone(index).log_evidence[index])
@@ -88,8 +92,7 @@ class ScoredCandidates:
             both = replace(candidate, columns=(*candidate.columns, *shape.columns))
             bent = float(score_candidates(self.projection, [both]).freed(index).log_evidence[0])
             own = float(np.logaddexp(own, bent + np.log(SHAPE_PRIOR)))
-        log_weight += max(own - best, 0.0)
-        return float(np.exp(np.clip(log_weight, -500.0, 500.0)))
+        return log_weight + max(own - best, 0.0)
 
 
 def score_candidates(

@@ -7,16 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import chdtrc
 
-from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
-from armd.compensation.diagnose.fitting.nuisance import finding
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.layout import finding
+from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.scoring.evidence import ABSORBED
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
-
-F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,18 +13,19 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import chdtrc, logsumexp
 
-from armd.compensation.diagnose.fitting.signatures import Signatures
+from armd.arrays import F64, I64, Mask
+from armd.compensation.diagnose.problem.signatures import Signatures
+from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import SCALES, Candidate
 from armd.compensation.estimate.linear_model import LinearModel
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
-
 #: A candidate of which less than this share of its squared norm survives projection is absorbed.
 ABSORBED = 1e-6
+#: χ² of more columns than this counts mostly noise: a walk's many small steps go one way or none.
+#: There the Bayes factor tells, too: it is over B once in B cases at most by chance (Markov).
+MOST_COUNTED = 12
 #: What the catalogue does not know gets this prior share.
 UNKNOWN_PRIOR = 0.05
 
@@ -77,7 +78,7 @@ class Scores:
         weighted: F64 = self.log_evidence + _log_prior(self)
         return weighted
 
-    def without(self, held: npt.NDArray[np.bool_]) -> Scores:
+    def without(self, held: Mask) -> Scores:
         """With the candidates *held* (C,) counted as absorbed."""
         return replace(
             self,
@@ -144,9 +145,10 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
         reach = sums.signatures.reach[which]
         square = (np.einsum("cii->ci", gram) * typical**2).mean(axis=1)
         typical_snr[members] = np.where(kept.any(axis=1), np.sqrt(np.maximum(square, 0.0)), 0.0)
-        evidence[members] = _evidence(gram, u[which] / size, typical, reach)
+        evidence[members] = log_bayes_factors(gram, u[which] / size, typical, reach)
     log_p = np.where(freedom > 0, _log_tail(statistic, np.maximum(freedom, 1)), 0.0)
     evidence[freedom == 0] = -np.inf
+    log_p = np.where(sums.signatures.count > MOST_COUNTED, np.minimum(log_p, -evidence), log_p)
     return Scores(sums.signatures, statistic, freedom, log_p, evidence, typical_snr)
 
 
@@ -175,8 +177,9 @@ def _log_tail(statistic: F64, freedom: I64) -> F64:
         return np.asarray(np.log(chdtrc(freedom, statistic)), dtype=np.float64)
 
 
-def _evidence(gram: F64, side: F64, typical: F64, reach: F64) -> F64:
-    """(c,) log Bayes factors, amplitudes a priori normal about zero with the catalogue's size."""
+def log_bayes_factors(gram: F64, side: F64, typical: F64, reach: F64) -> F64:
+    """(c,) of candidates against nothing, from products (c, m, m) of their columns and (c, m) with
+    the residual; amplitudes a priori normal about zero with the catalogue's size."""
     logs = []
     for scale, share in SCALES.items():
         prior = np.minimum(scale, reach) * typical
@@ -190,7 +193,8 @@ def _evidence(gram: F64, side: F64, typical: F64, reach: F64) -> F64:
 
 
 def _log_prior(scores: Scores) -> F64:
-    """Uniform over causes, then places, then kinds, then the grid; those absorbed take no part.
+    """Uniform over causes (as common as they are), then places, then kinds, then the grid; those
+    absorbed take no part.
 
     A constant that shifted once is one kind, its step at one of forty instants another: a fine
     grid must not make its place's plain kinds improbable.
@@ -200,11 +204,13 @@ def _log_prior(scores: Scores) -> F64:
     grid = Counter(kinds)
     of_place = Counter((cause, location) for cause, location, *_ in grid)
     places = Counter(cause for cause, _ in of_place)
-    named = max(len(places) - ("unknown" in places), 1)
+    common = {cause: CATALOGUE[cause].commonness for cause in places if cause != "unknown"}
+    named = max(sum(common.values()), 1e-9)
     prior = np.full(len(scores.freedom), -np.inf)
     for i, own in zip(alive, kinds, strict=True):
         cause, location, *_ = own
-        share = UNKNOWN_PRIOR if cause == "unknown" else (1 - UNKNOWN_PRIOR) / named
+        known = (1 - UNKNOWN_PRIOR) * common.get(cause, 0.0) / named
+        share = UNKNOWN_PRIOR if cause == "unknown" else known
         prior[i] = np.log(share / (places[cause] * of_place[cause, location] * grid[own]))
     return prior
 

@@ -14,17 +14,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.compensation.diagnose.fitting.fit import Fit
-from armd.compensation.diagnose.fitting.signatures import Signatures
+from armd.arrays import F64, I64
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.evidence import Sums, total
 from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
 from armd.compensation.estimate.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
 
 CHUNK = 128  # candidates' columns at once: what stays in the processor's cache
 

@@ -12,18 +12,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.compensation.diagnose.fitting.fit import finding_columns
-from armd.compensation.diagnose.fitting.nuisance import most_plausible
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.amplitudes import most_plausible
+from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear_model import LinearModel
 from armd.compensation.estimate.robust import WINSOR_AT, huber_loss, huber_weights
 
-F64 = npt.NDArray[np.float64]
-
-REWEIGHTINGS = 6
+#: Rounds of reweighting at most; one that gains less log likelihood was the last.
+REWEIGHTINGS, LEAST_GAINED = 8, 0.01
 #: A candidate hardly gains more by its own tails than so many times what was clipped.
 MOST_GAINED = 2.0
 
@@ -38,28 +37,24 @@ def unclipped(candidates: Sequence[Candidate], weight: F64, projection: Projecti
     near = weight >= weight.max() - MOST_GAINED * in_tails
     more = np.zeros(len(candidates))
     if near.sum() > 1:
-        raw, clipped = projection.clear_of_cells(_residuals(projection)).T
         nothing = _absorbing(projection)
-        before = nothing.robust(raw)[1] - nothing.square(clipped)
+        alone = nothing.robust()
+        before = alone.loss - nothing.square_of_clipped()
         for i in map(int, np.flatnonzero(near)):
-            both = nothing.joined(candidates[i], projection)
-            more[i] = before - (both.robust(raw)[1] - both.square(clipped))
+            both = nothing.joined(candidates[i])
+            more[i] = before - (both.robust(alone.less).loss - both.square_of_clipped())
     return more
 
 
 def clipped_about(candidate: Candidate, projection: Projection) -> Projection:
     """The projection, its residual clipped about the fit with a candidate in the model."""
     fit = projection.fit
-    both = _absorbing(projection).joined(candidate, projection)
-    raw = projection.clear_of_cells(fit.raw_residual[:, None])[:, 0]
-    solution, _ = both.robust(raw)
-    n = fit.linear.rests.n
-    left = (raw - both.clear @ solution)[: 3 * n].reshape(n, 3)
+    left = _absorbing(projection).joined(candidate).robust().left
     size = np.linalg.norm(left, axis=1)
     less = left * (1.0 - huber_weights(size))[:, None]
     residual = fit.raw_residual.copy()
     clipped = size > WINSOR_AT
-    residual[: 3 * n].reshape(n, 3)[clipped] -= np.linalg.solve(
+    residual[: 3 * len(left)].reshape(-1, 3)[clipped] -= np.linalg.solve(
         fit.noise.whitener[clipped], less[clipped][:, :, None]
     )[:, :, 0]
     return replace(projection, fit=replace(fit, residual=residual))
@@ -78,47 +73,70 @@ def _huber(left: F64, projection: Projection) -> float:
 
 
 @dataclass(frozen=True)
+class _Robust:
+    """A fit of least Huber's loss: the loss, and of each rest what is left (n, 3) and by how much
+    its weight is less than one (n,)."""
+
+    loss: float
+    left: F64
+    less: F64
+
+
+@dataclass(frozen=True)
 class _Problem:
-    """Columns that explain a residual, their amplitudes held by a prior."""
+    """Columns that explain a residual, their amplitudes held by a prior: those that absorb, and a
+    candidate's beside them, for what absorbs is many megabytes and stays where it is."""
 
     projection: Projection
-    clear: F64  # (N, b)
+    absorbing: F64  # (N, b)
+    own: F64  # (N, m)
     model: LinearModel
+    residuals: F64  # (N, 2) as measured, and clipped
+    sides: F64  # (b + m, 2) products with these
 
-    def joined(self, candidate: Candidate, projection: Projection) -> _Problem:
+    def joined(self, candidate: Candidate) -> _Problem:
         """With a candidate's columns, amplitudes of up to the largest plausible size."""
+        projection = self.projection
         columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
         own = projection.clear_of_cells(columns)
         most = np.array([most_plausible(column) for column in candidate.columns])
-        return _Problem(
-            projection,
-            np.hstack([self.clear, own]),
-            self.model.joined("candidate", own.T @ own, self.clear.T @ own, most**2),
+        return replace(
+            self,
+            own=own,
+            model=self.model.joined("candidate", own.T @ own, self.absorbing.T @ own, most**2),
+            sides=np.vstack([self.sides, own.T @ self.residuals]),
         )
 
-    def square(self, residual: F64) -> float:
-        """Least half of the sum of squares, what holds the amplitudes included."""
-        towards = self.model.project(self.clear.T @ residual)
-        return 0.5 * float(residual @ residual - towards @ towards)
+    def square_of_clipped(self) -> float:
+        """Least half of the clipped residual's sum of squares, what holds the amplitudes
+        included."""
+        towards = self.model.project(self.sides[:, 1])
+        clipped = self.residuals[:, 1]
+        return 0.5 * float(clipped @ clipped - towards @ towards)
 
-    def robust(self, residual: F64) -> tuple[F64, float]:
-        """The solution (b,) of least Huber's loss, and that loss."""
+    def robust(self, less: F64 | None = None) -> _Robust:
+        """The fit of least Huber's loss to what was measured, by reweighting; *less* (n,): by how
+        much rests weigh less than one to begin with. The loss has one minimum only."""
         n = self.projection.fit.linear.rests.n
-        side = self.clear.T @ residual
-        less = np.zeros(n)  # by how much a rest's weight is less than one
-        best: tuple[F64, float] = np.zeros(len(side)), np.inf
+        less = np.zeros(n) if less is None else less
+        raw, b = self.residuals[:, 0], self.absorbing.shape[1]
+        best = _Robust(np.inf, raw[: 3 * n].reshape(-1, 3), less)
         for _ in range(REWEIGHTINGS):
             rows = np.flatnonzero(np.repeat(less > 0, 3))
-            taken = self.clear[rows] * np.repeat(less[less > 0], 3)[:, None]
-            weighted = replace(self.model, gram=self.model.gram - taken.T @ self.clear[rows])
-            solution = weighted.explain(side - taken.T @ residual[rows])
-            left = residual - self.clear @ solution
+            clear = np.hstack([self.absorbing[rows], self.own[rows]])
+            taken = clear * np.repeat(less[less > 0], 3)[:, None]
+            weighted = replace(self.model, gram=self.model.gram - taken.T @ clear)
+            solution = weighted.explain(self.sides[:, 0] - taken.T @ raw[rows])
+            left = raw - self.absorbing @ solution[:b] - self.own @ solution[b:]
             held = float(solution**2 @ (1.0 / self.model.variance))
             loss = _huber(left, self.projection) + 0.5 * held
-            if loss < best[1]:
-                best = solution, loss
-            size = np.linalg.norm(left[: 3 * n].reshape(-1, 3), axis=1)
-            less = 1.0 - huber_weights(size)
+            gained = best.loss - loss
+            of_rests = left[: 3 * n].reshape(-1, 3)
+            less = 1.0 - huber_weights(np.linalg.norm(of_rests, axis=1))
+            if gained > 0.0:
+                best = _Robust(loss, of_rests, less)
+            if gained < LEAST_GAINED:
+                break
         return best
 
 
@@ -128,4 +146,6 @@ def _absorbing(projection: Projection) -> _Problem:
     shared = projection.shared
     # Columns clear of the cells are what is weighed here: their own lengths are the yardstick.
     model = LinearModel.of_products(shared.layout, clear.T @ clear, shared.variance)
-    return _Problem(projection, clear, model)
+    residuals = projection.clear_of_cells(_residuals(projection))
+    nothing = np.empty((len(clear), 0))
+    return _Problem(projection, clear, nothing, model, residuals, clear.T @ residuals)

@@ -3,21 +3,21 @@
 A step or a single target is decided by few rests. Where the noise has heavy tails, a handful of
 them that err the same way reach a score that noise of one variance never would. Their own
 residuals tell: by how much the score's variance, taken from these (White's sandwich, HC3), is
-larger than the noise's, known no better than so many rests can know it.
+larger than the noise's, known no better than so many rests can know it. Where what is left of them
+remembers from rest to rest, the score varies more.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import fdtrc
 
-from armd.compensation.diagnose.fitting.fit import finding_columns
-from armd.compensation.diagnose.scoring.evidence import ABSORBED
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.scoring.evidence import ABSORBED, MOST_COUNTED, log_bayes_factors
+from armd.compensation.diagnose.scoring.memory import Sequence, memory_s, variance_of_sums
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
-
-F64 = npt.NDArray[np.float64]
 
 #: A rest that alone decides this much of an amplitude has no residual to be judged by.
 MOST_LEVERAGE = 0.9
@@ -25,8 +25,9 @@ MOST_LEVERAGE = 0.9
 
 def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     """Log of the p value of a candidate's score, its variance from the rests' own residuals."""
-    plain, clear, residual = _cleared(candidate, projection)
-    values, vectors = np.linalg.eigh(plain.T @ clear)
+    plain, clear, residual, size = _cleared(candidate, projection)
+    gram = plain.T @ clear
+    values, vectors = np.linalg.eigh(gram)
     kept = values > ABSORBED * max(float(values.max(initial=0.0)), 1e-300)
     if not kept.any():
         return 0.0
@@ -41,17 +42,28 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     pulls /= 1.0 - np.minimum(leverage, MOST_LEVERAGE)[:, None]
     # What rests share (a certified target, drift) has the variance that is stated.
     scatter = float((pulls**2).sum() + m - leverage.sum()) / m  # 1: as the noise says
+    observations = projection.fit.linear.rests.observations
+    sequence = Sequence.of(observations.placement, observations.states.time_s)
+    sources = projection.fit.noise.sources(projection.fit.linear.joints)
+    if lasting := memory_s(left, sources, sequence):
+        scatter *= max(variance_of_sums(rests, sources, lasting, sequence), 1.0)
     speaking = leverage.sum() ** 2 / max(float((leverage**2).sum()), 1e-300)  # rests, effectively
     freedom = max((speaking - 1.0) * min(m, 3), 1.0)
     tail = float(fdtrc(m, freedom, float(score @ score) / (m * scatter)))
-    return float(np.log(max(tail, 1e-300)))
+    log_p = float(np.log(max(tail, 1e-300)))
+    if m > MOST_COUNTED:  # with noise as large as these rests scatter
+        side = plain.T @ residual / np.sqrt(max(scatter, 1.0))
+        typical, reach = np.array([(c.typical, c.reach) for c in candidate.columns]).T
+        evidence = log_bayes_factors(gram[None], side[None], (typical * size)[None], reach[None])
+        log_p = min(log_p, -float(evidence[0]))
+    return log_p
 
 
-def _cleared(candidate: Candidate, projection: Projection) -> tuple[F64, F64, F64]:
+def _cleared(candidate: Candidate, projection: Projection) -> tuple[F64, F64, F64, F64]:
     """A candidate's whitened columns (N, m) of unit length, the same clear of what absorbs (the
-    findings' shapes included), and the residual (N,) clear."""
+    findings' shapes included), the residual (N,) clear, and the lengths (m,) that they had."""
     columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
     white, clear = projection.clear_of_all(np.hstack([columns, projection.fit.residual[:, None]]))
     size = np.sqrt((white[:, :-1] ** 2).sum(axis=0))
     size = np.where(size > 0.0, size, 1.0)
-    return white[:, :-1] / size, clear[:, :-1] / size, clear[:, -1]
+    return white[:, :-1] / size, clear[:, :-1] / size, clear[:, -1], size

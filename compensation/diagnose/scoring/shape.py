@@ -13,18 +13,18 @@ import re
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.compensation.diagnose.fitting.baseline import scaled
-from armd.compensation.diagnose.fitting.fit import Fit, finding_columns
-from armd.compensation.diagnose.fitting.noise import Nuisance
-from armd.compensation.diagnose.fitting.nuisance import is_sized
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.amplitudes import is_sized
+from armd.compensation.diagnose.problem.baseline import scaled
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.whitening import Nuisance
+from armd.compensation.diagnose.scoring.unevenness import may_be_uneven, uneven
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import TIP, Location, shape_of
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.terms import Harmonic
-
-F64 = npt.NDArray[np.float64]
+from armd.compensation.model.pose_factors import Harmonic
 
 #: Standard deviation of each harmonic's share, root mean square over the turn.
 OFF = 0.15
@@ -70,12 +70,15 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
         None if shape_place(c) in known else shape_candidate(c, values, arm.n_joints)
         for c, values in zip(current.findings, current.amplitudes, strict=True)
     )
-    blocks = finding_columns(current.linear, [c for c in candidates if c is not None], arm)
+    bent = iter(finding_columns(current.linear, [c for c in candidates if c is not None], arm))
+    blocks = [
+        uneven(current.linear, c, values, arm) / OFF if shape is None else next(bent)
+        for shape, c, values in zip(candidates, current.findings, current.amplitudes, strict=True)
+    ]
     at, columns = current.nuisance.columns.shape[1], []
-    for candidate in candidates:
-        width = 0 if candidate is None else len(candidate.columns)
-        columns.append(range(at, at + width))
-        at += width
+    for block in blocks:
+        columns.append(range(at, at + block.shape[1]))
+        at += block.shape[1]
     nothing = np.empty((len(current.residual), 0))
     joined = np.hstack([nothing, *blocks])
     return Shapes(Nuisance(joined, np.full(joined.shape[1], OFF**2)), candidates, tuple(columns))
@@ -84,7 +87,7 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
 def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:
     """A finding's own signature times harmonics of the joints at its place."""
     joints = _joints(candidate, n_joints)
-    if not joints or is_sized(candidate):  # which has any shape
+    if not joints or is_sized(candidate) or may_be_uneven(candidate):  # has any shape
         return None
     own = [
         term

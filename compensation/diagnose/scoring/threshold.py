@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-F64 = npt.NDArray[np.float64]
+from armd.arrays import F64, Mask
 
 ALPHA = 0.01  # family-wise false-alarm rate on clean data
 
@@ -21,6 +20,6 @@ def family_wise(log_p: F64 | float, tests: int) -> F64:
     return np.asarray(-np.expm1(tests * np.log1p(-np.minimum(np.exp(log_p), 1.0 - 1e-15))))
 
 
-def significant(log_p: F64 | float, tests: int) -> npt.NDArray[np.bool_]:
+def significant(log_p: F64 | float, tests: int) -> Mask:
     """Whether noise reaches a p value only once in a hundred data sets."""
     return family_wise(log_p, tests) < ALPHA

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
-    F64,
     Candidate,
     Column,
     Effect,
@@ -16,7 +16,7 @@ from armd.compensation.effects.effect import (
     seconds_of_arc,
     tie,
 )
-from armd.compensation.model.terms import Harmonic
+from armd.compensation.model.pose_factors import Harmonic
 
 DISC_DIAMETER_MM = 50.0  # of a typical arm's encoder, for the reading only
 

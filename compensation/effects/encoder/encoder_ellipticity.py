@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
-    F64,
     Candidate,
     Effect,
     SessionFacts,

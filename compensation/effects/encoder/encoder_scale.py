@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
-    F64,
     Candidate,
     Column,
     Effect,
@@ -13,7 +13,7 @@ from armd.compensation.effects.effect import (
     seconds_of_arc,
     tie,
 )
-from armd.compensation.model.terms import Angle
+from armd.compensation.model.pose_factors import Angle
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
-    F64,
     Candidate,
     Column,
     Effect,
@@ -14,7 +14,7 @@ from armd.compensation.effects.effect import (
     tie,
     when,
 )
-from armd.compensation.model.terms import After
+from armd.compensation.model.slow_factors import After
 
 
 def _at(facts: SessionFacts, joint: int, instant: float, finest: bool) -> Candidate:

@@ -2,17 +2,10 @@
 
 from collections.abc import Iterator
 
+from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    F64,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    plain,
-    tie,
-)
-from armd.compensation.model.terms import Rate
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain, tie
+from armd.compensation.model.pose_factors import Rate
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:

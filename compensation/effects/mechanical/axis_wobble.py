@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
-    F64,
     Candidate,
     Column,
     Effect,
@@ -16,7 +16,7 @@ from armd.compensation.effects.effect import (
     tie,
 )
 from armd.compensation.effects.twist import twist_weights
-from armd.compensation.model.terms import Harmonic
+from armd.compensation.model.pose_factors import Harmonic
 
 BASE = (["base_rx", "base_ry", "base_x", "base_y"], np.eye(4))
 

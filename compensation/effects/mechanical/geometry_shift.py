@@ -3,11 +3,11 @@
 import math
 from collections.abc import Iterator
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift, swing
 from armd.compensation.effects.effect import (
     ARC_SECOND,
-    F64,
     Candidate,
     Column,
     Effect,
@@ -18,7 +18,7 @@ from armd.compensation.effects.effect import (
     tie,
     when,
 )
-from armd.compensation.model.terms import After
+from armd.compensation.model.slow_factors import After
 
 TYPICAL = {
     "theta": 10 * ARC_SECOND,

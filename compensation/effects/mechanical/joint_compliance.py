@@ -2,17 +2,10 @@
 
 from collections.abc import Iterator
 
+from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    F64,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    plain,
-    tie,
-)
-from armd.compensation.model.terms import GravityTorque
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain, tie
+from armd.compensation.model.pose_factors import GravityTorque
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
@@ -31,7 +24,7 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
 
 EFFECT = Effect(
     "joint_compliance",
-    "bearing, shaft and counterbalance between encoder and link give way",
+    "bearing, shaft and counterbalance between encoder and link twist under load",
     "eccentricity of joint 2",
     "repeat the poses with half a kilogram at the wrist",
     candidates,

@@ -10,11 +10,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, SessionFacts, plain
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain
 from armd.compensation.effects.twist import link_vector, twist_weights
 from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
-from armd.compensation.model.terms import Factor, GravityDirection, GravityMoment, Term
+from armd.compensation.model.pose_factors import GravityDirection, GravityMoment
+from armd.compensation.model.terms import Factor, Term
 
 SHORTEST_MM = 20.0  # a shorter link does not bend by anything that matters
 

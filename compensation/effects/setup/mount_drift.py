@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift, swing
 from armd.compensation.effects.effect import (
     ARC_SECOND,
-    F64,
     Candidate,
     Column,
     Effect,
@@ -18,7 +18,7 @@ from armd.compensation.effects.effect import (
     tie,
     when,
 )
-from armd.compensation.model.terms import After, Time
+from armd.compensation.model.slow_factors import After, Time
 
 SHIFTS = ("base_x", "base_y", "base_z")
 #: A base may move so much in the time seen.

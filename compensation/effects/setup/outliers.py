@@ -2,7 +2,9 @@
 
 from collections.abc import Iterator
 
-from armd.compensation.effects.effect import F64, Candidate, Effect, SessionFacts
+from armd.arrays import F64
+from armd.compensation.effects.effect import Candidate, Effect, SessionFacts
+from armd.terminal.counted import counted
 
 
 def candidates(_: SessionFacts) -> Iterator[Candidate]:
@@ -11,7 +13,8 @@ def candidates(_: SessionFacts) -> Iterator[Candidate]:
 
 
 def reading(_: Candidate, amplitudes: F64) -> str:
-    return f"{len(amplitudes)} readings belong to no effect: take them again"
+    count = counted(len(amplitudes), "reading")
+    return f"{count} far from where all others put them: measure again"
 
 
 EFFECT = Effect(

@@ -5,17 +5,10 @@ from typing import Literal
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    F64,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    plain,
-    tie,
-)
-from armd.compensation.model.terms import Approach
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain, tie
+from armd.compensation.model.pose_factors import Approach
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 

@@ -1,11 +1,15 @@
-"""The tip is not where the calibration has it: all along, or from a moment on."""
+"""The tip is not where the calibration has it: all along, or from a moment on.
+
+It may be anywhere. A stylus that loosens in its thread, or was not screwed in all the way, moves
+along its shaft, which is the last axis or nearly so; a last joint that slid does the same.
+"""
 
 from collections.abc import Iterator
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift, swing
 from armd.compensation.effects.effect import (
-    F64,
     Candidate,
     Column,
     Effect,
@@ -14,14 +18,19 @@ from armd.compensation.effects.effect import (
     tie,
     when,
 )
-from armd.compensation.model.terms import After
+from armd.compensation.model.slow_factors import After
 
 TYPICAL_MM = 20e-3
+#: How much of it lies across the last axis where the tip moved along its shaft: a thread stands
+#: askew by some degrees.
+ASKEW = 0.2
 
 
-def _columns(*basis: After) -> tuple[Column, ...]:
+def _columns(*basis: After, across: float = 1.0) -> tuple[Column, ...]:
+    typical = {"x": across * TYPICAL_MM, "y": across * TYPICAL_MM, "z": TYPICAL_MM}
     return tuple(
-        Column(axis, "mm", TYPICAL_MM, tie([(f"tip_{axis}", 1.0)], *basis)) for axis in "xyz"
+        Column(axis, "mm", size, tie([(f"tip_{axis}", 1.0)], *basis))
+        for axis, size in typical.items()
     )
 
 
@@ -55,6 +64,7 @@ def _along(function: Function) -> list[Column]:
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.held:
         yield Candidate("tip_offset", location.TIP, _columns(), ())
+        yield Candidate("tip_offset", location.TIP, _columns(across=ASKEW), ())
     for instant in facts.instants_unix_s:
         yield _at(facts, instant, False)
     yield from drifts(facts, "tip_offset", location.TIP, _along)

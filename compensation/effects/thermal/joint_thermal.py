@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
     ARC_SECOND,
-    F64,
     Candidate,
     Column,
     Effect,

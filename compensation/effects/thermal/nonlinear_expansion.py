@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
-    F64,
     Candidate,
     Column,
     Effect,

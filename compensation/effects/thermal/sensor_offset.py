@@ -5,10 +5,12 @@ Of a constant only a calibration made before can tell: a fit to the same session
 
 from collections.abc import Iterator, Sequence
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift
-from armd.compensation.effects.effect import F64, Candidate, Column, Effect, SessionFacts, plain
-from armd.compensation.model.terms import Temperature, Term
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
 
 TYPICAL_K = 0.5
 #: What a sensor loses while it is being used is less: its contact loosens, its cable warms.

@@ -7,9 +7,9 @@ Under a calibration given, every term of one sensor takes the other's temperatur
 from collections.abc import Iterator
 from itertools import combinations
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
-    F64,
     Candidate,
     Column,
     Effect,
@@ -18,7 +18,8 @@ from armd.compensation.effects.effect import (
     temperature,
     tie,
 )
-from armd.compensation.model.terms import Temperature, Term
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
 
 TYPICAL_PER_K = 10e-6
 

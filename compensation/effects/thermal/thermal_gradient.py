@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
-    F64,
     Candidate,
     Column,
     Effect,

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 
+from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
-    F64,
     Candidate,
     Column,
     Effect,
@@ -14,7 +14,8 @@ from armd.compensation.effects.effect import (
     temperature,
     tie,
 )
-from armd.compensation.model.terms import Temperature, Term
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 5400.0)
 TYPICAL_PER_K = 15e-6

@@ -1,0 +1,32 @@
+"""Work on many pieces, on all processors, what comes of them in the order of the pieces."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+Piece = TypeVar("Piece")
+Made = TypeVar("Made")
+
+
+def in_order(work: Callable[[Piece], Made], pieces: Iterable[Piece]) -> Iterator[Made]:
+    """`map`, in threads: for work that mostly leaves the interpreter alone (numpy, Arrow, `jit`).
+
+    Only a few pieces are taken before what comes of them is asked for, so that memory stays flat.
+    """
+    processors = len(os.sched_getaffinity(0))
+    waiting: deque[Future[Made]] = deque()
+    with ThreadPoolExecutor(processors) as pool:
+        try:
+            for piece in pieces:
+                waiting.append(pool.submit(work, piece))
+                if len(waiting) > processors:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()

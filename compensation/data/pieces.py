@@ -1,0 +1,99 @@
+"""Tables of readings in pieces, so that memory does not grow with the file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from armd.compensation.data.readings import (
+    LONGEST_LINE_BYTES,
+    Readings,
+    cast_columns,
+    check_quotes,
+    convert_options,
+    explain,
+    not_parquet,
+    read_header,
+    wanted_columns,
+    without_readings,
+)
+from armd.errors import BadInput
+
+#: What is read at once.
+PIECE_BYTES = 8 << 20
+PIECE_ROWS = 1 << 16
+
+
+def reading_pieces(path: Path, numbers: list[str], texts: list[str]) -> Iterator[Readings]:
+    """What `load_readings` gives, in pieces that follow each other, none of them empty."""
+    header = read_header(path)
+    wanted = wanted_columns(header, numbers, texts)
+    done = 0
+    tables = _csv_tables if path.suffix == ".csv" else _parquet_tables
+    for table in tables(path, header, wanted):
+        if table.num_rows:
+            yield Readings(path, header, table, done)
+            done += table.num_rows
+    if path.suffix == ".csv":
+        check_quotes(path, done)
+    if done == 0:
+        raise without_readings(path)
+
+
+def _csv_tables(
+    path: Path, header: list[str], wanted: dict[str, pa.DataType]
+) -> Iterator[pa.Table]:
+    options = pa.csv.ReadOptions(column_names=header, skip_rows=1, block_size=PIECE_BYTES)
+    try:
+        with pa.csv.open_csv(
+            path, read_options=options, convert_options=convert_options(wanted)
+        ) as batches:
+            for batch in batches:
+                yield pa.Table.from_batches([batch])
+    except pa.ArrowInvalid as error:
+        raise explain(path, header, wanted, error) from error
+
+
+def _parquet_tables(
+    path: Path, header: list[str], wanted: dict[str, pa.DataType]
+) -> Iterator[pa.Table]:
+    with open_parquet(path) as file:
+        for table in parquet_pieces(path, file, [name for name in header if name in wanted]):
+            yield cast_columns(path, table, wanted)
+
+
+def open_parquet(path: Path) -> pa.parquet.ParquetFile:
+    """Read ahead, Arrow would keep all of the file that it has read."""
+    return pa.parquet.ParquetFile(path, pre_buffer=False)
+
+
+def parquet_pieces(
+    path: Path, file: pa.parquet.ParquetFile, columns: Sequence[str] | None = None
+) -> Iterator[pa.Table]:
+    """Raises `BadInput` at a damaged page."""
+    batches = file.iter_batches(PIECE_ROWS, columns=columns)
+    while True:
+        try:
+            batch = next(batches, None)
+        except (OSError, pa.ArrowException) as error:
+            raise not_parquet(path, error) from error
+        if batch is None:
+            return
+        yield pa.Table.from_batches([batch])
+
+
+def line_pieces(source: Path, file: BinaryIO) -> Iterator[list[bytes]]:
+    """Whole lines without their ends, as many as come in one read; none of them endless."""
+    begun = b""
+    while block := file.read(PIECE_BYTES):
+        *lines, begun = (begun + block).split(b"\n")
+        if len(begun) > LONGEST_LINE_BYTES:
+            expected = f"rows of {LONGEST_LINE_BYTES} bytes at most"
+            raise BadInput(source, "the file", "a longer line", expected)
+        yield lines
+    yield [begun]

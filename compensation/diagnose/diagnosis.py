@@ -1,0 +1,175 @@
+"""Everything that a diagnosis found, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from armd.arrays import F64
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Baseline
+from armd.compensation.diagnose.problem.signatures import Signatures
+from armd.compensation.diagnose.scoring.threshold import ALPHA
+from armd.compensation.effects.effect import Candidate, SessionFacts
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+
+Progress = Callable[[str, float], None]
+
+#: Causes looked for at most.
+MOST_FINDINGS = 10
+#: A cause that accounts for less than this of what goes with its variables is a guess. A disc whose
+#: shape is off by 30 % accounts for 0.92, by half for 0.8.
+ENOUGH = 0.8
+
+
+@dataclass(frozen=True)
+class Check:
+    """The amplitude of a cause in parts of the readings, as a share of that in all of them."""
+
+    by: str  # "session", "placement", "time", or a column's name
+    parts: tuple[str, ...]
+    ratio: F64
+    sigma: F64
+    p_value: float  # that the amplitude is the same in all parts
+    excess: float  # χ² beyond what noise makes
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How much of what goes with its variables a cause accounts for."""
+
+    share: float
+    variables: tuple[str, ...]  # of the cause, and of what is left beside it
+    checks: tuple[Check, ...]
+
+    @property
+    def guess(self) -> bool:
+        """Whether the name is no more than the nearest one."""
+        return self.share < ENOUGH
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another cause that these data would also bear."""
+
+    candidate: Candidate
+    probability: float
+    angle_deg: float  # between the projected signatures
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finding of the search, before its gain is measured."""
+
+    candidate: Candidate
+    p_value: float  # family-wise
+    statistic: float
+    probability: float
+    rivals: tuple[Rival, ...]
+    variants: tuple[tuple[Candidate, float], ...]  # what an experiment must tell apart, one by one
+    #: how much of what goes with its variables; once all is found
+    explained: Explained | None = None
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A candidate whose fit left the neighbourhood of the model under test."""
+
+    candidate: Candidate
+    reason: str
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What the search ends with."""
+
+    facts: SessionFacts
+    first: Fit  # without findings
+    last: Fit  # with all
+    steps: tuple[Fit, ...]  # with none, the first, the first two … of the findings
+    found: tuple[Finding, ...]
+    signatures: Signatures  # of the whole catalogue
+    tests: int  # candidates that the data can see
+    remaining_p: float  # family-wise p of the strongest candidate left out
+    remaining_depends_on: tuple[str, ...]
+    untold: tuple[str, ...]  # causes that these data could not show whatever their size
+    would_show: dict[str, float]  # noise units of each cause at its typical size, at best
+    refused: tuple[Refused, ...]  # what the residuals would like, and cannot be
+
+
+@dataclass(frozen=True)
+class Gain:
+    """3-D RMS on held-out readings before and after a finding, and 95 % of their difference."""
+
+    before_um: float
+    after_um: float
+    interval_um: tuple[float, float]
+    shown: bool  # held-out readings improve beyond doubt
+    #: before and after, the rows named as outliers left out of both, where there are some
+    without_outliers_um: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Touched:
+    """A placement that became two."""
+
+    session: str
+    placement: str
+    row: int  # the first afterwards, from 1
+    instant_unix_s: float  # halfway from the last before; NaN without times
+    candidate: Candidate
+    amplitudes: F64  # (6,) mm and rad, base frame, about the middle of the placement
+    uncertainties: F64  # (6,)
+    p_value: float  # family-wise
+    probability: float  # that it is this and not a slip or a step of the base, at that instant
+    rivals: tuple[tuple[Candidate, float], ...]  # those, with probabilities
+    sessions: tuple[Session, ...]  # with the placement parted
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A reading that belongs to no effect: its session, its row (from 1), how far off it is."""
+
+    session: str
+    row: int
+    error_um: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything `armd diagnose` tells."""
+
+    arm: Arm
+    sessions: tuple[Session, ...]
+    holdout: tuple[Session, ...]
+    baseline: Baseline
+    search: SearchResult
+    rms_um: float  # of the sessions, under the model to test
+    heldout_rms_um: float
+    noise_floor_um: float
+    remaining_rms_um: float  # of the sessions, under the extended model
+    gains: tuple[Gain, ...]  # one per finding of the search
+    outliers: tuple[Outlier, ...]
+    outlier_p: float
+    outlier_gain: Gain | None
+    written: tuple[int, ...]  # findings in the extended calibration, by number
+    written_rms_um: tuple[float, float]  # held out, without any and with these
+    written_clear_um: tuple[float, float] | None  # the same without the outliers, if any are named
+    unforeseen: tuple[int, ...]  # drifts not written: what came after does not confirm them
+    by_target: bool  # these two of targets left out within placements: others could not tell
+    extended: Calibration
+    told: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
+    touched: tuple[Touched, ...]  # placements parted in two
+    touched_gain: Gain | None
+
+    @property
+    def found(self) -> tuple[Finding, ...]:
+        """Findings other than outliers, in the order in which they were added."""
+        return self.search.found
+
+    @property
+    def significant_rest(self) -> bool:
+        """Whether something significant stays that is in no finding."""
+        return self.search.remaining_p < ALPHA

@@ -1,0 +1,106 @@
+"""A fit's step followed where the model bends: Gauss–Newton from the linear answer on.
+
+The search is linear about one point. Directions that the readings before hardly told (the last
+joint's twist against the tip's offset) may be a long way uncertain: a step along them moves the tip
+by next to nothing to first order and by microns to second.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from armd.compensation.diagnose.fitting.fit import kinematic_part, normal_equations
+from armd.compensation.diagnose.fitting.nuisance import gather_nuisance
+from armd.compensation.diagnose.fitting.refit import solved
+from armd.compensation.diagnose.problem.baseline import moved, with_findings
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linearise import linearise
+from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.whitening import Nuisance
+from armd.compensation.estimate.blocks import in_blocks
+from armd.compensation.estimate.linear_model import pseudo_inverse_factor
+from armd.compensation.model.arm import Arm
+
+#: A solution that changes by less than so many standard uncertainties stays.
+STAYS = 0.1
+#: Most cases settle in three to six. Where a direction is hardly told at all, the way bends along a
+#: valley: whole steps leave it, and shorter ones follow it down.
+MOST_ROUNDS = 30
+
+
+def followed(last: Fit, arm: Arm) -> Fit:
+    """A fit under a calibration that is held, solved anew about the point that its solution leads
+    to, until it stays there; where that takes too long, the point it has come to. Each step is
+    taken only as far as it lowers what the fit minimises, so that point is better than the
+    calibration's constants are. Without a calibration the fit itself: its constants were moved
+    already.
+    """
+    if not last.baseline.held or not last.findings:
+        return last
+    start = last.solution.copy()
+    start[last.layout.identified] = 0.0
+    point = replace(last, solution=start)
+    here, share = _about_its_solution(point, arm), 1.0
+    for _ in range(MOST_ROUNDS):
+        if _change(point, here) < STAYS:
+            return here
+        tried = _part_of_the_way(point, here, share)
+        there = _about_its_solution(tried, arm)
+        if _cost(tried, there) < _cost(point, here):
+            point, here, share = tried, there, min(2.0 * share, 1.0)
+        else:
+            share /= 2.0
+    return replace(here, solution=point.solution, amplitudes=point.amplitudes)
+
+
+def _cost(point: Fit, here: Fit) -> float:
+    """What the fit minimises, at a *point* about which it was linearised: squares of residuals and
+    priors, where all but the arm's unknowns and the amplitudes are at their best."""
+    white = here.noise.whiten(here.residual - here.fitted)
+    held = here.solution**2 / here.nuisance.variance
+    return float(white @ white + held.sum()) + _change(point, here) ** 2
+
+
+def _part_of_the_way(before: Fit, after: Fit, share: float) -> Fit:
+    """*after*, its solution at this share of the way from that of *before*."""
+    way = zip(before.amplitudes, after.amplitudes, strict=True)
+    return replace(
+        after,
+        solution=before.solution + share * (after.solution - before.solution),
+        amplitudes=tuple(a + share * (b - a) for a, b in way),
+    )
+
+
+def _change(before: Fit, after: Fit) -> float:
+    """Between two solutions: of the arm's unknowns and the findings' amplitudes, all together, in
+    their standard uncertainties."""
+    at = after.layout
+    own = slice(at.identified.start, at.mount.start)
+    change = after.solution[own] - before.solution[own]
+    known = pseudo_inverse_factor(after.inverse[own, own])
+    return float(np.linalg.norm(known.T @ change))
+
+
+def _about_its_solution(last: Fit, arm: Arm) -> Fit:
+    """The same problem, its columns taken where the solution leads; the constants' prior stays
+    about the calibration, and what was clipped stays clipped."""
+    baseline, at = last.baseline, last.layout.identified
+    own = -last.solution[at]
+    here = with_findings(
+        moved(baseline.model, baseline, baseline.root @ own), last.findings, last.amplitudes
+    )
+    linear = linearise(last.linear.rests, here, arm)
+    columns = finding_columns(linear, last.findings, arm)
+    sizes = [1.0] * len(columns)  # of no account: the variances stay
+    nuisance, layout = gather_nuisance(linear, arm, baseline, last.findings, columns, sizes)
+    nuisance = Nuisance(nuisance.columns, last.nuisance.variance)
+    # Without what the step did, so that the solution is the whole step.
+    raw = linear.residual - kinematic_part(last.findings, columns, last.amplitudes)
+    raw = raw - nuisance.columns[:, at] @ own
+    clipped = raw - (last.raw_residual - last.residual)
+    blocks = in_blocks(nuisance.columns, linear.rests.observations.placement)
+    problem, side = normal_equations(blocks, nuisance, layout, last.noise, clipped)
+    moved_to = replace(last, linear=linear, residual=clipped, raw_residual=raw)
+    return solved(moved_to, last.findings, nuisance.columns, layout, problem, side, last.noise)

@@ -1,0 +1,77 @@
+"""A fit about the same point, solved anew with other findings: one linear step, no rows moved."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from armd.arrays import F64
+from armd.compensation.diagnose.fitting.fit import CURVE_SCALE, normal_equations, sized
+from armd.compensation.diagnose.fitting.nuisance import with_other_findings
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.layout import Layout, with_some_findings
+from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.whitening import Noise, Nuisance
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.blocks import in_blocks
+from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.model.arm import Arm
+
+
+def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Arm) -> Fit:
+    """The linear problem of a fit with other findings and another whitener; nothing else moves."""
+    columns = finding_columns(known.linear, findings, arm)
+    sizes = [CURVE_SCALE] * len(findings)
+    nuisance, layout = with_other_findings(known.nuisance, known.layout, findings, columns, sizes)
+    blocks = in_blocks(nuisance.columns, known.linear.rests.observations.placement)
+    problem, side = normal_equations(blocks, nuisance, layout, noise, known.residual)
+    problem, _ = sized(problem, side, layout, findings, sizes)
+    return solved(known, findings, nuisance.columns, layout, problem, side, noise)
+
+
+class Refits:
+    """One fit's linear problem with some of its findings only, for one whitener: the rows are
+    summed once."""
+
+    def __init__(self, known: Fit, noise: Noise) -> None:
+        self._known, self._noise = known, noise
+        blocks = in_blocks(known.nuisance.columns, known.linear.rests.observations.placement)
+        self._problem, self._side = normal_equations(
+            blocks, known.nuisance, known.layout, noise, known.residual
+        )
+
+    def with_some(self, some: Sequence[int]) -> Fit:
+        """The fit with *some* of the findings, by number."""
+        known = self._known
+        kept, layout = with_some_findings(known.layout, some)
+        findings = tuple(known.findings[i] for i in some)
+        problem, side = replace(self._problem.only(kept), layout=layout.blocks), self._side[kept]
+        problem, _ = sized(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
+        columns = known.nuisance.columns[:, kept]
+        return solved(known, findings, columns, layout, problem, side, self._noise)
+
+
+def solved(
+    known: Fit,
+    findings: Sequence[Candidate],
+    columns: F64,
+    layout: Layout,
+    problem: LinearModel,
+    side: F64,
+    noise: Noise,
+) -> Fit:
+    """A fit about the same point, solved anew with other nuisance columns (N, b)."""
+    solution, inverse = problem.solve(side)
+    return replace(
+        known,
+        findings=tuple(findings),
+        amplitudes=tuple(-solution[at] for at in layout.findings),
+        covariances=tuple(inverse[at, at] for at in layout.findings),
+        noise=noise,
+        nuisance=Nuisance(columns, problem.variance),
+        layout=layout,
+        fitted=columns @ solution,
+        solution=solution,
+        inverse=inverse,
+        problem=problem,
+    )

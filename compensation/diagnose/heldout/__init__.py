@@ -1,0 +1,1 @@
+"""What findings are worth on readings that took no part."""

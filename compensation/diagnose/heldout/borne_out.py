@@ -1,0 +1,224 @@
+"""Which findings the extended calibration gets: those that readings held out bear out.
+
+A finding is significant on the readings it was made of; whether the model is better with it, only
+others can tell. Findings join one after another, in the order in which they were found, where the
+held-out error falls beyond doubt; one that helps only beside a later one gets its turn again.
+
+What this costs and saves: a finding that is worth nothing passes once in forty (the interval has
+2.5 % below zero), and then by what chance made of it; a true one of five noise units passes mostly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.diagnosis import Finding, Gain, SearchResult
+from armd.compensation.diagnose.extend import extended, knows_growth
+from armd.compensation.diagnose.fitting.follow import followed
+from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
+from armd.compensation.diagnose.fitting.refit import Refits
+from armd.compensation.diagnose.heldout.forward import later_squares
+from armd.compensation.diagnose.heldout.gain import folds_of, groups_of, left_out
+from armd.compensation.diagnose.heldout.judge import MOST_WORSE, Judge, Look
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Baseline
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
+from armd.compensation.effects.courses import is_drift
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.model.arm import Arm
+
+#: Where placements are left out, the finding was chosen with them too. That hardly flatters one so
+#: sure that a search without any of them finds it as well; a weaker one must not have done harm
+#: when the search was repeated without them, and a sure one none beyond `MOST_WORSE`. What has no
+#: name is never so sure: its form, not its size alone, was chosen with them.
+SURE_P = 1e-6
+TARGET_FOLDS = 4
+#: A finding that shows so much in placements left out together cannot be learnt from the others.
+IN_ONE = 0.75
+
+
+@dataclass(frozen=True)
+class BorneOut:
+    """The findings written, by number, and squared residuals held out (n,) mm² without any and
+    with what is written."""
+
+    some: tuple[int, ...]
+    before: F64
+    after: F64
+    further: dict[int, Gain]  # of those that a further look bears out
+    unforeseen: tuple[int, ...] = ()  # drifts confirmed, but not by what came after them
+    growth: bool = False  # the first link's joins them
+
+
+def choose(
+    result: SearchResult,
+    looks: Sequence[Look],
+    able: Sequence[bool],
+    deaf: Sequence[bool] = (),
+    later: Callable[[Sequence[int], bool], F64] | None = None,
+    growth: bool = False,
+    deaf_to_growth: bool = False,
+) -> BorneOut:
+    """Those of the findings *able* to be written that held-out readings bear out.
+
+    The first look decides. What shows in one placement only, nobody can learn from the others:
+    where the first look does not speak against a finding, or is *deaf* to it, a further one may
+    bear it out. Nor must a drift make *later* readings worse: their squared residuals by findings,
+    predicted from earlier ones.
+
+    The findings were fitted beside the first link's *growth*. Where all readings tell that beyond
+    doubt, findings are judged with it, and it is written too if that is borne out beside them. A
+    first look that is deaf to it judges them without; then it joins where the next look predicts
+    better so.
+    """
+    judge = Judge(result.last, looks, deaf, later)
+    if growth and not deaf_to_growth:
+        with_it = _chosen(result, judge, able, True)
+        if with_it.some and judge.shown_by((with_it.some, False), (with_it.some, True)):
+            return with_it
+    chosen = _chosen(result, judge, able, False)
+    if growth and deaf_to_growth and chosen.some:
+        with_it = replace(chosen, growth=judge.predicts_better(chosen.some))
+        if with_it.growth and chosen.further:  # which the look that hears it has decided
+            with_it = replace(with_it, after=judge.errors((chosen.some, True))[-1])
+        return with_it
+    return chosen
+
+
+def _chosen(result: SearchResult, judge: Judge, able: Sequence[bool], growth: bool) -> BorneOut:
+    """The findings borne out one after another, in a model in which the first link grows or not;
+    beside the model under test, which is silent on that."""
+    chosen: tuple[int, ...] = ()
+    further: dict[int, Gain] = {}
+    unforeseen: list[int] = []
+    every = tuple(i for i, ok in enumerate(able) if ok)
+    more = True
+    while more:
+        more = False
+        for i in every:
+            if i in chosen or not _has_its_cause(result.last, i, chosen):
+                continue
+            some = tuple(sorted((*chosen, i)))
+            if (shown := judge.shown_by((chosen, growth), (some, growth))) is not None:
+                if not judge.foreseen((chosen, growth), (some, growth)):
+                    unforeseen.append(i)
+                    continue
+                chosen, more = some, True
+                if shown[0] > 0:
+                    further[i] = shown[1]
+    now, whole = (chosen, growth), (every, growth)
+    together = judge.shown_by(now, whole) if len(every) > len(chosen) + 1 else None
+    if together is not None and judge.foreseen(now, whole):
+        chosen = every  # some help only together
+    decides = -1 if further else 0
+    told = tuple(i for i in dict.fromkeys(unforeseen) if i not in chosen)
+    growth = growth and bool(chosen)
+    before, after = (judge.errors(model)[decides] for model in (((), False), (chosen, growth)))
+    return BorneOut(chosen, before, after, further, told, growth)
+
+
+def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> BorneOut:
+    """By whole placements left out in turn, then by targets within them; *stepwise*: gains of a
+    search repeated without the placements."""
+    last = result.last
+    observations = last.linear.rests.observations
+    groups = groups_of(observations)
+    looks = [
+        Look(_left_out_in_turn(last, arm, folds), groups)
+        for folds in (folds_of(last), _by_target(observations))
+    ]
+    able = [
+        not found.candidate.told_only
+        and own.after_um <= (MOST_WORSE if _sure(found) else 1.0) * own.before_um
+        for found, own in zip(result.found, stepwise, strict=True)
+    ]
+    deaf = [_in_one_fold(last, last.net_signature(i)) for i in range(len(result.found))]
+    later = later_squares(last, arm) if any(map(is_drift, last.findings)) else None
+    growth = knows_growth(last, arm)
+    deaf_to_growth = growth and _in_one_fold(last, last.net_growth())
+    return choose(result, looks, able, deaf, later, growth, deaf_to_growth)
+
+
+def _sure(found: Finding) -> bool:
+    return found.p_value < SURE_P and found.candidate.cause != "unknown"
+
+
+def _in_one_fold(last: Fit, moves: F64) -> bool:
+    """Whether nearly all of what *moves* (n, 3) the tip does so in placements left out together."""
+    white = np.einsum("nij,nj->ni", last.noise.whitener, moves)
+    told = np.bincount(folds_of(last), (white**2).sum(axis=1))
+    return bool(told.max() > IN_ONE * max(float(told.sum()), 1e-300))
+
+
+def _left_out_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int], bool], F64]:
+    refits = []
+    for part in np.unique(folds):
+        out = folds == part
+        whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
+        refits.append((out, Refits(last, replace(last.noise, whitener=whitener))))
+
+    def squares(some: Sequence[int], growth: bool) -> F64:
+        found = np.zeros(len(folds))
+        for out, refit in refits:
+            found[out] = left_out(refit.with_some(some), out, arm, growth)
+        return found
+
+    return squares
+
+
+def _by_target(observations: Observations) -> I64:
+    """Fold of each rest: its target's within the placement; of readings with truth their turn."""
+    turn = np.where(observations.has_truth, np.arange(observations.n), observations.target)
+    folds: I64 = turn % TARGET_FOLDS
+    return folds
+
+
+def by_session(
+    result: SearchResult,
+    baseline: Baseline,
+    arm: Arm,
+    sessions: Sequence[Session],
+    holdout: Sequence[Session],
+    groups: I64,
+) -> BorneOut:
+    """By sessions that had no part in anything; *groups*: what their readings are resampled by."""
+    last = result.last
+    refit = Refits(last, last.noise)
+
+    def squares(some: Sequence[int], growth: bool) -> F64:
+        return on_sessions(refit.with_some(some), baseline, arm, sessions, holdout, growth)
+
+    look = Look(squares, groups)
+    able = [not found.candidate.told_only for found in result.found]
+    return choose(result, [look], able, growth=knows_growth(last, arm))
+
+
+def on_sessions(
+    step: Fit,
+    baseline: Baseline,
+    arm: Arm,
+    sessions: Sequence[Session],
+    holdout: Sequence[Session],
+    growth: bool,
+) -> F64:
+    """Squared residuals (n,) mm² of the *holdout*'s readings under the model written of *step*."""
+    model = baseline.calibration
+    if step.findings:
+        model = extended(baseline, followed(step, arm), arm, sessions, growth=growth)
+    residual = evaluate(holdout, arm, model).residual_mm
+    square: F64 = (residual**2).sum(axis=1) * scale_kept(step, arm) ** 2
+    return square
+
+
+def _has_its_cause(last: Fit, index: int, chosen: Sequence[int]) -> bool:
+    """A shape is written with the finding whose shape it is, or not at all."""
+    finding = last.findings[index]
+    if not is_shape(finding):
+        return True
+    return any(shape_place(last.findings[i]) == finding.location for i in chosen)

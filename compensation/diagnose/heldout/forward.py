@@ -1,0 +1,80 @@
+"""Whether what drifts is known forward in time: later readings, predicted from earlier ones.
+
+Placements left out in turn stand between others: a wave or a curve through these passes the ones
+left out, too. A calibration is used after its last reading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.diagnose.fitting.refit import Refits
+from armd.compensation.diagnose.heldout.gain import left_out
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.problem.whitening import Nuisance
+from armd.compensation.effects.courses import is_drift
+from armd.compensation.estimate.folds import blocks_of_time
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.model.arm import Arm
+
+#: Parts of the time; what follows the second and the third is predicted from what is before.
+PARTS, KNOWN = 4, (2, 3)
+
+
+def later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F64]:
+    """Squared residuals mm² of later rests by models of the earlier ones, by the findings in them
+    and whether the first link grows.
+
+    As in an extended calibration, a drift holds the value that it had at the last reading.
+    """
+    part = parts_in_time(last.linear.rests.observations)
+    time_s = last.linear.rests.observations.states.time_s
+    refits = []
+    for known in KNOWN:
+        out = part >= known
+        if not 0 < out.sum() < len(out):
+            continue
+        whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
+        held = _held_from(last, float(time_s[~out].max()), arm)
+        refits.append((out, Refits(held, replace(last.noise, whitener=whitener))))
+
+    def squares(some: Sequence[int], growth: bool) -> F64:
+        found = [np.zeros(0)]
+        for out, refit in refits:
+            found.append(left_out(refit.with_some(some), out, arm, growth))
+        return np.concatenate(found)
+
+    return squares
+
+
+def parts_in_time(observations: Observations) -> I64:
+    """(n,) which part of the time each rest belongs to: whole placements one after the other, or
+    blocks where there are fewer placements than parts."""
+    placement = observations.placement
+    numbers = np.unique(placement)
+    if len(numbers) < PARTS:
+        return blocks_of_time(observations.states.time_s, PARTS)
+    begin = np.array([observations.states.time_s[placement == p].min() for p in numbers])
+    turn = np.empty(len(numbers), dtype=np.int64)
+    turn[np.argsort(begin, kind="stable")] = np.arange(len(numbers))
+    parts: I64 = (turn * PARTS // len(numbers))[np.searchsorted(numbers, placement)]
+    return parts
+
+
+def _held_from(last: Fit, until_s: float, arm: Arm) -> Fit:
+    """The fit with every drift's columns as they are if it was identified until then."""
+    linear = last.linear
+    observations = linear.rests.observations
+    states = observations.states
+    stopped = replace(states, time_s=np.minimum(states.time_s, until_s))
+    rests = replace(linear.rests, observations=replace(observations, states=stopped))
+    columns = last.nuisance.columns.copy()
+    for candidate, at in zip(last.findings, last.layout.findings, strict=True):
+        if is_drift(candidate):
+            columns[:, at] = finding_columns(replace(linear, rests=rests), [candidate], arm)[0]
+    return replace(last, nuisance=Nuisance(columns, last.nuisance.variance))

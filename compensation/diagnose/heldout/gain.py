@@ -1,0 +1,140 @@
+"""How much better the extended model is, on readings that had no part in it.
+
+With sessions held out, models fitted to the others are evaluated on them. Without, whole
+placements are left out in turn, and the search is repeated on the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import bdtrc
+
+from armd.arrays import F64, I64, Mask
+from armd.compensation.diagnose.diagnosis import Gain
+from armd.compensation.diagnose.fitting.curves import as_written
+from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.estimate.folds import blocks_of_time, whole_groups
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.model.arm import Arm
+
+MOST_FOLDS = 4
+BLOCKS = 5  # of readings, where there is one placement only
+#: Readings with truth of their own share nothing but their time: they are resampled in blocks.
+TRUTH_BLOCKS = 40
+RESAMPLES = 1000
+SIGN_P = 0.01
+#: Less than this share of the error is rounding, no gain.
+LEAST_SHARE = 1e-6
+#: In a decision a reading six noise units off counts as one that is further off: so many times the
+#: usual squared residual.
+MOST_SQUARES = 15.0
+
+
+def gains(squares: Sequence[F64], groups: I64, kept: Mask) -> list[Gain]:
+    """Gains from step to step of squared residuals (n,) mm², resampled by *groups* (n,).
+
+    *kept* (n,): rows of the last figure; the others are what an outlier finding names.
+    """
+    last = len(squares) - 1
+    every = np.ones(len(groups), dtype=bool)
+    return [
+        gain(squares[j - 1], squares[j], groups, kept if j == last else every)
+        for j in range(1, len(squares))
+    ]
+
+
+def gain(before: F64, after: F64, groups: I64, use: Mask | None = None, seed: int = 1) -> Gain:
+    """From squared residuals *before* to those *after* (n,) mm², of *use* (n,) only."""
+    use = np.ones(len(groups), dtype=bool) if use is None else use
+    names, index = np.unique(groups, return_inverse=True)
+    draws = np.random.default_rng(seed).integers(len(names), size=(RESAMPLES, len(names)))
+    sums = [
+        np.bincount(index, values, len(names))
+        for values in (before, np.ones(len(groups)), after * use, use.astype(float))
+    ]
+    drawn = [total[draws].sum(axis=1) for total in sums]
+    change = np.sqrt(drawn[0] / drawn[1]) - np.sqrt(drawn[2] / np.maximum(drawn[3], 1.0))
+    low, high = np.quantile(1e3 * change, [0.025, 0.975])
+    rms = _rms(before), _rms(after[use])
+    better = rms[1] < (1.0 - LEAST_SHARE) * rms[0]
+    shown = better and (low > 0 or _most_improve(index, before, after))
+    return Gain(*rms, (float(low), float(high)), bool(shown))
+
+
+def without_gross(before: F64, after: F64) -> tuple[F64, F64]:
+    """Squared residuals with single readings counting at most `MOST_SQUARES` of the usual one's:
+    a decision that gross errors cannot outvote."""
+    most = MOST_SQUARES * min(float(np.median(before)), float(np.median(after)))
+    return np.minimum(before, most), np.minimum(after, most)
+
+
+def _most_improve(index: I64, before: F64, after: F64) -> bool:
+    """Whether most groups improve, by the sign test: a few readings that the model was never
+    shown anything like may spoil a mean that is right for all the others."""
+    change = np.bincount(index, before) - np.bincount(index, after)
+    better, worse = int((change > 0).sum()), int((change < 0).sum())
+    return bool(bdtrc(better - 1, better + worse, 0.5) < SIGN_P) if better else False
+
+
+def _rms(squares: F64) -> float:
+    return 1e3 * float(np.sqrt(squares.mean())) if squares.size else 0.0
+
+
+def groups_of(observations: Observations) -> I64:
+    """(n,) what readings are resampled by: placement and target, or blocks of time."""
+    groups = observations.placement * len(observations.target_names) + observations.target
+    truth = observations.has_truth
+    if truth.any():
+        blocks = blocks_of_time(observations.states.time_s[truth], TRUTH_BLOCKS)
+        groups[truth] = groups.max() + 1 + blocks
+    return groups
+
+
+def left_out(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
+    """Squared residuals mm² of the rests left *out*, under the model of the others; where a
+    calibration is held and nothing was found, under that as given, not moved within its
+    covariance. The first link's *growth* predicts only where it is to be written: no calibration
+    under test that is silent on it has it.
+
+    Poses, seats, targets and drift are fitted to the readings left out themselves; an arm that
+    such a fit makes larger or smaller is held to its own scale.
+    """
+    n = 3 * len(out)
+    rows = np.flatnonzero(np.repeat(out, 3))
+    kept = _of_the_arm(current, growth)
+    if current.baseline.held and not current.findings:
+        kept = kept[kept >= current.layout.identified.stop]
+    taken = current.nuisance.columns[:n, kept] @ current.solution[kept]
+    for at, strange, columns in as_written(current, out):
+        known = current.nuisance.columns[strange, at]
+        taken[strange] += (columns - known) @ current.solution[at]
+    left = (current.raw_residual[:n] - taken)[rows]
+    own = current.linear.nuisance[rows]
+    own = own[:, np.abs(own).max(axis=0) > 0]
+    # A gross error must not carry its placement away from all the others.
+    clipped = (current.residual[:n] - taken)[rows]
+    left = left - own @ np.linalg.lstsq(own, clipped, rcond=1e-9)[0]
+    square: F64 = (left.reshape(-1, 3) ** 2).sum(axis=1) * scale_kept(current, arm) ** 2
+    return square
+
+
+def _of_the_arm(last: Fit, growth: bool) -> I64:
+    """Columns whose solution carries over to other placements: the arm's, and the findings'."""
+    at = last.layout
+    return np.concatenate(
+        [
+            np.arange(at.identified.start, at.identified.stop),
+            *(np.arange(f.start, f.stop) for f in at.findings),
+            np.arange(at.mount.start, at.mount.stop if growth else at.mount.start),
+        ]
+    )
+
+
+def folds_of(last: Fit) -> I64:
+    """Fold of each rest: whole placements, dealt in turn; blocks of time for a single one."""
+    observations = last.linear.rests.observations
+    folds = whole_groups(observations.placement, MOST_FOLDS)
+    return folds if folds.any() else blocks_of_time(observations.states.time_s, BLOCKS)

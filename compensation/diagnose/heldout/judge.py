@@ -1,0 +1,88 @@
+"""Whether one model predicts readings held out beyond doubt better than another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from armd.arrays import F64, I64
+from armd.compensation.diagnose.diagnosis import Gain
+from armd.compensation.diagnose.heldout.gain import gain, without_gross
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.effects.courses import is_drift
+
+#: Gross errors have no voice in the decision, and they move the error over all readings by chance,
+#: of noise-sized findings by far less than this share: beyond it a finding does harm somewhere.
+MOST_WORSE = 1.02
+
+
+@dataclass(frozen=True)
+class Look:
+    """One way to hold readings out: squared residuals (n,) mm² by the findings in the model and
+    whether the first link grows in it, and what readings are resampled by (n,)."""
+
+    squares: Callable[[Sequence[int], bool], F64]
+    groups: I64
+
+
+#: Findings in a model, by number, and whether the first link grows in it.
+Model = tuple[tuple[int, ...], bool]
+
+
+class Judge:
+    """Holds models of *last* against each other; each held-out error is worked out once."""
+
+    def __init__(
+        self,
+        last: Fit,
+        looks: Sequence[Look],
+        deaf: Sequence[bool],
+        later: Callable[[Sequence[int], bool], F64] | None,
+    ) -> None:
+        self._last, self._looks, self._deaf, self._later = last, looks, deaf, later
+        self._known: dict[Model, list[F64]] = {}
+
+    def errors(self, model: Model) -> list[F64]:
+        """Squared residuals held out, by each look."""
+        if model not in self._known:
+            self._known[model] = [look.squares(*model) for look in self._looks]
+        return self._known[model]
+
+    def foreseen(self, before: Model, after: Model) -> bool:
+        """Whether what drifts in *after* only makes nothing worse that was measured later."""
+        new = {*after[0]} - {*before[0]}
+        if self._later is None or not any(is_drift(self._last.findings[i]) for i in new):
+            return True
+        old_mm2, new_mm2 = without_gross(self._later(*before), self._later(*after))
+        return float(new_mm2.sum()) <= float(old_mm2.sum())
+
+    def shown_by(self, before: Model, after: Model) -> tuple[int, Gain] | None:
+        """The first look that bears out what is new, and its gain."""
+        pairs = [
+            (old, new, look.groups)
+            for old, new, look in zip(
+                self.errors(before), self.errors(after), self._looks, strict=True
+            )
+        ]
+        decided = [gain(*without_gross(old, new), groups) for old, new, groups in pairs]
+        of_all = [gain(*pair) for pair in pairs]
+        new = {*after[0]} - {*before[0]}
+        heard = not (self._deaf and new) or not all(self._deaf[i] for i in new)
+        if heard and (decided[0].interval_um[1] < 0.0 or _harms(of_all[0])):
+            return None
+        for k, found in enumerate(decided):
+            if found.shown and not _harms(of_all[k]):
+                return k, replace(of_all[k], shown=True)
+        return None
+
+    def predicts_better(self, some: tuple[int, ...]) -> bool:
+        """Whether the last look predicts better where the first link grows beside *some*, all
+        readings together no worse."""
+        old, new = (self.errors((some, growth))[-1] for growth in (False, True))
+        some_old, some_new = without_gross(old, new)
+        better = float(some_new.sum()) < float(some_old.sum())
+        return better and not _harms(gain(old, new, self._looks[-1].groups))
+
+
+def _harms(found: Gain) -> bool:
+    return found.after_um > MOST_WORSE * found.before_um

@@ -1,0 +1,56 @@
+"""What findings that are not written leave open: constants that have taken a part of them up.
+
+A calibration made beside an effect that is not in it has constants that are wrong by what they
+could take up of it, many times their own uncertainty, and predicts well all the same: where it was
+measured, the two make up for each other. Live nothing is wrong with that. A diagnosis under such a
+calibration must not hold to these constants, though: what the effect leaves beside them, once they
+may not move, has the shape of another cause.
+
+So the extended calibration says how far each finding that is not written would move what was
+identified, and a diagnosis under it takes that as one more way in which its constants may be wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.extend import extended
+from armd.compensation.diagnose.fitting.refit import Refits
+from armd.compensation.diagnose.problem.baseline import LEFT_OPEN, identified
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+
+
+def saying_what_is_open(
+    written: Calibration, last: Fit, some: Sequence[int], arm: Arm, sessions: Sequence[Session]
+) -> Calibration:
+    """The *written* calibration, with *some* of the findings, and what the others leave open."""
+    others = [i for i in range(len(last.findings)) if i not in some]
+    if not others:
+        return written
+    refits = Refits(last, last.noise)
+    names = [
+        name for name in written.covariance_of if name in last.baseline.calibration.covariance_of
+    ]
+    now = identified(written, names)
+    ways: list[dict[str, Any]] = []
+    if not some:  # nothing new is known of what was open before
+        ways += written.provenance["diagnosis"].get("earlier", {}).get(LEFT_OPEN, [])
+    for i in others:
+        with_it = extended(last.baseline, refits.with_some([*some, i]), arm, sessions)
+        moves: F64 = identified(with_it, names) - now
+        finding = last.findings[i]
+        ways.append(
+            {
+                "finding": f"{finding.cause} {finding.location}",
+                "moves": dict(zip(names, np.round(moves, 12).tolist(), strict=True)),
+            }
+        )
+    diagnosis = {**written.provenance["diagnosis"], LEFT_OPEN: ways}
+    return written.model_copy(update={"provenance": {**written.provenance, "diagnosis": diagnosis}})

@@ -1,0 +1,97 @@
+"""The model under test as a calibration gives it, and the same moved or with more terms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.linear import Baseline, ModelState
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import ArtefactCorrection, Calibration
+from armd.compensation.model.terms import Term
+
+#: In a calibration's provenance, how findings that are not in it would move what was identified.
+LEFT_OPEN = "left_open"
+
+
+def from_calibration(calibration: Calibration, arm: Arm, held: bool) -> Baseline:
+    """The baseline of a calibration; one without covariance is taken as exact when held."""
+    names = arm.layout.names
+    constants = [i for i, name in enumerate(names) if name in calibration.covariance_of]
+    terms = [i for i in range(len(calibration.terms)) if f"term {i}" in calibration.covariance_of]
+    order = [calibration.covariance_of.index(names[i]) for i in constants]
+    order += [calibration.covariance_of.index(f"term {i}") for i in terms]
+    covariance = np.array(calibration.covariance).reshape(len(order), len(order))
+    covariance = covariance[np.ix_(order, order)]
+    for moves in _left_open(calibration) if held else []:
+        covariance = covariance + np.outer(moves[order], moves[order])
+    return Baseline(
+        ModelState(
+            calibration.vector(arm.n_joints),
+            tuple(calibration.terms),
+            calibration.reference_temperature_c,
+            calibration.artefact or ArtefactCorrection(),
+        ),
+        calibration,
+        held,
+        tuple(constants),
+        tuple(terms),
+        _root(covariance),
+    )
+
+
+def identified(calibration: Calibration, names: Sequence[str]) -> F64:
+    """(n,) constants and coefficients by the *names* that a covariance has for them."""
+    terms = {f"term {i}": term.coefficient for i, term in enumerate(calibration.terms)}
+    values = {**calibration.constants, **terms}
+    return np.array([values[name] for name in names])
+
+
+def _left_open(calibration: Calibration) -> list[F64]:
+    """Moves of what its covariance is of, one standard uncertainty each."""
+    ways = calibration.provenance.get("diagnosis", {}).get(LEFT_OPEN, [])
+    return [np.array([way["moves"].get(n, 0.0) for n in calibration.covariance_of]) for way in ways]
+
+
+def _root(covariance: F64) -> F64:
+    """R (n, r) with R Rᵀ the covariance; tiny negative eigenvalues of rounding are dropped."""
+    if covariance.size == 0:
+        return np.zeros((len(covariance), 0))
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    kept = values > 1e-12
+    root: F64 = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    return root
+
+
+def moved(model: ModelState, baseline: Baseline, step: F64) -> ModelState:
+    """The model with the identified constants and terms moved by *step* (identified,)."""
+    constants = model.constants.copy()
+    constants[list(baseline.parameters)] += step[: len(baseline.parameters)]
+    terms = list(model.terms)
+    for i, change in zip(baseline.terms, step[len(baseline.parameters) :], strict=True):
+        coefficient = terms[i].coefficient + float(change)
+        terms[i] = terms[i].model_copy(update={"coefficient": coefficient})
+    return ModelState(constants, tuple(terms), model.reference_c, model.artefact)
+
+
+def scaled(terms: tuple[Term, ...], amplitude: float) -> list[Term]:
+    """A column's tie of terms at an amplitude."""
+    return [term.model_copy(update={"coefficient": term.coefficient * amplitude}) for term in terms]
+
+
+def with_findings(
+    model: ModelState, findings: Sequence[Candidate], amplitudes: Sequence[F64]
+) -> ModelState:
+    """The model with the findings' terms appended."""
+    terms = [
+        term
+        for candidate, values in zip(findings, amplitudes, strict=True)
+        for column, value in zip(candidate.columns, values, strict=True)
+        for term in scaled(column.terms, float(value))
+    ]
+    return replace(model, terms=(*model.terms, *terms))

@@ -1,0 +1,65 @@
+"""A fit as a value: everything known after it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.layout import MOUNT, Layout, finding
+from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
+from armd.compensation.diagnose.problem.whitening import Noise, Nuisance
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.linear_model import LinearModel
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Everything known after fitting: where the model stands, what is left, what absorbs."""
+
+    baseline: Baseline
+    linear: Linear
+    model: ModelState  # constants and own terms, findings not included
+    findings: tuple[Candidate, ...]
+    amplitudes: tuple[F64, ...]  # per finding
+    covariances: tuple[F64, ...]
+    noise: Noise
+    nuisance: Nuisance
+    layout: Layout
+    residual: F64  # (N,) before anything absorbs, winsorised about the fit
+    raw_residual: F64  # (N,) the same as measured
+    fitted: F64  # (N,) of it what the nuisance columns explain
+    solution: F64  # (b,)
+    inverse: F64  # (b, b) covariance of the solution
+    problem: LinearModel  # of the nuisance columns
+
+    def across(self, columns: F64) -> F64:
+        """Products (b, …) of the nuisance columns with others (N, …), both whitened."""
+        products: F64 = self._white.T @ self.noise.whiten(columns)
+        return products
+
+    @cached_property
+    def _white(self) -> F64:
+        return self.noise.whiten(self.nuisance.columns)
+
+    def net_signature(self, index: int) -> F64:
+        """Motion (n, 3) in mm of the tip by a finding, clear of all else in the model.
+
+        What rests share by chance (certified targets, a slow drift) is noise: it weighs, but what
+        it could take up is still the finding's.
+        """
+        moves = -self.nuisance.columns[:, self.layout.findings[index]] @ self.amplitudes[index]
+        return self._net(finding(index), moves)
+
+    def net_growth(self) -> F64:
+        """Motion (n, 3) in mm of the tip by the first link's growth, clear of all else."""
+        at = self.layout.mount
+        return self._net(MOUNT, self.nuisance.columns[:, at] @ self.solution[at])
+
+    def _net(self, block: str, moves: F64) -> F64:
+        keep = self.layout.blocks.but([block])
+        taken, _ = self.problem.only(keep).solve(self.across(moves)[keep])
+        model = keep < self.layout.shared
+        other = self.nuisance.columns[:, keep[model]] @ taken[model]
+        net: F64 = (moves - other)[: 3 * self.linear.rests.n].reshape(-1, 3)
+        return net

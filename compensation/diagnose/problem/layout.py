@@ -1,0 +1,79 @@
+"""Which of the columns that absorb belong to whom."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.estimate import linear_model
+
+PLACEMENTS, IDENTIFIED, MOUNT, TARGETS, DRIFT = (
+    "placements and seats",
+    "identified",
+    "mount",
+    "targets",
+    "drift",
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which of the nuisance columns belong to whom."""
+
+    blocks: linear_model.Layout
+    drawing: F64  # (b,) variance with which to choose where the data leave it open; inf: none
+
+    @property
+    def identified(self) -> slice:
+        """Constants and terms (when held: the directions of their covariance)."""
+        return self.blocks[IDENTIFIED]
+
+    @property
+    def findings(self) -> tuple[slice, ...]:
+        """Of each finding."""
+        return tuple(self.blocks[finding(i)] for i in range(self._n_findings))
+
+    @property
+    def mount(self) -> slice:
+        """One column or none: the first link's growth, see `mount_term`."""
+        return self.blocks[MOUNT]
+
+    @property
+    def shared(self) -> int:
+        """First of those that targets and drift share."""
+        return int(self.blocks[TARGETS].start)
+
+    @property
+    def drift(self) -> slice:
+        """Of the wandering base."""
+        return self.blocks[DRIFT]
+
+    @property
+    def _n_findings(self) -> int:
+        return len(self.blocks.sizes) - 5  # the blocks that are always there
+
+    def with_findings(self, counts: Sequence[int]) -> Layout:
+        """With findings of so many columns each in the place of those that it has."""
+        first, stop = self.identified.stop, self.mount.start
+        open_ = np.full(sum(counts), np.inf)
+        drawing = np.concatenate([self.drawing[:first], open_, self.drawing[stop:]])
+        sizes = self.blocks.sizes
+        own = tuple((finding(i), int(count)) for i, count in enumerate(counts))
+        return Layout(linear_model.Layout((*sizes[:2], *own, *sizes[-3:])), drawing)
+
+
+def finding(index: int) -> str:
+    """The name of a finding's block."""
+    return f"finding {index + 1}"
+
+
+def with_some_findings(layout: Layout, some: Sequence[int]) -> tuple[I64, Layout]:
+    """Which nuisance columns stay with *some* of the findings, and their layout."""
+    names = [name for name, _ in layout.blocks.sizes]
+    own = [finding(i) for i in some]
+    kept = layout.blocks.of([*names[:2], *own, *names[-3:]])
+    sizes = dict(layout.blocks.sizes)
+    return kept, layout.with_findings([sizes[name] for name in own])

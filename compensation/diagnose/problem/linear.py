@@ -1,0 +1,151 @@
+"""What a fit stands on, as values: the rests, the model, residuals and columns around it.
+
+Rows are flat: x, y, z of every rest in mm, then one row per certified distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.data.session import Session
+from armd.compensation.effects.effect import ArtefactChange
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.poses import (
+    Poses,
+)
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.calibration import ArtefactCorrection, Calibration
+from armd.compensation.model.terms import Term
+
+
+@dataclass(frozen=True)
+class Rests:
+    """What was measured, one row per rest, and which readings made each."""
+
+    sessions: tuple[Session, ...]
+    observations: Observations  # n rests
+    artefact_rise_c: F64  # (n,) artefact temperature − its reference, 0 missing
+    rest_of: I64  # (readings,) rest of each reading, through all sessions; −1 not used
+    first: I64  # (n,) a reading of each rest
+    target_label: tuple[str, ...]  # per target: its name within the artefact
+
+    @property
+    def n(self) -> int:
+        return self.observations.n
+
+
+@dataclass(frozen=True)
+class ModelState:
+    """A model at one point of the search: constants, terms, corrections of the artefact."""
+
+    constants: F64  # (P,)
+    terms: tuple[Term, ...]
+    reference_c: float
+    artefact: ArtefactCorrection
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Residuals and columns around a model; N = 3 n + distances rows."""
+
+    rests: Rests
+    model: ModelState
+    poses: Poses
+    residual: F64  # (N,) mm
+    jacobian: F64  # (P, N) mm per parameter
+    joints: F64  # (n, 3, joints) mm/rad, for the encoders' noise
+    nuisance: F64  # (N, m) placements, unknown seats
+
+    def signature(self, parameter: int, values: F64) -> F64:
+        """Column (N,) of a parameter times basis values (n,)."""
+        column: F64 = self.jacobian[parameter].copy()
+        column[: 3 * self.rests.n] *= np.repeat(values, 3)
+        return column
+
+    def artefact_column(self, change: ArtefactChange) -> F64:
+        """Column (N,) of a change of the artefact: the residual is tip minus target."""
+        observations = self.rests.observations
+        column = np.zeros(len(self.residual))
+        if change.kind == "distance":
+            column[3 * self.rests.n + change.index] = -1.0
+            return column
+        if change.kind == "moved":
+            column[: 3 * self.rests.n] = -self._moved(change).ravel()
+            return column
+        at = observations.known_mm(self.poses.target_mm)
+        if change.kind == "expansion":
+            move = at * self.rests.artefact_rise_c[:, None]
+        elif change.kind == "scale":
+            move = at
+        elif change.kind == "sag":
+            move = self._sag(change, at)
+        else:
+            label = np.array(self.rests.target_label)[observations.target]
+            move = np.zeros((self.rests.n, 3))
+            move[(label == change.target) & ~observations.has_truth, change.axis] = 1.0
+        if change.artefact:
+            of = np.array([s.artefact.name == change.artefact for s in self.rests.sessions])
+            move = move * of[observations.session][:, None]
+        rotation = self.poses.rotation[observations.placement]
+        column[: 3 * self.rests.n] = -np.einsum("nij,nj->ni", rotation, move).ravel()
+        return column
+
+    def _sag(self, change: ArtefactChange, at: F64) -> F64:
+        """Motion (n, 3) of targets *at* (n, 3) by a bend along a principal axis of them all."""
+        observations = self.rests.observations
+        seen = np.isin(np.arange(len(self.poses.target_mm)), observations.target)
+        points = self.poses.target_mm[seen]
+        middle = points.mean(axis=0)
+        axis = np.linalg.svd(points - middle, full_matrices=False)[2][change.axis]
+        along = (at - middle) @ axis / max(float(np.abs((points - middle) @ axis).max()), 1.0)
+        across = np.array(observations.arm.gravity) @ self.poses.rotation[observations.placement]
+        across -= np.outer(across @ axis, axis)
+        return np.where(observations.has_truth[:, None], 0.0, along[:, None] ** 2 * across)
+
+    def _moved(self, change: ArtefactChange) -> F64:
+        """Motion (n, 3) of the targets of one placement, of its later rests in time."""
+        observations = self.rests.observations
+        own = np.flatnonzero(observations.placement == change.index)
+        own = own[np.argsort(observations.states.time_s[own], kind="stable")]
+        points = self.poses.placed(observations)[own]
+        along = np.eye(3)[change.axis % 3]
+        moves = np.zeros((self.rests.n, 3))
+        turned = np.cross(along, points - points.mean(axis=0))
+        moves[own] = along if change.axis < 3 else turned
+        moves[own[: change.after]] = 0.0
+        return moves
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A calibration as the diagnosis sees it.
+
+    Held (given by the user): its constants and terms stay, known as well as its covariance says.
+    Otherwise (made of the same sessions): whatever it identified absorbs freely.
+    """
+
+    model: ModelState
+    calibration: Calibration
+    held: bool
+    parameters: tuple[int, ...]  # identified constants, by index
+    terms: tuple[int, ...]  # identified terms, by index
+    root: F64  # (identified, r): root of their covariance, parameters first; held only
+
+    def columns(self, linear: Linear, arm: Arm) -> F64:
+        """Columns (N, identified) of the identified constants and terms."""
+        chosen = [self.model.terms[i] for i in self.terms]
+        states = linear.rests.observations.states
+        probes = [term.model_copy(update={"coefficient": 1.0}) for term in chosen]
+        values = basis_values(probes, states, arm, self.model.reference_c, self.model.constants)
+        constants = [linear.jacobian[i] for i in self.parameters]
+        slopes = [
+            linear.signature(arm.layout.index(term.parameter), value)
+            for term, value in zip(chosen, values.T, strict=True)
+        ]
+        size = len(linear.residual)
+        columns: F64 = np.array([*constants, *slopes]).reshape(-1, size).T
+        return columns

@@ -1,0 +1,103 @@
+"""The linear problem of the sessions around a model: placements fitted, residuals, columns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.linear import Linear, ModelState, Rests
+from armd.compensation.estimate.linearise import Linearisation, linearise_as_read
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.calibration import ArtefactCorrection
+from armd.compensation.model.parameters import ParameterLayout
+from armd.errors import BadInput
+
+#: A length that a temperature would change.
+LEAST_LENGTH_MM = 1.0
+
+
+def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
+    """Fit placements and unknown seats under *model*; everything else becomes columns."""
+    observations = _corrected(rests, model.artefact)
+    values = basis_values(model.terms, observations.states, arm, model.reference_c, model.constants)
+    if not np.isfinite(values).all():
+        files = ", ".join(str(session.path) for session in rests.sessions)
+        needs = "those that the model under test needs"
+        missing = np.isnan(observations.states.temperature_c).any()
+        what = "temperatures" if missing else "times"
+        raise BadInput(files, what, "missing in some readings", needs)
+    at = linearise_as_read(observations, model.constants, model.terms, values)
+    n, distances = observations.n, observations.distances
+    parameters = np.zeros((at.jacobian.shape[2], 3 * n + len(distances.length_mm)))
+    parameters[:, : 3 * n] = at.jacobian.reshape(3 * n, -1).T
+    length, direction = at.poses.apart(distances.between)
+    nuisance = [_nuisance(at, direction), _lost_lengths(rests, model, parameters)]
+    return Linear(
+        rests=replace(rests, observations=observations),
+        model=model,
+        poses=at.poses,
+        residual=np.append(at.residual_mm.ravel(), length - distances.length_mm),
+        jacobian=parameters,
+        joints=np.ascontiguousarray(at.joints),
+        nuisance=np.hstack(nuisance),
+    )
+
+
+def _lost_lengths(rests: Rests, model: ModelState, jacobian: F64) -> F64:
+    """Columns (N, m) of the lengths of links whose sensor shows nothing: free in each session, at
+    its beginning and at its end, for nobody knows how warm they were."""
+    states, session_of = rests.observations.states, rests.observations.session
+    layout, n = ParameterLayout(states.q.shape[1]), rests.n
+    columns = []
+    for number, session in enumerate(rests.sessions):
+        here = (session_of == number).astype(float)
+        shares = [here]
+        if np.isfinite(states.time_s).all() and np.ptp(states.time_s[here > 0], axis=0) > 0:
+            time_s = states.time_s - states.time_s[here > 0].mean()
+            shares.append(here * time_s / np.abs(time_s[here > 0]).max())
+        for name in (f"{length}_{k}" for k in session.lost_links for length in "da"):
+            at = layout.index(name)
+            if abs(model.constants[at]) > LEAST_LENGTH_MM:
+                for share in shares:
+                    column = jacobian[at].copy()
+                    column[: 3 * n] *= np.repeat(share, 3)
+                    columns.append(column)
+    return np.stack(columns, axis=1) if columns else np.zeros((jacobian.shape[1], 0))
+
+
+def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
+    """The observations under a correction of the artefact, as `identify` applies it."""
+    observations = rests.observations
+    corrected = gather(rests.sessions, observations.arm, correction)
+    return replace(
+        observations,
+        stretch=corrected.stretch[rests.first],
+        position_mm=corrected.position_mm,
+    )
+
+
+def _nuisance(at: Linearisation, direction: F64) -> F64:
+    """Columns (N, m) of every placement's pose and every unknown seat's position; *direction*
+    (D, 3) of the certified distances."""
+    observations = at.observations
+    n, first = observations.n, 6 * len(observations.placement_names)
+    seats = np.flatnonzero(observations.unknown)
+    begins = {int(k): first + 3 * j for j, k in enumerate(seats)}  # each seat's columns
+    columns = np.zeros((3 * n + len(direction), first + 3 * len(seats)))
+    rows = 3 * np.arange(n)[:, None] + np.arange(3)
+    for j in range(6):
+        columns[rows, (6 * observations.placement + j)[:, None]] = at.pose_columns[:, :, j]
+    there = np.flatnonzero(observations.unknown[observations.target])
+    begin = np.array([begins[int(k)] for k in observations.target[there]], dtype=np.int64)
+    for j in range(3):
+        columns[rows[there], (begin + j)[:, None]] = at.target_columns[there, :, j]
+    for i, (a, b) in enumerate(observations.distances.between):
+        for end, sign in ((int(a), 1.0), (int(b), -1.0)):
+            if end in begins:
+                columns[3 * n + i, begins[end] : begins[end] + 3] = sign * direction[i]
+    kept: F64 = columns[:, np.abs(columns).max(axis=0, initial=0.0) > 0.0]
+    return kept

@@ -1,0 +1,115 @@
+"""What was measured, one row per rest.
+
+Readings taken one after another at one rest are not independent; they enter as their mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armd.arrays import F64, I64, Mask
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.problem.linear import Rests
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.state import States
+from armd.errors import BadInput
+
+#: Readings closer than this in every joint, in sequence at one target, are one rest.
+REST_RAD = 1e-4
+
+
+def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
+    """Join sessions and average the readings of each rest."""
+    raw = gather(sessions, arm)
+    rise = np.concatenate([s.artefact_c - s.artefact.reference_temperature_c for s in sessions])
+    used = _complete(raw, arm)
+    raw, rise = raw.rows(used), rise[used]
+    rest_of = _rests(raw)
+    first = np.unique(rest_of, return_index=True)[1]
+    rest_of_reading = np.full(len(used), -1, dtype=np.int64)
+    rest_of_reading[used] = rest_of
+    states = raw.states
+
+    def mean(values: F64) -> F64:
+        if values.size == 0:  # no sensors
+            return values[first]
+        flat = values.reshape(len(values), -1)
+        sums = np.stack([np.bincount(rest_of, column) for column in flat.T], axis=1)
+        average: F64 = (sums / np.bincount(rest_of)[:, None]).reshape(-1, *values.shape[1:])
+        return average
+
+    observations = replace(
+        raw,
+        states=States(
+            q=mean(states.q),
+            rate=mean(states.rate),
+            temperature_c=mean(states.temperature_c),
+            time_s=mean(states.time_s),
+            approach=states.approach[first],
+            series=states.series[first],
+        ),
+        session=raw.session[first],
+        placement=raw.placement[first],
+        target=raw.target[first],
+        truth_mm=mean(raw.truth_mm),
+        stretch=mean(raw.stretch),
+    )
+    labels = tuple(name for s in sessions for name in s.artefact.target_names)
+    return Rests(
+        tuple(sessions),
+        observations,
+        np.nan_to_num(mean(rise)),
+        rest_of_reading,
+        np.flatnonzero(used)[first],
+        labels,
+    )
+
+
+def spare_rows(observations: Observations) -> int:
+    """Numbers measured beyond those that placements and unknown seats take up."""
+    placements = len(np.unique(observations.placement))
+    seats = np.unique(observations.target[~observations.has_truth])
+    seats = seats[observations.unknown[seats]]
+    touched = np.isin(observations.distances.between, seats).all(axis=1)
+    return 3 * observations.n + int(touched.sum()) - 6 * placements - 3 * len(seats)
+
+
+def require_spare(observations: Observations, files: str) -> None:
+    """Raises `BadInput` where placements and unknown seats explain any reading whatever."""
+    if spare_rows(observations) <= 0:
+        placements = len(np.unique(observations.placement))
+        raise BadInput(
+            files,
+            "readings",
+            f"{observations.n} at rest in {placements} placement{'s' if placements > 1 else ''}",
+            "more than placements and seats take up (three certified targets in one placement, "
+            "or seats touched from many sides)",
+        )
+
+
+def _complete(raw: Observations, arm: Arm) -> Mask:
+    """Readings that have the temperatures of all joints; all of them, if none has."""
+    columns = [arm.sensors.index(name) for name in arm.used_sensors]
+    complete = np.asarray(np.isfinite(raw.states.temperature_c[:, columns]).all(axis=1))
+    return complete if complete.any() else np.ones(raw.n, dtype=bool)
+
+
+def _rests(raw: Observations) -> I64:
+    """Number of the rest of every reading."""
+    if raw.n == 0:
+        return np.zeros(0, dtype=np.int64)
+    q, side = raw.states.q, np.sign(np.nan_to_num(raw.states.rate))
+    new = np.ones(raw.n, dtype=bool)
+    new[1:] = (
+        (np.abs(np.diff(q, axis=0)).max(axis=1) > REST_RAD)
+        | (np.diff(raw.placement) != 0)
+        | (np.diff(raw.target) != 0)
+        | (np.diff(raw.session) != 0)
+        | (np.diff(side, axis=0) != 0).any(axis=1)
+        | raw.has_truth[1:]
+    )
+    return np.cumsum(new) - 1

@@ -1,0 +1,107 @@
+"""What the catalogue may assume of these sessions: which data there are, and when."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.linear import Baseline, Rests
+from armd.compensation.effects.effect import SessionFacts
+from armd.compensation.model.arm import Arm
+
+#: Moments at which something may have stepped, on the first, coarse grid.
+MOST_INSTANTS = 40
+#: Between readings so many times as long apart as usual nobody measured; at most so many spells.
+PAUSE, MOST_SPELLS = 10.0, 8
+#: A temperature that varies by less did not vary.
+LEAST_SPAN_K = 0.05
+
+
+def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
+    """The facts of these rests under the model to test."""
+    observations = rests.observations
+    states = observations.states
+    temperatures = states.temperature_c
+    # Constants that are held are those at the reference: one other temperature is a change.
+    usual = baseline.model.reference_c if baseline.held else None
+    varied = np.isfinite(temperatures).all(axis=0) & (_span(temperatures, usual) > LEAST_SPAN_K)
+    artefact_k = _span(rests.artefact_rise_c, 0.0 if baseline.held else None)
+    timed = bool(np.isfinite(states.time_s).all())
+    moments = _moments(states.time_s) if timed else np.empty(0)
+    labels = np.array(rests.target_label)
+    certified = np.unique(labels[observations.target[~observations.has_truth]])
+    named = [str(name) for name in certified if not observations.unknown[labels == name].any()]
+    rate = states.rate[np.isfinite(states.rate)]
+    return SessionFacts(
+        arm=arm,
+        constants=baseline.model.constants,
+        terms=baseline.model.terms,
+        reference_c=baseline.model.reference_c,
+        held=baseline.held,
+        sensors=tuple(
+            name
+            for name, ok in zip(arm.sensors, varied, strict=True)
+            if ok and not any(name in session.lost for session in rests.sessions)
+        ),
+        lost_links=frozenset(k for session in rests.sessions for k in session.lost_links),
+        timed=timed,
+        rates=bool(rate.size and np.any(rate != 0.0)),
+        approach=bool(np.isfinite(states.approach).all(axis=1).mean() > 0.5),
+        artefact_c=bool(artefact_k > LEAST_SPAN_K),
+        artefacts=tuple(dict.fromkeys(s.artefact.name for s in rests.sessions)),
+        targets=tuple(named) if len(named) > 3 else (),
+        distances=_checked_distances(rests, baseline),
+        start_unix_s=float(states.time_s.min()) if timed else 0.0,
+        end_unix_s=float(states.time_s.max()) if timed else 0.0,
+        spells_unix_s=_spells(states.time_s) if timed else (),
+        instants_unix_s=_grid(moments),
+        all_instants_unix_s=moments,
+    )
+
+
+def _span(temperature: F64, usual: float | None) -> F64:
+    """Highest less lowest of temperatures (n, …), with the *usual* one."""
+    if usual is not None:
+        temperature = np.concatenate([temperature, np.full_like(temperature[:1], usual)])
+    span: F64 = np.ptp(temperature, axis=0)
+    return span
+
+
+def _checked_distances(rests: Rests, baseline: Baseline) -> tuple[str, ...]:
+    """Certified distances, where something else knows a length that can contradict them.
+
+    With constants free and one distance all that is known of size, an arm shrunk to nothing
+    would leave no residual at all: the data cannot tell whether that distance is right.
+    """
+    observations = rests.observations
+    between = observations.distances.between
+    positions = observations.has_truth.any() or not observations.unknown.all()
+    if not (baseline.held or positions or len(between) > 1):
+        return ()
+    labels = rests.target_label
+    return tuple(f"{labels[a]}, {labels[b]}" for a, b in between)
+
+
+def _spells(time_s: F64) -> tuple[tuple[float, float], ...]:
+    """First and last reading between the longest pauses."""
+    times = np.unique(time_s)
+    apart = np.diff(times)
+    pauses = np.flatnonzero(apart > PAUSE * np.median(apart)) if len(apart) else np.empty(0, int)
+    pauses = np.sort(pauses[np.argsort(-apart[pauses])][: MOST_SPELLS - 1])
+    starts, ends = times[[0, *(pauses + 1)]], times[[*pauses, -1]]
+    return tuple((float(a), float(b)) for a, b in zip(starts, ends, strict=True) if b > a)
+
+
+def _moments(time_s: F64) -> F64:
+    """Halfway between one rest and the next."""
+    times = np.unique(time_s)
+    halfway: F64 = (times[1:] + times[:-1]) / 2
+    return halfway
+
+
+def _grid(moments: F64) -> tuple[float, ...]:
+    """Evenly spread over the readings, not over the hours."""
+    if len(moments) <= MOST_INSTANTS:
+        return tuple(map(float, moments))
+    picked = np.linspace(0, len(moments) - 1, MOST_INSTANTS + 2).round().astype(int)[1:-1]
+    return tuple(map(float, moments[np.unique(picked)]))

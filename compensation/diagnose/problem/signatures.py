@@ -1,0 +1,175 @@
+"""Candidates as columns: what each would add to the residual, and its products with others."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from armd.arrays import F64, I64
+from armd.compensation.diagnose.problem.linear import Linear
+from armd.compensation.diagnose.problem.use import warmth
+from armd.compensation.diagnose.problem.whitening import Noise
+from armd.compensation.effects.effect import ArtefactChange, Candidate, Use
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.terms import Factor, Term
+
+PIECE = 512  # rests at once
+
+Part = tuple[int, float, int]  # parameter, weight, row of the bases
+
+
+@dataclass(frozen=True)
+class Signatures:
+    """K columns of many candidates: which parameters, weights and basis functions make them."""
+
+    candidates: tuple[Candidate, ...]
+    first: I64  # (candidates,) first column of each
+    count: I64
+    parts: tuple[tuple[Part, ...], ...]  # per column
+    changes: tuple[ArtefactChange | None, ...]  # per column
+    bases: F64  # (B, n) basis values
+    typical: F64  # (K,)
+    reach: F64  # (K,)
+
+    @property
+    def n_columns(self) -> int:
+        return len(self.parts)
+
+    def columns_of(self, candidate: int) -> range:
+        """Column numbers of a candidate."""
+        return range(self.first[candidate], self.first[candidate] + self.count[candidate])
+
+    def rows(self, linear: Linear, jacobian: F64, columns: I64, noise: Noise | None = None) -> F64:
+        """Columns as rows (len(columns), N), from a Jacobian (P, N): plain, or whitened with its
+        noise."""
+        n = 3 * linear.rests.n
+        found = np.zeros((len(columns), len(linear.residual)))
+        at_rests = found[:, :n].reshape(len(columns), -1, 3)
+        of_rests = jacobian[:, :n].reshape(len(jacobian), -1, 3)
+        for turn in range(max((len(self.parts[c]) for c in columns), default=0)):
+            having = [i for i, c in enumerate(columns) if len(self.parts[c]) > turn]
+            named, weights, bases = zip(
+                *(self.parts[columns[i]][turn] for i in having), strict=True
+            )
+            values = np.array(weights)[:, None] * self.bases[list(bases)]
+            if turn == 0 and len(having) == len(columns):
+                np.multiply(of_rests[list(named)], values[:, :, None], out=at_rests)
+            else:
+                at_rests[having] += of_rests[list(named)] * values[:, :, None]
+        for row, column in zip(found, columns, strict=True):
+            if (change := self.changes[column]) is not None:
+                plain = linear.artefact_column(change)
+                row += plain if noise is None else noise.whiten(plain)
+        return found
+
+    def products(self, jacobian: F64, others: F64, rests: slice | I64) -> F64:
+        """(K, u) products with *others* (n, 3, u) over some *rests*, changes of the artefact not
+        included; from a Jacobian (P, n, 3) of these rests.
+
+        A column is a parameter's times a basis function: the other columns are multiplied by the
+        parameter once for all its bases, and three rows become one.
+        """
+        named, first, basis, weights = self._pairs
+        values = self.bases[:, rests]
+        found = np.zeros((len(basis), others.shape[2]))
+        for begin in range(0, len(others), PIECE):
+            some = slice(begin, begin + PIECE)
+            turned = jacobian[named, some].transpose(1, 0, 2) @ others[some]  # (·, named, u)
+            for j, (low, high) in enumerate(itertools.pairwise(first)):
+                found[low:high] += values[basis[low:high], some] @ turned[:, j]
+        product: F64 = weights @ found
+        return product
+
+    @cached_property
+    def _pairs(self) -> tuple[I64, I64, I64, csr_array]:
+        """Distinct pairs of parameter and basis, ordered by parameter: the parameters, where the
+        pairs of each begin (one more for the end), the bases of all, and the weights (K, pairs)
+        with which they make the columns."""
+        entries = [
+            (parameter, basis, column, weight)
+            for column, parts in enumerate(self.parts)
+            for parameter, weight, basis in parts
+        ]
+        parameter, basis, column = (
+            np.array([e[:3] for e in entries], dtype=np.int64).reshape(-1, 3).T
+        )
+        pairs, index = np.unique(parameter * len(self.bases) + basis, return_inverse=True)
+        parameters_of, bases_of = np.divmod(pairs, max(len(self.bases), 1))
+        named, first = np.unique(parameters_of, return_index=True)
+        weights = csr_array(
+            ([e[3] for e in entries], (column, index)),
+            shape=(self.n_columns, len(pairs)),
+            dtype=np.float64,
+        )
+        return named, np.append(first, len(pairs)), bases_of, weights
+
+
+def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm) -> Signatures:
+    """Evaluate each distinct basis once, and say every column by its parts."""
+    layout = arm.layout
+    basis_of: dict[str, int] = {}
+    bases: list[list[Factor] | Use] = []
+
+    def number(key: str, basis: list[Factor] | Use) -> int:
+        if key not in basis_of:
+            basis_of[key] = len(bases)
+            bases.append(basis)
+        return basis_of[key]
+
+    parts: list[tuple[Part, ...]] = []
+    changes: list[ArtefactChange | None] = []
+    typical, reach, first, count = [], [], [], []
+    for candidate in candidates:
+        first.append(len(parts))
+        count.append(len(candidate.columns))
+        for column in candidate.columns:
+            of_column = []
+            for term in column.terms:
+                key = "·".join(factor.model_dump_json() for factor in term.basis)
+                at = number(key, term.basis)
+                of_column.append((layout.index(term.parameter), term.coefficient, at))
+            if (use := column.use) is not None:
+                at = number(repr(replace(use, parameters=())), use)
+                of_column += [(layout.index(name), weight, at) for name, weight in use.parameters]
+            parts.append(tuple(of_column))
+            changes.append(column.artefact)
+            typical.append(column.typical)
+            reach.append(column.reach)
+    model = linear.model
+    states = linear.rests.observations.states
+    plain = [i for i, basis in enumerate(bases) if not isinstance(basis, Use)]
+    probes = [
+        Term(parameter="theta_1", basis=basis, coefficient=1.0)
+        for basis in bases
+        if not isinstance(basis, Use)
+    ]
+    values = np.empty((states.n, len(bases)))
+    values[:, plain] = basis_values(probes, states, arm, model.reference_c, model.constants)
+    for i, basis in enumerate(bases):
+        if isinstance(basis, Use):
+            values[:, i] = warmth(basis, states)
+    return Signatures(
+        tuple(candidates),
+        np.array(first, dtype=np.int64),
+        np.array(count, dtype=np.int64),
+        tuple(parts),
+        tuple(changes),
+        np.ascontiguousarray(np.nan_to_num(values.T)),
+        np.array(typical),
+        np.array(reach),
+    )
+
+
+def finding_columns(linear: Linear, findings: Sequence[Candidate], arm: Arm) -> list[F64]:
+    """Columns (N, m) of each finding, in mm."""
+    signatures = compile_candidates(findings, linear, arm)
+    return [
+        signatures.rows(linear, linear.jacobian, np.array(signatures.columns_of(i))).T
+        for i in range(len(findings))
+    ]

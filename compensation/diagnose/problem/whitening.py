@@ -1,0 +1,55 @@
+"""The noise of the rests as a value: it whitens rows; and columns whose amplitudes it shares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """Columns (N, b) that explain for themselves, each amplitude normal with a variance.
+
+    Infinite: it absorbs freely. NaN: the slow drift's, which the noise estimate fills in.
+    """
+
+    columns: F64
+    variance: F64
+
+    def ridged(self, noise: Noise) -> Nuisance:
+        """With the drift's variance filled in."""
+        variance = np.where(np.isnan(self.variance), noise.drift_mm**2, self.variance)
+        return Nuisance(self.columns, np.maximum(variance, 1e-14))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Estimated variances, and a whitening of the part that is independent between rests."""
+
+    scale_mm: float  # s
+    encoder_share: float  # ρ
+    drift_mm: float  # standard deviation of what the slow drift changes from knot to knot
+    encoder_rad: float
+    repeat_mm: float
+    whitener: F64  # (n, 3, 3): applied to a rest's residual gives unit variance
+    distance_mm: F64  # (D,) standard uncertainties of the certified lengths
+
+    def sources(self, joints: F64) -> F64:
+        """How rests in units of their noise move (n, 3, N + 3) with what makes it: the encoders,
+        by *joints* (n, 3, N) mm/rad, and the repeat of a point."""
+        repeat = np.broadcast_to(self.repeat_mm * np.eye(3), (len(joints), 3, 3))
+        moves = np.concatenate([self.encoder_rad * joints, repeat], axis=2)
+        white: F64 = self.whitener @ moves
+        return white
+
+    def whiten(self, columns: F64) -> F64:
+        """Rows (N,) or (N, m) in units of their own noise."""
+        n = len(self.whitener)
+        flat = columns.reshape(len(columns), -1)
+        white = np.empty_like(flat)
+        white[: 3 * n] = (self.whitener @ flat[: 3 * n].reshape(n, 3, -1)).reshape(3 * n, -1)
+        white[3 * n :] = flat[3 * n :] / self.distance_mm[:, None]
+        return white.reshape(columns.shape)

@@ -1,0 +1,128 @@
+"""What of the rest may be what a finding leaves that goes with time, not further causes.
+
+Nothing creeps quite along one of the courses, and what wanders does so between the knots, too. What
+the course leaves of it looks like a staircase: a few steps at instants follow any path. While the
+search looks further, each drift may therefore also walk at random from its course, along the same
+parameters, as far as it went in all (a walk) or a share of that (a smooth course).
+
+A link that follows its sensor late had come to something before a session began, and nobody
+measured to what: the model begins settled, as the daemon does. What that leaves fades in each
+session from its start on, and looks like a drift of the link. Nor are all its lengths late alike:
+what the model has of one may be another link's too (a length along parallel axes), which is not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.linear import Linear
+from armd.compensation.effects.courses import is_drift, swing
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.slow_factors import After, Period, Temperature
+from armd.compensation.model.terms import Term
+
+#: How far it may stray over the time seen, as a share of how far it went.
+OF_A_WALK, OF_A_COURSE = 1.0, 0.3
+#: The found time constant is short where sessions begin on a ramp: what fades does so within it, or
+#: within several times as long.
+LONGER = (1.0, 5.0)
+#: A length of a link that is late may be so by as much more or less than the others.
+OF_A_LENGTH = 0.3
+#: The difference between highest and lowest of a random walk, in standard deviations of its end
+#: (Feller 1951: √(8/π)).
+RANGE = 1.6
+#: A walk's principal functions: so many leave 1/(π² m) of its variance, below a tenth of its size.
+MOST_FUNCTIONS = 12
+#: Moments at which the walk's covariance is taken; between them it goes straight.
+MOMENTS = 160
+
+
+def uneven(linear: Linear, found: Candidate, amplitudes: F64, arm: Arm) -> F64:
+    """Columns (N, m) in mm, for amplitudes of unit variance; none for what is neither."""
+    if not may_be_uneven(found):
+        return np.zeros((len(linear.residual), 0))
+    of = _unsettled if found.cause == "thermal_lag" else _strayed
+    return np.stack(of(linear, found, amplitudes, arm), axis=1)
+
+
+def may_be_uneven(found: Candidate) -> bool:
+    """Whether it is a drift, or a lag."""
+    return found.cause == "thermal_lag" or (is_drift(found) and _of_time_alone(found))
+
+
+def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> list[F64]:
+    walk = any("walk" in column.name for column in drift.columns)
+    share = (OF_A_WALK if walk else OF_A_COURSE) / RANGE
+    functions = _principal(linear.rests.observations.states.time_s)
+    columns = []
+    for group in _together(drift):
+        sizes = [share * swing(drift, amplitudes, name) for name in group]
+        # Those of one kind (a base's shifts) went their ways by chance: each may stray as far.
+        most = float(np.sqrt(np.mean(np.square(sizes))))
+        for name in group:
+            at = arm.layout.index(name)
+            columns += [most * linear.signature(at, values) for values in functions.T]
+    return columns
+
+
+def _unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> list[F64]:
+    """Of each session, what fades from its start on, as large at first as the link is ever late;
+    and of each length, a lateness of its own."""
+    observations = linear.rests.observations
+    states, model = observations.states, linear.model
+    terms = lag.columns[0].terms  # of each length one late, and the same taken back
+    values = basis_values(terms, states, arm, model.reference_c, model.constants)
+    most: dict[str, float] = {}  # mm by length, at the moment at which it is furthest behind
+    columns = []
+    names = dict.fromkeys(term.parameter for term in terms)
+    for name in names:
+        own = [i for i, term in enumerate(terms) if term.parameter == name]
+        course = amplitudes[0] * (values[:, own] @ np.array([terms[i].coefficient for i in own]))
+        late = next(terms[i].coefficient for i in own if _is_late(terms[i]))
+        most[name] = np.copysign(np.abs(course).max(), late * amplitudes[0])
+        if len(names) > 1:  # of one alone that is the lag itself
+            columns.append(OF_A_LENGTH * linear.signature(arm.layout.index(name), course))
+    for session in np.unique(observations.session):
+        own_rests = observations.session == session
+        since_s = states.time_s - states.time_s[own_rests].min()
+        for longer in LONGER:
+            fading = np.exp(-np.maximum(since_s, 0.0) / (longer * lag.setting[0][1])) * own_rests
+            moved = [mm * linear.signature(arm.layout.index(p), fading) for p, mm in most.items()]
+            columns.append(np.sum(moved, axis=0))
+    return columns
+
+
+def _is_late(term: Term) -> bool:
+    return any(isinstance(factor, Temperature) and factor.lag_s for factor in term.basis)
+
+
+def _of_time_alone(drift: Candidate) -> bool:
+    bases = [term.basis for column in drift.columns for term in column.terms]
+    return all(len(basis) == 1 and isinstance(basis[0], Period | After) for basis in bases)
+
+
+def _together(drift: Candidate) -> list[list[str]]:
+    """The parameters that it moves, those that share a unit together."""
+    named = dict.fromkeys(term.parameter for column in drift.columns for term in column.terms)
+    turns = [name for name in named if _turns(name)]
+    return [group for group in (turns, [n for n in named if n not in turns]) if group]
+
+
+def _turns(parameter: str) -> bool:
+    return parameter.startswith(("theta", "alpha", "beta", "base_r"))
+
+
+def _principal(time_s: F64) -> F64:
+    """(n, m) principal functions of a random walk over the time seen, its end of unit variance."""
+    times = np.unique(time_s)
+    if len(times) > MOMENTS:
+        times = times[np.linspace(0, len(times) - 1, MOMENTS).round().astype(int)]
+    since = (times - times[0]) / max(float(times[-1] - times[0]), 1e-9)
+    values, vectors = np.linalg.eigh(np.minimum(since[:, None], since[None, :]))
+    some = slice(-MOST_FUNCTIONS, None)
+    scaled = vectors[:, some] * np.sqrt(np.maximum(values[some], 0.0))
+    functions: F64 = np.stack([np.interp(time_s, times, column) for column in scaled.T], axis=1)
+    return functions

@@ -1,0 +1,1 @@
+"""The search for what the readings prefer, one cause after another."""

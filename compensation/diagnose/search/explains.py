@@ -1,0 +1,152 @@
+"""Whether a cause explains what it is named for: the share it accounts for, and predictive checks.
+
+A cause is likelier than its rivals though it explains little, where what is wrong is in no
+catalogue: the nearest name wins. What is left then still goes with the cause's own variables. Two
+questions tell: is its amplitude the same in every session, placement, part of the time and part of
+its variables' ranges; and how much do functions without a name explain in these variables beside
+it? The share is what the cause accounts for, of that and of what either question leaves.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from scipy.special import chdtrc
+
+from armd.arrays import F64, I64
+from armd.compensation.diagnose.diagnosis import Check, Explained
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.scoring.evidence import Scores
+from armd.compensation.diagnose.scoring.shape import is_shape
+from armd.compensation.diagnose.scoring.threshold import ALPHA, significant
+from armd.compensation.effects.effect import Candidate
+
+#: Parts of equally many rests that a variable's range is looked at in, and of the time.
+PARTS = 8
+#: More sessions, placements or targets than this say nothing that a person reads.
+MOST_PARTS = 40
+#: A part in which less than this share of the cause shows says nothing of its size.
+LEAST_SHOWN = 0.005
+
+
+def explain(last: Fit, statistics: Sequence[float], scores: Scores, tests: int) -> list[Explained]:
+    """Of each of a fit's findings; *statistics*: what each explains (χ²) given the others.
+
+    *scores* are of all candidates, the findings in the model.
+    """
+    every = [_checks(last, i) for i in range(len(last.findings))]
+    count = max(sum(len(checks) for checks in every), 1)
+    found = []
+    for i, (candidate, checks) in enumerate(zip(last.findings, every, strict=True)):
+        varies = max((c.excess for c in checks if c.p_value < ALPHA / count), default=0.0)
+        beside, variables = _beside(candidate, last.findings, statistics, scores, tests)
+        own = max(statistics[i] - len(candidate.columns), 0.0)
+        left = max(varies, beside)
+        share = own / (own + left) if left > 0.0 else 1.0
+        found.append(Explained(share, variables, checks))
+    return found
+
+
+def _beside(
+    candidate: Candidate,
+    findings: Sequence[Candidate],
+    statistics: Sequence[float],
+    scores: Scores,
+    tests: int,
+) -> tuple[float, tuple[str, ...]]:
+    """What functions without a name explain (χ²) in a cause's variables beside it, be they found
+    or left out; and all these variables."""
+    own = set(candidate.depends_on)
+    names = dict.fromkeys(candidate.depends_on)
+    if candidate.cause == "unknown" or not own:
+        return 0.0, tuple(names)
+    total = 0.0
+    for other, statistic in zip(findings, statistics, strict=True):
+        if other.cause == "unknown" and not is_shape(other) and variables_of(other) & own:
+            total += max(statistic - len(other.columns), 0.0)
+            names.update(dict.fromkeys(other.depends_on))
+    more = [
+        (float(scores.statistic[i] - scores.freedom[i]), other)
+        for i, other in enumerate(scores.signatures.candidates)
+        if other.cause == "unknown"
+        and own & set(other.depends_on)
+        and significant(scores.log_p[i], tests)
+    ]
+    if more:
+        left, other = max(more, key=lambda pair: pair[0])
+        total += left
+        names.update(dict.fromkeys(other.depends_on))
+    return total, tuple(names)
+
+
+def variables_of(unknown: Candidate) -> set[str]:
+    """What an unknown structure depends on, the angle of the joint that it moves included."""
+    where = unknown.location
+    return {*unknown.depends_on, *([f"q{where.joint}"] if where.kind == "parameter" else [])}
+
+
+def _checks(last: Fit, index: int) -> tuple[Check, ...]:
+    n = last.linear.rests.n
+    moves = last.net_signature(index)
+    signature = np.einsum("nij,nj->ni", last.noise.whitener, moves)
+    left = (last.residual - last.fitted)[: 3 * n].reshape(n, 3)
+    white = np.einsum("nij,nj->ni", last.noise.whitener, left)
+    shown = (signature**2).sum(axis=1)
+    more = (signature * white).sum(axis=1)
+    if not shown.sum() > 0.0:
+        return ()
+    checks = []
+    for by, labels, names in _partitions(last, last.findings[index]):
+        size = np.bincount(labels, shown, len(names))
+        told = np.flatnonzero(size > LEAST_SHOWN * shown.sum())
+        if len(told) < 2:
+            continue
+        change = np.bincount(labels, more, len(names))[told] / size[told]
+        square = float((change**2 * size[told]).sum())
+        freedom = len(told) - 1
+        checks.append(
+            Check(
+                by,
+                tuple(names[k] for k in told),
+                1.0 + change,
+                1.0 / np.sqrt(size[told]),
+                float(chdtrc(freedom, square)),
+                max(square - freedom, 0.0),
+            )
+        )
+    return tuple(checks)
+
+
+def _partitions(last: Fit, candidate: Candidate) -> Iterator[tuple[str, I64, list[str]]]:
+    """Ways to part the rests: by what, the part of each (n,), and the parts' names."""
+    rests = last.linear.rests
+    observations = rests.observations
+    sessions = [session.name for session in rests.sessions]
+    if 1 < len(sessions) <= MOST_PARTS:
+        yield "session", observations.session, sessions
+    placements = list(observations.placement_names)
+    if len(sessions) < len(placements) <= MOST_PARTS:
+        yield "placement", observations.placement, placements
+    states = observations.states
+    columns: dict[str, F64] = {}
+    if np.isfinite(states.time_s).all():
+        columns["time_s"] = states.time_s - states.time_s.min()
+    for name in candidate.depends_on:
+        if match := re.fullmatch(r"([qw])(\d+)", name):
+            values = states.q if match[1] == "q" else states.rate
+            columns[name] = values[:, int(match[2]) - 1]
+        elif name in observations.arm.sensors:
+            columns[name] = states.temperature_c[:, observations.arm.sensors.index(name)]
+        elif name == "artefact_c":
+            columns[name] = rests.artefact_rise_c
+    for name, values in columns.items():
+        if np.isfinite(values).all() and np.ptp(values) > 0.0:
+            order = np.argsort(np.argsort(values, kind="stable"), kind="stable")
+            labels = order * PARTS // len(order)
+            yield name, labels, [_range(values[labels == k]) for k in range(labels.max() + 1)]
+
+
+def _range(values: F64) -> str:
+    return f"{values.min():.4g} to {values.max():.4g}" if len(values) else ""

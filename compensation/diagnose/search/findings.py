@@ -1,0 +1,216 @@
+"""What is said of each finding: how significant, how probable, and what else it may be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from armd.compensation.diagnose.diagnosis import Explained, Finding, Rival
+from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
+from armd.compensation.diagnose.scoring.confusion import compare
+from armd.compensation.diagnose.scoring.evidence import Scores, kind
+from armd.compensation.diagnose.scoring.shape import is_shape
+from armd.compensation.diagnose.scoring.threshold import family_wise
+from armd.compensation.diagnose.search.explains import explain, variables_of
+from armd.compensation.effects.effect import Candidate
+
+#: A place this much less probable than the best is still told as an alternative.
+LEAST_PROBABILITY = 0.01
+MOST_RIVALS = 8
+#: Many less probable ones together can keep a finding in doubt.
+LEAST_WORTH_EXCLUDING = 1e-4
+MOST_COMPARED = 20
+#: So is one that would leave the finding nothing significant to add.
+INDISTINGUISHABLE_P = 0.01
+#: The least p value told: less is what the arithmetic cannot hold, not nothing.
+LEAST_P = 1e-300
+#: Another name, or none, is clearly likelier when it is so many times as probable.
+CLEARLY = 10.0
+
+
+def judge(scored: ScoredCandidates, found: Sequence[Finding], tests: int) -> tuple[Finding, ...]:
+    """Every finding, *found* given all the others, as it is told."""
+    explained = explain(scored.fit, [f.statistic for f in found], scored.scores, tests)
+    told = [
+        replace(f, explained=own, probability=_as_sure(f, own))
+        for f, own in zip(_honest(found), explained, strict=True)
+    ]
+    return tuple(told)
+
+
+def _as_sure(finding: Finding, explained: Explained) -> float:
+    """A name that accounts for little of what its variables show is no surer than that share."""
+    named = finding.candidate.cause != "unknown"
+    return finding.probability * (explained.share if named and explained.guess else 1.0)
+
+
+def weighed(scored: ScoredCandidates, tests: int) -> list[Finding]:
+    """Every finding, given all the others, under the name that it has in the fit."""
+    return [_found(scored, i, tests) for i in range(len(scored.fit.findings))]
+
+
+def _found(scored: ScoredCandidates, index: int, tests: int) -> Finding:
+    candidate = scored.fit.findings[index]
+    own, scores = scored.alone(index), scored.without(index)
+    logs = {place: math.log(max(share, LEAST_P)) for place, share in scores.places().items()}
+    logs |= _steps_at_its_instant(scored, index, scores)
+    logs[candidate.place] = scored.log_posterior_of(index, scores)
+    total = float(logsumexp(list(logs.values())))
+    probability = {place: math.exp(weight - total) for place, weight in logs.items()}
+    return Finding(
+        candidate,
+        max(float(family_wise(own.log_p[index], tests)), LEAST_P),
+        float(own.statistic[index]),
+        probability[candidate.place],
+        _rivals(candidate, probability, scores, scored),
+        _variants(candidate, scores),
+    )
+
+
+def _steps_at_its_instant(
+    scored: ScoredCandidates, index: int, scores: Scores
+) -> dict[tuple[str, str], float]:
+    """Log posterior weights of places where something may step, at the refined instant of a finding
+    that does: by the grid's instants alone a rival would seem improbable for being early."""
+    candidate = scored.fit.findings[index]
+    when = _instant(candidate)
+    if when is None:
+        return {}
+    grid: dict[tuple[str, ...], list[Candidate]] = {}
+    for step in scores.signatures.candidates:
+        if _is_grid_step(step) and step.place != candidate.place:
+            grid.setdefault(kind(step), []).append(step)
+    steps = [_nearest(when, of_kind) for of_kind in grid.values()]
+    if not steps:
+        return {}
+    evidence = score_candidates(scored.projection, steps).freed(index).log_evidence
+    posterior = scores.log_posterior()
+    found = {}
+    for place in dict.fromkeys(step.place for step in steps):
+        own = np.array([c.place == place for c in scores.signatures.candidates])
+        if not np.isfinite(scores.log_evidence[own]).any():
+            continue
+        there = max(e for e, step in zip(evidence, steps, strict=True) if step.place == place)
+        more = max(float(there - scores.log_evidence[own].max()), 0.0)
+        found[place] = float(logsumexp(posterior[own])) + more
+    return found
+
+
+def _instant(candidate: Candidate) -> float | None:
+    return {name: value for name, value, _ in candidate.setting}.get("instant")
+
+
+def _is_grid_step(candidate: Candidate) -> bool:
+    return candidate.refine is not None and _instant(candidate) is not None
+
+
+def _nearest(when: float, steps: Sequence[Candidate]) -> Candidate:
+    """Of steps on the grid, the one nearest to an instant, refined to be nearer."""
+
+    def apart(step: Candidate) -> float:
+        return abs(step.setting[0][1] - when)
+
+    nearest = min(steps, key=apart)
+    assert nearest.refine is not None
+    return min([nearest, *nearest.refine()], key=apart)
+
+
+def _rivals(
+    candidate: Candidate,
+    probability: dict[tuple[str, str], float],
+    scores: Scores,
+    scored: ScoredCandidates,
+) -> tuple[Rival, ...]:
+    posterior = scores.log_posterior()
+    rivals = []
+    for place in sorted(probability, key=lambda key: -probability[key])[:MOST_COMPARED]:
+        if place == candidate.place:
+            continue
+        of_place = [c.place == place for c in scores.signatures.candidates]
+        best = int(np.argmax(np.where(of_place, posterior, -np.inf)))
+        rival = _at_the_instant_of(candidate, of_place, scores.signatures.candidates[best], scores)
+        rivals.append((rival, probability[place]))
+    alike = compare(candidate, [rival for rival, _ in rivals], scored.fit, scored.projection.arm)
+    told = [
+        Rival(rival, share, likeness.angle_deg)
+        for (rival, share), likeness in zip(rivals, alike, strict=True)
+        if share >= LEAST_PROBABILITY
+        or (likeness.left_p > INDISTINGUISHABLE_P and rival.cause != "unknown")
+    ]
+    return tuple(told[:MOST_RIVALS])
+
+
+def _variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidate, float], ...]:
+    """The most probable others one by one, of the finding's own place too: another order of a
+    temperature may pass for a rival where this one does not. Of a grid, the best."""
+    posterior = scores.log_posterior()
+    variants: dict[tuple[object, ...], tuple[Candidate, float]] = {}
+    for i in np.argsort(-posterior):
+        other, share = scores.signatures.candidates[i], float(np.exp(posterior[i]))
+        if share < LEAST_WORTH_EXCLUDING or len(variants) == MOST_COMPARED:
+            break
+        of = (*kind(other), *(() if other.refine else other.setting))
+        if of != (*kind(candidate), *(() if candidate.refine else candidate.setting)):
+            variants.setdefault(of, (other, share))
+    return tuple(variants.values())
+
+
+def _at_the_instant_of(
+    candidate: Candidate, of_place: Sequence[bool], best: Candidate, scores: Scores
+) -> Candidate:
+    """A rival step is compared at the finding's own, refined instant."""
+    when = _instant(candidate)
+    if when is None or not _is_grid_step(best):
+        return best
+    steps = [c for c, own in zip(scores.signatures.candidates, of_place, strict=True) if own]
+    return _nearest(when, [c for c in steps if kind(c) == kind(best)])
+
+
+def likelier_rival(found: Finding) -> Candidate | None:
+    """The most probable alternative, where it is likelier than the cause told."""
+    best = max(found.rivals, key=lambda rival: rival.probability, default=None)
+    if best is None or found.candidate.cause == "unknown":
+        return None
+    return best.candidate if best.probability > found.probability else None
+
+
+def _honest(found: Sequence[Finding]) -> tuple[Finding, ...]:
+    """No name for a part of what is unknown, nor one that is less likely than another.
+
+    Where an unknown structure is clearly likelier, or one that was found is stronger in the same
+    variables or at the same joint, the name only was the nearest one.
+    """
+    unknown = [f for f in found if f.candidate.cause == "unknown" and not is_shape(f.candidate)]
+
+    def told(finding: Finding) -> Finding:
+        own = finding.candidate
+        if own.cause == "unknown":
+            return finding
+        likelier = [r for r in finding.rivals if r.candidate.cause == "unknown"]
+        if sum(r.probability for r in likelier) > CLEARLY * finding.probability:
+            return _without_a_name(finding, likelier[:1], likelier[0].candidate.depends_on)
+        if likelier_rival(finding) is not None:
+            others = [r for r in finding.rivals if r.probability > finding.probability]
+            return _without_a_name(finding, others, own.depends_on)
+        part = any(
+            u.statistic > finding.statistic and variables_of(u.candidate) & set(own.depends_on)
+            for u in unknown
+        )
+        return _without_a_name(finding, (), own.depends_on) if part else finding
+
+    return tuple(told(f) for f in found)
+
+
+def _without_a_name(
+    finding: Finding, others: Sequence[Rival], variables: tuple[str, ...]
+) -> Finding:
+    """What is told instead of a name: a structure in the variables of the cause and of *others*,
+    any of which it may be; so probable is it that it is one of them."""
+    names = dict.fromkeys([*variables, *(v for r in others for v in r.candidate.depends_on)])
+    candidate = replace(finding.candidate, cause="unknown", depends_on=tuple(names))
+    together = finding.probability + sum(rival.probability for rival in others)
+    return replace(finding, candidate=candidate, probability=min(together, 1.0))

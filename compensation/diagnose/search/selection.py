@@ -1,0 +1,235 @@
+"""Which candidate joins the model next: the most probable of those that are significant."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from armd.arrays import F64, I64
+from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.scoring.candidates import (
+    SHAPE_PRIOR,
+    ScoredCandidates,
+    score_candidates,
+)
+from armd.compensation.diagnose.scoring.evidence import Scores, estimates, kind, score
+from armd.compensation.diagnose.scoring.projection import Projection, make_projection
+from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
+from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
+from armd.compensation.diagnose.scoring.shape import shape_candidate
+from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.effects.effect import Candidate
+
+#: Places whose grids are refined before they are compared, and such of the general basis that get
+#: a richer one: only what explains the data as well as any cause, to within so much log evidence.
+#: A rich function that may always compete swallows several causes at once.
+MOST_REFINED = 5
+MOST_RICHER = 3
+AS_WELL = 10.0
+#: Values that are weighed at once; of more, some first.
+MOST_AT_ONCE = 64
+#: From about nine noise units on, the likeliest kinds are compared with the tails clipped about
+#: each one's own fit, and causes are tried with another shape: those that explain alone at least
+#: such a share of what the best one does.
+STRONG = -40.0
+LEAST_SHARE = 0.25
+MOST_ALIKE = 12
+MOST_BENT = 8
+
+
+def next_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
+    """What joins the findings: a cause, or, where none does, the shape of one that is in."""
+    cause = choose(scored.projection, scored.scores, tests)
+    return cause or shape_wanted(scored, tests)
+
+
+def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
+    """The findings with one more, which takes the place of those it contains."""
+    return [*(c for c in findings if not c.within(more)), more]
+
+
+def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | None:
+    """The most probable place, if anything is significant; there its best value.
+
+    What is named must be significant itself, also by the scatter of the rests that speak for it.
+    """
+    if not significant(scores.log_p, tests).any():
+        return None
+    candidates, weight, log_p = _refined(scores, projection)
+    alike = np.flatnonzero(scores.statistic >= LEAST_SHARE * scores.statistic.max())
+    clipped = weight
+    if log_p.min() < STRONG:
+        weight = _with_own_tails(weight, alike, candidates, projection)
+    places = [c.place for c in candidates]
+    total: dict[tuple[str, str], float] = {}
+    for place, share in zip(places, np.exp(weight - weight.max()), strict=True):
+        total[place] = total.get(place, 0.0) + float(share)
+    able = {int(i) for i in np.flatnonzero(significant(log_p, tests))}
+    refused: list[Candidate] = []
+    while able:
+        wanted = max((places[i] for i in able), key=lambda place: total[place])
+        best = max((i for i in able if places[i] == wanted), key=lambda i: weight[i])
+        about = projection
+        if log_p[best] < STRONG:
+            best = _if_bent(best, able.intersection(alike), candidates, clipped, projection)
+            about = clipped_about(candidates[best], projection)
+        if significant(log_p_by_scatter(candidates[best], about), tests):
+            return _likelier(candidates[best], refused, projection, tests)
+        refused.append(candidates[best])
+        able.remove(best)
+    return None
+
+
+def _refined(scores: Scores, projection: Projection) -> tuple[list[Candidate], F64, F64]:
+    """The candidates (C,), those of the likeliest places at the best of finer values; their log
+    posterior weights, and log p values.
+
+    Values between those of the grid (an instant, a time constant) count: a step that is weighed at
+    the wrong instant loses to whatever else is near.
+    """
+    candidates = list(scores.signatures.candidates)
+    weight, log_p = scores.log_posterior().copy(), scores.log_p.copy()
+    finer = _finer(scores)
+    strides = {i: _stride(values) for i, values in finer.items()}
+    some = {i: values[:: strides[i]] for i, values in finer.items()}
+    around: dict[int, list[Candidate]] = {}
+    for i, (evidence, own_log_p) in _scored(some, projection).items():
+        best = int(np.argmax(evidence))
+        weight[i] += logsumexp(evidence) - np.log(len(evidence)) - scores.log_evidence[i]
+        candidates[i], log_p[i] = some[i][best], own_log_p[best]
+        if (step := strides[i]) > 1:
+            around[i] = finer[i][max((best - 1) * step + 1, 0) : (best + 1) * step]
+    for i, (evidence, own_log_p) in _scored(around, projection).items():
+        best = int(np.argmax(evidence))
+        candidates[i], log_p[i] = around[i][best], own_log_p[best]
+    return candidates, weight, log_p
+
+
+def _stride(values: Sequence[Candidate]) -> int:
+    """Of very many values (instants between thousands of rests) one in so many comes first, then
+    those around the best."""
+    return round(math.sqrt(len(values) / 2)) if len(values) > MOST_AT_ONCE else 1
+
+
+def _scored(
+    finer: dict[int, list[Candidate]], projection: Projection
+) -> dict[int, tuple[F64, F64]]:
+    """Log evidence and log p of each list's candidates, by one pass over the rows."""
+    if not finer:
+        return {}
+    scores = score_candidates(projection, [c for values in finer.values() for c in values]).scores
+    edges = np.cumsum([0, *map(len, finer.values())]).tolist()
+    return {
+        i: (scores.log_evidence[low:high], scores.log_p[low:high])
+        for i, (low, high) in zip(finer, itertools.pairwise(edges), strict=True)
+    }
+
+
+def _with_own_tails(
+    weight: F64, alike: I64, candidates: Sequence[Candidate], projection: Projection
+) -> F64:
+    """The weights (C,), the likeliest kinds' with the tails clipped about their own fits."""
+    likeliest: dict[tuple[str, ...], int] = {}
+    for i in alike[np.argsort(-weight[alike])]:
+        likeliest.setdefault(kind(candidates[i]), int(i))
+    some = list(likeliest.values())[:MOST_ALIKE]
+    weight = weight.copy()
+    weight[some] += unclipped([candidates[i] for i in some], weight[some], projection)
+    return weight
+
+
+def _likelier(
+    admitted: Candidate, refused: Sequence[Candidate], projection: Projection, tests: int
+) -> Candidate:
+    """The admitted candidate, or the likelier one that few rests bear, if it is the same signal.
+
+    That something is there the admitted one shows; what it is, the likelier one says, if nothing
+    of the admitted one is left with it in the model.
+    """
+    for likelier in refused:
+        about = clipped_about(likelier, projection).fit
+        findings = joined(about.findings, likelier)
+        with_it = make_projection(
+            solve_again(about, findings, about.noise, projection.arm), projection.arm
+        )
+        if not significant(score_candidates(with_it, [admitted]).scores.log_p[0], tests):
+            return likelier
+    return admitted
+
+
+def _if_bent(
+    best: int,
+    able: Iterable[int],
+    candidates: Sequence[Candidate],
+    weight: F64,
+    projection: Projection,
+) -> int:
+    """The likeliest candidate if a cause's shape may be off.
+
+    A general basis, or a neighbour of the catalogue, follows a disc that errs not quite as a sine
+    better than the sine does; it is the disc all the same.
+    """
+    named: dict[tuple[str, str], int] = {}
+    for i in sorted(able, key=lambda i: -weight[i]):
+        if candidates[i].cause != "unknown" and len(named) < MOST_BENT:
+            named.setdefault(candidates[i].place, i)
+    causes = [candidates[i] for i in named.values()]
+    if not causes:
+        return best
+    straight = score_candidates(projection, causes)
+    bent = []
+    for cause, amplitudes in zip(causes, estimates(straight.sums), strict=True):
+        shape = shape_candidate(cause, amplitudes, projection.arm.n_joints)
+        bent.append(replace(cause, columns=(*cause.columns, *(shape.columns if shape else ()))))
+    gained = score_candidates(projection, bent).scores.log_evidence - straight.scores.log_evidence
+    numbers = [best, *named.values(), *named.values()]
+    likely = weight[numbers]
+    likely[-len(bent) :] += gained + np.log(SHAPE_PRIOR)
+    likely += unclipped([candidates[best], *causes, *bent], likely, projection)
+    return numbers[int(np.argmax(likely))]
+
+
+def _finer(scores: Scores) -> dict[int, list[Candidate]]:
+    """Values around the best of each of the likeliest places that have a grid, and richer
+    functions of the likeliest variables."""
+    finer: dict[int, list[Candidate]] = {}
+    left = {False: MOST_REFINED, True: MOST_RICHER}
+    enough = {False: -np.inf, True: scores.log_evidence.max() - AS_WELL}
+    seen: set[tuple[str, str]] = set()
+    for i in np.argsort(-scores.log_posterior()):
+        candidate = scores.signatures.candidates[i]
+        unknown = candidate.cause == "unknown"
+        if not any(left.values()) or scores.freedom[i] == 0:
+            break
+        if candidate.refine is None or candidate.place in seen or not left[unknown]:
+            continue
+        if scores.log_evidence[i] >= enough[unknown]:
+            seen.add(candidate.place)
+            left[unknown] -= 1
+            finer[int(i)] = sorted([candidate, *candidate.refine()], key=_value)
+    return finer
+
+
+def _value(candidate: Candidate) -> float:
+    """Of what is scanned; what has no grid stays in its order."""
+    return candidate.setting[0][1] if candidate.setting else 0.0
+
+
+def shape_wanted(scored: ScoredCandidates, tests: int) -> Candidate | None:
+    """The most significant of the findings' shapes, if any is."""
+    shapes = scored.projection.shapes
+    wanted = {i: c for i, c in enumerate(shapes.candidates) if c is not None}
+    if not wanted:
+        return None
+    sums = score_candidates(scored.projection, list(wanted.values())).sums
+    log_p = {
+        i: float(score(sums, scored.projection.place[shapes.columns[i]]).log_p[j])
+        for j, i in enumerate(wanted)
+    }
+    best = min(log_p, key=lambda i: log_p[i])
+    return wanted[best] if significant(log_p[best], tests) else None

@@ -1,0 +1,267 @@
+"""An artefact that was moved while it was measured: found before anything else, and mended.
+
+A placement is one rigid pose only if nobody touches the artefact. Where a step of one placement
+explains the readings better than any cause, and better than a slip or a step of the base at that
+instant, the placement is parted in two there: no reading is lost, and nothing is left for the
+search to take for the arm's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import softmax
+
+from armd.arrays import F64, I64
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.diagnosis import Touched
+from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Rests
+from armd.compensation.diagnose.problem.signatures import Signatures, finding_columns
+from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
+from armd.compensation.diagnose.scoring.evidence import ABSORBED, estimates, kind
+from armd.compensation.diagnose.scoring.projection import Projection, make_projection
+from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
+from armd.compensation.diagnose.scoring.threshold import family_wise, significant
+from armd.compensation.effects.effect import ArtefactChange, Candidate
+from armd.compensation.effects.setup.artefact_moved import moved
+from armd.compensation.estimate.robust import WINSOR_AT
+from armd.compensation.model.arm import Arm
+
+#: Rests before and after that tell where an artefact stood, and targets among them: of a single
+#: target nobody can tell whether it or the arm moved.
+LEAST_RESTS, LEAST_TARGETS = 4, 2
+#: Instants in a placement on the first, coarse grid; as many causes are compared as strictly.
+GRID, COMPARED = 12, 12
+#: Parts of a placement that are tried at once, and rounds of a robust pose.
+FINER, REWEIGHTINGS = 100, 8
+#: A mount that steps further than so many times its typical 5 µm and 4″, and is seen to do so in
+#: one placement only, is an artefact that was moved: they are one signal, and only sizes tell.
+MOST_STEP = 2.0
+#: More in one set of sessions is not somebody touching the artefact now and then.
+MOST_TOUCHED = 6
+
+
+def beside(last: Fit, signatures: Signatures, arm: Arm) -> ScoredCandidates | None:
+    """The catalogue against a fit without the steps of the base that it found, beside a stronger
+    cause perhaps; None where it found none."""
+    others = [c for c in last.findings if c.cause != "mount_drift" or not _steps(c)]
+    if len(others) == len(last.findings):
+        return None
+    projection = make_projection(solve_again(last, others, last.noise, arm), arm)
+    return score_candidates(projection, signatures)
+
+
+def find_touched(scored: ScoredCandidates) -> Touched | None:
+    """The clearest step of one placement, if no cause of the catalogue explains more."""
+    projection = scored.projection
+    rests = projection.fit.linear.rests
+    coarse = [moved(p, k) for p, own in _by_placement(rests) for k in _grid(_possible(rests, own))]
+    if not coarse:
+        return None
+    own = score_candidates(projection, coarse).scores
+    best = int(np.argmax(own.log_evidence))
+    tests = len(scored.scores.freedom) + len(coarse)
+    if not significant(own.log_p[best], tests):
+        return None
+    candidate = _refined(coarse[best], projection)
+    if not _best_of_all(candidate, scored):
+        return None
+    about = _clipped_about(candidate, projection)
+    rivals = _at_the_instant(candidate, scored, rests)
+    compared = score_candidates(about, [candidate, *rivals])
+    evidence = compared.scores.log_evidence
+    if len(rivals) and evidence[0] < evidence[1:].max():
+        return None
+    share = softmax(evidence)
+    told = sorted(zip(rivals, share[1:], strict=True), key=lambda pair: -pair[1])
+    amplitudes = estimates(compared.sums)[0]
+    columns = finding_columns(projection.fit.linear, [candidate], projection.arm)[0]
+    white, clear = about.clear_of_all(columns)
+    variance = np.diag(np.linalg.pinv(white.T @ clear, rcond=ABSORBED, hermitian=True))
+    change = _change(candidate)
+    parted, session, row, instant = _parted(rests, change.index, change.after)
+    name = rests.observations.placement_names[change.index]
+    return Touched(
+        session,
+        name.removeprefix(f"{session}/"),
+        row,
+        instant,
+        candidate,
+        amplitudes,
+        np.sqrt(np.maximum(variance, 0.0)),
+        max(float(family_wise(compared.scores.log_p[0], tests)), 1e-300),
+        float(share[0]),
+        tuple((rival, float(p)) for rival, p in told if p >= 0.01),
+        parted,
+    )
+
+
+def _clipped_about(candidate: Candidate, projection: Projection) -> Projection:
+    """The projection of the residual clipped about the fit with the candidate in the model."""
+    return make_projection(clipped_about(candidate, projection).fit, projection.arm)
+
+
+def _by_placement(rests: Rests) -> list[tuple[int, I64]]:
+    """Each placement's number and its rests, in the order of time."""
+    placement = rests.observations.placement
+    return [(int(p), in_order(rests, int(p))) for p in np.unique(placement)]
+
+
+def in_order(rests: Rests, placement: int) -> I64:
+    """Rests of a placement in the order of time; of the rows without times."""
+    own = np.flatnonzero(rests.observations.placement == placement)
+    return own[np.argsort(rests.observations.states.time_s[own], kind="stable")]
+
+
+def _possible(rests: Rests, own: I64) -> I64:
+    """After how many of the rests *own* (in order) a step can be told from the arm's.
+
+    Without times a slip at that instant is no candidate, and so nothing can be told.
+    """
+    if not np.isfinite(rests.observations.states.time_s[own]).all():
+        return np.zeros(0, dtype=np.int64)
+    target = rests.observations.target[own]
+    new = np.zeros(len(own), dtype=np.int64)
+    new[np.unique(target, return_index=True)[1]] = 1
+    last = np.zeros(len(own), dtype=np.int64)
+    last[len(own) - 1 - np.unique(target[::-1], return_index=True)[1]] = 1
+    after = np.arange(LEAST_RESTS, len(own) - LEAST_RESTS + 1)
+    before = np.cumsum(new)[after - 1]  # targets among the rests so far
+    still = np.cumsum(last[::-1])[::-1][after]  # and to come
+    possible: I64 = after[(before >= LEAST_TARGETS) & (still >= LEAST_TARGETS)]
+    return possible
+
+
+def _grid(possible: I64) -> list[int]:
+    """Some of them, evenly."""
+    picked = np.linspace(0, len(possible) - 1, min(GRID, len(possible))).round().astype(int)
+    return [int(k) for k in possible[np.unique(picked)]]
+
+
+def _refined(candidate: Candidate, projection: Projection) -> Candidate:
+    """The same placement's step at the instant that leaves the least (Huber's loss), its pose
+    fitted before and after by what was measured: about another instant the right one is a tail."""
+    fit = projection.fit
+    number = _change(candidate).index
+    own = in_order(fit.linear.rests, number)
+    rows = (3 * own[:, None] + np.arange(3)).ravel()
+    whitener = fit.noise.whitener[own]
+    pose = finding_columns(fit.linear, [moved(number, 0)], projection.arm)[0][rows]
+    pose = (whitener @ pose.reshape(-1, 3, 6)).reshape(-1, 6)
+    # As measured: of what the fit explains, a wandering base has taken a part of the step.
+    known = [j for at in fit.layout.findings for j in range(at.start, at.stop)]
+    explained = fit.nuisance.columns[rows][:, known] @ fit.solution[known]
+    raw = fit.raw_residual[rows] - explained
+    left = (whitener @ raw.reshape(-1, 3, 1)).ravel()
+
+    def loss(k: int) -> float:
+        cut = 3 * k
+        return _loss(pose[:cut], left[:cut]) + _loss(pose[cut:], left[cut:])
+
+    possible = _possible(fit.linear.rests, own)
+    while True:  # a placement of thousands of rests is searched more and more finely
+        step = max(len(possible) // FINER, 1)
+        best = min(possible[::step].tolist(), key=loss)
+        if step == 1:
+            return moved(number, best)
+        possible = possible[np.abs(possible - best) <= 2 * step]
+
+
+def _loss(columns: F64, left: F64) -> float:
+    """Huber's loss of whitened rests (3 k,) about the pose that fits them, gross errors aside."""
+    weight = np.ones(len(left))
+    size = np.zeros(0)
+    for _ in range(REWEIGHTINGS):
+        root = np.sqrt(weight)
+        solution = np.linalg.lstsq(columns * root[:, None], left * root, rcond=1e-9)[0]
+        size = np.linalg.norm((left - columns @ solution).reshape(-1, 3), axis=1)
+        weight = np.repeat(WINSOR_AT / np.maximum(size, WINSOR_AT), 3)
+    within = np.minimum(size, WINSOR_AT)
+    return float((within * (size - 0.5 * within)).sum())
+
+
+def _change(candidate: Candidate) -> ArtefactChange:
+    change = candidate.columns[0].artefact
+    assert change is not None
+    return change
+
+
+def _best_of_all(candidate: Candidate, scored: ScoredCandidates) -> bool:
+    """Whether the step explains more than any cause, the tails clipped about each one's own fit.
+
+    What moves the base at an instant is the same signal: that is asked by itself.
+    """
+    catalogue = scored.scores
+    likely = [
+        int(i)
+        for i in np.argsort(-catalogue.log_evidence)[: 4 * COMPARED]
+        if not _steps(catalogue.signatures.candidates[i])
+    ][:COMPARED]
+    others = [catalogue.signatures.candidates[i] for i in likely]
+    own = score_candidates(scored.projection, [candidate]).scores.log_evidence
+    weight = np.append(own, catalogue.log_evidence[likely])
+    weight += unclipped([candidate, *others], weight, scored.projection)
+    return bool(weight[0] >= weight[1:].max(initial=-np.inf))
+
+
+def _steps(candidate: Candidate) -> bool:
+    return any(name == "instant" for name, *_ in candidate.setting)
+
+
+def _at_the_instant(
+    candidate: Candidate, scored: ScoredCandidates, rests: Rests
+) -> list[Candidate]:
+    """What else may have stepped then: each place's step nearest to that instant."""
+    change = _change(candidate)
+    time_s = rests.observations.states.time_s[in_order(rests, change.index)]
+    instant = float(time_s[change.after - 1 : change.after + 1].mean())
+
+    def apart(step: Candidate) -> float:
+        return abs({name: value for name, value, _ in step.setting}["instant"] - instant)
+
+    nearest: dict[tuple[str, ...], Candidate] = {}
+    for step in filter(_steps, scored.scores.signatures.candidates):
+        key = kind(step)
+        if key not in nearest or apart(step) < apart(nearest[key]):
+            nearest[key] = step
+    return [
+        _as_large_as_it_steps(min([step, *(step.refine() if step.refine else ())], key=apart))
+        for step in nearest.values()
+    ]
+
+
+def _as_large_as_it_steps(step: Candidate) -> Candidate:
+    columns = tuple(replace(column, reach=MOST_STEP) for column in step.columns)
+    return replace(step, columns=columns) if step.cause == "mount_drift" else step
+
+
+def _parted(
+    rests: Rests, placement: int, after: int
+) -> tuple[tuple[Session, ...], str, int, float]:
+    """The sessions with the placement parted; the session, the first row afterwards (from 1), and
+    the instant."""
+    observations = rests.observations
+    order = in_order(rests, placement)
+    later = np.zeros(rests.n + 1, dtype=bool)  # the last for readings that are in no rest
+    later[order[after:]] = True
+    number = int(observations.session[order[0]])
+    begin = sum(session.n for session in rests.sessions[:number])
+    session = rests.sessions[number]
+    rows = later[rests.rest_of[begin : begin + session.n]]
+    own = int(session.placement[rows][0])
+    parted = replace(
+        session,
+        placement=np.where(rows, len(session.placement_names), session.placement),
+        placement_names=[*session.placement_names, f"{session.placement_names[own]} (moved)"],
+    )
+    first = int(np.flatnonzero(rows)[np.argmin(session.states.time_s[rows])])
+    if np.isnan(session.states.time_s[first]):
+        first = int(np.flatnonzero(rows)[0])
+    time_s = observations.states.time_s[order]
+    sessions = tuple(parted if s is session else s for s in rests.sessions)
+    name = observations.session_names[number]
+    instant = float(time_s[after - 1 : after + 1].mean())
+    return sessions, name, int(session.row[first]) + 1, instant

@@ -1,0 +1,1 @@
+"""What is said of a diagnosis: to a person, to a program, and what to do next."""

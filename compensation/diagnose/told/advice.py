@@ -1,0 +1,99 @@
+"""The next experiment, in one sentence for a person at the artefact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from armd.compensation.diagnose.diagnosis import Diagnosis, Finding, Rival
+from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.effects.effect import Candidate
+
+#: A finding less probable than this is worth an experiment of its own.
+SURE = 0.95
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A finding that these data leave open, and what else it could be."""
+
+    index: int  # among the diagnosis' findings
+    found: Finding
+    rivals: tuple[Candidate, ...]  # the most probable one first
+    share: tuple[float, ...]  # probability of each
+
+    @property
+    def words(self) -> str:
+        """What an experiment is to do about it."""
+        return f"tell {_named(self.found.candidate)} from {_named(self.rivals[0])}"
+
+
+def most_doubtful(diagnosis: Diagnosis) -> Doubt | None:
+    """The finding an experiment should settle first; None when none is in doubt."""
+    doubts = []
+    for i, found in enumerate(diagnosis.found):
+        rivals = [r for r in found.rivals if not alike(r.candidate, found.candidate)]
+        if rivals and found.probability < SURE:
+            doubts.append(_doubt(i, found, rivals[0]))
+    return min(doubts, key=lambda doubt: doubt.found.probability, default=None)
+
+
+def _doubt(index: int, found: Finding, first: Rival) -> Doubt:
+    """The finding against its likeliest rival and all other variants of what it may be."""
+    others = [(c, share) for c, share in found.variants if c is not first.candidate]
+    rivals = (first.candidate, *(candidate for candidate, _ in others))
+    return Doubt(index, found, rivals, (first.probability, *(share for _, share in others)))
+
+
+def alike(one: Candidate, other: Candidate) -> bool:
+    """One cause at one place, or two structures without a name in the same variables: an
+    experiment need not part them."""
+    unnamed = one.cause == other.cause == "unknown" and one.depends_on == other.depends_on
+    return unnamed or one.place == other.place
+
+
+def next_experiment(diagnosis: Diagnosis) -> str:
+    """What to measure next: to settle the most doubtful finding, or to confirm the mended model."""
+    unrecorded = _unrecorded(diagnosis)
+    if unrecorded and diagnosis.significant_rest:
+        return unrecorded
+    doubt = most_doubtful(diagnosis)
+    if doubt is not None:
+        cause = doubt.found.candidate.cause
+        return f"To {doubt.words}: {CATALOGUE[cause].experiment}; `armd design` picks the poses."
+    if diagnosis.outliers:
+        return "Measure the readings named as outliers again; the rest needs nothing."
+    if diagnosis.found:
+        found = diagnosis.found[-1].candidate
+        return (
+            f"To confirm {_named(found)} with the extended calibration: "
+            f"{CATALOGUE[found.cause].experiment}."
+        )
+    return (
+        "Nothing significant is left to find; measure again after the next season or transport. "
+        "`armd design` picks poses that tighten the least well known parameter."
+    )
+
+
+def _unrecorded(diagnosis: Diagnosis) -> str:
+    """What to record beside the angles, where what is left may be what only that tells."""
+    facts, untold = diagnosis.search.facts, diagnosis.search.untold
+    wanted = [
+        what
+        for what, known in (("the time", facts.timed), ("the joint rates", facts.rates))
+        if not known
+    ]
+    by_motion = [cause for cause, effect in CATALOGUE.items() if effect.by_motion]
+    of_them = [cause.replace("_", " ") for cause in by_motion if cause in untold]
+    if not (wanted and of_them):
+        return ""
+    return (
+        f"Record {' and '.join(wanted)} of each reading, and measure the same poses from both "
+        f"sides of each joint: what is left may be a cause that these data cannot tell "
+        f"({', '.join(of_them)})."
+    )
+
+
+def _named(candidate: Candidate) -> str:
+    if candidate.cause == "unknown":
+        return f"a structure in {', '.join(candidate.depends_on)} that no cause has"
+    return f"{candidate.cause.replace('_', ' ')} ({candidate.location})"

@@ -1,0 +1,224 @@
+"""A diagnosis as `armd diagnose --json` writes it (docs: the contract's section 4)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from armd.compensation.diagnose.diagnosis import Diagnosis, Explained, Finding, Gain, Touched
+from armd.compensation.diagnose.fitting.target_steps import TargetStep, target_steps
+from armd.compensation.diagnose.problem.amplitudes import is_curve
+from armd.compensation.diagnose.told.advice import next_experiment
+from armd.compensation.diagnose.told.sizes import (
+    curve_size,
+    parameters_of,
+    row,
+    size_known,
+    tip_rms_um,
+)
+from armd.compensation.diagnose.told.verdict import touched_in_words, verdict
+from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.location import ROWS
+
+#: With more placements and targets than this a list of them is no help.
+MOST_TARGETS = 40
+
+
+def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
+    """The whole result as plain data."""
+    findings = [
+        _finding(diagnosis, i, found, gain)
+        for i, (found, gain) in enumerate(zip(diagnosis.found, diagnosis.gains, strict=True))
+    ]
+    findings = [*(_touched(diagnosis, one) for one in diagnosis.touched), *findings]
+    if diagnosis.outliers and diagnosis.outlier_gain is not None:
+        findings.append(_outliers(diagnosis, diagnosis.outlier_gain))
+    unexplained = max(diagnosis.remaining_rms_um**2 - diagnosis.noise_floor_um**2, 0.0)
+    return {
+        "schema": "armd.diagnosis/1",
+        "baseline": {
+            "rms_um": diagnosis.rms_um,
+            "heldout_rms_um": diagnosis.heldout_rms_um,
+            "noise_floor_um": diagnosis.noise_floor_um,
+            "calibration_given": diagnosis.baseline.held,
+            "heldout_rms_um_extended": diagnosis.written_rms_um[1],
+            "heldout_by": "session" if diagnosis.holdout else "placement, in turn",
+        },
+        "findings": findings,
+        "unexplained": {
+            "rms_um": float(np.sqrt(unexplained)),
+            "significant": diagnosis.significant_rest,
+            "depends_on": list(diagnosis.search.remaining_depends_on)
+            if diagnosis.significant_rest
+            else [],
+            "by_target": [asdict(one) for one in _few(target_steps(diagnosis.search.last))],
+        },
+        "readings": {"told": list(diagnosis.told)},
+        "verdict": verdict(diagnosis),
+        "cannot_tell": [
+            {"cause": cause, "needs": needs_of(cause), "experiment": CATALOGUE[cause].experiment}
+            for cause in diagnosis.search.untold
+        ],
+        "would_show": [
+            {"cause": cause, "signal_to_noise_at_typical_size": snr}
+            for cause, snr in sorted(diagnosis.search.would_show.items())
+        ],
+        "extended_calibration": extended_path,
+        "next_experiment": next_experiment(diagnosis),
+    }
+
+
+def _few(of: list[TargetStep]) -> list[TargetStep]:
+    """None where there are too many to read."""
+    return of if len(of) <= MOST_TARGETS else []
+
+
+def needs_of(cause: str) -> str:
+    """What sessions must hold for a cause to show at all."""
+    return (
+        CATALOGUE[cause].needs or "poses or conditions that set it apart from placements and seats"
+    )
+
+
+def _finding(diagnosis: Diagnosis, index: int, found: Finding, gain: Gain) -> dict[str, Any]:
+    candidate = found.candidate
+    effect = CATALOGUE[candidate.cause]
+    return {
+        "cause": candidate.cause,
+        "location": place_of(candidate),
+        "parameters": parameters_of(diagnosis, index),
+        "probability": found.probability,
+        "p_value": found.p_value,
+        "alternatives": [
+            {
+                "cause": rival.candidate.cause,
+                "location": place_of(rival.candidate),
+                "probability": rival.probability,
+                "angle_deg": rival.angle_deg,
+            }
+            for rival in found.rivals
+        ],
+        "gain": _gain(gain),
+        "size_known": size_known(diagnosis, index),
+        "in_extended_calibration": index in diagnosis.written,
+        "depends_on": list(candidate.depends_on),
+        "signal_to_noise": float(np.sqrt(found.statistic)),
+        "tip_rms_um": tip_rms_um(diagnosis, index),
+        "explains": _explains(found.explained),
+        "reading": reading_of(diagnosis, index),
+        "reason": effect.reason,
+        "confounded_with": effect.confounded_with,
+    }
+
+
+def _explains(explained: Explained | None) -> dict[str, Any] | None:
+    """How much a cause accounts for, and whether its amplitude is the same everywhere."""
+    if explained is None:
+        return None
+    return {
+        "share": explained.share,
+        "of": list(explained.variables),
+        "guess": explained.guess,
+        "checks": [
+            {
+                "by": check.by,
+                "p_value": check.p_value,
+                "parts": [
+                    {"part": part, "amplitude_ratio": float(r), "standard_uncertainty": float(s)}
+                    for part, r, s in zip(check.parts, check.ratio, check.sigma, strict=True)
+                ],
+            }
+            for check in explained.checks
+        ],
+    }
+
+
+def place_of(candidate: Candidate) -> str:
+    """The location as the contract has it: nothing is claimed of what is unknown."""
+    return "-" if candidate.cause == "unknown" else str(candidate.location)
+
+
+def reading_of(diagnosis: Diagnosis, index: int) -> str:
+    """What the amplitudes mean, in words."""
+    candidate = diagnosis.search.last.findings[index]
+    of_curve = CATALOGUE[candidate.cause].curve_reading
+    if of_curve is not None and is_curve(candidate):
+        rms, _, order = curve_size(diagnosis, index)
+        return of_curve(candidate, rms, order)
+    effect = CATALOGUE[diagnosis.found[index].candidate.cause]
+    text = effect.reading(candidate, diagnosis.search.last.amplitudes[index])
+    if effect.by_weight and any(joint.mass_kg is None for joint in diagnosis.arm.joint):
+        text += " (masses that arm.toml does not give are assumed)"
+    explained = diagnosis.found[index].explained
+    if explained is not None and explained.guess and effect.cause != "unknown":
+        on = " and ".join(explained.variables) or "the readings"
+        share = f"{100 * explained.share:.0f} %"
+        text += f"; it explains {share} of what depends on {on}: the name is a guess"
+    if not size_known(diagnosis, index):
+        text += "; this size is within its own uncertainty, and not to be relied on"
+    return text
+
+
+def _gain(gain: Gain) -> dict[str, Any]:
+    clear = gain.without_outliers_um
+    return {
+        **({"heldout_rms_um_without_outliers": list(clear)} if clear else {}),
+        "heldout_rms_um_before": gain.before_um,
+        "heldout_rms_um_after": gain.after_um,
+        "interval_um": list(gain.interval_um),
+        "shown": gain.shown,
+    }
+
+
+def _touched(diagnosis: Diagnosis, touched: Touched) -> dict[str, Any]:
+    effect = CATALOGUE["artefact_moved"]
+    assert diagnosis.touched_gain is not None
+    rows = [
+        row(column.name, float(value), column.unit, float(sigma))
+        for column, value, sigma in zip(
+            touched.candidate.columns, touched.amplitudes, touched.uncertainties, strict=True
+        )
+    ]
+    return {
+        "cause": "artefact_moved",
+        "location": "artefact",
+        "parameters": [*rows, row("instant", touched.instant_unix_s, "s (Unix)", 0.0)],
+        "session": touched.session,
+        "placement": touched.placement,
+        "row": touched.row,
+        "probability": touched.probability,
+        "p_value": touched.p_value,
+        "alternatives": [
+            {"cause": rival.cause, "location": str(rival.location), "probability": probability,
+             "angle_deg": 0.0}
+            for rival, probability in touched.rivals
+        ],
+        "gain": _gain(diagnosis.touched_gain),
+        "in_extended_calibration": False,
+        "depends_on": list(touched.candidate.depends_on),
+        "reading": touched_in_words(touched),
+        "reason": effect.reason,
+        "confounded_with": effect.confounded_with,
+    }  # fmt: skip
+
+
+def _outliers(diagnosis: Diagnosis, gain: Gain) -> dict[str, Any]:
+    effect = CATALOGUE["outliers"]
+    rows = diagnosis.outliers
+    return {
+        "cause": "outliers",
+        "location": "rows",
+        "parameters": [row("count", float(len(rows)), "1", 0.0)],
+        "rows": [{"session": o.session, "row": o.row, "error_um": o.error_um} for o in rows],
+        "probability": 1.0 - diagnosis.outlier_p,
+        "p_value": diagnosis.outlier_p,
+        "alternatives": [],
+        "gain": _gain(gain),
+        "depends_on": [],
+        "reading": effect.reading(Candidate("outliers", ROWS, (), ()), np.zeros(len(rows))),
+        "reason": effect.reason,
+        "confounded_with": effect.confounded_with,
+    }

@@ -1,0 +1,86 @@
+"""How large a finding is, and how well that is known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.fitting.curves import orders_of
+from armd.compensation.diagnose.fitting.scanned import scanned_uncertainty
+from armd.compensation.diagnose.problem.amplitudes import is_curve
+
+#: A size is known when it is so many of its standard uncertainties.
+SIZE_SIGMAS = 2.0
+
+
+def size_known(diagnosis: Diagnosis, index: int) -> bool:
+    """Whether a finding's amplitudes are larger than what is uncertain of them.
+
+    Something is significant; where several amplitudes do the same, none of them need be known.
+    """
+    last = diagnosis.search.last
+    typical = np.array([column.typical for column in last.findings[index].columns])
+    size = last.amplitudes[index] / typical
+    covariance = last.covariances[index] / np.outer(typical, typical)
+    square = float(size @ size)
+    return square**2 > SIZE_SIGMAS**2 * float(size @ covariance @ size)
+
+
+def parameters_of(diagnosis: Diagnosis, index: int) -> list[dict[str, str | float]]:
+    """Amplitudes with standard uncertainties, then what was scanned (order, instant, …)."""
+    last = diagnosis.search.last
+    candidate = last.findings[index]
+    rows: list[dict[str, str | float]] = []
+    if is_curve(candidate):
+        rms, sigma, order = curve_size(diagnosis, index)
+        rows += [row("rms", rms, "rad", sigma), row("order", float(order), "1/turn", 0.0)]
+    else:
+        spread = np.sqrt(np.maximum(np.diag(last.covariances[index]), 0.0))
+        rows += [
+            row(column.name, float(value), column.unit, float(s))
+            for column, value, s in zip(
+                candidate.columns, last.amplitudes[index], spread, strict=True
+            )
+        ]
+    sigma = scanned_uncertainty(last, index, diagnosis.arm)
+    rows += [row(name, value, unit, sigma) for name, value, unit in candidate.setting]
+    return rows
+
+
+def curve_size(diagnosis: Diagnosis, index: int) -> tuple[float, float, int]:
+    """Root mean square in rad of a curve about its mean, its standard uncertainty, and the
+    curve's strongest order.
+
+    All over the angles at which the joint stood: elsewhere nothing is known, and over less than
+    a turn the amplitudes of single orders mean little.
+    """
+    last = diagnosis.search.last
+    candidate = last.findings[index]
+    joint = candidate.location.joint
+    assert joint is not None  # a curve is over the turn of one
+    q = last.linear.rests.observations.states.q[:, joint - 1]
+    seen = np.unique(np.round(np.degrees(q))) * np.pi / 180.0
+    orders = orders_of(candidate)
+    waves = np.array([wave(order * seen) for order in orders for wave in (np.sin, np.cos)])
+    level = waves - waves.mean(axis=1, keepdims=True)
+    curve = last.amplitudes[index] @ level
+    rms = max(float(np.sqrt((curve**2).mean())), 1e-300)
+    slope = level @ curve / (len(seen) * rms)
+    sigma = float(np.sqrt(max(slope @ last.covariances[index] @ slope, 0.0)))
+    left = []
+    for pair in waves.reshape(len(orders), 2, -1):
+        columns = np.vstack([pair, np.ones(len(seen))]).T
+        fitted = columns @ np.linalg.lstsq(columns, curve, rcond=None)[0]
+        left.append(float(((curve - fitted) ** 2).sum()))
+    return rms, sigma, orders[int(np.argmin(left))]
+
+
+def row(name: str, value: float, unit: str, sigma: float) -> dict[str, str | float]:
+    return {"name": name, "value": value, "unit": unit, "standard_uncertainty": sigma}
+
+
+def tip_rms_um(diagnosis: Diagnosis, index: int) -> float:
+    """How far the effect moves the tip in these readings, 3-D RMS in µm: what placements,
+    constants and the other findings cannot take up."""
+    moves = diagnosis.search.last.net_signature(index)
+    return 1e3 * float(np.sqrt((moves**2).sum() / max(len(moves), 1)))

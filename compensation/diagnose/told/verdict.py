@@ -1,0 +1,191 @@
+"""What came of a diagnosis, in a sentence or two for a person."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from armd.compensation.diagnose.diagnosis import MOST_FINDINGS, Diagnosis, Touched
+from armd.compensation.diagnose.fitting.target_steps import steps, target_steps
+from armd.compensation.diagnose.problem.rests import spare_rows
+from armd.compensation.diagnose.told.sizes import size_known
+from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.effects.effect import Candidate, clock, plain
+from armd.terminal.counted import counted
+
+#: Residuals so many times the noise's RMS are more than noise.
+BEYOND_NOISE = 1.5
+#: Noise units from which on a cause is found mostly; fewer numbers to spare tell no noise.
+WOULD_SHOW, LEAST_SPARE = 5.0, 30
+
+
+def verdict(diagnosis: Diagnosis) -> str:
+    """What came of it, in a sentence or two."""
+    sentences = []
+    refused, moved = _refused(diagnosis), _moved(diagnosis)
+    gains = diagnosis.gains
+    unforeseen = diagnosis.unforeseen
+    told_only = [i for i, found in enumerate(diagnosis.found) if found.candidate.told_only]
+    unwritten = {*unforeseen, *told_only}
+    doubtful = _numbers(i for i, g in enumerate(gains) if not g.shown and i not in unwritten)
+    if not gains:
+        sentences.append(
+            "No cause was found in the arm." if diagnosis.touched else "No cause was found."
+        )
+    else:
+        count = counted(len(gains), "finding")
+        if diagnosis.written:
+            before, after = diagnosis.written_clear_um or diagnosis.written_rms_um
+            how = ", targets left out within placements" if diagnosis.by_target else ""
+            if diagnosis.written_clear_um:
+                all_rows = " instead of ".join(um(rms) for rms in diagnosis.written_rms_um[::-1])
+                how += f", outliers left out of both; {all_rows} µm with them"
+            missing = len(diagnosis.written) < len(gains)
+            which = f", {_numbers(diagnosis.written)} in it," if missing else ""
+            sentences.append(
+                f"{count}; with the extended model{which} held-out readings err by "
+                f"{um(after)} µm instead of {um(before)} µm (3-D RMS{how})."
+            )
+        if doubtful:
+            sentences.append(f"Held-out readings do not confirm {doubtful}: leads, not facts.")
+        if unforeseen:
+            sentences.append(
+                f"What drifts, {_numbers(unforeseen)}, is not in it: fitted to the earlier "
+                "readings, it makes the later ones worse. Measure longer."
+            )
+        if told_only:
+            numbers = _numbers(told_only)
+            sentences.append(f"No calibration can hold {numbers}: told, and not written.")
+        guesses = _numbers(
+            i
+            for i, found in enumerate(diagnosis.found)
+            if found.candidate.cause != "unknown" and found.explained and found.explained.guess
+        )
+        if guesses:
+            sentences.append(
+                f"The name of {guesses} is a guess: it explains little of what varies with its "
+                "variables."
+            )
+        unsized = _numbers(i for i in range(len(gains)) if not size_known(diagnosis, i))
+        if unsized:
+            sentences.append(f"The size of {unsized} is within its own uncertainty.")
+        if not diagnosis.written:
+            sentences.append(
+                f"{count}, none of them {'confirmed' if doubtful else 'written'}: the extended "
+                "calibration predicts what the model under test does, "
+                f"{um(diagnosis.heldout_rms_um)} µm held out."
+            )
+    if diagnosis.significant_rest:
+        on = ", ".join(diagnosis.search.remaining_depends_on) or "nothing that was recorded"
+        sentences.append(f"Something significant is left; it depends on {on}.")
+        same = [
+            str(i)
+            for i, found in enumerate(diagnosis.found, 1)
+            if set(found.candidate.depends_on) & set(diagnosis.search.remaining_depends_on)
+        ]
+        if same:
+            sentences.append(f"The form of {', '.join(same)} is in doubt.")
+        if len(gains) == MOST_FINDINGS:
+            sentences.append(
+                f"No more than {MOST_FINDINGS} causes are looked for; where so much seems wrong, "
+                "see first whether arm.toml, calibration and artefact are those of these readings."
+            )
+    elif not gains and not diagnosis.outliers:
+        sentences.append(_nothing_found(diagnosis, refused or moved))
+    elif gains and not diagnosis.outliers:
+        sentences.append(_what_stays(diagnosis))
+    return " ".join(
+        text
+        for text in [
+            *sentences,
+            *refused,
+            *moved,
+            *map(touched_in_words, diagnosis.touched),
+            *diagnosis.told,
+        ]
+        if text
+    )
+
+
+def _numbers(of: Iterable[int]) -> str:
+    """Findings as they are counted for a person, from 1."""
+    return ", ".join(str(i + 1) for i in of)
+
+
+def _what_stays(diagnosis: Diagnosis) -> str:
+    """Residuals beyond the noise in which nothing is significant, beside findings."""
+    left, floor = diagnosis.remaining_rms_um, diagnosis.noise_floor_um
+    if left <= BEYOND_NOISE * floor:
+        return ""
+    return (
+        f"Yet {um(left)} µm remain under the extended calibration; the noise alone would leave "
+        f"{um(floor)} µm."
+    )
+
+
+def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
+    """What residuals without a finding are, *but* for what the verdict says else."""
+    left, floor = diagnosis.rms_um, diagnosis.noise_floor_um
+    if left > BEYOND_NOISE * floor:
+        return (
+            f"Yet the residuals, {um(left)} µm, are not what noise of {um(floor)} µm makes: "
+            "nothing in the catalogue, nor any smooth structure, explains them."
+        )
+    if but:
+        return ""
+    return f"The residuals are what the noise makes of them. {_could_show(diagnosis)}"
+
+
+def _could_show(diagnosis: Diagnosis) -> str:
+    """What silence is worth: whether causes of ordinary size would have been found."""
+    observations = diagnosis.search.last.linear.rests.observations
+    spare = spare_rows(observations)
+    if spare < LEAST_SPARE:
+        return (
+            f"But {counted(observations.n, 'reading')} at rest leave only "
+            f"{counted(spare, 'number')} beyond what their placements take up: hardly any "
+            "cause could have shown."
+        )
+    hidden = sorted(c for c, snr in diagnosis.search.would_show.items() if snr < WOULD_SHOW)
+    if not hidden:
+        which = "Any cause that these data can tell" if diagnosis.search.untold else "Any cause"
+        return f"{which} would have shown, were it of its typical size."
+    return f"Of its typical size, these readings would not have shown: {', '.join(hidden)}."
+
+
+def _refused(diagnosis: Diagnosis) -> list[str]:
+    return [
+        f"{_named(one.candidate)} was refused, although the residuals would fall: {one.reason}."
+        for one in diagnosis.search.refused
+    ]
+
+
+def _moved(diagnosis: Diagnosis) -> list[str]:
+    return [
+        f"At {one.placement}, {one.target}, the first {one.after} rests stand {um(one.step_um)} µm "
+        f"from the other {one.rests - one.after}: seat, artefact or arm moved between."
+        for one in steps(target_steps(diagnosis.search.last))
+    ]
+
+
+def _named(candidate: Candidate) -> str:
+    """A candidate in words."""
+    if candidate.cause == "unknown":
+        return f"A structure in {', '.join(candidate.depends_on)} ({candidate.location})"
+    return f"{candidate.cause} ({candidate.location})"
+
+
+def um(value: float) -> str:
+    """Micrometres as a person writes them: three digits, no exponent."""
+    return plain(value, 3)
+
+
+def touched_in_words(touched: Touched) -> str:
+    """What was moved, where and when."""
+    what = CATALOGUE["artefact_moved"].reading(touched.candidate, touched.amplitudes)
+    when = "" if np.isnan(touched.instant_unix_s) else f", {clock(touched.instant_unix_s)}"
+    return (
+        f"In {touched.session}, {touched.placement}, before row {touched.row}{when}, {what}: its "
+        "readings count as two placements; the arm did not cause it."
+    )

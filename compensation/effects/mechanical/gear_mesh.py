@@ -1,0 +1,84 @@
+"""A gear between two joints: the angle of one errs as the other turns."""
+
+from collections.abc import Iterator
+from itertools import permutations
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.effects import location
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    Candidate,
+    Column,
+    Effect,
+    SessionFacts,
+    seconds_of_arc,
+    tie,
+)
+from armd.compensation.model.pose_factors import Harmonic
+from armd.compensation.model.terms import Factor, Term
+
+#: Waves a turn: a wheel's run-out, its teeth where they are few.
+ORDERS = range(1, 21)
+#: Arms of encoders on their axes have no gear between joints; the axis of one that wobbles once or
+#: twice a turn does the same to a parallel one beside it.
+RARE = 0.1
+TYPICAL_RAD = 3 * ARC_SECOND
+
+
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    for joint, other in permutations(facts.joints, 2):
+        for own in (0, 1, -1) if abs(joint - other) == 1 else (0,):
+            for order in ORDERS:
+                yield _mesh(joint, other, own, order)
+
+
+def _mesh(joint: int, other: int, own: int, order: int) -> Candidate:
+    """*own*: how much of the joint's own turn counts: 0, or ±1 in a differential."""
+    rolled = f"q{other}" + {0: "", 1: f" + q{joint}", -1: f" - q{joint}"}[own]
+
+    def wave(kind: str, of: int) -> Factor:
+        return Harmonic.model_validate({"kind": kind, "joint": of, "order": order})
+
+    def sum_of(*products: tuple[float, str, str]) -> tuple[Term, ...]:
+        """Of the other joint's wave and the joint's own."""
+        if own == 0:
+            return tie([(f"theta_{joint}", 1.0)], wave(products[0][1], other))
+        return tuple(
+            term
+            for sign, a, b in products
+            for term in tie([(f"theta_{joint}", sign)], wave(a, other), wave(b, joint))
+        )
+
+    columns = (
+        Column(
+            f"sin({rolled})", "rad", TYPICAL_RAD, sum_of((1, "sin", "cos"), (own, "cos", "sin"))
+        ),
+        Column(
+            f"cos({rolled})", "rad", TYPICAL_RAD, sum_of((1, "cos", "cos"), (-own, "sin", "sin"))
+        ),
+    )
+    depends = (f"q{other}", f"q{joint}") if own else (f"q{other}",)
+    setting = (("order", float(order), "1/turn"),)
+    return Candidate("gear_mesh", location.joint(joint), columns, depends, setting)
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    rolled = candidate.columns[0].name.removeprefix("sin")
+    return (
+        f"the angle of {candidate.location} errs by {seconds_of_arc(float(np.hypot(*amplitudes)))} "
+        f"{candidate.setting[0][1]:.0f} times a turn of {rolled}"
+    )
+
+
+EFFECT = Effect(
+    "gear_mesh",
+    "a wheel or belt that joins two joints runs out: as one turns, the other is pushed",
+    "wobble of the other joint's axis, a cable led over both",
+    "hold one joint, turn the other through its range, at one seat",
+    candidates,
+    reading,
+    as_coarse_as_encoders=True,
+    commonness=RARE,
+)

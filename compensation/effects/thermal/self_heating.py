@@ -1,0 +1,87 @@
+"""A joint warms by its own use, where no sensor feels it.
+
+What warms it is how fast it turned, by the rates at the readings, or the way from one reading to
+the next; both are known only where one measured, so no calibration holds this: it is told.
+"""
+
+from collections.abc import Iterator
+
+from armd.arrays import F64
+from armd.compensation.effects import location
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    Candidate,
+    Column,
+    Effect,
+    SessionFacts,
+    Use,
+    lengths,
+    plain,
+    seconds_of_arc,
+)
+
+TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 960.0, 1920.0)
+FINER = (0.7, 0.84, 1.19, 1.4)
+#: At one radian a second, in the end.
+TYPICAL_RAD, TYPICAL_STRAIN = 15 * ARC_SECOND, 60e-6
+
+
+def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+    if not facts.timed:
+        return
+    for k in facts.joints:
+        for by_rate in (True, False) if facts.rates else (False,):
+            for lag_s in TIME_CONSTANTS_S:
+                yield _warmed(k, by_rate, lag_s, "angle", ((f"theta_{k}", 1.0),))
+                if pairs := lengths(facts, k):
+                    yield _warmed(k, by_rate, lag_s, "length", tuple(pairs))
+
+
+def _warmed(
+    joint: int,
+    by_rate: bool,
+    lag_s: float,
+    what: str,
+    parameters: tuple[tuple[str, float], ...],
+    finest: bool = False,
+) -> Candidate:
+    use = Use(joint, by_rate, lag_s, parameters)
+    unit, typical = ("rad", TYPICAL_RAD) if what == "angle" else ("1", TYPICAL_STRAIN)
+    by = "rate" if by_rate else "way"
+    column = Column(f"{what} by {by}", f"{unit} per rad/s", typical, use=use)
+
+    def at(value: float) -> Candidate:
+        return _warmed(joint, by_rate, value, what, parameters, True)
+
+    return Candidate(
+        "self_heating",
+        location.joint(joint),
+        (column,),
+        (f"{'w' if by_rate else 'q'}{joint}", "time_s"),
+        (("time constant", lag_s, "s"),),
+        None if finest else lambda: [at(lag_s * factor) for factor in FINER],
+        at,
+    )
+
+
+def reading(candidate: Candidate, amplitudes: F64) -> str:
+    size = float(amplitudes[0])
+    if candidate.columns[0].name.startswith("angle"):
+        told = f"the angle of {candidate.location} moves by {seconds_of_arc(size)}"
+    else:
+        told = f"the link of {candidate.location} grows by {plain(1e6 * size, sign='+')} ppm"
+    return (
+        f"{told} when it turns at 1 rad/s for long, with a time constant of "
+        f"{candidate.setting[0][1]:.0f} s; no calibration can hold this"
+    )
+
+
+EFFECT = Effect(
+    "self_heating",
+    "friction warms a bearing or a brake that is used much, away from every sensor",
+    "a drift, an angle that is late where one session was fast",
+    "turn the joint fast for ten minutes, then measure one seat again and again",
+    candidates,
+    reading,
+    "times of all readings, and use that varies from one part of them to another",
+)

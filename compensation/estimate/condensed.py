@@ -1,0 +1,58 @@
+"""Readings of one kind as a few that stand for all of them.
+
+What a rigid motion and an unknown point do to the sum of squares of n readings depends on their
+number, mean and scatter alone. So d + 1 points in d dimensions that share all three stand for any
+number of readings, exactly: least squares cannot tell them from the whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+
+
+@dataclass
+class Sums:
+    """Number, mean (d,) and scatter about it (d, d) of some points."""
+
+    n: float
+    mean: F64
+    scatter: F64
+
+    def add(self, other: Sums) -> None:
+        """Chan, Golub and LeVeque (1979): nothing large is subtracted from anything large."""
+        n = self.n + other.n
+        apart = other.mean - self.mean
+        self.scatter = (
+            self.scatter + other.scatter + np.outer(apart, apart) * (self.n * other.n / n)
+        )
+        self.mean = self.mean + apart * (other.n / n)
+        self.n = n
+
+    def points(self) -> F64:
+        """d + 1 points (d + 1, d) that have this mean, and n / (d + 1) times whose scatter is it:
+        a simplex, stretched."""
+        d = len(self.mean)
+        size, axes = np.linalg.eigh(self.scatter)
+        corners = np.linalg.svd(np.ones((1, d + 1)))[2][1:].T  # orthonormal, about zero
+        stretched = np.sqrt(np.maximum(size, 0.0) * (d + 1) / self.n)
+        points: F64 = self.mean + corners @ (axes * stretched).T
+        return points
+
+
+def sums_by(group: I64, points: F64) -> dict[int, Sums]:
+    """The sums of points (n, d) that share a group number."""
+    groups, of, n = np.unique(group, return_inverse=True, return_counts=True)
+    d, size = points.shape[1], len(groups)
+    total = [np.bincount(of, points[:, i], size) for i in range(d)]
+    mean = np.stack(total, axis=1) / n[:, None]
+    apart = points - mean[of]
+    scatter = np.empty((size, d, d))
+    for i in range(d):
+        for j in range(i + 1):
+            scatter[:, i, j] = np.bincount(of, apart[:, i] * apart[:, j], size)
+            scatter[:, j, i] = scatter[:, i, j]
+    return {int(groups[g]): Sums(float(n[g]), mean[g], scatter[g]) for g in range(size)}

@@ -1,0 +1,154 @@
+"""The shapes: their residuals, what these follow, and their form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from armd.arrays import F64
+
+Shape = Literal["point", "line", "plane", "circle", "sphere", "cylinder"]
+
+
+class Start(NamedTuple):
+    """Where a fit begins: a point, a direction, a radius, in centred and scaled coordinates."""
+
+    point: F64
+    direction: F64
+    radius: float
+
+
+def across(direction: F64) -> tuple[F64, F64]:
+    """Two unit vectors square to a direction and to each other."""
+    least = np.eye(3)[int(np.argmin(np.abs(direction)))]
+    one = np.cross(direction, least)
+    one /= np.linalg.norm(one)
+    return one, np.cross(direction, one)
+
+
+def moved(shape: Shape, start: Start, u: F64) -> Start:
+    """The shape moved by its free parameters *u*: along itself nothing changes."""
+    e1, e2 = across(start.direction)
+    d = start.direction
+    match shape:
+        case "point":
+            return start._replace(point=start.point + u)
+        case "plane":
+            return Start(start.point + u[0] * d, unit(d + u[1] * e1 + u[2] * e2), 0.0)
+        case "line":
+            point = start.point + u[0] * e1 + u[1] * e2
+            return Start(point, unit(d + u[2] * e1 + u[3] * e2), 0.0)
+        case "sphere":
+            return Start(start.point + u[:3], d, start.radius + u[3])
+        case "circle":
+            turned = unit(d + u[3] * e1 + u[4] * e2)
+            return Start(start.point + u[:3], turned, start.radius + u[5])
+        case "cylinder":
+            point = start.point + u[0] * e1 + u[1] * e2
+            return Start(point, unit(d + u[2] * e1 + u[3] * e2), start.radius + u[4])
+
+
+def _away(x: F64, at: Start) -> F64:
+    return x - at.point
+
+
+def _radial(x: F64, at: Start) -> tuple[F64, F64]:
+    """Distance (n,) from the axis, and unit vectors (n, 3) from it."""
+    away = _away(x, at)
+    square = away - np.outer(away @ at.direction, at.direction)
+    distance = np.linalg.norm(square, axis=1)
+    return distance, square / np.maximum(distance, 1e-300)[:, None]
+
+
+def _sphere(x: F64, at: Start) -> F64:
+    out: F64 = np.linalg.norm(_away(x, at), axis=1) - at.radius
+    return out[:, None]
+
+
+def _sphere_gradient(x: F64, at: Start) -> F64:
+    away = _away(x, at)
+    out: F64 = away / np.linalg.norm(away, axis=1, keepdims=True)
+    return out[:, None, :]
+
+
+def _plane(x: F64, at: Start) -> F64:
+    out: F64 = _away(x, at) @ at.direction
+    return out[:, None]
+
+
+def _line(x: F64, at: Start) -> F64:
+    out: F64 = _away(x, at) @ np.stack(across(at.direction), axis=1)
+    return out
+
+
+def _circle(x: F64, at: Start) -> F64:
+    return np.stack([_radial(x, at)[0] - at.radius, _away(x, at) @ at.direction], axis=1)
+
+
+def _circle_gradient(x: F64, at: Start) -> F64:
+    return np.stack([_radial(x, at)[1], np.tile(at.direction, (len(x), 1))], axis=1)
+
+
+def _same(rows: Callable[[Start], F64]) -> Callable[[F64, Start], F64]:
+    """A gradient (each, 3) that is the same at every point."""
+    return lambda x, at: np.tile(rows(at), (len(x), 1, 1))
+
+
+def _spread(residual: F64) -> tuple[F64, float]:
+    """Signed distances: farthest out minus farthest in."""
+    return residual[:, 0], float(np.ptp(residual[:, 0]))
+
+
+def _around(residual: F64) -> tuple[F64, float]:
+    """Distances from a line: the diameter of the cylinder about it that holds the points."""
+    distance = np.linalg.norm(residual, axis=1)
+    return distance, 2 * float(distance.max())
+
+
+def _largest(residual: F64) -> tuple[F64, float]:
+    distance = np.linalg.norm(residual, axis=1)
+    return distance, float(distance.max())
+
+
+def _ring(residual: F64) -> tuple[F64, float]:
+    """Of a circle: the radial and the axial spread, the larger one."""
+    form = float(np.ptp(residual, axis=0).max())
+    return np.linalg.norm(residual, axis=1), form
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a shape's fit is made of."""
+
+    count: int  # free parameters
+    each: int  # residuals of a point
+    turned: bool  # has a direction
+    round: bool  # has a radius
+    residuals: Callable[[F64, Start], F64]  # (n, each)
+    gradients: Callable[[F64, Start], F64]  # (n, each, 3), by the point
+    form: Callable[[F64], tuple[F64, float]]  # distances (n,), form error
+
+
+FREE: dict[Shape, Kind] = {
+    "point": Kind(3, 3, False, False, _away, _same(lambda _: np.eye(3)), _largest),
+    "line": Kind(
+        4, 2, True, False, _line, _same(lambda at: np.stack(across(at.direction))), _around
+    ),
+    "plane": Kind(3, 1, True, False, _plane, _same(lambda at: at.direction[None]), _spread),
+    "circle": Kind(6, 2, True, True, _circle, _circle_gradient, _ring),
+    "sphere": Kind(4, 1, False, True, _sphere, _sphere_gradient, _spread),
+    "cylinder": Kind(
+        5, 1, True, True,
+        lambda x, at: (_radial(x, at)[0] - at.radius)[:, None],
+        lambda x, at: _radial(x, at)[1][:, None, :],
+        _spread,
+    ),
+}  # fmt: skip
+
+
+def unit(vector: F64) -> F64:
+    out: F64 = vector / np.linalg.norm(vector)
+    return out

@@ -1,0 +1,245 @@
+"""What a person may have got wrong in a whole session: a unit, two names, two columns, a sign.
+
+Each guess is the same session, read as it may have been meant. Which of them is right, the
+residuals tell, under a model that the session had no part in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.poses import fit_poses
+from armd.compensation.identify.lengths import certified_lengths
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.terms import Term
+
+#: A guess explains a session if the readings then miss by less than this share.
+EXPLAINED = 0.2
+#: mm in what a person may have written instead of mm
+LENGTHS_MM = {"inches": 25.4, "centimetres": 10.0, "metres": 1000.0}
+#: Nobody measures in a room as hot as a number in °F looks in °C.
+LEAST_FAHRENHEIT = 45.0
+#: Exchanges of two seats in one placement are tried up to so many; each takes some milliseconds.
+MOST_EXCHANGES = 400
+#: Weighed anew so often, one reading in ten that is far off moves a pose no more.
+ROUNDS = 4
+#: A placement of fewer readings says nothing.
+LEAST_READINGS = 3
+
+
+@dataclass(frozen=True)
+class Model:
+    """What readings are held against."""
+
+    constants: F64  # (P,)
+    terms: Sequence[Term]
+    reference_c: float
+
+    def tip_mm(self, observations: Observations) -> F64:
+        """(n, 3) base frame; NaN where a temperature is missing."""
+        arm, states = observations.arm, observations.states
+        basis = basis_values(self.terms, states, arm, self.reference_c, self.constants)
+        position: F64 = forward(states.q, parameter_rows(self.constants, self.terms, basis))[0]
+        return position
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A session as it may have been meant."""
+
+    words: str  # after "if"
+    expected: str
+    observations: Observations
+
+
+def misses_mm(observations: Observations, model: Model) -> F64:
+    """(P,) how far readings miss, at the target of each placement where they miss most.
+
+    At a target the median counts: one reading gone wrong says nothing of the session. NaN for a
+    placement of fewer than `LEAST_READINGS`.
+    """
+    return _largest(observations, model.tip_mm(observations))
+
+
+def miss_mm(observations: Observations, model: Model) -> float:
+    """The same in the placement where it is largest; 0 where no placement has enough readings."""
+    return float(np.nanmax(misses_mm(observations, model), initial=0.0))
+
+
+def best_guess(observations: Observations, model: Model) -> tuple[Guess, float] | None:
+    """The guess under which the readings of one session miss least, in mm, if it explains them.
+
+    It must explain them for what the joints move too: an arm that hardly moves misses little
+    whatever it measures, and so explains nothing.
+    """
+    before = miss_mm(observations, model)
+    moves = joint_motion(observations.states.q)
+    explaining = []
+    for guess in _guesses(observations, model):
+        after = miss_mm(guess.observations, model)
+        moves_then = joint_motion(guess.observations.states.q)
+        if after < EXPLAINED * before and after * moves < EXPLAINED * before * moves_then:
+            explaining.append((guess, after))
+    return min(explaining, key=lambda one: one[1], default=None)
+
+
+def joint_motion(q: F64) -> float:
+    """How far the joints move, rad, RMS over joints: near the standard deviation of small motions,
+    at most √2 where angles stand all around the circle.
+
+    q: (n, joints) rad; a row with an angle missing has no part.
+    """
+    whole = q[np.isfinite(q).all(axis=1)]
+    if not len(whole):
+        return 0.0
+    resultant = np.abs(np.exp(1j * whole).mean(axis=0))
+    return float(np.sqrt(np.mean(2.0 * (1.0 - resultant))))
+
+
+def wrong_length_unit(observations: Observations, model: Model) -> str:
+    """The unit that all certified distances of a session seem to have instead of mm, if any."""
+    position = model.tip_mm(observations)
+    kept = np.isfinite(position[:, 0])
+    if not kept.any() or not len(observations.distances.length_mm):
+        return ""
+    observations, position = observations.rows(kept), position[kept]
+    poses = fit_poses(observations, position)
+    lengths = certified_lengths(observations, poses, poses.residual(observations, position))
+    ratios = np.array([one.measured_mm / max(one.certified_mm, 1e-9) for one in lengths])
+    for unit, factor in LENGTHS_MM.items():
+        if len(ratios) and np.all(np.abs(ratios / factor - 1.0) < 0.1):
+            return unit
+    return ""
+
+
+def _largest(observations: Observations, position_mm: F64) -> F64:
+    kept = np.isfinite(position_mm[:, 0])
+    largest = np.full(len(observations.placement_names), np.nan)
+    if not kept.any():
+        return largest
+    observations, position_mm = observations.rows(kept), position_mm[kept]
+    distance = _distances_mm(observations, position_mm)
+    for placement in np.unique(observations.placement):
+        own = observations.placement == placement
+        if own.sum() < LEAST_READINGS:
+            continue
+        target = np.where(observations.has_truth, -1, observations.target)[own]
+        largest[placement] = max(
+            float(np.median(distance[own][target == k])) for k in np.unique(target)
+        )
+    return largest
+
+
+def _distances_mm(observations: Observations, position_mm: F64) -> F64:
+    """(n,) from the targets, at poses that few readings far off hardly move (Cauchy's weights)."""
+    weight = np.ones(observations.n)
+    for _ in range(ROUNDS):
+        poses = fit_poses(observations, position_mm, weight)
+        distance: F64 = np.linalg.norm(poses.residual(observations, position_mm), axis=1)
+        weight = 1.0 / (1.0 + (distance / max(float(np.median(distance)), 1e-9)) ** 2)
+    return distance
+
+
+def _guesses(observations: Observations, model: Model) -> Iterator[Guess]:
+    yield from _other_lengths(observations)
+    yield from _other_angles(observations)
+    yield from _other_temperatures(observations)
+    yield from _other_targets(observations, model)
+
+
+def _other_lengths(observations: Observations) -> Iterator[Guess]:
+    known = np.isfinite(observations.position_mm).any() or observations.has_truth.any()
+    for unit, factor in LENGTHS_MM.items() if known else ():
+        yield Guess(
+            f"its positions are taken as {unit}",
+            "positions in mm",
+            replace(
+                observations,
+                position_mm=factor * observations.position_mm,
+                truth_mm=factor * observations.truth_mm,
+            ),
+        )
+
+
+def _other_angles(observations: Observations) -> Iterator[Guess]:
+    q = observations.states.q
+    expected = "angles in the unit that angle_unit of session.toml names"
+    yield _turned(observations, np.degrees(q), "its angles are taken as radians", expected)
+    yield _turned(observations, np.radians(q), "its angles are taken as degrees", expected)
+    joints = range(q.shape[1])
+    for a, b in combinations(joints, 2):
+        order = list(joints)
+        order[a], order[b] = b, a
+        words = f"its columns q{a + 1} and q{b + 1} are exchanged"
+        yield _turned(observations, q[:, order], words, "each joint in its own column")
+    for joint in joints:
+        sign = np.where(np.arange(q.shape[1]) == joint, -1.0, 1.0)
+        words = f"its column q{joint + 1} has the other sign"
+        yield _turned(observations, q * sign, words, "each angle with the sign of arm.toml")
+
+
+def _turned(observations: Observations, q: F64, words: str, expected: str) -> Guess:
+    return Guess(words, expected, replace(observations, states=replace(observations.states, q=q)))
+
+
+def _other_temperatures(observations: Observations) -> Iterator[Guess]:
+    temperature_c = observations.states.temperature_c
+    if not np.isfinite(temperature_c).any() or np.nanmin(temperature_c) < LEAST_FAHRENHEIT:
+        return
+    states = replace(observations.states, temperature_c=celsius(temperature_c))
+    yield Guess(
+        "its temperatures are taken as °F", "temperatures in °C",
+        replace(observations, states=states),
+    )  # fmt: skip
+
+
+def celsius(fahrenheit: F64) -> F64:
+    return (fahrenheit - 32.0) / 1.8
+
+
+def _other_targets(observations: Observations, model: Model) -> Iterator[Guess]:
+    """Two targets exchanged, where that makes a placement's readings fit."""
+    touched = np.unique(observations.target[~observations.has_truth])
+    placements = np.unique(observations.placement)
+    position = model.tip_mm(observations)
+    as_it_is = _largest(observations, position)
+    pairs = list(combinations(touched, 2))
+    seats = bool(observations.unknown[touched].any())
+    if seats and len(pairs) * len(placements) > MOST_EXCHANGES:
+        return
+    for a, b in pairs:
+        if seats:  # a seat's place is the same in all placements of the session: one by one
+            where = [np.array([placement]) for placement in placements]
+        else:
+            everywhere = _exchanged(observations, a, b, placements)
+            better = _largest(everywhere, position) < EXPLAINED * as_it_is
+            where = [np.flatnonzero(better)] if better.any() else []
+        for chosen in where:
+            yield Guess(
+                _exchange_in_words(observations, a, b, chosen),
+                "each target under its own name",
+                _exchanged(observations, a, b, chosen),
+            )
+
+
+def _exchanged(observations: Observations, a: int, b: int, placements: I64) -> Observations:
+    target = observations.target
+    there = np.isin(observations.placement, placements)
+    new = np.where(there & (target == a), b, np.where(there & (target == b), a, target))
+    return replace(observations, target=new)
+
+
+def _exchange_in_words(observations: Observations, a: int, b: int, placements: I64) -> str:
+    own = [observations.target_names[i].partition("/")[2] for i in (a, b)]
+    where = [observations.placement_names[p].partition("/")[2] for p in placements]
+    everywhere = len(where) == len(np.unique(observations.placement))
+    return f"its targets {own[0]} and {own[1]} are exchanged" + (
+        "" if everywhere else f" in {', '.join(where)}"
+    )

@@ -1,0 +1,219 @@
+"""The one session among several that does not fit the others, named by what is wrong with it.
+
+A fit to all of them spreads its error over all. So each session is held against what the others
+identify without it; where there are too few others, against the drawing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from armd.arrays import F64, Mask
+from armd.compensation.data.session import Session
+from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.admission.mistakes import (
+    LEAST_FAHRENHEIT,
+    LEAST_READINGS,
+    Model,
+    best_guess,
+    celsius,
+    miss_mm,
+    misses_mm,
+    wrong_length_unit,
+)
+from armd.compensation.identify.admission.requirements import readings_needed
+from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.fit import Fit, fit, rms_um
+from armd.compensation.identify.thermal.comparison import temperature_groups
+from armd.compensation.identify.thermal.terms import length_terms
+from armd.errors import BadInput
+
+#: Under a drawing, readings that miss by more are no arm's; nor those that miss by so many times
+#: what the best session does.
+ABSURD_MM, APART = 20.0, 5.0
+#: Less than this is noise and no mistake (mm).
+LEAST_MM = 0.05
+#: A fit that leaves more than this share of what the drawing leaves is worth the question.
+SUSPICIOUS_SHARE = 0.1
+#: So many sessions are left out in turn, those that miss most first; each costs a fit.
+MOST_LEFT_OUT = 8
+#: A session at other temperatures than all the others cannot be held against them.
+REACH_K = 3.0
+
+
+@dataclass(frozen=True)
+class Odd:
+    """A session that does not fit, and nothing simple that would make it."""
+
+    path: Path
+    miss_mm: float
+    others_mm: float
+
+    def in_words(self) -> str:
+        return (
+            f"session {self.path.name} does not fit the others: its readings miss by up to "
+            f"{_length(self.miss_mm)} under what the others identify, and theirs by up to "
+            f"{_length(self.others_mm)}; no unit, no exchanged targets or columns explain it. Is "
+            "it another arm's, or did the arm change between the sessions (armd diagnose)?"
+        )
+
+
+def refuse_mistakes(
+    sessions: Sequence[Session], observations: Observations, given: Model | None = None
+) -> None:
+    """Raise `BadInput` for sessions whose unit, names or columns are plainly others than they say.
+
+    Held against *given*, a calibration, or the drawing, any such mistake stands out. *observations*
+    are of *sessions*, some rows of them left out or none.
+    """
+    arm = observations.arm
+    model = given or Model(arm.nominal(), [], arm.reference_temperature_c)
+    parts = [observations.rows(observations.session == k) for k in range(len(sessions))]
+    misses = np.array([miss_mm(part, model) for part in parts])
+    told = misses > 0  # others have no placement with enough readings
+    faults = []
+    for session, part in zip(sessions, parts, strict=True):
+        if unit := wrong_length_unit(part, model):
+            found = f"certified distances that fit the arm if they are taken as {unit}"
+            faults.append(BadInput(session.path, "the session", found, "distances in mm"))
+    _raise(faults)
+    if not told.any():
+        return
+    suspects = told & (misses > min(ABSURD_MM, APART * max(misses[told].min(), LEAST_MM)))
+    if not suspects.any():
+        return
+    by = "under the calibration given" if given else "under the drawing"
+    others = ~suspects & told
+    if not given and (better := _identified(observations, others[observations.session])):
+        model = Model(better.constants, better.terms, better.reference_c)
+        by = f"under what the other {int(others.sum())} identify"
+    _raise(
+        [
+            fault
+            for k in map(int, np.flatnonzero(suspects))
+            if (fault := _mistake(sessions[k], parts[k], model, by))
+        ]
+    )
+
+
+def odd_session(sessions: Sequence[Session], found: Fit, drawn_rms_um: float) -> Odd | None:
+    """The session without which the others fit, asked where the fit to all of them is poor.
+
+    Raises `BadInput` where it is plain what is wrong with it.
+    """
+    observations = found.observations
+    model = Model(found.constants, found.terms, found.reference_c)
+    misses = _by_session(observations, model, len(sessions))
+    if len(sessions) < 3 or not np.isfinite(misses).all():
+        return None
+    apart = misses.max() > APART * misses.min()
+    hot = (observations.states.temperature_c > LEAST_FAHRENHEIT).any()
+    if not apart and not hot and found.rms_um < SUSPICIOUS_SHARE * drawn_rms_um:
+        return None
+    best: tuple[float, int, Model] | None = None
+    for k in map(int, np.argsort(-misses)[:MOST_LEFT_OUT]):
+        rest = observations.session != k
+        if not _reached(observations, rest):
+            continue
+        without = _identified(observations, rest)
+        if without is None:
+            continue
+        model = Model(without.constants, without.terms, without.reference_c)
+        level = float(np.nanmax(_by_session(observations.rows(rest), model, len(sessions))))
+        if best is None or level < best[0]:
+            best = (level, k, model)
+    if best is None:
+        return None
+    level, k, model = best
+    part = observations.rows(observations.session == k)
+    miss = miss_mm(part, model)
+    if miss < APART * level or level > misses.max() / APART:
+        return None
+    by = f"under what the other {len(sessions) - 1} identify"
+    if fault := _mistake(sessions[k], part, model, by):
+        raise fault
+    return Odd(sessions[k].path, miss, level)
+
+
+def remark(sessions: Sequence[Session], observations: Observations) -> str:
+    """What several sessions, held against each other, say of one of them; empty if nothing.
+
+    Raises `BadInput` where it is plain what is wrong.
+    """
+    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
+        return _remark(sessions, observations)
+
+
+def _remark(sessions: Sequence[Session], observations: Observations) -> str:
+    refuse_mistakes(sessions, observations)
+    everything = np.ones(observations.n, dtype=bool)
+    found = _identified(observations, everything) if len(sessions) > 2 else None
+    if found is None:
+        return ""
+    arm = observations.arm
+    drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
+    odd = odd_session(sessions, found, rms_um(drawn.residual_mm))
+    return odd.in_words() if odd else ""
+
+
+def _raise(faults: list[BadInput]) -> None:
+    if faults:
+        faults[0].more = tuple(faults[1:])
+        raise faults[0]
+
+
+def _mistake(session: Session, part: Observations, model: Model, by: str) -> BadInput | None:
+    guess = best_guess(part, model)
+    if guess is None or guess[1] > ABSURD_MM:
+        return None
+    before, after = miss_mm(part, model), guess[1]
+    found = (
+        f"readings that miss by up to {_length(before)} {by}, and by {_length(after)} "
+        f"if {guess[0].words}"
+    )
+    return BadInput(session.path, "the session", found, guess[0].expected)
+
+
+def _identified(observations: Observations, rows: Mask) -> Fit | None:
+    """Constants, and lengths that grow with temperature where these rows' temperatures tell."""
+    chosen = observations.rows(rows)
+    if not rows.any() or chosen.n < readings_needed(chosen):
+        return None
+    arm = observations.arm
+    finite = np.isfinite(chosen.states.temperature_c).all()
+    terms = length_terms(arm, [1]) if finite and len(temperature_groups(chosen)) > 1 else []
+    unknowns = Unknowns(free_constants(arm), range(len(terms)))
+    return fit(chosen, arm.nominal(), terms, unknowns, arm.reference_temperature_c)
+
+
+def _by_session(observations: Observations, model: Model, sessions: int) -> F64:
+    """(S,) the largest miss of each session's placements; NaN where none is told."""
+    misses = misses_mm(observations, model)
+    counts = np.bincount(observations.placement, minlength=len(misses))
+    largest = np.full(sessions, np.nan)
+    for p in np.flatnonzero((counts >= LEAST_READINGS) & np.isfinite(misses)):
+        k = observations.placement_session[p]
+        largest[k] = np.fmax(largest[k], misses[p])
+    return largest
+
+
+def _reached(observations: Observations, rest: Mask) -> bool:
+    """Whether the others were measured at temperatures near those of the rows left out."""
+    temperature_c = observations.states.temperature_c
+    if not np.isfinite(temperature_c).all():
+        return True
+    low, high = temperature_c[rest].min(axis=0) - REACH_K, temperature_c[rest].max(axis=0) + REACH_K
+    mean = temperature_c[~rest].mean(axis=0)
+    return any(np.all((low <= c) & (c <= high)) for c in (mean, celsius(mean)))
+
+
+def _length(mm: float) -> str:
+    """As a person writes it."""
+    return f"{mm:.3g} mm" if mm >= 0.1 else f"{1e3 * mm:.2g} µm"

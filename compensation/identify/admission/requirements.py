@@ -1,0 +1,167 @@
+"""What sessions must offer to be identified from; otherwise they are refused, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armd.arrays import Mask
+from armd.compensation.estimate.gauge import unidentifiable
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.identify.fit import Fit
+from armd.compensation.identify.thermal.comparison import temperature_groups
+from armd.errors import BadInput
+from armd.terminal.counted import counted
+
+#: Residuals beyond this are not an arm's: another unit, another arm, a wrong direction.
+ABSURD_RMS_MM = 20.0
+#: A link that differs from its drawing by more than this is another link, or in another unit.
+ABSURD_CHANGE_MM = 100.0
+#: So is one that lost or gained half of itself; short ones may be drawn carelessly.
+ABSURD_SHARE, SHORT_MM = 0.5, 30.0
+#: Least rank, as a share of what ideal readings would give, that is worth a calibration whatever
+#: readings left out say.
+LEAST_RANK = 0.5
+#: Too few readings help if those left out miss by less than under the drawing.
+MOST_SHARE = 1.0
+
+
+def choose_readings(
+    observations: Observations, files: str, wanted: int | None, notes: list[str]
+) -> tuple[Observations, list[tuple[float, Mask]]]:
+    """The readings to use, and their groups by temperature where a thermal model is possible."""
+    arm = observations.arm
+    if wanted == 0:
+        return observations, []
+    sensors = arm.used_sensors
+    temperature_c = observations.states.temperature_c[:, [arm.sensors.index(s) for s in sensors]]
+    complete: Mask = np.all(np.isfinite(temperature_c), axis=1)
+    if not sensors or not complete.any():
+        if wanted:
+            found = "no readings that have them all" if sensors else "no joint with a temperature"
+            raise BadInput(files, "temperatures", found, "the sensors that arm.toml names")
+        notes.append("no temperatures: geometry alone, for the temperature of these readings")
+        return observations, []
+    if not complete.all():
+        missing = counted(int((~complete).sum()), "reading")
+        notes.append(f"{missing} without a temperature, not used")
+        observations = observations.rows(complete)
+    groups = temperature_groups(observations)
+    needed = 2 if wanted is None else wanted + 1
+    if len(groups) < needed:
+        found = f"{len(groups)} ({', '.join(f'{mean:.1f} °C' for mean, _ in groups)})"
+        if wanted:
+            expected = f"at least {needed} for a thermal model of order {wanted}"
+            raise BadInput(files, "temperatures", found, expected)
+        notes.append(f"one temperature only, {groups[0][0]:.1f} °C: no thermal model (order 0)")
+    return observations, groups
+
+
+def require_some(observations: Observations, files: str) -> None:
+    """Refuse readings of which placements and seats leave nothing that tells of the arm."""
+    placements, seats = _placements(observations), _seats(observations)
+    # An artefact of seats may stand anywhere in its own frame.
+    free = 6 * placements + 3 * seats - 6 * (seats > 0)
+    least = free // 3 + 1
+    if observations.n < least:
+        expected = f"at least {least} for {placements} placements and {seats} unknown points"
+        raise BadInput(files, "readings", f"{observations.n} poses", expected)
+
+
+def require_help(found: Fit, share: float, files: str, notes: list[str]) -> None:
+    """Of readings that cannot tell the arm apart from its drawing, refuse those that do not help.
+
+    *share*: what readings left out miss by, of what they miss by under the drawing. The drawing
+    counts as one more reading of every unknown, so a few readings may help much, and may not.
+    """
+    observations, arm = found.observations, found.observations.arm
+    needed, ideal = readings_needed(observations), 4 * arm.n_joints - 3
+    rank = found.solution.rank - len(found.unknowns.terms)
+    if observations.n >= needed and rank >= LEAST_RANK * ideal:
+        return
+    if share < MOST_SHARE and rank > 0:
+        notes.append(
+            f"{observations.n} readings (rank {rank} of {ideal}) are too few for the arm's"
+            f" {len(found.unknowns.constants)} constants: the drawing holds what they do not tell"
+        )
+        return
+    placements, seats = _placements(observations), _seats(observations)
+    missed = f"readings left out miss by {100 * share:.0f}% of what they do under the drawing"
+    if observations.n < needed:
+        expected = (
+            f"at least {needed} for {len(found.unknowns.constants)} constants, {placements}"
+            f" placements and {seats} unknown points, or readings that help all the same"
+        )
+        raise BadInput(files, "readings", f"{observations.n} poses, and {missed}", expected)
+    words = "; ".join(not_known(found)[:4])
+    known = f"rank {max(rank, 0)} of {len(found.unknowns.constants)} constants"
+    raise BadInput(
+        files,
+        "poses",
+        f"{known} ({words}; …), and {missed}",
+        f"poses that tell at least {int(LEAST_RANK * ideal) + 1} of {ideal} apart",
+    )
+
+
+def require_enough(observations: Observations, unknown: Sequence[str], files: str) -> None:
+    """Refuse readings that are fewer than the unknowns, where these are identified alone."""
+    needed = readings_needed(observations)
+    if observations.n < needed:
+        placements, seats = _placements(observations), _seats(observations)
+        expected = (
+            f"at least {needed} for {len(unknown)} constants, {placements} placements"
+            f" and {seats} unknown points"
+        )
+        raise BadInput(files, "readings", f"{observations.n} poses", expected)
+
+
+def readings_needed(observations: Observations) -> int:
+    """Readings below which the unknowns have no one answer, whatever their poses."""
+    identifiable = 4 * observations.arm.n_joints - 3
+    unknown = identifiable + 6 * _placements(observations) + 3 * _seats(observations)
+    return -(-unknown // 3) + 1
+
+
+def _placements(observations: Observations) -> int:
+    return len(np.unique(observations.placement))
+
+
+def _seats(observations: Observations) -> int:
+    touched = np.unique(observations.target[~observations.has_truth])
+    return int(observations.unknown[touched].sum())
+
+
+def require_plausible(found: Fit, files: str) -> None:
+    """Refuse a fit that is none: residuals beyond any arm's, or another arm than was drawn."""
+    if found.rms_um > 1e3 * ABSURD_RMS_MM:
+        raise BadInput(
+            files,
+            "readings",
+            f"residuals of {found.rms_um / 1e3:.0f} mm after fitting",
+            "readings of this arm, and arm.toml the drawing of it (units of angles and lengths,"
+            " directions, offsets, targets?)",
+        )
+    arm = found.observations.arm
+    # The last link and the tip may be anything.
+    links = slice(0, arm.layout.joint(arm.n_joints).start)
+    names, lengths = arm.layout.names[links], arm.layout.are_lengths[links]
+    drawn = arm.nominal()[links]
+    change = np.abs(found.constants[links] - drawn) * lengths
+    most = np.minimum(ABSURD_CHANGE_MM, np.maximum(ABSURD_SHARE * np.abs(drawn), SHORT_MM))
+    if np.any(change > most):
+        worst = int(np.argmax(change / most))
+        raise BadInput(
+            files,
+            "readings",
+            f"{names[worst]} changed by {change[worst]:.0f} mm from the {drawn[worst]:.1f} mm of"
+            " the drawing",
+            "readings of this arm, and arm.toml the drawing of it, lengths in mm (a change of"
+            f" {most[worst]:.0f} mm at most)",
+        )
+
+
+def not_known(found: Fit) -> list[str]:
+    """What the readings cannot tell apart, in words."""
+    names = found.unknowns.words(found.terms)
+    return unidentifiable(found.solution.null, names, found.observations.arm)

@@ -1,0 +1,214 @@
+"""`armd evaluate` of sessions of any length: their readings go by twice, and none is kept.
+
+The first time they become sums, of which poses and unknown seats are fitted; the second time each
+is held against them. `evaluate` does the same with everything in memory; a test holds the two
+together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.data.in_order import in_order
+from armd.compensation.data.session import (
+    READINGS,
+    Session,
+    check_once,
+    load_sessions,
+    session_pieces,
+)
+from armd.compensation.estimate.condensed import Sums, sums_by
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.poses import Poses, fit_poses
+from armd.compensation.identify.evaluate import evaluate, without_temperatures
+from armd.compensation.identify.lengths import Length, certified_lengths
+from armd.compensation.identify.tally import Tally
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.state import followed
+from armd.compensation.model.terms import Term
+
+Progress = Callable[[str], None]
+
+#: Bytes of readings that are read at once: some 300 000 of them, and well below a gigabyte.
+MOST_AT_ONCE = 64 << 20
+
+
+class _BackInTime(Exception):
+    """Readings do not stand in the order of time, and a lag wants them so."""
+
+
+def evaluate_files(
+    paths: Sequence[str], arm: Arm, calibration: Calibration | None, progress: Progress
+) -> tuple[dict[str, Any], list[Length]]:
+    """What `--json` has, and the certified lengths, of the session folders *paths*."""
+    files = [Path(path) / name for path in paths for name in READINGS]
+    if sum(file.stat().st_size for file in files if file.is_file()) > MOST_AT_ONCE:
+        check_once(paths)
+        try:
+            return _Passes(paths, arm, calibration, progress).evaluation()
+        except _BackInTime:
+            progress("the readings are not in the order of time: reading all at once …")
+    found = evaluate(load_sessions(paths, arm), arm, calibration, progress)
+    return found.as_json(), found.lengths
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Readings of one session, and what their terms are worth."""
+
+    session: int
+    observations: Observations  # of this session alone
+    basis: F64  # (n, T)
+
+
+class _Passes:
+    def __init__(
+        self, paths: Sequence[str], arm: Arm, calibration: Calibration | None, progress: Progress
+    ) -> None:
+        self._paths, self._arm, self._progress = paths, arm, progress
+        self._artefact = calibration.artefact if calibration else None
+        self._terms: Sequence[Term] = calibration.terms if calibration else []
+        self._constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
+        self._reference_c = (calibration or arm).reference_temperature_c
+        self._last: dict[int, Session] = {}  # piece of each session, which names all placements
+        self._n = 0
+        self._missing = np.zeros(len(arm.sensors), np.int64)
+
+    def evaluation(self) -> tuple[dict[str, Any], list[Length]]:
+        sums: dict[_Key, Sums] = {}
+        for some in in_order(self._sums, self._pieces("summing")):
+            for key, new in some.items():
+                if key in sums:
+                    sums[key].add(new)
+                else:
+                    sums[key] = new
+        bare = [session.rows(np.zeros(0, np.int64)) for session in self._last.values()]
+        whole = gather(bare, self._arm, self._artefact)
+        if not sums:
+            raise without_temperatures(whole, self._terms, self._n, self._missing)
+        few, weight, position = _condensed(whole, sums)
+        poses = fit_poses(few, position, weight)
+        residual = poses.residual(few, position)
+        lengths = certified_lengths(few, poses, residual, weight)
+
+        by_session = [Tally() for _ in self._paths]
+        own = [_of_session(poses, whole, i) for i in range(len(bare))]
+
+        def distances_um(piece: _Piece) -> tuple[int, F64]:
+            usable, tip = self._tips(piece)
+            apart = own[piece.session].residual(usable, tip)
+            return piece.session, 1e3 * np.linalg.norm(apart, axis=1)
+
+        for session, distance in in_order(distances_um, self._pieces("comparing")):
+            by_session[session].add(distance)
+        together = Tally.of(by_session)
+        names = whole.session_names
+        result = {
+            **together.as_json(),
+            "n_unused": self._n - together.n,
+            "by_session": {n: t.as_json() for n, t in zip(names, by_session, strict=True)},
+            "distances": [length.as_json() for length in lengths],
+        }
+        return result, lengths
+
+    def _pieces(self, doing: str) -> Iterator[_Piece]:
+        self._n, self._missing[:] = 0, 0
+        for i, path in enumerate(self._paths):
+            lags = _Lags()
+            for session in session_pieces(path, self._arm):
+                observations = gather([session], self._arm, self._artefact)
+                basis = basis_values(
+                    self._terms, session.states, self._arm, self._reference_c, self._constants,
+                    lags.follow,
+                )  # fmt: skip
+                self._last[i] = session
+                self._n += session.n
+                self._missing += np.isnan(session.states.temperature_c).sum(axis=0)
+                self._progress(f"{doing}: {self._n} readings")
+                yield _Piece(i, observations, basis)
+
+    def _tips(self, piece: _Piece) -> tuple[Observations, F64]:
+        """The readings that have every temperature they need, and their tips (n, 3)."""
+        rows = parameter_rows(self._constants, self._terms, piece.basis)
+        tip = forward(piece.observations.states.q, rows)[0]
+        usable = np.isfinite(tip[:, 0])
+        return piece.observations.rows(usable), tip[usable]
+
+    def _sums(self, piece: _Piece) -> dict[_Key, Sums]:
+        """By session, placement, target and kind: of (stretch, tip), or of (truth, tip)."""
+        readings, tip = self._tips(piece)
+        n_targets = len(readings.target_names)
+        found = {}
+        for true in (False, True):
+            rows = readings.has_truth == true
+            first = readings.truth_mm if true else readings.stretch[:, None]
+            points = np.hstack([first[rows], tip[rows]])
+            pair = readings.placement[rows] * n_targets + readings.target[rows]
+            for code, sums in sums_by(pair, points).items():
+                found[piece.session, *divmod(code, n_targets), true] = sums
+        return found
+
+
+#: session, placement of it, target of it, whether the readings have truths of their own
+_Key = tuple[int, int, int, bool]
+
+
+class _Lags:
+    """Temperatures delayed from piece to piece."""
+
+    def __init__(self) -> None:
+        self._memory: dict[str, F64] = {}
+
+    def follow(self, name: str, value: F64, time_s: F64, lag_s: float) -> F64:
+        memory = self._memory.setdefault(name, np.full((1, 3), np.nan))
+        if memory[0, 0] > time_s[0] or (np.diff(time_s) < 0).any():
+            raise _BackInTime
+        return followed(time_s, value[:, None], lag_s, memory)[:, 0]
+
+
+def _of_session(poses: Poses, whole: Observations, session: int) -> Poses:
+    placements = whole.placement_session == session
+    return Poses(
+        poses.rotation[placements],
+        poses.translation_mm[placements],
+        poses.target_mm[whole.target_session == session],
+    )
+
+
+def _condensed(whole: Observations, sums: dict[_Key, Sums]) -> tuple[Observations, F64, F64]:
+    """Few readings that stand for all, how many each stands for, and their tips (m, 3)."""
+    sessions = np.arange(len(whole.session_names))
+    first_placement = np.searchsorted(whole.placement_session, sessions)
+    first_target = np.searchsorted(whole.target_session, sessions)
+    session, placement, target = list[int](), list[int](), list[int]()
+    stretch, truth, tip, weight = list[float](), list[F64](), list[F64](), list[float]()
+    for (i, p, k, true), some in sums.items():
+        points = some.points()
+        for point in points:
+            session.append(i)
+            placement.append(first_placement[i] + p)
+            target.append(first_target[i] + k)
+            stretch.append(1.0 if true else point[0])
+            truth.append(point[:3] if true else np.full(3, np.nan))
+            tip.append(point[-3:])
+            weight.append(some.n / len(points))
+    few = replace(
+        whole,
+        states=replace(whole.states, q=np.zeros((len(session), whole.arm.n_joints))),
+        session=np.array(session),
+        row=np.zeros(len(session), np.int64),
+        placement=np.array(placement),
+        target=np.array(target),
+        truth_mm=np.array(truth),
+        stretch=np.array(stretch),
+    )
+    return few, np.array(weight), np.array(tip)

@@ -1,0 +1,83 @@
+"""A calibration, and what a report tells of how it came about."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from armd.compensation.identify.certificate import Certificate
+from armd.compensation.identify.fit import Fit
+from armd.compensation.identify.heldout import Errors
+from armd.compensation.identify.lengths import Length
+from armd.compensation.identify.thermal.comparison import Trial
+from armd.compensation.model.calibration import Calibration
+
+
+@dataclass(frozen=True)
+class Result:
+    """A calibration, and what a report tells of how it came about."""
+
+    calibration: Calibration
+    fit: Fit
+    rms_um: float  # 3-D RMS of all readings at their best placements, as `armd evaluate` has it
+    heldout: Errors
+    heldout_by: str  # "placement", "reading" or "temperature"
+    thermal_order: int
+    thermal_method: str
+    trials: list[Trial]
+    unidentifiable: list[str]
+    certificate: Certificate
+    lengths: list[Length]  # certified, beside what the calibrated arm makes of them
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def heldout_rms_um(self) -> float:
+        """3-D RMS over all readings left out in turn."""
+        return self.heldout.rms_um
+
+    def as_json(self) -> dict[str, Any]:
+        """As `armd calibrate --json` writes it."""
+        observations = self.fit.observations
+        ranges = list(self.calibration.temperature_range_c.values())
+        return {
+            "rms_um": self.rms_um,
+            "heldout_rms_um": self.heldout_rms_um,
+            "heldout_by": self.heldout_by,
+            "heldout_without_outliers_um": self.heldout.without_far_um,
+            "certificate": asdict(self.certificate),
+            "lengths": [length.as_json() for length in self.lengths],
+            "rank": self.fit.solution.rank,
+            "unknowns": len(self.fit.unknowns.names),
+            "unidentifiable": self.unidentifiable,
+            "thermal_order": self.thermal_order,
+            "thermal_method": self.thermal_method,
+            "temperature_range_c": (
+                [min(low for low, _ in ranges), max(high for _, high in ranges)] if ranges else []
+            ),
+            "n": observations.n,
+            "placements": len(np.unique(observations.placement)),
+            "noise": self.calibration.noise.model_dump(),
+            "outliers": self.outliers(),
+            "thermal_trials": [
+                {"model": trial.name, "heldout_rms_um": trial.heldout_rms_um}
+                for trial in self.trials
+            ],
+            "steps": self.fit.steps,
+            "converged": self.fit.converged,
+            "notes": self.notes,
+        }
+
+    def outliers(self) -> list[dict[str, Any]]:
+        """Readings gone wrong, by session and row (counted from 1)."""
+        observations = self.fit.observations
+        return [
+            {
+                "session": observations.session_names[observations.session[i]],
+                "row": int(observations.row[i]) + 1,
+                "error_um": 1e3 * float(np.linalg.norm(self.fit.at.residual_mm[i])),
+                "sigma": float(np.sqrt(self.fit.distance2[i])),
+            }
+            for i in self.fit.outliers
+        ]

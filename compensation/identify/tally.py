@@ -1,0 +1,78 @@
+"""Figures of any number of distances, none of which is kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from armd.arrays import F64, I64
+
+#: Bins of an octave: a median between them is right within a 65 000th of itself.
+BINS = 1 << 16
+LEAST_UM, OCTAVES = 2.0**-20, 64
+#: figures of no distance at all
+NONE: dict[str, Any] = {
+    "rms_um": None, "max_um": None, "mean_um": None, "median_um": None, "n": 0,
+}  # fmt: skip
+
+
+class Tally:
+    """Root mean square, mean, largest and median, told to µm."""
+
+    def __init__(self) -> None:
+        self.n = 0
+        self._sum, self._squares, self._most = 0.0, 0.0, 0.0
+        self._bins: I64 = np.zeros(0, np.int64)  # of the binary logarithm; as many as were needed
+
+    def add(self, distance_um: F64) -> None:
+        if not len(distance_um):
+            return
+        self.n += len(distance_um)
+        self._sum += float(distance_um.sum())
+        self._squares += float((distance_um**2).sum())
+        self._most = max(self._most, float(distance_um.max()))
+        octave = np.log2(np.clip(distance_um / LEAST_UM, 1.0, 2.0**OCTAVES))
+        self._join(np.bincount((octave * BINS).astype(np.int64)))
+
+    @classmethod
+    def of(cls, parts: Sequence[Tally]) -> Tally:
+        whole = cls()
+        for part in parts:
+            whole.n += part.n
+            whole._sum += part._sum
+            whole._squares += part._squares
+            whole._most = max(whole._most, part._most)
+            whole._join(part._bins)
+        return whole
+
+    def as_json(self) -> dict[str, Any]:
+        """As `evaluate` has it of distances in memory."""
+        if not self.n:
+            return dict(NONE)
+        return {
+            "rms_um": math.sqrt(self._squares / self.n),
+            "max_um": self._most,
+            "mean_um": self._sum / self.n,
+            "median_um": self._median_um(),
+            "n": self.n,
+        }
+
+    def _join(self, bins: I64) -> None:
+        longer, shorter = sorted((self._bins, bins), key=len, reverse=True)
+        self._bins = longer.copy()
+        self._bins[: len(shorter)] += shorter
+
+    def _median_um(self) -> float:
+        """Between the two in the middle, each where it stands if those of its bin stand evenly."""
+        upto = np.cumsum(self._bins)
+        middle = [self._at(upto, (self.n - 1) // 2), self._at(upto, self.n // 2)]
+        return sum(middle) / 2
+
+    def _at(self, upto: I64, rank: int) -> float:
+        bin_ = int(np.searchsorted(upto, rank, side="right"))
+        within = (rank - (upto[bin_] - self._bins[bin_]) + 0.5) / self._bins[bin_]
+        octaves = float((bin_ + within) / BINS)
+        return min(LEAST_UM * math.exp2(octaves), self._most)

@@ -1,0 +1,1 @@
+"""Thermal models to choose among, and which of them the readings bear."""

@@ -1,0 +1,238 @@
+"""The thermal model (eqs. 12–15): which terms to ask for, and which of them prove themselves.
+
+A length that matters grows with the temperature of its joint: d, a and the tip's offset as
+polynomials of ΔT, all coefficients at once from all sessions. How high the order, and whether
+angles move with temperature too, is decided by the error at temperatures left out. The paper's
+own way (identify at each temperature, then regress), temperature zones and principal components
+of the sensors are tried on the same data, for comparison or by choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from armd.arrays import F64, I64, Mask
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.solution import Solution
+from armd.compensation.identify.fit import Fit
+from armd.compensation.identify.heldout import Errors, HeldOut, placement_folds
+from armd.compensation.identify.thermal.per_temperature import regressed, regression
+from armd.compensation.identify.thermal.terms import (
+    angle_terms,
+    component_terms,
+    length_terms,
+    zone_terms,
+)
+from armd.compensation.model import parameters
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.terms import Term
+from armd.errors import ArmdError
+from armd.terminal.counted import counted
+
+MOST_ORDER = 4
+#: Placements closer than this in temperature count as one temperature.
+SAME_TEMPERATURE_K = 0.75
+#: A larger model must lower the held-out error by this much to be worth it.
+WORTH = 0.99
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One way to model temperature, tried on temperatures left out."""
+
+    name: str
+    terms: list[Term]
+    errors: Errors
+
+    @property
+    def heldout_rms_um(self) -> float:
+        """Over all readings left out; models are compared without the outliers among them."""
+        return self.errors.rms_um
+
+
+def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
+    """Temperatures measured at, ascending: mean in °C, and its readings (n,)."""
+    used = observations.arm.used_sensors
+    if not used:
+        return []
+    columns = [observations.arm.sensors.index(name) for name in used]
+    row_c = observations.states.temperature_c[:, columns].mean(axis=1)
+    counts = np.bincount(observations.placement, minlength=len(observations.placement_names))
+    mean = np.bincount(observations.placement, row_c, len(counts)) / np.maximum(counts, 1)
+    order = [p for p in np.argsort(mean) if counts[p]]
+    groups: list[list[int]] = []
+    for p in order:
+        if groups and mean[p] - mean[groups[-1][-1]] < SAME_TEMPERATURE_K:
+            groups[-1].append(int(p))
+        else:
+            groups.append([int(p)])
+    masks = [np.isin(observations.placement, group) for group in groups]
+    return [(float(row_c[mask].mean()), mask) for mask in masks]
+
+
+class Comparison:
+    """Tries thermal models on temperatures left out, around one fit."""
+
+    def __init__(self, fit: Fit, groups: Sequence[tuple[float, Mask]]) -> None:
+        observations, arm = fit.observations, fit.observations.arm
+        self.fit = fit
+        self.groups = groups
+        self.most_order = min(MOST_ORDER, len(groups) - 1)
+        orders = range(1, self.most_order + 1)
+        inner = len(groups) // 2
+        edges = [groups[0][0] - 5.0, groups[inner][0], groups[-1][0] + 5.0]
+        self.models = {f"all at once, order {m}": length_terms(arm, orders[:m]) for m in orders}
+        if len(groups) > 2:
+            self.models["two zones"] = zone_terms(arm, edges)
+        self.models["principal components"] = component_terms(arm, observations)
+        best = length_terms(arm, orders)
+        self.extensions = {
+            "θ with temperature": angle_terms(arm, "theta"),
+            "α with temperature": angle_terms(arm, "alpha"),
+        }
+        everything = [*best, *self.models.get("two zones", [])]
+        everything += self.models["principal components"]
+        everything += [term for terms in self.extensions.values() for term in terms]
+        self._place = {term.model_dump_json(): i for i, term in enumerate(everything)}
+        self._n_constants = len(fit.unknowns.constants)
+        basis = basis_values(everything, observations.states, arm, fit.reference_c, fit.constants)
+        columns = np.concatenate(
+            [
+                fit.at.constant_columns(fit.unknowns.constants),
+                fit.at.term_columns(everything, basis),
+            ],
+            axis=2,
+        )
+        fitted = fit.at.term_columns(fit.terms, fit.at.basis)
+        coefficients = np.array([term.coefficient for term in fit.terms])
+        self._residual = fit.at.residual_mm - fitted @ coefficients
+        self._columns = columns
+        self._pull = np.zeros(columns.shape[2])
+        self._pull[: self._n_constants] = -fit.departure[: self._n_constants]
+        typical = np.sqrt(np.mean(basis**2, axis=0))
+        sizes = [0.1 * (1.0 if parameters.unit(t.parameter) == "mm" else 0.002) for t in everything]
+        scale = np.concatenate(
+            [fit.solution.scale[: self._n_constants], sizes / np.maximum(typical, 1e-12)]
+        )
+        # The lowest and the highest temperature are never left out when there are others: the
+        # daemon flags what lies beyond them, so extrapolation is not what to choose by. Two
+        # temperatures cannot spare one: then placements are left out.
+        self._out = list(groups[1:-1])
+        folds = [mask for _, mask in self._out] or placement_folds(observations)[0]
+        self._heldout = HeldOut(fit, columns, scale, self._residual, self._pull, folds)
+
+    def errors(self, terms: Sequence[Term]) -> Errors:
+        """At temperatures left out, all coefficients fitted at once."""
+        return self._heldout.errors(self._chosen(terms))
+
+    def trials(self) -> list[Trial]:
+        """Every model on the same data, the one without temperature first."""
+        rows = [Trial("no thermal model", [], self.errors([]))]
+        rows += [Trial(n, terms, self.errors(terms)) for n, terms in self.models.items()]
+        rows += [
+            Trial(_regression_name(m, offset), [], self._regression_errors(m, offset))
+            for offset in (False, True)
+            for m in self._regression_orders
+        ]
+        return rows
+
+    def best_order(self, trials: Sequence[Trial]) -> int:
+        """The lowest order that a higher one does not clearly beat."""
+        by_name = {trial.name: trial.errors.without_far_um for trial in trials}
+        best, chosen = by_name["no thermal model"], 0
+        for m in range(1, self.most_order + 1):
+            error = by_name[f"all at once, order {m}"]
+            if error < WORTH * best:
+                best, chosen = error, m
+        return chosen
+
+    def extended(self, terms: Sequence[Term]) -> list[Trial]:
+        """Angles that move with temperature, added where they lower the held-out error."""
+        chosen, best = list(terms), self.errors(terms).without_far_um
+        accepted = []
+        for name, more in self.extensions.items():
+            errors = self.errors([*chosen, *more])
+            if errors.without_far_um < WORTH * best:
+                chosen, best = [*chosen, *more], errors.without_far_um
+                accepted.append(Trial(name, chosen, errors))
+        return accepted
+
+    def regressed(
+        self, trials: Sequence[Trial], wanted: int | None, offset: bool
+    ) -> tuple[int, Fit, Errors]:
+        """The paper's way: order, fit, and its errors at temperatures left out.
+
+        Raises `ArmdError` where the temperatures are too few for the order.
+        """
+        errors = {trial.name: trial.errors for trial in trials}
+        orders = [wanted] if wanted else self._regression_orders
+        if not orders or max(orders) not in self._regression_orders:
+            needed = (wanted or 1) + 2
+            raise ArmdError(
+                f"per temperature: found {counted(len(self.groups), 'temperature')},"
+                f" expected at least {needed} for order {wanted or 1}, one of them left out in turn"
+            )
+        order = orders[0]
+        for m in orders[1:]:
+            if (
+                errors[_regression_name(m, offset)].without_far_um
+                < WORTH * errors[_regression_name(order, offset)].without_far_um
+            ):
+                order = m
+        arm = self.fit.observations.arm
+        names = arm.used_sensors
+        weights = {name: 1.0 / len(names) for name in names}
+        found = regressed(
+            self.fit, self._identified_alone, self._temperature_c, weights, order, offset
+        )
+        return order, found, errors[_regression_name(order, offset)]
+
+    def _chosen(self, terms: Sequence[Term]) -> I64:
+        places = [self._n_constants + self._place[_plain(term)] for term in terms]
+        return np.array([*range(self._n_constants), *places], dtype=np.int64)
+
+    @property
+    def _regression_orders(self) -> range:
+        return range(1, min(MOST_ORDER, len(self.groups) - 2) + 1)
+
+    def _regression_errors(self, order: int, offset: bool) -> Errors:
+        """The paper's way: constants at each temperature, then a polynomial through each."""
+        constants = np.arange(self._n_constants)
+        identified = np.array([solution.known_step for solution in self._identified_alone])
+        rows = []
+        for fold, (temperature, _) in zip(self._heldout.folds, self._out, strict=True):
+            kept = self._temperature_c != temperature
+            from_c, linear = regression(
+                self._temperature_c[kept], order, offset, self.fit.reference_c
+            )
+            powers = np.vander([temperature - from_c], order + 1, increasing=True)[0]
+            rows.append(fold.tried(constants, powers @ linear @ identified[kept]))
+        return self._heldout.of(rows)
+
+    @property
+    def _temperature_c(self) -> F64:
+        return np.array([temperature for temperature, _ in self.groups])
+
+    @cached_property
+    def _identified_alone(self) -> list[Solution]:
+        """Changes of the constants identified from each temperature's readings only."""
+        constants = np.arange(self._n_constants)
+        alone = HeldOut(
+            self.fit, self._columns[:, :, constants], self._heldout.scale[constants],
+            self._residual, self._pull[constants], [~mask for _, mask in self.groups],
+        )  # fmt: skip
+        return [alone.solve(i, constants) for i in range(len(self.groups))]
+
+
+def _regression_name(order: int, offset: bool) -> str:
+    return f"per temperature, order {order}" + " and offset" * offset
+
+
+def _plain(term: Term) -> str:
+    return term.model_copy(
+        update={"coefficient": 0.0, "standard_uncertainty": None}
+    ).model_dump_json()

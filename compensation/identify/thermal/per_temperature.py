@@ -1,0 +1,106 @@
+"""The paper's own way (eqs. 12–15): identify at each temperature, then regress each constant.
+
+P(T) = P_ref + C + Σ A_m ΔT^m, with P_ref what was identified at the temperature nearest the
+reference, and ΔT counted from there. The offset C is 0 unless asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.estimate.elimination import Elimination
+from armd.compensation.estimate.linearise import linearise
+from armd.compensation.estimate.noise import estimate, whitening
+from armd.compensation.estimate.robust import mahalanobis2, redescending_weights
+from armd.compensation.estimate.solution import Solution, solve
+from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.fit import Fit
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
+
+
+def regression(
+    temperature_c: F64, order: int, offset: bool, reference_c: float
+) -> tuple[float, F64]:
+    """The temperature ΔT counts from, and the linear map (order + 1, G) from a constant's values
+    at *temperature_c* (G,) to its polynomial: P_ref + C, then A_1, A_2, …"""
+    nearest = int(np.argmin(np.abs(temperature_c - reference_c)))
+    powers = np.vander(temperature_c - temperature_c[nearest], order + 1, increasing=True)
+    if offset:
+        return float(temperature_c[nearest]), np.linalg.pinv(powers)
+    through = np.eye(len(temperature_c))[nearest]
+    slopes = np.linalg.pinv(powers[:, 1:]) @ (np.eye(len(temperature_c)) - through)
+    return float(temperature_c[nearest]), np.vstack([through, slopes])
+
+
+def regressed(
+    around: Fit,
+    identified: Sequence[Solution],
+    temperature_c: F64,
+    weights: dict[str, float],
+    order: int,
+    offset: bool,
+) -> Fit:
+    """The calibration that regression gives.
+
+    *identified*: changes of the constants of *around*, one solution per temperature (G,), which
+    is the mean over the sensors that *weights* names.
+    """
+    from_c, linear = regression(temperature_c, order, offset, around.reference_c)
+    polynomial = linear @ np.array([solution.known_step for solution in identified])
+    names = list(around.unknowns.constants)
+    # θ₁ and d₁ move every placement alike: no reading tells them.
+    moving = [i for i, name in enumerate(names) if name not in ("theta_1", "d_1")]
+    each = np.array([solution.known_covariance() for solution in identified])
+    covariance = np.einsum("rg,sg,gij->risj", linear, linear, each)
+    places = [(m, i) for m in range(1, order + 1) for i in moving]
+    chosen = [*range(len(names)), *(len(names) * m + i for m, i in places)]
+    covariance = covariance.reshape(2 * [len(names) * (order + 1)])[np.ix_(chosen, chosen)]
+    # What no temperature knows stays as the fit of all together has it, and as uncertain.
+    unsure = around.covariance - around.solution.known_covariance() * around.variance_factor
+    covariance[: len(names), : len(names)] += unsure[: len(names), : len(names)]
+    deviation = np.sqrt(np.diag(covariance))[len(names) :]
+    terms = [
+        Term(
+            parameter=names[i],
+            coefficient=float(polynomial[m, i]),
+            standard_uncertainty=float(u),
+            basis=[Temperature(weights=weights, order=m, reference_c=from_c)],
+        )
+        for (m, i), u in zip(places, deviation, strict=True)
+    ]
+    alone = Unknowns(names)
+    x = alone.values(around.constants, []) + polynomial[0]
+    constants, _ = alone.put(x, around.constants, [])
+    return _standing(replace(around, covariance=covariance), constants, terms)
+
+
+def _standing(around: Fit, constants: F64, terms: list[Term]) -> Fit:
+    """A fit whose constants (P,) and terms stand where they are; only poses are fitted."""
+    observations, reference_c = around.observations, around.reference_c
+    poses = evaluate_model(observations, constants, terms, reference_c).poses
+    at = linearise(observations, constants, terms, poses, reference_c)
+    joints = at.joints
+    moves = around.unknowns.columns(around.at.jacobian, around.at.basis, around.terms)
+    left = around.elimination.left(moves @ around.solution.root)
+    noise = estimate(at.residual_mm, joints, around.elimination.whitening, left, around.region)
+    covariance = noise.covariance(joints)
+    distance2 = mahalanobis2(at.residual_mm, covariance)
+    elimination = Elimination(
+        at, whitening(covariance, redescending_weights(distance2, around.region))
+    )
+    unknowns = Unknowns(around.unknowns.constants, range(len(terms)))
+    scale = unknowns.plausible(terms, at.basis)
+    columns = elimination.columns(unknowns.columns(at.jacobian, at.basis, terms) * scale)
+    clear = np.column_stack([columns, elimination.residual()])
+    triangle = np.asarray(np.linalg.qr(clear, mode="r"))
+    return replace(
+        around, constants=constants, terms=terms, unknowns=unknowns, at=at, noise=noise,
+        elimination=elimination, distance2=distance2,
+        solution=solve(triangle, scale, np.zeros(len(scale))),
+    )  # fmt: skip

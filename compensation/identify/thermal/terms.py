@@ -1,0 +1,94 @@
+"""Which terms a thermal model may have: of lengths, of angles, by zones, by components."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
+
+#: A length shorter than this does not matter thermally: 1 mm of aluminium grows 0.02 µm/K.
+LEAST_LENGTH_MM = 1.0
+#: Principal components are added until they explain this share of the variance.
+EXPLAINED = 0.995
+
+
+def length_terms(arm: Arm, orders: Sequence[int]) -> list[Term]:
+    """Terms ΔT^m on every length that matters, by its joint's own temperature."""
+    return [
+        Term(parameter=name, basis=[Temperature(weights=weights, order=m)])
+        for name, weights in _lengths(arm)
+        for m in orders
+    ]
+
+
+def angle_terms(arm: Arm, stem: str) -> list[Term]:
+    """Terms ΔT on θ ("theta") or α ("alpha") of every joint with a temperature."""
+    return [
+        Term(parameter=f"{stem}_{k}", basis=[Temperature(weights=joint.weights)])
+        for k, joint in enumerate(arm.joint, 1)
+        if joint.weights
+    ]
+
+
+def zone_terms(arm: Arm, edges_c: Sequence[float]) -> list[Term]:
+    """The paper's temperature zones: a broken line, one slope per zone of *edges_c*."""
+    return [
+        Term(parameter=name, basis=[Temperature(weights=weights, zone_c=(low, high))])
+        for name, weights in _lengths(arm)
+        for low, high in itertools.pairwise(edges_c)
+    ]
+
+
+def component_terms(arm: Arm, observations: Observations) -> list[Term]:
+    """Principal components of the sensors in place of each joint's own temperature.
+
+    The mean temperature is the first direction of sensors that move together; as many components
+    as explain 99.5 % of the variance.
+    """
+    names = arm.used_sensors
+    columns = [arm.sensors.index(name) for name in names]
+    values = observations.states.temperature_c[:, columns]
+    _, s, vt = np.linalg.svd(values - values.mean(axis=0), full_matrices=False)
+    share = np.cumsum(s**2) / max(float(np.sum(s**2)), 1e-300)
+    count = int(np.searchsorted(share, EXPLAINED)) + 1
+    terms = []
+    for name, _ in _lengths(arm):
+        for direction in vt[:count]:
+            weights = dict(zip(names, (direction / np.abs(direction).sum()).tolist(), strict=True))
+            reference = arm.reference_temperature_c * sum(weights.values())
+            basis = Temperature(weights=weights, reference_c=reference)
+            terms.append(Term(parameter=name, basis=[basis]))
+    return terms
+
+
+def _lengths(arm: Arm) -> list[tuple[str, dict[str, float]]]:
+    """Lengths that matter, with the weights of their temperature.
+
+    Not d of joint 1: the base's own growth moves every placement alike. What the last link adds
+    to the tip's offset grows with it, all by the last joint's temperature.
+    """
+    lengths = [
+        (f"{stem}_{k}", joint.weights, length)
+        for k, joint in enumerate(arm.joint[:-1], 1)
+        for stem, length in (("d", joint.d_mm), ("a", joint.a_mm))
+    ]
+    last = arm.joint[-1]
+    link = Rotation.from_euler("XY", [last.alpha_deg, last.beta_deg], degrees=True)
+    lever = link.inv().apply([last.a_mm, 0.0, last.d_mm]) + arm.tip.offset_mm
+    lengths += [
+        (name, last.weights, float(length))
+        for name, length in zip(parameters.TIP_PARAMETERS, lever, strict=True)
+    ]
+    return [
+        (name, weights)
+        for name, weights, length in lengths
+        if weights and name != "d_1" and abs(length) > LEAST_LENGTH_MM
+    ]

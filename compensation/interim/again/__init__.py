@@ -1,0 +1,1 @@
+"""Measurements corrected again, and the page of it for the quality file."""

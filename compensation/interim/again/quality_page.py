@@ -1,0 +1,166 @@
+"""Which measurements a later calibration moves, and by how much at most they were off: for the
+quality file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, Mask
+from armd.compensation.report.drawing import one_drawing
+from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.sessions import NOT_STATED
+from armd.terminal.counted import counted
+
+MOST_ROWS = 200
+#: Two-sided 95 % of a normal distribution. An error in space whose three variances add up to s² is
+#: longer than 1.96 s with 5 % at most: with most, if all of it lies in one direction.
+AT_95 = 1.96
+
+
+@dataclass(frozen=True)
+class Change:
+    """What recorrecting n measurements came to."""
+
+    serial: str
+    calibration_sha256: str
+    seq: Sequence[int]
+    stamp_ns: Sequence[int]
+    distance_mm: F64  # (n,) NaN where the old or the new position is not known
+    uncertainty_mm: F64  # (n,) of the new positions, standard, 3-D; NaN where not known
+    tolerance_mm: float | None
+    calibrations_before: Sequence[str | None] = ()  # (n,) first digits of what they were under
+
+    @property
+    def at_most_mm(self) -> F64:
+        """(n,) how far the old position was off at most, with 95 %; NaN where not known."""
+        bound: F64 = self.distance_mm + AT_95 * self.uncertainty_mm
+        return bound
+
+    @property
+    def matter(self) -> Mask:
+        """(n,) whether a measurement moves by more than the tolerance."""
+        beyond: Mask = self.distance_mm > self._limit_mm
+        return beyond
+
+    @property
+    def may_matter(self) -> Mask:
+        """(n,) whether it moves by less, and may have been off by more all the same."""
+        beyond: Mask = ~self.matter & (self.at_most_mm > self._limit_mm)
+        return beyond
+
+    @property
+    def _limit_mm(self) -> float:
+        return np.inf if self.tolerance_mm is None else self.tolerance_mm
+
+    def headline(self) -> tuple[str, bool | None]:
+        """What it comes to in a few words, and whether that is good; None: not to be said."""
+        count = len(self.distance_mm)
+        if self.tolerance_mm is None:
+            return "NOT JUDGED: NO TOLERANCE", None
+        if affected := int(self.matter.sum()):
+            return f"{affected} OF {counted(count, 'measurement').upper()} AFFECTED", False
+        if doubtful := int(self.may_matter.sum()):
+            return f"{doubtful} OF {counted(count, 'measurement').upper()} MAY BE AFFECTED", False
+        # Without its uncertainty no measurement is known to have been within the tolerance.
+        known = bool(np.isfinite(self.at_most_mm).all())
+        return (
+            f"NONE OF {counted(count, 'measurement').upper()} AFFECTED",
+            True if known and count else None,
+        )
+
+    def in_words(self) -> str:
+        """One sentence for the console and the page."""
+        known = self.distance_mm[np.isfinite(self.distance_mm)]
+        words = [counted(len(self.distance_mm), "measurement")]
+        if len(known):
+            rms = float(np.sqrt(np.mean(known**2)))
+            words.append(f"moved by {rms:.4f} mm RMS, at most {known.max():.4f} mm")
+        if (unknown := len(self.distance_mm) - len(known)) > 0:
+            words.append(f"{unknown} without an old or a new position")
+        if np.isfinite(self.at_most_mm).any():
+            words.append(f"off by at most {np.nanmax(self.at_most_mm):.4f} mm (95 %)")
+        if self.tolerance_mm is not None:
+            words.append(f"{self.matter.sum()} by more than {self.tolerance_mm:g} mm")
+            if self.may_matter.any():
+                words.append(f"{self.may_matter.sum()} more possibly")
+        return ", ".join(words)
+
+
+def quality_page(
+    change: Change, inputs: Mapping[str, str], left_out: Sequence[str], operator: str | None
+) -> str:
+    """The page; *inputs* are names and their SHA-256, *left_out* sentences; *operator* is who
+    corrects again, None: not stated."""
+    page = Page(f"Measurements corrected again: {change.serial}")
+    word, good = change.headline()
+    page.verdict(word, f"{change.in_words()}.", good)
+    page.items(left_out)
+    page.text(
+        "Off by at most: how far a measurement moves, and 1.96 times the standard uncertainty of "
+        "its new position, in space; with a probability of 95 % its old position was no farther "
+        "off, as far as the calibration states its uncertainty."
+    )
+    figure, panel = one_drawing()
+    instants = np.array(change.stamp_ns, dtype="datetime64[ns]")
+    panel.plot(instants, change.distance_mm, "o", markersize=3, rasterized=True, label="moved by")
+    panel.plot(
+        instants, change.at_most_mm, "_", color="black", rasterized=True, label="off by at most"
+    )
+    panel.set(xlabel="measured at, UTC", ylabel="error of the old position, mm")
+    panel.set_ylim(bottom=0.0)
+    if change.tolerance_mm is not None:
+        panel.axhline(change.tolerance_mm, linestyle="--", color="black", label="tolerance")
+    panel.legend(frameon=False)
+    page.figure(figure, "How far each measurement moves, and how far it was off at most, mm")
+    _affected(page, change)
+    tolerance = change.tolerance_mm
+    before = sorted({sha256 or "none" for sha256 in change.calibrations_before})
+    facts = {
+        "arm": change.serial,
+        "operator": operator or NOT_STATED,
+        "calibration": change.calibration_sha256,
+        "measured under (calibration's first digits)": ", ".join(before) or "nothing",
+        "tolerance": NOT_STATED if tolerance is None else f"{tolerance:g} mm",
+    }
+    page.origin(report_number(change.serial, *inputs.values()), inputs, facts)
+    page.signatures("Corrected again by", "Checked by")
+    return page.html()
+
+
+def _affected(page: Page, change: Change) -> None:
+    """The measurements that matter, or may; without a tolerance all of them, the worst first."""
+    if change.tolerance_mm is None:
+        page.heading("Measurements affected")
+        rows = np.flatnonzero(np.isfinite(change.distance_mm))
+    else:
+        page.heading(
+            f"Measurements that move by more than {change.tolerance_mm:g} mm, or may be off by more"
+        )
+        rows = np.flatnonzero(change.matter | change.may_matter)
+    rows = rows[np.argsort(-change.distance_mm[rows], kind="stable")]
+    if not len(rows):
+        page.text("None.")
+        return
+    page.table(
+        ["seq", "measured at, UTC", "moved by, mm", "standard uncertainty, mm",
+         "off by at most (95 %), mm"],
+        [
+            [
+                str(change.seq[i]),
+                f"{np.datetime64(change.stamp_ns[i], 'ns').astype('datetime64[s]')}",
+                f"{change.distance_mm[i]:.4f}",
+                _number(change.uncertainty_mm[i]),
+                _number(change.at_most_mm[i]),
+            ]
+            for i in rows[:MOST_ROWS]
+        ],
+    )  # fmt: skip
+    if len(rows) > MOST_ROWS:
+        page.text(f"The farthest {MOST_ROWS} of {len(rows)}; all are in the CSV.")
+
+
+def _number(value: float) -> str:
+    return NOT_STATED if np.isnan(value) else f"{value:.4f}"

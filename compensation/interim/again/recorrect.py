@@ -1,0 +1,52 @@
+"""Measurements corrected again: from their stored angles and temperatures, by another calibration.
+
+A measurement's angles are means over its points, as its position is; the model is straight over so
+short a stretch. Lags follow the temperatures from one measurement to the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from armd import Flag
+from armd.arrays import F64
+from armd.compensation.data.row_uncertainty import row_uncertainties
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import LoadedCalibration, used_sensors
+from armd.compensation.model.state import States
+
+
+@dataclass(frozen=True)
+class Recorrected:
+    """What a calibration makes of n measurements."""
+
+    position_mm: F64  # (n, 3) tip, base frame; NaN where an angle or a temperature is missing
+    uncertainty_mm: F64  # (n, 3) standard; NaN where the calibration states none
+    flags: npt.NDArray[np.uint32]  # (n,) INVALID, TEMPERATURE_RANGE, TEMPERATURE_STALE
+
+
+def recorrect(arm: Arm, calibration: LoadedCalibration, states: States) -> Recorrected:
+    """Positions of *states* under *calibration*, with what must be said of each."""
+    content = calibration.content
+    model = Model(arm, calibration)
+    position, _ = model.correct_states(states)
+    invalid = np.isnan(position).any(axis=1)
+    uncertainty = row_uncertainties(arm, content, states)
+    uncertainty[invalid] = np.nan
+    used = used_sensors(arm, content)
+    columns = [s for s, name in enumerate(arm.sensors) if name in used]
+    ranges = [content.temperature_range_c.get(arm.sensors[s], (-np.inf, np.inf)) for s in columns]
+    low, high = np.array(ranges).reshape(-1, 2).T
+    celsius = states.temperature_c[:, columns]
+    outside = ((celsius < low) | (celsius > high)).any(axis=1)
+    for since, until in model.periods_unix_s:  # beyond them terms are held
+        outside |= (states.time_s < since) | (states.time_s > until)
+    flags = np.zeros(states.n, np.uint32)
+    flags[invalid] |= int(Flag.INVALID)
+    flags[outside] |= int(Flag.TEMPERATURE_RANGE)
+    flags[np.isnan(celsius).any(axis=1)] |= int(Flag.TEMPERATURE_STALE)
+    return Recorrected(position, uncertainty, flags)

@@ -1,0 +1,81 @@
+"""A change as it is known: which cause, from which check on, sudden or growing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
+
+#: A told change may be of any size, in typical ones.
+ANY_SIZE = 100.0
+#: A growth may go on faster or slower from a bend on, by this share of its rate.
+BENDING = 0.7
+#: How far its first rate may be from the mean one, as a factor.
+WIDE = 2.0
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change at its likeliest, and how sure that is; checks count through the whole stack."""
+
+    cause: int | None  # index into the causes; None: nothing in the catalogue fits
+    gradual: bool
+    first: int  # the first check that has it
+    earliest: int  # the 95 % of onsets show first at one of these checks, from
+    latest: int  # … to
+    origin_d: float  # of a growth: when it begins, days since the first check
+    probability: float  # of the cause at its place
+    rivals: tuple[tuple[int, float], ...] = ()  # other causes, one for each place
+    gradual_probability: float = 0.0
+    bends_d: tuple[float, ...] = ()  # of a growth: where it may go on faster or slower
+    rate_size: F64 | None = None  # (p,) of a growth: how large its rate is, in typical sizes
+    size: float = ANY_SIZE  # prior standard deviation of its amplitudes, in typical sizes
+
+    @property
+    def key(self) -> tuple[int | None, bool, int]:
+        return self.cause, self.gradual, self.first
+
+
+def shapes(of: Stack, change: Change) -> F64:
+    """(n, 1 + bends) how far a change is at each check, per amplitude of each of its columns."""
+    if not change.gradual:
+        return (np.arange(of.n) >= change.first).astype(float)[:, None]
+    return np.stack([ramp(of, at) for at in (change.origin_d, *change.bends_d)], axis=1)
+
+
+def ramp(of: Stack, origin_d: float) -> F64:
+    """(n,) 0 until *origin_d*, and 1 after 30 days more."""
+    grown: F64 = np.maximum(of.time_d - origin_d, 0.0) / RAMP_DAYS
+    return grown
+
+
+def amplitude_sizes(change: Change, columns: int) -> F64:
+    """(1 + bends, p) prior standard deviations of a change's amplitudes, in typical sizes."""
+    if change.rate_size is None:
+        return np.full((1, columns), change.size)
+    sizes = np.tile(BENDING * change.rate_size, (1 + len(change.bends_d), 1))
+    sizes[0] = WIDE * change.rate_size
+    return sizes
+
+
+def with_changes(of: Stack, causes: Sequence[Cause], changes: Sequence[Change]) -> Stack:
+    """The stack where these changes, of whatever size, are among what is known."""
+    columns: list[list[F64]] = [[] for _ in range(of.n)]
+    for change in changes:
+        if change.cause is None:
+            continue
+        block = of.blocks[change.cause]
+        shape = shapes(of, change)
+        sizes = amplitude_sizes(change, block.stop - block.start)
+        for i in range(of.n):
+            own = of.columns[i][:, block]
+            wide = (shape[i][:, None, None] * sizes[:, None, :] * own[None]).transpose(1, 0, 2)
+            columns[i].append(wide.reshape(len(own), -1))
+    if not any(columns):
+        return of
+    return of.knowing([np.concatenate(own, axis=1) for own in columns])

@@ -1,0 +1,40 @@
+"""When a change was, in seconds of Unix time; a bad check cannot say whether it had the change."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from armd.compensation.interim.changes.change import Change
+from armd.compensation.interim.checks.reduce import Reduced
+from armd.compensation.interim.evidence.stack import DAY_S, Stack
+
+
+def between(
+    checks: Sequence[Reduced], of: Stack, change: Change, bad: Collection[int]
+) -> tuple[float, float]:
+    """What holds the change's instant: from the last good check without it to the first with it."""
+    until = checks[change.latest].first_unix_s
+    good = _good_before(change.earliest, bad)
+    beyond = of.gap_d * DAY_S
+    if not change.gradual:
+        return (checks[good[-1]].last_unix_s if good else until - beyond), until
+    # A growth is dated to a check; it may as well have begun between that and its neighbours.
+    if len(good) > 1:
+        return (checks[good[-2]].mean_unix_s + checks[good[-1]].mean_unix_s) / 2, until
+    return checks[0].first_unix_s - beyond, until
+
+
+def instant(checks: Sequence[Reduced], of: Stack, change: Change, bad: Collection[int]) -> float:
+    """From when on the calibration has a change: halfway between two good checks, or where it
+    began."""
+    if change.gradual:
+        return checks[0].mean_unix_s + change.origin_d * DAY_S
+    first = checks[change.first].first_unix_s
+    good = _good_before(change.first, bad)
+    if not good:
+        return first - of.gap_d * DAY_S / 2
+    return (checks[good[-1]].last_unix_s + first) / 2
+
+
+def _good_before(check: int, bad: Collection[int]) -> list[int]:
+    return [i for i in range(check) if i not in bad]

@@ -1,0 +1,190 @@
+"""From an alarm to changes: when, whether at once or growing, and which cause of the catalogue.
+
+A change that is told joins what is known of all later checks, and the watch goes on after it. At
+every further alarm the last change is looked at anew with all readings since: more readings may
+name it otherwise, and only what it cannot be is another change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.interim.changes.change import Change, with_changes
+from armd.compensation.interim.changes.growth import growth, origin_d
+from armd.compensation.interim.changes.likeliest import likeliest, weighed_again, weighed_since
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.likelihood import LIMIT, weigh
+from armd.compensation.interim.evidence.stack import Stack, Sums
+from armd.compensation.interim.evidence.watch import Watched, watch
+
+#: An alarm is withdrawn when the statistic, over all readings since, has fallen so low (natural
+#: logarithm); while nothing changes it stands at about 2.5, and a change that is there only adds.
+REFUTED = 0.6 * LIMIT
+#: A growth that was told as a step first began at most so many checks from there.
+NEAR = 6
+#: More changes than this within one epoch are a worn-out arm, not a list.
+MOST_CHANGES = 5
+#: Rounds of naming again before the search is ended as it stands.
+MOST_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of an epoch's checks."""
+
+    statistic: F64  # (n,) the alarm's statistic after each check
+    alarm: int | None
+    changes: tuple[Change, ...]  # in order of onset
+    bad: tuple[int, ...]
+
+
+def find(of: Stack, causes: Sequence[Cause]) -> Found:
+    """All changes of a stack of checks."""
+    found: list[Change] = []
+    alarms: list[int] = []
+    bad: tuple[int, ...] = ()
+    first_look: Watched | None = None
+    since = 0
+    for _ in range(MOST_ROUNDS):
+        null = with_changes(of, causes, found)
+        looked = watch(null, causes, since, bad)
+        first_look = first_look or looked
+        bad = tuple(sorted({*(i for i in bad if i < since), *looked.bad}))
+        if looked.alarm is None:
+            if found and _since_start(of, causes, found, of.n, bad) < REFUTED:
+                # Later checks speak against the last alarm: it was a false one.
+                found.pop()
+                since = alarms.pop() + 1
+                if since < of.n:
+                    continue
+            break
+        until = looked.alarm + 1
+        if looked.strange:
+            first = looked.alarm - 2 if looked.alarm >= 2 else 0
+            found.append(Change(None, False, first, first, looked.alarm, np.nan, 1.0))
+            bad = tuple(i for i in bad if i < first)
+            break
+        weighed, kept = weighed_since(null, causes, since, until, until, bad)
+        if found:
+            again = _renamed(of, causes, found, alarms[-1], until, bad, weighed.log_sum)
+            if again is not None:
+                found[-1] = again
+                since = again.first + 1
+                continue
+            if _since_start(of, causes, found, until, bad) + weighed.log_sum < 2 * LIMIT:
+                # There and back is less likely than a false alarm, and what ended it another.
+                found.pop()
+                since = alarms.pop() + 1
+                continue
+        new = likeliest(null, causes, weighed, kept)
+        if (same := _same_growth(found, causes, new)) is not None:
+            # What moves on at one place is one growth, no staircase; it is known up to here.
+            begun = replace(
+                found[same],
+                gradual=True,
+                origin_d=origin_d(of, kept, kept.index(found[same].first)),
+            )
+            others = with_changes(of, causes, found[:same])
+            near = [i for i in kept if abs(i - begun.first) <= NEAR and i <= alarms[same]]
+            found[same] = growth(others, causes, begun, kept, near)
+            del found[same + 1 :], alarms[same + 1 :]
+            since = until
+            continue
+        if len(found) == MOST_CHANGES:
+            break
+        found.append(new)
+        alarms.append(looked.alarm)
+        since = new.first + 1
+    found = _refined(of, causes, found, bad)
+    assert first_look is not None
+    statistic = _filled(first_look, of, causes, bad)
+    return Found(statistic, first_look.alarm, tuple(found), bad)
+
+
+def _refined(
+    of: Stack, causes: Sequence[Cause], found: list[Change], bad: tuple[int, ...]
+) -> list[Change]:
+    """Every change looked at once more with all readings, the others known; what they leave too
+    little of is dropped."""
+    named = [change for change in found if change.cause is not None]
+    strange = [change for change in found if change.cause is None]
+    for _ in range(2):
+        i = 0
+        while i < len(named):
+            others, weighed, kept = weighed_again(of, causes, [*named, *strange], i, bad)
+            if weighed.log_sum < LIMIT and len(named) > 1:
+                del named[i]
+                continue
+            named[i] = likeliest(others, causes, weighed, kept)
+            if _same_growth(named[:i], causes, named[i]) is not None:
+                del named[i]  # under this name it is the growth that is there already
+                continue
+            i += 1
+    return [*named, *strange]
+
+
+def _filled(first_look: Watched, of: Stack, causes: Sequence[Cause], bad: Sequence[int]) -> F64:
+    """The statistic of checks after the alarm: still that of what was known before it."""
+    statistic = first_look.statistic.copy()
+    if first_look.alarm is None:
+        return statistic
+    kept = [i for i in range(of.n) if i not in bad]
+    sums = Sums(of.only(kept))
+    for n in range(first_look.alarm + 2, of.n + 1):
+        count = int(np.searchsorted(kept, n))
+        first = np.arange(int(np.searchsorted(kept, max(0, first_look.alarm - 10))), count)
+        if len(first):
+            statistic[n - 1] = weigh(sums, causes, count, first).log_sum
+    return statistic
+
+
+def _same_growth(found: Sequence[Change], causes: Sequence[Cause], new: Change) -> int | None:
+    """Which change found *new* only goes on with: one of its cause at its place, if either of them
+    grows or it would be the third."""
+
+    def place(change: Change) -> tuple[str, str] | None:
+        return None if change.cause is None else causes[change.cause].place
+
+    same = [i for i, change in enumerate(found) if place(change) == place(new)]
+    if not same:
+        return None
+    grows = new.gradual or found[same[-1]].gradual
+    return same[0] if grows or len(same) > 1 else None
+
+
+def _since_start(
+    of: Stack, causes: Sequence[Cause], found: Sequence[Change], until: int, bad: Sequence[int]
+) -> float:
+    """Log ratio of all readings *until* a check with some change where the last one found may be,
+    to that without it."""
+    start = found[-2].first + 1 if len(found) > 1 else 0
+    before = with_changes(of, causes, found[:-1])
+    return weighed_since(before, causes, start, until, until, bad)[0].log_sum
+
+
+def _renamed(
+    of: Stack,
+    causes: Sequence[Cause],
+    found: Sequence[Change],
+    alarm: int,
+    until: int,
+    bad: Sequence[int],
+    log_another: float,
+) -> Change | None:
+    """The last change found under another name, if all readings until now want that rather than
+    *another* change beside it; it began by the check that told it, *alarm*."""
+    before = with_changes(of, causes, found[:-1])
+    start = found[-2].first + 1 if len(found) > 1 else 0
+    weighed, kept = weighed_since(before, causes, start, alarm + 1, until, bad)
+    last = found[-1]
+    assert last.cause is not None
+    place = (weighed.first == kept.index(last.first), last.cause, int(last.gradual))
+    as_it_is = float(weighed.log_weight[place][0])
+    if weighed.log_sum <= as_it_is + log_another - LIMIT:
+        return None
+    again = likeliest(before, causes, weighed, kept)
+    return None if again.key == last.key else again

@@ -1,0 +1,23 @@
+"""The interval of onsets that is told."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64
+
+#: Share of the onsets' weight that the interval holds.
+HELD = 0.95
+
+
+def held(share: F64) -> tuple[int, int]:
+    """The shortest run of onsets that holds `HELD` of the weight."""
+    total = np.concatenate([[0.0], np.cumsum(share)])
+    runs = [
+        (b - a, -(total[b + 1] - total[a]), a, b)
+        for a in range(len(share))
+        for b in range(a, len(share))
+        if total[b + 1] - total[a] >= HELD * total[-1]
+    ]
+    _, _, a, b = min(runs)
+    return a, b

@@ -1,0 +1,78 @@
+"""In which ways an arm may have changed: what the checks cannot tell apart, each with its share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.interim.changes.change import Change
+from armd.compensation.interim.changes.growth import growths, origin_d
+from armd.compensation.interim.changes.likeliest import weighed_again
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.likelihood import SIZES
+from armd.compensation.interim.evidence.stack import Stack
+
+#: The likeliest ways that together have so much of the probability, and no more than so many.
+KEPT_SHARE, MOST_WAYS = 0.99, 60
+
+Way = tuple[float, tuple[Change, ...]]
+
+
+def ways(
+    of: Stack, causes: Sequence[Cause], changes: Sequence[Change], bad: Sequence[int]
+) -> list[Way]:
+    """The likeliest ways in which all *changes* may have been; their shares add up to 1.
+
+    Each change may be of any cause, place, onset, shape and size that its weight in the readings
+    gives it, the others being what they are told to be.
+    """
+    named = [change for change in changes if change.cause is not None]
+    found: list[Way] = [(1.0, ())]
+    for index in range(len(named)):
+        its = _likeliest(_alternatives(of, causes, changes, index, bad))
+        found = _likeliest(
+            (share * other, (*before, *one)) for share, before in found for other, one in its
+        )
+    strange = tuple(change for change in changes if change.cause is None)
+    return [(share, (*way, *strange)) for share, way in found]
+
+
+def _likeliest(found: Iterator[Way]) -> list[Way]:
+    ordered = sorted(found, key=lambda way: -way[0])
+    shares = np.array([share for share, _ in ordered])
+    until = int(np.searchsorted(np.cumsum(shares), KEPT_SHARE * shares.sum())) + 1
+    kept = ordered[: min(until, MOST_WAYS)]
+    total = sum(share for share, _ in kept)
+    return [(share / total, way) for share, way in kept]
+
+
+def _alternatives(
+    of: Stack, causes: Sequence[Cause], changes: Sequence[Change], index: int, bad: Sequence[int]
+) -> Iterator[Way]:
+    """Everything that one change may be: a step by cause, onset and size, or a growth by cause and
+    onset."""
+    others, weighed, kept = weighed_again(of, causes, changes, index, bad)
+    share = np.exp(weighed.log_by_size - weighed.log_sum)  # (T, K, 2, S)
+    firsts = [kept[int(first)] for first in weighed.first]
+
+    def one(t: int, k: int, gradual: bool, size: float) -> Change:
+        first, origin = firsts[t], origin_d(of, kept, int(weighed.first[t]))
+        return Change(k, gradual, first, first, first, origin, np.nan, size=size)
+
+    for t, k, s in _largest(share[:, :, 0]):
+        yield float(share[t, k, 0, s]), (one(t, k, False, SIZES[s]),)
+    by_cause = share[:, :, 1].sum(axis=(0, 2))
+    for (k,) in _largest(by_cause):
+        grown = share[:, k, 1]
+        t, s = (int(at) for at in np.unravel_index(int(np.argmax(grown)), grown.shape))
+        likeliest = one(t, k, True, SIZES[s])
+        for begun, course in growths(others, causes, likeliest, kept, firsts):
+            yield float(by_cause[k]) * begun, (course,)
+
+
+def _largest(share: F64) -> Iterator[tuple[int, ...]]:
+    """Indices of all that may be among those kept."""
+    least = (1 - KEPT_SHARE) / MOST_WAYS
+    yield from (tuple(int(i) for i in at) for at in np.argwhere(share > least))

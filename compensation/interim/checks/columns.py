@@ -1,0 +1,136 @@
+"""What may change about an arm from one check to another: the catalogue's own causes, as columns.
+
+A cause that is there all along is the catalogue's; here its amplitude is a function of time, zero
+before an onset. So each cause stands once, without instants, and time comes in `sequence`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armd.compensation.effects.catalogue import candidates
+from armd.compensation.effects.effect import ARC_SECOND, Candidate, Column, SessionFacts, tie
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+
+#: What happens to an arm within weeks: blows, slips, wear, a loose tip, a failing sensor. A
+#: material's expansion, a disc's ruling and the time base stay what they were.
+HAPPENS = (
+    "encoder_eccentricity",
+    "encoder_ellipticity",
+    "encoder_scale",
+    "joint_backlash",
+    "axis_wobble",
+    "joint_compliance",
+    "link_bending",
+    "probing_force",
+    "geometry_shift",
+    "sensor_offset",
+    "tip_offset",
+)
+#: A worn bearing leans once a turn; higher orders are a matter of how it was made.
+WOBBLE_ORDER = 1.0
+#: A sudden turn of a joint's zero is the encoder's by the catalogue's convention; that the joint
+#: itself was knocked so is the rest. No reading tells the two apart.
+KNOCKED_SHARE = 0.07
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A candidate of the catalogue, and how likely it is before anything is seen."""
+
+    candidate: Candidate
+    prior_sudden: float  # of a sudden change
+    prior_gradual: float  # of one that grows
+
+    @property
+    def place(self) -> tuple[str, str]:
+        return self.candidate.place
+
+
+def causes_of(arm: Arm, calibration: Calibration) -> list[Cause]:
+    """Every cause that may begin between two checks, with its prior: uniform over families, then
+    over places, then over the forms at one place."""
+    found = [c for c in candidates(_scene(arm, calibration)) if _happens(c)]
+    slips = [_slip(c) for c in found if _is_turn(c)]
+    sudden, gradual = _priors([*found, *slips]), _priors(found)
+    causes: list[Cause] = []
+    for candidate, prior in zip([*found, *slips], sudden, strict=True):
+        # A turn of the zero is a knock seldom, if sudden, and a creep, if it grows.
+        share = KNOCKED_SHARE if _is_turn(candidate) else 1.0
+        growing = gradual[len(causes)] if len(causes) < len(found) else 0.0
+        causes.append(Cause(candidate, share * prior, growing))
+    total = sum(cause.prior_sudden + cause.prior_gradual for cause in causes)
+    return [
+        replace(c, prior_sudden=c.prior_sudden / total, prior_gradual=c.prior_gradual / total)
+        for c in causes
+    ]
+
+
+def digest(causes: Sequence[Cause]) -> str:
+    """SHA-256 of all causes' columns: the same of the same catalogue only."""
+    columns = [(c.place, column) for c in (cause.candidate for cause in causes)
+               for column in c.columns]  # fmt: skip
+    text = "\n".join(
+        f"{place} {column.name} {[term.model_dump_json() for term in column.terms]}"
+        for place, column in columns
+    )
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _scene(arm: Arm, calibration: Calibration) -> SessionFacts:
+    """The calibration held; no instants, for a change's instant is not the catalogue's business."""
+    return SessionFacts(
+        arm=arm,
+        constants=calibration.vector(arm.n_joints),
+        terms=tuple(calibration.terms),
+        reference_c=calibration.reference_temperature_c,
+        held=True,
+        sensors=tuple(arm.sensors),
+        timed=False,
+        rates=True,
+        approach=True,
+        artefact_c=False,
+        artefacts=(),
+        targets=(),
+        distances=(),
+        start_unix_s=0.0,
+        end_unix_s=0.0,
+        spells_unix_s=(),
+        instants_unix_s=(),
+        all_instants_unix_s=np.empty(0),
+        lost_links=frozenset(),
+    )
+
+
+def _happens(candidate: Candidate) -> bool:
+    orders = [value for name, value, _ in candidate.setting if name == "order"]
+    if candidate.cause == "axis_wobble" and orders != [WOBBLE_ORDER]:
+        return False
+    return candidate.cause in HAPPENS
+
+
+def _is_turn(candidate: Candidate) -> bool:
+    return candidate.cause == "geometry_shift" and candidate.columns[0].name == "theta"
+
+
+def _slip(turn: Candidate) -> Candidate:
+    joint = turn.location.joint
+    column = Column("step", "rad", 15 * ARC_SECOND, tie([(f"theta_{joint}", 1.0)]))
+    return Candidate("encoder_slip", turn.location, (column,), ("time_s",))
+
+
+def _priors(found: list[Candidate]) -> list[float]:
+    families = {c.cause for c in found}
+    places = {c.place for c in found}
+    return [
+        1.0
+        / len(families)
+        / sum(place[0] == c.cause for place in places)
+        / sum(other.place == c.place for other in found)
+        for c in found
+    ]

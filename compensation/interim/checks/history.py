@@ -1,0 +1,187 @@
+"""The folder in which checks are kept: append-only, each line holding the hash of the one before.
+
+    history.jsonl            one line per check, in the order of adding
+    head.json                how many lines there are, and the last one's hash
+    checks/STARTED-NAME/     the session as it was measured, and statistics.json, what it says
+    arms/, calibrations/     the files that the checks were added with, by their hash
+
+A check's folder is whole before its line is written, and every file appears whole or not at all:
+what a power cut leaves is the history of before, or of after.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from pydantic import Field
+
+from armd.compensation.data.session import Session, load_session
+from armd.compensation.interim.checks.columns import Cause, causes_of, digest
+from armd.compensation.interim.checks.reduce import Reduced, reduce
+from armd.compensation.interim.checks.statistics import from_json
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import LoadedCalibration, load_calibration
+from armd.errors import BadInput
+from armd.files.inputs import read_input
+from armd.files.schema import Strict, json_data, validate
+
+HISTORY, HEAD = "history.jsonl", "head.json"
+STATISTICS = "statistics.json"
+BEGINNING = "0" * 64
+
+
+class Line(Strict):
+    """One check, as the history has it."""
+
+    schema_: str = Field(alias="schema", pattern="^armd.interim.check/1$")
+    check: int
+    name: str
+    started: str
+    arm: str
+    first_unix_s: float
+    last_unix_s: float
+    folder: str
+    files: dict[str, str]  # name → SHA-256
+    arm_file: str  # SHA-256
+    calibration: str  # SHA-256
+    added: str
+    previous: str
+
+
+@dataclass(frozen=True)
+class Check:
+    """A check that the history has."""
+
+    line: Line
+    arm: Arm
+    calibration: LoadedCalibration
+    reduced: Reduced
+
+    @property
+    def epoch(self) -> tuple[str, str]:
+        """Checks under one calibration and one description of the arm are judged together."""
+        return self.calibration.sha256, self.arm.model_dump_json()
+
+
+def load(folder: Path) -> list[Check]:
+    """All checks of a history in order of time; raises `BadInput` where it is damaged."""
+    lines = read_lines(folder)
+    if not lines:
+        raise BadInput(folder, "the history", "no checks", "some: armd interim add keeps them")
+    arms: dict[str, Arm] = {}
+    calibrations: dict[str, LoadedCalibration] = {}
+    catalogues: dict[tuple[str, str], tuple[list[Cause], str]] = {}
+    checks = []
+    for line in lines:
+        if line.arm_file not in arms:
+            path = folder / "arms" / f"{line.arm_file}.toml"
+            _check_hash(path, line.arm_file)
+            arms[line.arm_file] = load_arm(path)
+        arm = arms[line.arm_file]
+        if line.calibration not in calibrations:
+            path = folder / "calibrations" / f"{line.calibration}.json"
+            _check_hash(path, line.calibration)
+            calibrations[line.calibration] = load_calibration(path, arm)
+        place = folder / "checks" / line.folder
+        for name, sha256 in line.files.items():
+            _check_hash(place / name, sha256)
+        calibration = calibrations[line.calibration]
+        epoch = line.arm_file, line.calibration
+        if epoch not in catalogues:
+            causes = causes_of(arm, calibration.content)
+            catalogues[epoch] = causes, digest(causes)
+        causes, catalogue = catalogues[epoch]
+        check = Check(line, arm, calibration, _statistics(place / STATISTICS))
+        if check.reduced.catalogue != catalogue:
+            check = _of_today(folder, check, causes)
+        checks.append(check)
+    return sorted(checks, key=lambda check: check.line.first_unix_s)
+
+
+def session(folder: Path, check: Check) -> Session:
+    """A check as it was measured, under the name that it was added by."""
+    kept = load_session(folder / "checks" / check.line.folder, check.arm)
+    return replace(kept, name=check.line.name)
+
+
+def _of_today(folder: Path, check: Check, causes: Sequence[Cause]) -> Check:
+    """A check whose statistics are of another catalogue, from what was measured."""
+    measured = session(folder, check)
+    return replace(check, reduced=reduce(measured, check.arm, check.calibration.content, causes))
+
+
+def read_lines(folder: Path) -> list[Line]:
+    """The history's lines in the order of adding, their chain checked; none without a history."""
+    path = folder / HISTORY
+    if not path.exists():
+        # A head of no checks is what a power cut leaves before the first line.
+        if (folder / HEAD).exists() and _head(folder).checks > 0:
+            raise BadInput(path, "the file", "nothing", f"the history that {HEAD} is of")
+        return []
+    data = read_input(path)
+    raw = data.split(b"\n")
+    if raw.pop() != b"":
+        raise BadInput(path, f"line {len(raw) + 1}", "its end torn off", "a whole line")
+    lines, previous = [], BEGINNING
+    for number, text in enumerate(raw, 1):
+        where = f"{path}: line {number}"
+        line = validate(where, json_data(where, text), Line)
+        if line.previous != previous or line.check != number:
+            found = "a line that does not follow the one before (edited, or lines are missing)"
+            raise BadInput(path, f"line {number}", found, f"the hash {previous[:16]}… of that line")
+        previous = hashlib.sha256(text).hexdigest()
+        lines.append(line)
+    _check_head(folder, len(lines), [hashlib.sha256(text).hexdigest() for text in raw])
+    return lines
+
+
+def _check_head(folder: Path, count: int, hashes: Sequence[str]) -> None:
+    """The head may be behind, after a power cut between two files, and never ahead."""
+    path = folder / HEAD
+    if not path.exists():
+        raise BadInput(path, "the file", "nothing", f"the number of lines of {HISTORY}")
+    head = _head(folder)
+    if head.checks > count:
+        raise BadInput(
+            folder / HISTORY, "the file", f"{count} checks", f"{head.checks}, as {HEAD} has them"
+        )
+    if (hashes[head.checks - 1] if head.checks else BEGINNING) != head.sha256:
+        found = f"a line {head.checks} of another hash than {HEAD} has"
+        raise BadInput(folder / HISTORY, f"line {head.checks}", found, "the line that was written")
+
+
+def _head(folder: Path) -> Head:
+    path = folder / HEAD
+    return validate(path, json_data(path, read_input(path)), Head)
+
+
+class Head(Strict):
+    """How long the history is."""
+
+    schema_: str = Field(alias="schema", pattern="^armd.interim.head/1$")
+    checks: int = Field(ge=0)
+    sha256: str
+
+
+def _check_hash(path: Path, sha256: str) -> None:
+    if not path.is_file():
+        raise BadInput(path, "the file", "nothing", "the file that the history was written with")
+    if hashlib.sha256(read_input(path)).hexdigest() != sha256:
+        found = "content that does not match its hash (edited or damaged)"
+        raise BadInput(path, "the file", found, f"the file as it was kept, {sha256[:16]}…")
+
+
+def _statistics(path: Path) -> Reduced:
+    return from_json(path, json_data(path, read_input(path)))
+
+
+def iso(unix_s: float) -> str:
+    """An instant as the contract has it: UTC, to the second, or finer where it is."""
+    moment = datetime.datetime.fromtimestamp(unix_s, datetime.UTC)
+    return moment.isoformat(timespec="microseconds" if moment.microsecond else "seconds").replace(
+        "+00:00", "Z"
+    )

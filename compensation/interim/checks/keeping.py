@@ -1,0 +1,162 @@
+"""Checks put into the history: whole beside it first, then a line, then the head."""
+
+from __future__ import annotations
+
+import datetime
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from armd.compensation.data.session import READINGS, Session
+from armd.compensation.interim.checks.history import BEGINNING, HEAD, HISTORY, STATISTICS, Line, iso
+from armd.compensation.interim.checks.reduce import Reduced
+from armd.compensation.interim.checks.statistics import to_json
+from armd.compensation.model.calibration import LoadedCalibration
+from armd.errors import BadInput
+from armd.files.inputs import read_input
+from armd.files.writing import told, write_whole
+
+
+@dataclass(frozen=True)
+class New:
+    """A check to be kept."""
+
+    session: Session
+    reduced: Reduced
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """One writer at a time; the folder is made if it is not there."""
+    with told(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def check_new(folder: Path, lines: Sequence[Line], sessions: Sequence[Session]) -> None:
+    """Raise `BadInput` for a check that is there, of another arm, or measured while another was."""
+    spans = [(line.first_unix_s, line.last_unix_s, line.name) for line in lines]
+    started = {line.started: line.name for line in lines}
+    for session in sessions:
+        other = next((line.arm for line in lines if line.arm != session.arm), None)
+        if other is not None:
+            raise BadInput(session.path, "arm", repr(session.arm), f"{other!r}, as in {folder}")
+        at = iso(session.started_unix_s)
+        if at in started:
+            found = f"{at}, when check {started[at]} was started"
+            raise BadInput(session.path / "session.toml", "started", found, "a check of its own")
+        begun, ended = float(session.states.time_s.min()), float(session.states.time_s.max())
+        for first, last, name in spans:
+            if begun <= last and first <= ended:
+                found = (
+                    f"readings from {iso(begun)} to {iso(ended)}, while check {name} was measured "
+                    f"({iso(first)} to {iso(last)})"
+                )
+                expected = "one check at a time: was a clock set back?"
+                raise BadInput(session.path / "session.toml", "started", found, expected)
+        started[at] = session.name
+        spans.append((begun, ended, session.name))
+
+
+def keep(
+    folder: Path,
+    lines: Sequence[Line],
+    new: Sequence[New],
+    arm_file: Path,
+    calibration: LoadedCalibration,
+) -> None:
+    """Keep checks, whole and reduced; the history is `locked`, and they are `check_new`."""
+    arm_data = read_input(arm_file)
+    arm_sha = hashlib.sha256(arm_data).hexdigest()
+    for name in ("arms", "calibrations", "checks"):
+        (folder / name).mkdir(exist_ok=True)
+    _keep_file(folder / "arms" / f"{arm_sha}.toml", arm_data)
+    _keep_file(folder / "calibrations" / f"{calibration.sha256}.json", calibration.data)
+    path = folder / HISTORY
+    text = read_input(path) if path.exists() else b""
+    previous = _hash_of_last(text)
+    added = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+    for number, one in enumerate(new, len(lines) + 1):
+        session, at = one.session, iso(one.session.started_unix_s)
+        place = f"{at.replace(':', '').replace('-', '')}-{_plain(session.name)}"
+        files = _keep_check(folder / "checks" / place, one)
+        line: dict[str, Any] = {
+            "schema": "armd.interim.check/1",
+            "check": number,
+            "name": session.name,
+            "started": at,
+            "arm": session.arm,
+            "first_unix_s": float(session.states.time_s.min()),
+            "last_unix_s": float(session.states.time_s.max()),
+            "folder": place,
+            "files": files,
+            "arm_file": arm_sha,
+            "calibration": calibration.sha256,
+            "added": added,
+            "previous": previous,
+        }
+        data = json.dumps(line, ensure_ascii=False).encode()
+        previous = hashlib.sha256(data).hexdigest()
+        text += data + b"\n"
+    # A head of nothing before the first line, so that a history never stands without one.
+    if not (folder / HEAD).exists():
+        _write_head(folder, 0, BEGINNING)
+    write_whole(path, text)
+    _write_head(folder, len(lines) + len(new), previous)
+
+
+def _write_head(folder: Path, checks: int, sha256: str) -> None:
+    head = {"schema": "armd.interim.head/1", "checks": checks, "sha256": sha256}
+    write_whole(folder / HEAD, json.dumps(head) + "\n")
+
+
+def _hash_of_last(text: bytes) -> str:
+    lines = text.split(b"\n")[:-1]
+    return hashlib.sha256(lines[-1]).hexdigest() if lines else BEGINNING
+
+
+def _keep_file(path: Path, data: bytes) -> None:
+    if not path.exists() or path.read_bytes() != data:
+        write_whole(path, data)
+
+
+def _keep_check(place: Path, new: New) -> dict[str, str]:
+    """The session's files and its statistics in *place*; their hashes."""
+    if place.exists():  # begun and not finished: no line tells of it
+        shutil.rmtree(place)
+    part = place.with_name(f".{place.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    part.mkdir()
+    contents = {
+        name: read_input(new.session.path / name)
+        for name in ("session.toml", *READINGS)
+        if (new.session.path / name).exists()
+    }
+    contents[STATISTICS] = to_json(new.reduced).encode()
+    for name, data in contents.items():
+        write_whole(part / name, data)
+    part.rename(place)
+    handle = os.open(place.parent, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+    return {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
+
+
+def _plain(name: str) -> str:
+    """A session's name as a part of a folder's."""
+    kept = "".join(c if c.isalnum() or c in "-_." else "_" for c in name)
+    return kept[:80]

@@ -1,0 +1,211 @@
+"""One check reduced to what it says of the arm: whitened rows, clear of placements and seats.
+
+Rows z ~ N(columns · amplitudes, I): residuals under the calibration, at the temperatures that were
+there, per standard deviation of a reading. Everything else about a check (where the artefact stood,
+where its seats are) is projected out, so two checks may stand anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.data.session import Session
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.poses import (
+    Poses,
+    centres,
+    fit_poses,
+    pose_columns,
+    target_columns,
+)
+from armd.compensation.interim.checks.columns import Cause, digest
+from armd.compensation.interim.checks.signals import Signals
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+from armd.errors import BadInput
+
+#: A direction of the nuisances shorter than this, relative to the longest, says nothing.
+NUISANCE_RANK = 1e-6
+#: Noise of a certified length or position beside its constant error, mm.
+LENGTH_FLOOR_MM = 1e-4
+#: Readings one after another at one target, closer than this in every joint, are one rest.
+REST_RAD = 1e-4
+#: Fewer rows than this beyond placement and seats tell nothing.
+LEAST_ROWS = 6
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """What one check says: r whitened rows on C named columns."""
+
+    residual: F64  # (r,)
+    causes: F64  # (r, K) per unit of each cause's columns, in the order of `causes_of`
+    known: F64  # (r, B) what may be wrong all along, per standard deviation
+    known_names: tuple[str, ...]  # (B,) the same name is the same unknown in every check
+    targets: F64  # (r, 3 T) per mm of a target's shift
+    target_names: tuple[str, ...]  # (T,) artefact and target
+    certified: tuple[bool, ...]  # (T,) whether its place is known beforehand
+    mean_unix_s: float
+    first_unix_s: float
+    last_unix_s: float
+    readings: int
+    rms_um: float  # of the residuals after placements and seats, per reading, 3-D
+    catalogue: str  # `digest` of the causes that the columns are of
+
+
+def reduce(
+    session: Session, arm: Arm, calibration: Calibration, causes: Sequence[Cause]
+) -> Reduced:
+    """Reduce *session*; raises `BadInput` where it cannot tell anything."""
+    observations = _usable(gather([session], arm, calibration.artefact), arm, calibration, session)
+    states = observations.states
+    seen = Signals(states, arm, calibration)
+    position = seen.position_mm
+    poses = fit_poses(observations, position)
+    placed = poses.placed(observations)
+    whitener = seen.whitener() * _rest_share(observations)[:, None, None]
+
+    def whitened(columns: F64) -> F64:
+        """(3 n, C) from columns (n, 3, C)."""
+        return (whitener @ columns).reshape(3 * observations.n, columns.shape[2])
+
+    cause_columns = seen.of([column for cause in causes for column in cause.candidate.columns])
+    known = seen.calibrated()
+    shifts, touched = _target_shifts(observations, poses)
+    extra = _distances(observations, poses, touched)
+    nuisance = np.concatenate([_placements(observations, placed), shifts], axis=2)
+    n_free = nuisance.shape[2] - shifts.shape[2]
+    free = np.ones(nuisance.shape[2], dtype=bool)
+    free[n_free:] = np.repeat(observations.unknown[touched], 3)
+    rows = len(extra.residual)
+    wide = np.zeros((3 * observations.n + rows, nuisance.shape[2]))
+    wide[: 3 * observations.n] = whitened(nuisance)
+    wide[3 * observations.n :, n_free:] = extra.columns
+    clear = _clear_of(wide[:, free])
+    errors = np.zeros((len(wide), 0))
+    error_names: list[str] = []
+    certified = observations.uncertainty_mm[touched]
+    for t, target in enumerate(touched):
+        if not observations.unknown[target] and certified[t] > 0:
+            block = wide[:, n_free + 3 * t : n_free + 3 * t + 3] * certified[t]
+            errors = np.concatenate([errors, block], axis=1)
+            label = _label(session, int(target))
+            error_names += [f"{label} {axis}" for axis in "xyz"]
+    wrong_lengths = np.concatenate([np.zeros((3 * observations.n, rows)), extra.errors])
+    residual = np.concatenate([whitened((position - placed)[:, :, None])[:, 0], extra.residual])
+
+    def below(columns: F64) -> F64:
+        return np.concatenate([columns, np.zeros((rows, columns.shape[1]))])
+
+    left = clear.T @ residual
+    if len(left) < LEAST_ROWS:
+        found = f"{session.n} readings, {len(left)} numbers beyond placement and seats"
+        raise BadInput(session.path, "the session", found, "10 to 30 readings in several poses")
+    return Reduced(
+        residual=left,
+        causes=clear.T @ below(whitened(cause_columns)),
+        known=clear.T @ np.concatenate([below(whitened(known)), errors, wrong_lengths], axis=1),
+        known_names=(
+            *(f"calibrated {i}" for i in range(known.shape[2])),
+            *error_names,
+            *(f"{session.artefact.name} distance {i}" for i in extra.numbers),
+        ),
+        targets=clear.T @ wide[:, n_free:],
+        target_names=tuple(_label(session, int(target)) for target in touched),
+        certified=tuple(bool(x) for x in ~observations.unknown[touched]),
+        mean_unix_s=float(states.time_s.mean()),
+        first_unix_s=float(states.time_s.min()),
+        last_unix_s=float(states.time_s.max()),
+        readings=observations.n,
+        rms_um=1e3 * float(np.sqrt(np.mean(np.sum((position - placed) ** 2, axis=1)))),
+        catalogue=digest(causes),
+    )
+
+
+@dataclass(frozen=True)
+class _Lengths:
+    residual: F64  # (D,)
+    columns: F64  # (D, 3 T)
+    errors: F64  # (D, D) per standard deviation of the certificate
+    numbers: tuple[int, ...]
+
+
+def _label(session: Session, target: int) -> str:
+    return f"{session.artefact.name} {session.artefact.target_names[target]}"
+
+
+def _usable(
+    observations: Observations, arm: Arm, calibration: Calibration, session: Session
+) -> Observations:
+    """Readings with all that the model needs, in time."""
+    if not np.isfinite(observations.states.time_s).all():
+        raise BadInput(session.path, "time_s", "nothing", "the time of every reading")
+    good = np.asarray(Signals(observations.states, arm, calibration).complete)
+    if not good.any():
+        found = "no reading with all temperatures that the calibration needs"
+        raise BadInput(session.path, "the readings", found, "some")
+    return observations.rows(good)
+
+
+def _rest_share(observations: Observations) -> F64:
+    """(n,) readings of one rest share its weight."""
+    q, target = observations.states.q, observations.target
+    begins = np.ones(observations.n, dtype=bool)
+    begins[1:] = (target[1:] != target[:-1]) | (np.abs(np.diff(q, axis=0)) > REST_RAD).any(axis=1)
+    rest = np.cumsum(begins) - 1
+    share: F64 = 1.0 / np.sqrt(np.bincount(rest)[rest])
+    return share
+
+
+def _placements(observations: Observations, placed: F64) -> F64:
+    """(n, 3, 6 P) columns of the placements."""
+    own = pose_columns(observations, placed, centres(observations, placed))
+    n_placements = len(observations.placement_names)
+    columns = np.zeros((observations.n, 3, n_placements, 6))
+    columns[np.arange(observations.n), :, observations.placement] = own
+    return columns.reshape(observations.n, 3, 6 * n_placements)
+
+
+def _target_shifts(observations: Observations, poses: Poses) -> tuple[F64, I64]:
+    """(n, 3, 3 T) columns of the touched targets' shifts, and which targets these are."""
+    touched = np.unique(observations.target[~observations.has_truth])
+    own = target_columns(observations, poses)
+    columns = np.zeros((observations.n, 3, len(touched), 3))
+    for t, target in enumerate(touched):
+        rows = observations.target == target
+        columns[rows, :, t] = own[rows]
+    return columns.reshape(observations.n, 3, 3 * len(touched)), touched
+
+
+def _distances(observations: Observations, poses: Poses, touched: I64) -> _Lengths:
+    """Certified lengths between touched targets as rows."""
+    lengths, place = observations.distances, {int(t): i for i, t in enumerate(touched)}
+    residual, columns, errors, numbers = [], [], [], []
+    for d, (a, b) in enumerate(lengths.between):
+        if int(a) not in place or int(b) not in place:
+            continue
+        apart = poses.target_mm[a] - poses.target_mm[b]
+        size = float(np.linalg.norm(apart))
+        row = np.zeros((len(touched), 3))
+        row[place[int(a)]], row[place[int(b)]] = apart / size, -apart / size
+        residual.append((size - lengths.length_mm[d]) / LENGTH_FLOOR_MM)
+        columns.append(row.ravel() / LENGTH_FLOOR_MM)
+        errors.append(lengths.standard_uncertainty_mm[d] / LENGTH_FLOOR_MM)
+        numbers.append(d)
+    return _Lengths(
+        np.array(residual),
+        np.array(columns).reshape(len(residual), 3 * len(touched)),
+        np.diag(errors) if errors else np.zeros((0, 0)),
+        tuple(numbers),
+    )
+
+
+def _clear_of(nuisance: F64) -> F64:
+    """(rows, r) an orthonormal basis of what no nuisance moves."""
+    u, s, _ = np.linalg.svd(nuisance, full_matrices=True)
+    rank = int((s > NUISANCE_RANK * s[0]).sum())
+    return np.ascontiguousarray(u[:, rank:])

@@ -1,0 +1,83 @@
+"""What readings see under a calibration: the tip, how causes move it, and how well it is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.effects.effect import Column
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.kinematics import jacobian
+from armd.compensation.model.state import States
+
+#: Without a word of noise in the calibration: the scale is learnt from the checks.
+USUAL_MM = 5e-3
+LEAST_MM = 1e-6
+
+
+class Signals:
+    """Of readings in *states*, each on its own."""
+
+    def __init__(self, states: States, arm: Arm, calibration: Calibration) -> None:
+        self.states, self.arm, self.calibration = states, arm, calibration
+        self._constants = calibration.vector(arm.n_joints)
+        values = basis_values(
+            calibration.terms, states, arm, calibration.reference_temperature_c, self._constants
+        )
+        #: (n,) whether the model has all that it needs
+        self.complete = np.isfinite(values).all(axis=1)
+        self._values = np.nan_to_num(values)
+        parameters = parameter_rows(self._constants, calibration.terms, self._values)
+        #: (n, 3) mm, and (n, 3, P) per parameter
+        self.position_mm, self._moved = jacobian(states.q, parameters)
+
+    def of(self, columns: Sequence[Column]) -> F64:
+        """(n, 3, p) how far each of *columns* moves the tip, mm per unit."""
+        found = np.zeros((self.states.n, 3, len(columns)))
+        names, reference_c = self.arm.layout.names, self.calibration.reference_temperature_c
+        for j, column in enumerate(columns):
+            basis = np.nan_to_num(
+                basis_values(column.terms, self.states, self.arm, reference_c, self._constants)
+            )
+            for term, value in zip(column.terms, basis.T, strict=True):
+                along = self._moved[:, :, names.index(term.parameter)]
+                found[:, :, j] += term.coefficient * value[:, None] * along
+        return found
+
+    def calibrated(self) -> F64:
+        """(n, 3, B) how far the calibration's independent standard errors move the tip, mm."""
+        names, columns = self.arm.layout.names, []
+        for name in self.calibration.covariance_of:
+            if name in names:
+                columns.append(self._moved[:, :, names.index(name)])
+                continue
+            i = int(name.removeprefix("term "))
+            place = names.index(self.calibration.terms[i].parameter)
+            columns.append(self._moved[:, :, place] * self._values[:, None, i])
+        if not columns:
+            return np.zeros((self.states.n, 3, 0))
+        covariance = np.array(self.calibration.covariance).reshape((len(columns),) * 2)
+        return np.stack(columns, axis=2) @ _root(covariance)
+
+    def whitener(self) -> F64:
+        """(n, 3, 3) per mm, from the calibration's word on the noise."""
+        noise, n_joints = self.calibration.noise, self.arm.n_joints
+        encoder = np.array([*noise.encoder_rad, *[0.0] * n_joints])[:n_joints]
+        joints = self._moved[:, :, self.arm.layout.angles] * encoder
+        told = any(noise.encoder_rad) or noise.reading_mm
+        reading = max(noise.reading_mm if told else USUAL_MM, LEAST_MM)
+        covariance = joints @ joints.transpose(0, 2, 1) + reading**2 * np.eye(3)
+        whitener: F64 = np.linalg.inv(np.linalg.cholesky(covariance))
+        return whitener
+
+
+def _root(covariance: F64) -> F64:
+    """R with R Rᵀ the covariance, directions of no variance left out."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    value, vector = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root: F64 = scale[:, None] * vector * np.sqrt(np.maximum(value, 0.0))
+    return root

@@ -1,0 +1,84 @@
+"""A reduced check as a file: JSON that a person can read, one row of numbers a line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from armd.arrays import F64
+from armd.compensation.interim.checks.reduce import Reduced
+from armd.files.schema import Strict, validate
+
+DIGITS = 7
+
+
+class StatisticsFile(Strict):
+    """The content of statistics.json; rows are whitened: their noise has a variance of 1."""
+
+    schema_: str = Field(alias="schema", pattern="^armd.interim.statistics/1$")
+    readings: int
+    rms_um: float
+    mean_unix_s: float
+    first_unix_s: float
+    last_unix_s: float
+    catalogue: str = ""  # of versions before it was written: unknown
+    residual: list[float]
+    cause_columns: int
+    causes: list[list[float]]
+    known_names: list[str]
+    known: list[list[float]]
+    target_names: list[str]
+    certified: list[bool]
+    targets: list[list[float]]
+
+
+def to_json(reduced: Reduced) -> str:
+    """The file's text."""
+    head = {
+        "schema": "armd.interim.statistics/1",
+        "readings": reduced.readings,
+        "rms_um": reduced.rms_um,
+        "mean_unix_s": reduced.mean_unix_s,
+        "first_unix_s": reduced.first_unix_s,
+        "last_unix_s": reduced.last_unix_s,
+        "catalogue": reduced.catalogue,
+        "residual": _numbers(reduced.residual),
+        "cause_columns": reduced.causes.shape[1],
+        "known_names": list(reduced.known_names),
+        "target_names": list(reduced.target_names),
+        "certified": list(reduced.certified),
+    }
+    lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in head.items()]
+    for name in ("causes", "known", "targets"):
+        rows = [json.dumps(_numbers(row)) for row in getattr(reduced, name)]
+        lines.append(f"{json.dumps(name)}: [\n" + ",\n".join(rows) + "\n]")
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def from_json(path: Path, data: Any) -> Reduced:
+    """Read it back; raises `BadInput`."""
+    file = validate(path, data, StatisticsFile)
+    r = len(file.residual)
+    return Reduced(
+        residual=np.array(file.residual),
+        causes=np.array(file.causes).reshape(r, file.cause_columns),
+        known=np.array(file.known).reshape(r, len(file.known_names)),
+        known_names=tuple(file.known_names),
+        targets=np.array(file.targets).reshape(r, 3 * len(file.target_names)),
+        target_names=tuple(file.target_names),
+        certified=tuple(file.certified),
+        mean_unix_s=file.mean_unix_s,
+        first_unix_s=file.first_unix_s,
+        last_unix_s=file.last_unix_s,
+        readings=file.readings,
+        rms_um=file.rms_um,
+        catalogue=file.catalogue,
+    )
+
+
+def _numbers(values: F64) -> list[float]:
+    return [float(f"{value:.{DIGITS}g}") for value in values]

@@ -1,0 +1,204 @@
+"""Checks of one epoch stacked: sufficient statistics summed over time, what is wrong all along
+eliminated.
+
+All of it in the checks' order in time, so that the order of adding plays no part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from armd.arrays import F64, I64
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.checks.reduce import Reduced
+
+#: A calibration knows its constants as well as it says, within this factor: its model was fitted on
+#: other days, in other poses, on another artefact.
+TRUST = 2.0
+#: What a model does not have is there all along at this share of its typical size: no change.
+ALL_ALONG = 0.25
+#: Directions of it that all checks together see by less than this, in variances of one number,
+#: are none.
+LEAST_SEEN = 1e-3
+#: A growth is counted per so many days.
+RAMP_DAYS = 30.0
+DAY_S = 86400.0
+
+
+@dataclass(frozen=True)
+class Stack:
+    """n checks in time: per check r numbers, K causes in blocks of columns, q known errors."""
+
+    time_d: F64  # (n,) mean time of each check, days since the first
+    residual: tuple[F64, ...]  # n × (r,)
+    columns: tuple[F64, ...]  # n × (r, C), per typical size
+    known: tuple[F64, ...]  # n × (r, q) per standard deviation of what is wrong all along
+    targets: tuple[F64, ...]  # n × (r, 3 T) per mm
+    blocks: tuple[slice, ...]  # K causes' columns
+
+    @property
+    def n(self) -> int:
+        return len(self.residual)
+
+    @property
+    def gap_d(self) -> float:
+        """How far checks are usually apart, days."""
+        return float(np.median(np.diff(self.time_d))) if self.n > 1 else 1.0
+
+    def only(self, chosen: Sequence[int]) -> Stack:
+        """Some of the checks, in time."""
+        return replace(
+            self,
+            time_d=self.time_d[list(chosen)],
+            residual=tuple(self.residual[i] for i in chosen),
+            columns=tuple(self.columns[i] for i in chosen),
+            known=tuple(self.known[i] for i in chosen),
+            targets=tuple(self.targets[i] for i in chosen),
+        )
+
+    def knowing(self, extra: Sequence[F64]) -> Stack:
+        """With more known errors, (r, ·) per check."""
+        known = zip(self.known, extra, strict=True)
+        return replace(self, known=tuple(np.concatenate(pair, axis=1) for pair in known))
+
+
+def stack(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
+    """*checks* in order of time."""
+    typical = np.array([c.typical for cause in causes for c in cause.candidate.columns])
+    columns = [check.causes * typical for check in checks]
+    known = _compressed(_aligned(checks, columns))
+    ends = np.cumsum([len(cause.candidate.columns) for cause in causes])
+    starts = np.concatenate([[0], ends[:-1]])
+    begun = checks[0].mean_unix_s
+    return Stack(
+        np.array([(check.mean_unix_s - begun) / DAY_S for check in checks]),
+        tuple(check.residual for check in checks),
+        tuple(columns),
+        tuple(known),
+        tuple(check.targets for check in checks),
+        tuple(slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True)),
+    )
+
+
+def _aligned(checks: Sequence[Reduced], columns: Sequence[F64]) -> list[F64]:
+    """Known errors of every check under the same names, then the catalogue's, all along."""
+    names = list(dict.fromkeys(name for check in checks for name in check.known_names))
+    place = {name: i for i, name in enumerate(names)}
+    found = []
+    for check, own in zip(checks, columns, strict=True):
+        wide = np.zeros((len(check.residual), len(names)))
+        wide[:, [place[name] for name in check.known_names]] = TRUST * check.known
+        found.append(np.concatenate([wide, ALL_ALONG * own], axis=1))
+    return found
+
+
+def _compressed(known: Sequence[F64]) -> list[F64]:
+    """The same errors by fewer, independent unknowns: those that the checks see at all."""
+    seen = sum((one.T @ one for one in known), np.zeros((known[0].shape[1],) * 2))
+    value, vector = np.linalg.eigh(seen)
+    kept = vector[:, value > LEAST_SEEN]
+    return [one @ kept for one in known]
+
+
+class Sums:
+    """Running sums over the first i checks, for changes that begin at a check or between two.
+
+    The causes' are made when first asked for: without a change they play no part.
+    """
+
+    def __init__(self, of: Stack) -> None:
+        self.of = of
+        q = of.known[0].shape[1]
+        days = of.time_d / RAMP_DAYS
+        groups: dict[int, list[int]] = {}
+        for k, block in enumerate(of.blocks):
+            groups.setdefault(block.stop - block.start, []).append(k)
+        #: causes by their number of columns, and these columns (causes, p)
+        self.groups = [
+            (
+                np.array(members),
+                np.array([list(range(of.blocks[k].start, of.blocks[k].stop)) for k in members]),
+            )
+            for _, members in sorted(groups.items())
+        ]
+        self._powers = np.array([np.ones(of.n), days, days**2])  # of time
+        self.known = _cumulated(self._powers[:1], np.stack([k.T @ k for k in of.known]))[0]
+        self.known += np.eye(q)
+        pairs = zip(of.known, of.residual, strict=True)
+        towards = np.stack([known.T @ residual for known, residual in pairs])
+        self.known_towards = _cumulated(self._powers[:1], towards)[0]
+        self.square = np.concatenate([[0.0], np.cumsum([z @ z for z in of.residual])])
+        self.numbers = np.concatenate([[0], np.cumsum([len(z) for z in of.residual])])
+
+    @cached_property
+    def own(self) -> list[F64]:
+        """Each group's (3, n + 1, causes, p, p)."""
+        products = [
+            np.stack([x[:, at].transpose(1, 2, 0) @ x[:, at].transpose(1, 0, 2)
+                      for x in self.of.columns])
+            for _, at in self.groups
+        ]  # fmt: skip
+        return [_cumulated(self._powers, group) for group in products]
+
+    @cached_property
+    def towards(self) -> F64:
+        """(2, n + 1, C)."""
+        pairs = zip(self.of.columns, self.of.residual, strict=True)
+        return _cumulated(self._powers[:2], np.stack([x.T @ z for x, z in pairs]))
+
+    @cached_property
+    def cross(self) -> F64:
+        """(2, n + 1, q, C)."""
+        pairs = zip(self.of.known, self.of.columns, strict=True)
+        return _cumulated(self._powers[:2], np.stack([k.T @ x for k, x in pairs]))
+
+    def without_change(self, n: int) -> tuple[F64, F64, float]:
+        """Of the first *n* checks: the known errors' factor (q, q), their side (q,), and the square
+        that they leave."""
+        factor = cholesky(self.known[n], lower=True, check_finite=False)
+        side = solve_triangular(factor, self.known_towards[n], lower=True, check_finite=False)
+        return factor, side, float(self.square[n] - side @ side)
+
+    def begun(self, first: I64, n: int, ramp: bool) -> tuple[F64, F64, list[F64]]:
+        """Cross products (T, q, C), sides (T, C) and own products (T, causes, p, p) by group, of
+        changes that begin at check *first* (T,), up to check *n*; a ramp is zero at the check
+        before."""
+        if not ramp:
+            return (
+                self.cross[0, n] - self.cross[0, first],
+                self.towards[0, n] - self.towards[0, first],
+                [own[0, n] - own[0, first] for own in self.own],
+            )
+        origin = self.origin(first)
+        a = origin[:, None]
+        cross = self.cross[:, n, None] - self.cross[:, first]
+        towards = self.towards[:, n, None] - self.towards[:, first]
+        owns = []
+        for own in self.own:
+            since = own[:, n, None] - own[:, first]
+            b = origin[:, None, None, None]
+            owns.append(since[2] - 2 * b * since[1] + b**2 * since[0])
+        return (
+            cross[1] - a[:, :, None] * cross[0],
+            towards[1] - a * towards[0],
+            owns,
+        )
+
+    def origin(self, first: I64) -> F64:
+        """(T,) when a growth begins that first shows at check *first*, in units of `RAMP_DAYS`."""
+        days = self.of.time_d / RAMP_DAYS
+        before = np.concatenate([[days[0] - self.of.gap_d / RAMP_DAYS], days[:-1]])
+        return before[first]
+
+
+def _cumulated(powers: F64, of: F64) -> F64:
+    """(powers, n + 1, …) sums of *of* (n, …) times powers of time (powers, n)."""
+    weighted = powers.reshape(*powers.shape, *[1] * (of.ndim - 1)) * of[None]
+    sums = np.zeros((len(powers), len(of) + 1, *of.shape[1:]))
+    np.cumsum(weighted, axis=1, out=sums[:, 1:])
+    return sums

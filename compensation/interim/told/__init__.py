@@ -1,0 +1,1 @@
+"""What is told of a history: the result, the page, the mended calibration, the next check."""

@@ -1,0 +1,168 @@
+"""From changes to amplitudes, and to a calibration that has them."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.interim.changes.change import Change, amplitude_sizes, shapes, with_changes
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.likelihood import NOISE_WORD
+from armd.compensation.interim.evidence.stack import DAY_S, RAMP_DAYS, Stack
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.slow_factors import After, Time
+from armd.compensation.model.terms import Factor, Term
+
+HOUR_S = 3600.0
+#: Of an effect's largest term.
+NEGLIGIBLE = 1e-9
+
+
+@dataclass(frozen=True)
+class Amplitudes:
+    """Of all changes together, in the columns' own units (growths: per 30 days)."""
+
+    values: tuple[F64, ...]  # per change (1 + bends, p)
+    covariance: F64  # of all of them, flattened in this order
+
+    def slice_of(self, index: int) -> slice:
+        start = sum(value.size for value in self.values[:index])
+        return slice(start, start + self.values[index].size)
+
+
+def fit(
+    of: Stack, causes: Sequence[Cause], changes: Sequence[Change], bad: Sequence[int]
+) -> Amplitudes:
+    """Amplitudes of all named *changes* at once, beside what is wrong all along."""
+    with_them = with_changes(of, causes, changes)
+    q = of.known[0].shape[1]
+    n = with_them.known[0].shape[1]
+    kept = [i for i in range(of.n) if i not in bad]
+    for change in changes:
+        if change.cause is None:  # what comes then belongs to nothing known
+            kept = [i for i in kept if i < change.first]
+    curvature, side = np.eye(n), np.zeros(n)
+    square, numbers = NOISE_WORD, NOISE_WORD
+    for i in kept:
+        known, residual = with_them.known[i], of.residual[i]
+        curvature += known.T @ known
+        side += known.T @ residual
+        square += float(residual @ residual)
+        numbers += len(residual)
+    covariance = np.linalg.inv(curvature)
+    solution = covariance @ side
+    scale = (square - float(side @ solution)) / numbers
+    sizes = _sizes(causes, changes)
+    # The columns' sign: a residual is what the arm shows too much under the calibration.
+    values = -solution[q:] * sizes
+    cov = scale * covariance[q:, q:] * np.outer(sizes, sizes)
+    split, at = [], 0
+    for change in changes:
+        if change.cause is None:
+            split.append(np.zeros((0, 0)))
+            continue
+        p = of.blocks[change.cause].stop - of.blocks[change.cause].start
+        rows = 1 + len(change.bends_d)
+        split.append(values[at : at + rows * p].reshape(rows, p))
+        at += rows * p
+    return Amplitudes(tuple(split), cov)
+
+
+def _sizes(causes: Sequence[Cause], changes: Sequence[Change]) -> F64:
+    """Units of the changes' unknowns in the columns' own units."""
+    found = []
+    for change in changes:
+        if change.cause is None:
+            continue
+        typical = np.array([c.typical for c in causes[change.cause].candidate.columns])
+        found.append((amplitude_sizes(change, len(typical)) * typical).ravel())
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def at_the_end(of: Stack, change: Change, amplitudes: F64) -> F64:
+    """(p,) how large a change is at the last check."""
+    end: F64 = shapes(of, change)[-1] @ amplitudes
+    return end
+
+
+def amended(
+    calibration: Calibration,
+    of: Stack,
+    begun_unix_s: float,
+    causes: Sequence[Cause],
+    changes: Sequence[Change],
+    instants_unix_s: Sequence[float],
+    amplitudes: Amplitudes,
+    until_unix_s: float,
+    told: dict[str, object],
+) -> Calibration:
+    """The *calibration* with all named *changes*, each from its instant on; a growth goes on until
+    the last check, *until_unix_s*, and is held beyond. What two of them do alike is one term."""
+    terms = list(calibration.terms)
+    rows: dict[str, F64] = {}  # by term: how it follows from the amplitudes
+    places: dict[str, int] = {}
+    width = len(amplitudes.covariance)
+    for index, (change, instant) in enumerate(zip(changes, instants_unix_s, strict=True)):
+        if change.cause is None:
+            continue
+        candidate = causes[change.cause].candidate
+        start = amplitudes.slice_of(index).start
+        for b, factor in enumerate(_factors(change, instant, begun_unix_s, until_unix_s)):
+            per = HOUR_S / (RAMP_DAYS * DAY_S) if change.gradual else 1.0
+            for j, column in enumerate(candidate.columns):
+                largest = max((abs(t.coefficient) for t in column.terms), default=0.0)
+                for term in column.terms:
+                    if abs(term.coefficient) <= NEGLIGIBLE * largest:
+                        continue
+                    new = Term(
+                        parameter=term.parameter,
+                        basis=[*term.basis, factor],
+                        effect=f"{candidate.cause} {candidate.location}",
+                    )
+                    alike = new.model_dump_json(include={"parameter", "basis"})
+                    if alike not in places:
+                        places[alike] = len(terms)
+                        terms.append(new)
+                    name = f"term {places[alike]}"
+                    row = rows.setdefault(name, np.zeros(width))
+                    row[start + b * len(candidate.columns) + j] += term.coefficient * per
+    matrix = np.array(list(rows.values())).reshape(len(rows), width)
+    own = matrix @ amplitudes.covariance @ matrix.T
+    mean = matrix @ np.concatenate([value.ravel() for value in amplitudes.values])[:width]
+    for place, coefficient, variance in zip(places.values(), mean, np.diag(own), strict=True):
+        terms[place] = terms[place].model_copy(
+            update={
+                "coefficient": float(coefficient),
+                "standard_uncertainty": float(np.sqrt(max(variance, 0.0))),
+            }
+        )
+    before = np.array(calibration.covariance).reshape((len(calibration.covariance_of),) * 2)
+    size = len(before) + len(own)
+    covariance = np.zeros((size, size))
+    covariance[: len(before), : len(before)] = before
+    covariance[len(before) :, len(before) :] = (own + own.T) / 2
+    created = datetime.datetime.fromtimestamp(until_unix_s, datetime.UTC)
+    return calibration.model_copy(
+        update={
+            # As of the last check: the same checks make the same file.
+            "created": created.isoformat(timespec="seconds"),
+            "terms": terms,
+            "covariance_of": [*calibration.covariance_of, *rows],
+            "covariance": covariance.tolist(),
+            "provenance": {**calibration.provenance, "interim": told},
+            "content_sha256": "",
+        }
+    )
+
+
+def _factors(
+    change: Change, instant: float, begun_unix_s: float, until_unix_s: float
+) -> list[Factor]:
+    if not change.gradual:
+        return [After(instant_unix_s=instant)]
+    begins = [begun_unix_s + at * DAY_S for at in (change.origin_d, *change.bends_d)]
+    return [Time(since_unix_s=at, until_unix_s=max(until_unix_s, at)) for at in begins]

@@ -1,0 +1,86 @@
+"""What has changed, averaged over the ways in which it may have been.
+
+Of several causes that the checks cannot tell apart the likeliest is wrong too often to correct by
+it alone. Of all corrections the mean over what is possible has the least expected square error
+(Bayes), and its variance is the mean of each way's own plus the spread between them:
+
+    m = Σ w·μ,   C = Σ w·(V + μ·μᵀ) − m·mᵀ
+
+over the amplitudes of all ways side by side, those that a way does not have being zero in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.compensation.interim.changes.change import Change
+from armd.compensation.interim.changes.ways import Way
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.stack import Stack
+from armd.compensation.interim.told.amend import Amplitudes, fit
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """Everything that changes may have been, side by side."""
+
+    changes: tuple[Change, ...]
+    of_change: tuple[int, ...]  # which change in order of onset each may have been, ascending
+    shares: tuple[float, ...]
+    amplitudes: Amplitudes  # of all of them; mean and covariance over the ways
+
+    def until(self, index: int) -> int:
+        """How many of them belong to the changes up to *index*."""
+        return sum(number <= index for number in self.of_change)
+
+
+def averaged(
+    of: Stack, causes: Sequence[Cause], ways: Sequence[Way], bad: Sequence[int]
+) -> Averaged:
+    """Mean and covariance of the amplitudes over *ways*, whose shares add up to 1."""
+    distinct: dict[tuple[object, ...], tuple[int, Change]] = {}
+    shares: dict[tuple[object, ...], float] = {}
+    for share, way in ways:
+        for number, change in enumerate(way):
+            distinct.setdefault(_key(number, change), (number, change))
+            shares[_key(number, change)] = shares.get(_key(number, change), 0.0) + share
+    keys = sorted(distinct, key=lambda key: distinct[key][0])
+    sizes = [_amplitudes(of, distinct[key][1]) for key in keys]
+    ends = np.cumsum(sizes)
+    slots = {key: np.arange(end - n, end) for key, n, end in zip(keys, sizes, ends, strict=True)}
+    width = int(ends[-1]) if len(ends) else 0
+    mean, second = np.zeros(width), np.zeros((width, width))
+    for share, way in ways:
+        own = fit(of, causes, way, bad)
+        at = [slots[_key(number, change)] for number, change in enumerate(way)]
+        places = np.concatenate(at) if at else np.zeros(0, int)
+        values = np.concatenate([value.ravel() for value in own.values]) if at else np.zeros(0)
+        mean[places] += share * values
+        second[np.ix_(places, places)] += share * (own.covariance + np.outer(values, values))
+    split = tuple(
+        mean[slots[key]].reshape(1 + len(distinct[key][1].bends_d), -1)
+        if len(slots[key])
+        else np.zeros((0, 0))
+        for key in keys
+    )
+    return Averaged(
+        tuple(distinct[key][1] for key in keys),
+        tuple(distinct[key][0] for key in keys),
+        tuple(shares[key] for key in keys),
+        Amplitudes(split, second - np.outer(mean, mean)),
+    )
+
+
+def _key(number: int, change: Change) -> tuple[object, ...]:
+    """The same change by another size is the same column."""
+    return number, *change.key, change.origin_d if change.gradual else None, change.bends_d
+
+
+def _amplitudes(of: Stack, change: Change) -> int:
+    if change.cause is None:
+        return 0
+    columns = int(of.blocks[change.cause].stop - of.blocks[change.cause].start)
+    return (1 + len(change.bends_d)) * columns

@@ -1,0 +1,174 @@
+"""The whole of `armd interim`: what a history of checks says of the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from armd.arrays import F64
+from armd.compensation.interim.changes.change import Change, shapes
+from armd.compensation.interim.changes.dated import between, instant
+from armd.compensation.interim.changes.find import Found, find
+from armd.compensation.interim.changes.ways import Way, ways
+from armd.compensation.interim.checks.columns import Cause, causes_of
+from armd.compensation.interim.checks.history import Check, iso
+from armd.compensation.interim.evidence.stack import Stack, stack
+from armd.compensation.interim.told.amend import Amplitudes, amended, at_the_end, fit
+from armd.compensation.interim.told.averaged import Averaged, averaged
+from armd.compensation.interim.told.reach import tip_rms_um
+from armd.compensation.model.calibration import Calibration
+
+
+@dataclass(frozen=True)
+class Told:
+    """One change as it is told."""
+
+    change: Change
+    cause: Cause | None
+    rivals: tuple[tuple[Cause, float], ...]
+    between_unix_s: tuple[float, float]
+    instant_unix_s: float  # from when on the calibration has it
+    values: F64  # (p,) at the last check, in the columns' units
+    deviations: F64  # (p,) their standard uncertainties
+    per_day: F64 | None  # (p,) of a growth, its mean rate
+    tip_rms_um: float
+    calibration: Calibration | None  # with this change and all earlier ones
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """Checks under one calibration, and what they say."""
+
+    checks: tuple[Check, ...]
+    stack: Stack
+    causes: tuple[Cause, ...]
+    found: Found
+    told: tuple[Told, ...]
+    ways: tuple[Way, ...]  # in which all changes may have been
+
+    def verdict(self, index: int) -> str:
+        if index in self.found.bad:
+            return "bad_check"
+        changed = any(index >= change.first for change in self.found.changes)
+        return "changed" if changed else "in_control"
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What a history says; the epoch of the latest check decides the state."""
+
+    epochs: tuple[Epoch, ...]
+
+    @property
+    def latest(self) -> Epoch:
+        return max(self.epochs, key=lambda epoch: epoch.checks[-1].line.first_unix_s)
+
+    @property
+    def changed(self) -> bool:
+        return bool(self.latest.told)
+
+
+def judge(checks: Sequence[Check]) -> Judgement:
+    """Judge *checks* in order of time, epoch by epoch."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        ordered = sorted(checks, key=lambda check: check.epoch)
+        groups = [tuple(group) for _, group in groupby(ordered, key=lambda check: check.epoch)]
+        by_time = [tuple(sorted(g, key=lambda check: check.line.first_unix_s)) for g in groups]
+        epochs = [_epoch(group) for group in by_time]
+    return Judgement(tuple(sorted(epochs, key=lambda e: e.checks[0].line.first_unix_s)))
+
+
+def _epoch(checks: tuple[Check, ...]) -> Epoch:
+    arm, calibration = checks[0].arm, checks[0].calibration
+    causes = causes_of(arm, calibration.content)
+    reduced = [check.reduced for check in checks]
+    stacked = stack(reduced, causes)
+    found = find(stacked, causes)
+    amplitudes = fit(stacked, causes, found.changes, found.bad)
+    instants = [instant(reduced, stacked, change, found.bad) for change in found.changes]
+    possible = ways(stacked, causes, found.changes, found.bad)
+    every = averaged(stacked, causes, possible, found.bad)
+    told = tuple(
+        _told(checks, stacked, causes, found, amplitudes, instants, every, index)
+        for index in range(len(found.changes))
+    )
+    return Epoch(checks, stacked, tuple(causes), found, told, tuple(possible))
+
+
+def _told(
+    checks: Sequence[Check],
+    of: Stack,
+    causes: Sequence[Cause],
+    found: Found,
+    amplitudes: Amplitudes,
+    instants: Sequence[float],
+    every: Averaged,
+    index: int,
+) -> Told:
+    change = found.changes[index]
+    reduced = [check.reduced for check in checks]
+    interval = between(reduced, of, change, found.bad)
+    if change.cause is None:
+        nothing = np.zeros(0)
+        return Told(
+            change, None, (), interval, instants[index], nothing, nothing, None, np.nan, None
+        )
+    cause = causes[change.cause]
+    own = amplitudes.values[index]
+    values = at_the_end(of, change, own)
+    covariance = amplitudes.covariance[(at := amplitudes.slice_of(index)), at]
+    root = np.kron(shapes(of, change)[-1:], np.eye(own.shape[1]))
+    deviations = np.sqrt(np.maximum(np.diag(root @ covariance @ root.T), 0.0))
+    grown_d = float(of.time_d[-1]) - change.origin_d
+    last = checks[-1]
+    possible = every.changes[: every.until(index)]
+    calibration = amended(
+        last.calibration.content,
+        of,
+        reduced[0].mean_unix_s,
+        causes,
+        possible,
+        [instant(reduced, of, one, found.bad) for one in possible],
+        every.amplitudes,
+        last.reduced.last_unix_s,
+        {
+            "calibration": last.calibration.sha256,
+            "checks": [check.line.name for check in checks],
+            "changes": [
+                f"{c.candidate.cause} {c.candidate.location} since {iso(round(at))}"
+                for c, at in (
+                    (causes[ch.cause], at)
+                    for ch, at in zip(found.changes[: index + 1], instants, strict=False)
+                    if ch.cause is not None
+                )
+            ],
+            "averaged_over": _shares(every, causes, index),
+        },
+    )
+    return Told(
+        change=change,
+        cause=cause,
+        rivals=tuple((causes[k], share) for k, share in change.rivals),
+        between_unix_s=interval,
+        instant_unix_s=instants[index],
+        values=values,
+        deviations=deviations,
+        per_day=values / grown_d if change.gradual else None,
+        tip_rms_um=tip_rms_um(last.arm, last.calibration.content, cause.candidate, values),
+        calibration=calibration,
+    )
+
+
+def _shares(every: Averaged, causes: Sequence[Cause], index: int) -> list[dict[str, float]]:
+    """Of each change: causes at their places, and what share each has in the average."""
+    found: list[dict[str, float]] = [{} for _ in range(index + 1)]
+    for change, number, share in zip(every.changes, every.of_change, every.shares, strict=True):
+        if change.cause is not None and number <= index:
+            cause, location = causes[change.cause].place
+            name = f"{cause} {location}"
+            found[number][name] = found[number].get(name, 0.0) + share
+    return found

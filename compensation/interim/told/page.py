@@ -1,0 +1,213 @@
+"""A history of checks as one HTML page: the statistic, the residuals, and each change over time."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from armd.arrays import F64
+from armd.compensation.data.session import READINGS, Session
+from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.effects.effect import ARC_SECOND, plain
+from armd.compensation.interim.changes.change import shapes
+from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
+from armd.compensation.interim.told.judge import Epoch, Judgement, Told
+from armd.compensation.interim.told.result import in_words, minute
+from armd.compensation.report.drawing import COLOURS, one_drawing
+from armd.compensation.report.page import Page, report_number
+from armd.compensation.report.sessions import session_facts
+
+#: How a verdict looks; colours are told apart by colour-blind readers too.
+LOOK = {
+    "in_control": ("in control", "#009E73", "o"),
+    "changed": ("changed", "#D55E00", "D"),
+    "bad_check": ("bad check", "#000000", "x"),
+}
+#: Of a check's files, what was measured.
+MEASURED = ("session.toml", *READINGS)
+#: Units as a person reads them: the name, and how many of them one unit of the model is.
+SHOWN = {"rad": ("″", 1 / ARC_SECOND), "mm": ("µm", 1e3), "rad/Nm": ("µrad/Nm", 1e6)}
+
+
+def interim_page(judgement: Judgement, result: dict[str, Any], sessions: Sequence[Session]) -> str:
+    """HTML text of the report; *sessions* are the checks as they were measured, in time."""
+    page = Page(f"Interim checks of arm {result['arm']}")
+    first, *more = in_words(judgement)
+    page.verdict(
+        "CHANGED" if judgement.changed else "IN CONTROL",
+        first.removeprefix("In control: "),
+        not judgement.changed,
+    )
+    if more:
+        page.items(more)
+    if result["next_check"]:
+        page.text(f"Next: {result['next_check']['sentence']}")
+    page.heading("Checks")
+    page.text(
+        "A change is told where the statistic reaches its limit: without one, about once "
+        f"in {RUN_LENGTH:.0f} checks. It is Shiryaev's and Roberts's: how "
+        "much likelier the readings are with a change than without, over all instants and causes."
+    )
+    checks = result["checks"]
+    page.figure(_statistics(checks), "The statistic of each check, and its limit")
+    page.figure(_residuals(checks), "Residuals of each check under the calibration, µm RMS")
+    for epoch in judgement.epochs:
+        for told in epoch.told:
+            if told.cause is None:
+                continue
+            candidate = told.cause.candidate
+            page.heading(f"{candidate.cause.replace('_', ' ')}, {candidate.location}")
+            page.text(f"{CATALOGUE[candidate.cause].reason}.".capitalize())
+            page.figure(
+                _over_time(epoch, told),
+                "Amplitude in each check alone (bars: two standard uncertainties), the course as"
+                " told, and the interval that holds the change",
+            )
+            page.table(
+                ["what", "at the last check", "standard uncertainty", "unit"],
+                [_row(told, j) for j in range(len(told.values))],
+            )
+    page.heading("All checks")
+    page.table(
+        ["check", "started", "readings", "residuals, µm RMS", "statistic", "limit", "verdict"],
+        [
+            [
+                check["name"],
+                check["started"],
+                check["readings"],
+                plain(check["rms_um"]),
+                f"{check['statistic']:.2f}",
+                f"{check['limit']:.2f}",
+                LOOK[check["verdict"]][0],
+            ]
+            for check in checks
+        ],
+    )
+    _origin(page, judgement, result)
+    session_facts(page, sessions, judgement.latest.checks[-1].arm)
+    page.signatures("Checked by")
+    return page.html()
+
+
+def _origin(page: Page, judgement: Judgement, result: dict[str, Any]) -> None:
+    """Every check's files, every description of the arm and every calibration, by their hashes."""
+    checks = [check for epoch in judgement.epochs for check in epoch.checks]
+    checks.sort(key=lambda check: check.line.first_unix_s)
+    inputs: dict[str, str] = {}
+    for check in checks:
+        name, line = check.line.name, check.line
+        for what, sha256 in (("arm", line.arm_file), ("calibration", line.calibration)):
+            if sha256 not in inputs.values():
+                inputs[f"{what} of {name} and later checks"] = sha256
+        measured = (file for file in line.files if file in MEASURED)
+        inputs |= {f"check {name}, {file}": line.files[file] for file in measured}
+    facts = {"arm": result["arm"]} | {
+        f"corrected calibration, from {change['from']} on": (
+            f"{change['calibration_from']}, SHA-256 {change['calibration_sha256']}"
+        )
+        for change in result["changes"]
+        if change["calibration_from"]
+    }
+    page.origin(report_number(result["arm"], *inputs.values()), inputs, facts)
+
+
+def _instants(texts: Sequence[str]) -> npt.NDArray[np.datetime64]:
+    """Instants in UTC, as a drawing takes them."""
+    utc = [datetime.datetime.fromisoformat(text).astimezone(datetime.UTC) for text in texts]
+    return np.array([instant.replace(tzinfo=None) for instant in utc], dtype="datetime64[us]")
+
+
+def _by_verdict(panel: Axes, checks: Sequence[dict[str, Any]], values: Sequence[float]) -> None:
+    """A mark for each check, that shows its verdict."""
+    for verdict, (name, colour, mark) in LOOK.items():
+        own = [i for i, check in enumerate(checks) if check["verdict"] == verdict]
+        panel.plot(
+            _instants([checks[i]["started"] for i in own]),
+            [values[i] for i in own],
+            mark,
+            color=colour,
+            markersize=4,
+            label=name,
+        )
+    panel.set_xlabel("check started, UTC")
+
+
+def _statistics(checks: Sequence[dict[str, Any]]) -> Figure:
+    figure, panel = one_drawing()
+    # Beyond its limit a statistic grows with every check: what matters is where it passes.
+    _by_verdict(panel, checks, [min(c["statistic"], 4 * c["limit"]) for c in checks])
+    panel.axhline(checks[0]["limit"], linestyle="--", color="black", label="limit")
+    panel.set_ylabel("statistic (natural logarithm; cut at 4 limits)")
+    panel.legend(frameon=False)
+    return figure
+
+
+def _residuals(checks: Sequence[dict[str, Any]]) -> Figure:
+    figure, panel = one_drawing()
+    _by_verdict(panel, checks, [check["rms_um"] for check in checks])
+    panel.set_ylabel("residuals under the calibration, µm RMS")
+    panel.set_ylim(bottom=0.0)
+    panel.legend(frameon=False)
+    return figure
+
+
+def _over_time(epoch: Epoch, told: Told) -> Figure:
+    """A cause's amplitudes check by check, and the course that is told."""
+    figure, panel = one_drawing()
+    assert told.change.cause is not None and told.cause is not None
+    instants = _instants([check.line.started for check in epoch.checks])
+    block = epoch.stack.blocks[told.change.cause]
+    course = shapes(epoch.stack, told.change)
+    grown = course[:, 0] / max(float(course[-1, 0]), 1e-300)
+    drawstyle = "default" if told.change.gradual else "steps-post"
+    for j, column in enumerate(told.cause.candidate.columns):
+        unit, factor = SHOWN.get(column.unit, (column.unit, 1.0))
+        values, spread = _by_check(epoch, block, j)
+        colour = COLOURS[j % len(COLOURS)]
+        panel.errorbar(
+            instants.astype(object), factor * column.typical * values,
+            2 * factor * column.typical * spread, fmt="o", markersize=3, elinewidth=0.8,
+            color=colour, alpha=0.6, label=f"{column.name}, {unit}, each check alone",
+        )  # fmt: skip
+        panel.plot(
+            instants, factor * told.values[j] * grown, color=colour, drawstyle=drawstyle,
+            label=f"{column.name}, {unit}, as told",
+        )  # fmt: skip
+    first, last = (np.datetime64(round(1e6 * s), "us") for s in told.between_unix_s)
+    panel.fill_between(
+        np.array([first, last]), 0.0, 1.0, transform=panel.get_xaxis_transform(),
+        color="#E69F00", alpha=0.25, linewidth=0, label="the change lies between",
+    )  # fmt: skip
+    panel.set_xlabel(f"check started, UTC; the change: {minute(told.instant_unix_s)}")
+    panel.set_ylabel("amplitude")
+    panel.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
+    return figure
+
+
+def _by_check(epoch: Epoch, block: slice, j: int) -> tuple[F64, F64]:
+    """(n,) a column's amplitude in every check alone, in typical sizes, and its deviation."""
+    values, spread = [], []
+    for residual, columns in zip(epoch.stack.residual, epoch.stack.columns, strict=True):
+        own = columns[:, block]
+        inverse = np.linalg.pinv(own.T @ own)
+        values.append(float(-(inverse @ own.T @ residual)[j]))
+        spread.append(float(np.sqrt(inverse[j, j])))
+    return np.array(values), np.array(spread)
+
+
+def _row(told: Told, j: int) -> list[object]:
+    assert told.cause is not None
+    column = told.cause.candidate.columns[j]
+    unit, factor = SHOWN.get(column.unit, (column.unit, 1.0))
+    return [
+        column.name,
+        plain(factor * float(told.values[j]), 3, "+"),
+        plain(factor * float(told.deviations[j])),
+        unit,
+    ]

@@ -1,0 +1,113 @@
+"""Checks that can be made: seats where a person can put them, and poses of the arm on each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from armd.arrays import F64, I64
+from armd.compensation.design.clearance import from_the_column_mm, height_mm
+from armd.compensation.estimate.adjustment import adjusted
+from armd.compensation.interim.checks.columns import Cause, digest
+from armd.compensation.interim.checks.reduce import Reduced
+from armd.compensation.interim.checks.signals import Signals
+from armd.compensation.interim.told.reach import poses
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.state import States
+
+#: How many seats are tried, from how many poses each, and in how many the arm is on each.
+SEATS, DRAWN, POOL = 12, 480, 24
+#: A seat stands on the table or on something on it: so high over the base, and so far from the
+#: column, in shares of the arm's reach.
+HEIGHT, AWAY = (0.0, 0.5), (0.2, 0.8)
+#: Distance kept from every end stop, rad.
+MARGIN_RAD = np.radians(2.0)
+#: Steps of an arm's way to a seat, and how near is there, mm.
+STEPS, THERE_MM = 25, 0.5
+
+
+@dataclass(frozen=True)
+class Planned:
+    """Poses on seats that may be chosen from, each seat in the same number of them."""
+
+    seats_mm: F64  # (S, 3) base frame
+    states: States  # S × `POOL`, seat by seat
+
+    def poses_on(self, seat: int) -> I64:
+        return seat * POOL + np.arange(POOL)
+
+
+def planned(arm: Arm, calibration: Calibration, at_unix_s: float) -> Planned:
+    """Seats that the arm reaches in enough poses, no part of it below its base."""
+    constants = calibration.vector(arm.n_joints)
+    drawn = poses(arm, calibration.reference_temperature_c, DRAWN, 21)
+    drawn = replace(drawn, time_s=np.full(drawn.n, at_unix_s))
+    tips = forward(drawn.q, np.tile(constants, (drawn.n, 1)))[0]
+    away = from_the_column_mm(drawn.q, constants)
+    reach = float(away.max())
+    height = tips @ -np.array(arm.gravity) / np.linalg.norm(arm.gravity)
+    free = (away > AWAY[0] * reach) & (away < AWAY[1] * reach)
+    free &= (height > HEIGHT[0] * reach) & (height < HEIGHT[1] * reach)
+    seats, on_seats = [], []
+    for seat in tips[free][:SEATS]:
+        on_seat = _reaching(arm, constants, seat, drawn)
+        if on_seat.n >= POOL:
+            seats.append(seat)
+            on_seats.append(on_seat.rows(slice(POOL)))
+    return Planned(
+        np.array(seats).reshape(-1, 3), _joined(on_seats) if seats else drawn.rows(slice(0))
+    )
+
+
+def _joined(states: Sequence[States]) -> States:
+    return States(
+        *(np.concatenate([getattr(one, field.name) for one in states]) for field in fields(States))
+    )
+
+
+def _reaching(arm: Arm, constants: F64, seat: F64, drawn: States) -> States:
+    """Different poses with the tip on *seat* (3,)."""
+    parameters = np.tile(constants, (drawn.n, 1))
+    q = drawn.q
+    for _ in range(STEPS):
+        q = adjusted(q, parameters, np.tile(seat, (drawn.n, 1)))
+    near = np.linalg.norm(forward(q, parameters)[0] - seat, axis=1) < THERE_MM
+    low, high = arm.limits_rad
+    inside = ((q > low + MARGIN_RAD) & (q < high - MARGIN_RAD)).all(axis=1)
+    good = np.flatnonzero(near & inside & (height_mm(q, constants, arm) >= 0.0))
+    return replace(drawn, q=q).rows(good)
+
+
+def as_check(plan: Planned, arm: Arm, calibration: Calibration, causes: Sequence[Cause]) -> Reduced:
+    """What a check of all these poses would see, three rows for each; its seats are not projected
+    out."""
+    seen = Signals(plan.states, arm, calibration)
+    whitener = seen.whitener()
+    columns = [column for cause in causes for column in cause.candidate.columns]
+
+    def rows(of: F64) -> F64:
+        return (whitener @ of).reshape(3 * plan.states.n, -1)
+
+    known = rows(seen.calibrated())
+    at = float(plan.states.time_s[0])
+    count = len(plan.seats_mm)
+    return Reduced(
+        residual=np.zeros(3 * plan.states.n),
+        causes=rows(seen.of(columns)),
+        known=known,
+        known_names=tuple(f"calibrated {i}" for i in range(known.shape[1])),
+        targets=block_diag(*whitener.reshape(count, -1, 3)),
+        target_names=tuple(f"seat {i}" for i in range(count)),
+        certified=(False,) * count,
+        mean_unix_s=at,
+        first_unix_s=at,
+        last_unix_s=at,
+        readings=plan.states.n,
+        rms_um=0.0,
+        catalogue=digest(causes),
+    )

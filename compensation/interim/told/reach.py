@@ -1,0 +1,54 @@
+"""How far a change moves the tip, over all that the arm reaches: for a person's judgement."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.interim.checks.signals import Signals
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.state import States
+
+POSES = 400
+RATE_RAD_S = 0.05
+#: A joint without limits may turn so far either way, rad.
+USUAL_RAD = np.pi
+
+
+def poses(arm: Arm, reference_c: float, count: int, seed: int) -> States:
+    """Poses over the ranges of all joints, each joint coming to rest from either side."""
+    rng = np.random.default_rng(seed)
+    low = [-USUAL_RAD if j.min_deg is None else np.radians(j.min_deg) for j in arm.joint]
+    high = [USUAL_RAD if j.max_deg is None else np.radians(j.max_deg) for j in arm.joint]
+    q = rng.uniform(low, high, (count, arm.n_joints))
+    approach = rng.normal(size=(count, 3))
+    return States(
+        q=q,
+        rate=RATE_RAD_S * rng.choice([-1.0, 1.0], q.shape),
+        temperature_c=np.full((count, len(arm.sensors)), reference_c),
+        time_s=np.zeros(count),
+        approach=approach / np.linalg.norm(approach, axis=1, keepdims=True),
+        series=np.arange(count),
+    )
+
+
+def placement_columns(position_mm: F64) -> F64:
+    """(n, 3, 6) what a rigid motion of everything does: mm, and 1/100 rad about the middle."""
+    columns = np.zeros((len(position_mm), 3, 6))
+    columns[:, :, :3] = np.eye(3)
+    lever = (position_mm - position_mm.mean(axis=0)) / 100.0
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        columns[:, i, 3 + j], columns[:, j, 3 + i] = lever[:, k], -lever[:, k]
+    return columns
+
+
+def tip_rms_um(arm: Arm, calibration: Calibration, candidate: Candidate, values: F64) -> float:
+    """RMS over the arm's reach of a change of *values* (p,), a rigid motion of all removed."""
+    states = poses(arm, calibration.reference_temperature_c, POSES, 20)
+    seen = Signals(states, arm, calibration)
+    moved = (seen.of(candidate.columns) @ values).reshape(-1)
+    rigid = placement_columns(seen.position_mm).reshape(-1, 6)
+    left = moved - rigid @ np.linalg.lstsq(rigid, moved, rcond=None)[0]
+    return 1e3 * float(np.sqrt((left**2).sum() / states.n))

@@ -1,0 +1,164 @@
+"""A judgement as `armd interim … --json` writes it (the contract's section 13), and in words."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.effects.effect import ARC_SECOND, plain
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.checks.history import Check, iso
+from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
+from armd.compensation.interim.told.judge import Epoch, Judgement, Told
+from armd.terminal.counted import counted
+
+DAY_S = 86400.0
+
+
+def as_json(
+    judgement: Judgement,
+    calibrations: Sequence[tuple[str, str] | None],
+    tomorrow: dict[str, Any] | None,
+) -> dict[str, Any]:
+    """The whole result as plain data; *calibrations*: file and SHA-256 of each change, in order."""
+    changes = [(told, epoch) for epoch in judgement.epochs for told in epoch.told]
+    checks = [(check, epoch, i) for epoch in judgement.epochs for i, check in _numbered(epoch)]
+    checks.sort(key=lambda row: row[0].line.first_unix_s)
+    latest = judgement.latest.checks[-1]
+    return {
+        "schema": "armd.interim/1",
+        "state": "changed" if judgement.changed else "in_control",
+        "arm": latest.line.arm,
+        "calibration": latest.calibration.sha256,
+        "last_check": latest.line.started,
+        "in_control_run_length": RUN_LENGTH,
+        "checks": [_check(*row) for row in checks],
+        "changes": [
+            _change(told, epoch, *(file or (None, None)))
+            for (told, epoch), file in zip(changes, calibrations, strict=True)
+        ],
+        "next_check": tomorrow,
+    }
+
+
+def _numbered(epoch: Epoch) -> list[tuple[int, Check]]:
+    return list(enumerate(epoch.checks))
+
+
+def _check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:
+    statistic = float(epoch.found.statistic[index])
+    return {
+        "name": check.line.name,
+        "started": check.line.started,
+        "statistic": statistic if math.isfinite(statistic) else 0.0,
+        "limit": LIMIT,
+        "verdict": epoch.verdict(index),
+        "readings": check.reduced.readings,
+        "rms_um": check.reduced.rms_um,
+        "calibration": check.line.calibration,
+    }
+
+
+def _change(told: Told, epoch: Epoch, path: str | None, sha256: str | None) -> dict[str, Any]:
+    change, cause = told.change, told.cause
+    low, high = told.between_unix_s
+    found: dict[str, Any] = {
+        "between": [iso(math.floor(low)), iso(math.ceil(high))],
+        "cause": "unknown" if cause is None else cause.candidate.cause,
+        "location": "-" if cause is None else str(cause.candidate.location),
+        "probability": change.probability,
+        "alternatives": [
+            {
+                "cause": rival.candidate.cause,
+                "location": str(rival.candidate.location),
+                "probability": share,
+            }
+            for rival, share in told.rivals
+        ],
+        "gradual": change.gradual,
+        "gradual_probability": change.gradual_probability,
+        "tip_rms_um": None if math.isnan(told.tip_rms_um) else told.tip_rms_um,
+        "calibration_from": path,
+        "calibration_sha256": sha256,
+        "judged_under": epoch.checks[0].calibration.sha256,
+        "from": None if math.isnan(told.instant_unix_s) else iso(round(told.instant_unix_s)),
+        "reading": reading(told),
+        "parameters": [],
+    }
+    if cause is not None:
+        found["parameters"] = [
+            {
+                "name": column.name,
+                "value": float(value),
+                "unit": column.unit,
+                "standard_uncertainty": float(deviation),
+                **({} if told.per_day is None else {"per_day": float(told.per_day[j])}),
+            }
+            for j, (column, value, deviation) in enumerate(
+                zip(cause.candidate.columns, told.values, told.deviations, strict=True)
+            )
+        ]
+    return found
+
+
+def reading(told: Told) -> str:
+    """A change in one sentence."""
+    if told.cause is None:
+        return "since then the checks are off in a way that no cause of the catalogue makes"
+    candidate = told.cause.candidate
+    if candidate.cause == "encoder_slip":
+        size = plain(abs(float(told.values[0])) / ARC_SECOND)
+        text = f"the index of {candidate.location} slipped by {size}″"
+    else:
+        text = CATALOGUE[candidate.cause].reading(candidate, told.values)
+    if told.per_day is not None:
+        days = abs(float(told.values[0] / told.per_day[0])) if told.per_day[0] else 0.0
+        text += f" by the last check, grown over {plain(days)} days"
+    return text
+
+
+def named(cause: Cause) -> str:
+    """A cause and its place in words."""
+    return f"{cause.candidate.cause.replace('_', ' ')} ({cause.candidate.location})"
+
+
+def minute(unix_s: float) -> str:
+    """An instant as a person reads it."""
+    return f"{datetime.datetime.fromtimestamp(unix_s, datetime.UTC):%Y-%m-%d %H:%M} UTC"
+
+
+def in_words(judgement: Judgement) -> list[str]:
+    """What came of it, for the console and the page."""
+    latest = judgement.latest
+    last = latest.checks[-1]
+    count = sum(len(epoch.checks) for epoch in judgement.epochs)
+    lines = []
+    if not judgement.changed:
+        lines.append(
+            f"In control: {counted(count, 'check')}, the last "
+            f"{last.line.name} of {minute(last.reduced.first_unix_s)}."
+        )
+    for told in (told for epoch in judgement.epochs for told in epoch.told):
+        low, high = told.between_unix_s
+        how = "growing since" if told.change.gradual else "changed"
+        lines.append(
+            f"{how.capitalize()} between {minute(low)} and {minute(high)} (95 %): {reading(told)}"
+            f" [probability {told.change.probability:.2f}]."
+        )
+        if not math.isnan(told.tip_rms_um):
+            lines.append(
+                f"Over the arm's reach that is {plain(told.tip_rms_um)} µm RMS at the tip."
+            )
+        if told.rivals:
+            rivals = ", ".join(f"{named(rival)} {share:.2f}" for rival, share in told.rivals[:4])
+            lines.append(f"It could also be {rivals}.")
+    bad = [epoch.checks[i].line.name for epoch in judgement.epochs for i in epoch.found.bad]
+    if bad:
+        lines.append(
+            f"Bad by {'itself' if len(bad) == 1 else 'themselves'}, and no change: {', '.join(bad)}"
+            " (dirt in a seat, or another artefact)."
+        )
+    return lines

@@ -1,0 +1,142 @@
+"""How well a check that is not made yet would tell what a change was.
+
+Each way in which the arm may have changed foretells the check's numbers, by all checks so far: a
+mean, and a covariance of what they leave open. Two of them overlap by Bhattacharyya's coefficient
+exp(−B). Poses are chosen by the sum of it over all pairs, above which the chance cannot be that the
+likeliest is the wrong one afterwards:
+
+    Σ √(pᵢ·pⱼ)·exp(−Bᵢⱼ),   B = Δᵀ S⁻¹ Δ / 8 + ½ ln(|S| / √(|Sᵢ|·|Sⱼ|)),   S = (Sᵢ + Sⱼ) / 2
+
+(T. Kailath, IEEE Trans. Commun. Technol. 15, 1967), the criterion of a diagnosis' design
+(`design/criterion.py`) where the covariances differ, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.interim.changes.change import Change, with_changes
+from armd.compensation.interim.changes.ways import Way
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.stack import Stack
+
+#: Where a new seat stands is not known, mm: farther off than any change moves it.
+SEAT_MM = 1.0
+#: Causes less likely than this play no part, nor do any but so many.
+LEAST_SHARE, MOST = 0.01, 6
+#: Checks drawn of each way, for the chance to be wrong.
+DRAWS = 1000
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """What H ways foretell of one check's r numbers."""
+
+    mean: F64  # (H, r)
+    covariance: F64  # (H, r, r)
+
+    def rows(self, chosen: I64) -> Foretold:
+        """Of some of the numbers (…, s): (…, H, s) and (…, H, s, s)."""
+        mean = np.moveaxis(self.mean[:, chosen], 0, -2)
+        block = self.covariance[:, chosen[..., :, None], chosen[..., None, :]]
+        return Foretold(mean, np.moveaxis(block, 0, -3))
+
+
+def by_place(
+    ways: Sequence[Way], causes: Sequence[Cause], index: int
+) -> tuple[F64, list[tuple[Change, ...]]]:
+    """What change number *index* may have been: the share (H,) of each cause at its place, and the
+    likeliest way of it."""
+    share: dict[tuple[str, str], float] = {}
+    likeliest: dict[tuple[str, str], Way] = {}
+    for way in ways:
+        cause = way[1][index].cause
+        assert cause is not None
+        place = causes[cause].place
+        share[place] = share.get(place, 0.0) + way[0]
+        if place not in likeliest or way[0] > likeliest[place][0]:
+            likeliest[place] = way
+    order = sorted((p for p in share if share[p] >= LEAST_SHARE), key=lambda p: -share[p])[:MOST]
+    kept = np.array([share[place] for place in order])
+    return kept / kept.sum(), [likeliest[place][1] for place in order]
+
+
+def foretold(
+    of: Stack,
+    causes: Sequence[Cause],
+    ways: Sequence[tuple[Change, ...]],
+    measured: Sequence[int],
+    ahead: Sequence[int],
+) -> list[Foretold]:
+    """What each of *ways* foretells of each check *ahead*, by those *measured*."""
+    means: list[list[F64]] = [[] for _ in ahead]
+    covariances: list[list[F64]] = [[] for _ in ahead]
+    for way in ways:
+        known = with_changes(of, causes, way).known
+        curvature, side = np.eye(known[0].shape[1]), np.zeros(known[0].shape[1])
+        for i in measured:
+            curvature += known[i].T @ known[i]
+            side += known[i].T @ of.residual[i]
+        for number, check in enumerate(ahead):
+            here, seat = known[check], SEAT_MM * of.targets[check]
+            spread = np.linalg.solve(curvature, here.T)
+            means[number].append(spread.T @ side)
+            covariances[number].append(np.eye(len(here)) + here @ spread + seat @ seat.T)
+    pairs = zip(means, covariances, strict=True)
+    return [Foretold(np.array(mean), np.array(covariance)) for mean, covariance in pairs]
+
+
+def overlap(share: F64, told: Foretold) -> F64:
+    """The sum (…) over pairs of the lines at the top: never below the chance to be wrong."""
+    spread = np.linalg.slogdet(told.covariance)[1]
+    total = np.zeros(told.mean.shape[:-2])
+    for i, j in combinations(range(len(share)), 2):
+        both = (told.covariance[..., i, :, :] + told.covariance[..., j, :, :]) / 2
+        apart = told.mean[..., i, :] - told.mean[..., j, :]
+        quad = (apart * np.linalg.solve(both, apart[..., None])[..., 0]).sum(axis=-1)
+        wider = np.linalg.slogdet(both)[1] - (spread[..., i] + spread[..., j]) / 2
+        total += np.sqrt(share[i] * share[j]) * np.exp(-quad / 8 - wider / 2)
+    return total
+
+
+def chance_wrong(share: F64, told: Foretold) -> float:
+    """The chance that the likeliest cause is the wrong one after a check, from checks drawn."""
+    rng = np.random.default_rng(0)
+    factors = np.linalg.cholesky(told.covariance)
+    spread = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+    wrong = 0.0
+    for true, probability in enumerate(share):
+        drawn = factors[true] @ rng.normal(size=(told.mean.shape[1], DRAWS))
+        off = told.mean[true][:, None] + drawn - told.mean[:, :, None]  # (H, r, draws)
+        quad = (np.linalg.solve(factors, off) ** 2).sum(axis=1)
+        likelihood = np.log(share)[:, None] - spread[:, None] - quad / 2
+        wrong += probability * float((likelihood.argmax(axis=0) != true).mean())
+    return wrong
+
+
+def best_poses(
+    share: F64, told: Foretold, pools: Sequence[I64], count: int
+) -> tuple[list[int], float]:
+    """*count* poses, three numbers each, from each of *pools* in turn, chosen one after another so
+    that the overlap falls most; and that overlap."""
+    chosen: list[int] = []
+    least = np.inf
+    for number in range(count):
+        left = [pose for pose in pools[number % len(pools)] if pose not in chosen]
+        sets = np.array([[*chosen, pose] for pose in left])
+        overlaps = overlap(share, told.rows(numbers_of(sets)))
+        best = int(np.argmin(overlaps))
+        chosen.append(int(left[best]))
+        least = float(overlaps[best])
+    return chosen, least
+
+
+def numbers_of(poses: I64) -> I64:
+    """(…, 3 s) the numbers of poses (…, s)."""
+    rows: I64 = (3 * poses[..., None] + np.arange(3)).reshape(*poses.shape[:-1], -1)
+    return rows

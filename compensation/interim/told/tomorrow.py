@@ -1,0 +1,143 @@
+"""Which check to make tomorrow: poses on two seats that tell what a doubtful change was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from armd.arrays import F64
+from armd.compensation.effects.effect import plain
+from armd.compensation.interim.changes.change import Change
+from armd.compensation.interim.evidence.stack import DAY_S, stack
+from armd.compensation.interim.told.judge import Epoch, Judgement
+from armd.compensation.interim.told.planned import as_check, planned
+from armd.compensation.interim.told.result import named
+from armd.compensation.interim.told.telling import (
+    best_poses,
+    by_place,
+    chance_wrong,
+    foretold,
+    numbers_of,
+    overlap,
+)
+from armd.compensation.model.state import States
+
+#: How many seats a check has, how many poses in all, and for how many of the best pairs of seats
+#: they are chosen one by one.
+SEATS, POSES, TRIED = 2, 12, 3
+#: A cause this sure needs no check of its own.
+SURE = 0.95
+#: A check that leaves more than this share of the usual one's chance to be wrong tells nothing.
+LEFT = 0.9
+
+
+@dataclass(frozen=True)
+class Advised:
+    """Poses, from seat to seat in turn, and the chance that the likeliest cause is wrong: now, and
+    as foretold after the usual check and after this one."""
+
+    seats_mm: F64  # (S, 3) base frame
+    states: States
+    now: float
+    after_usual: float
+    after_this: float
+
+
+@dataclass(frozen=True)
+class Tomorrow:
+    """The next check."""
+
+    sentence: str
+    advised: Advised | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """As the result has it."""
+        found: dict[str, Any] = {"sentence": self.sentence, "seats_mm": [], "poses_deg": []}
+        if self.advised is not None:
+            found["seats_mm"] = self.advised.seats_mm.round(1).tolist()
+            found["poses_deg"] = np.degrees(self.advised.states.q).round(1).tolist()
+            found["chance_wrong"] = {
+                key: round(float(getattr(self.advised, key)), 4)
+                for key in ("now", "after_usual", "after_this")
+            }
+        return found
+
+
+def tomorrow(judgement: Judgement) -> Tomorrow:
+    """The check that settles the most doubtful change of the latest epoch."""
+    if not judgement.changed:
+        return Tomorrow("the usual check, in other poses than today's")
+    epoch = judgement.latest
+    doubtful = [
+        (told.change.probability, index)
+        for index, told in enumerate(epoch.told)
+        if told.cause is not None and told.change.probability < SURE
+    ]
+    with threadpool_limits(limits=1, user_api="blas"):
+        for _, index in sorted(doubtful):
+            found = telling(epoch, index)
+            if found is not None:
+                return found
+    return Tomorrow(
+        "the usual check, with the corrected calibration: it confirms that nothing else has changed"
+    )
+
+
+def telling(epoch: Epoch, index: int) -> Tomorrow | None:
+    """Poses on seats that tell what change number *index* was, if any do better than the usual
+    check."""
+    share, ways = by_place(epoch.ways, epoch.causes, index)
+    last = epoch.checks[-1]
+    arm, calibration = last.arm, last.calibration.content
+    at = last.reduced.last_unix_s + epoch.stack.gap_d * DAY_S
+    plan = planned(arm, calibration, at)
+    if len(share) < 2 or len(plan.seats_mm) < SEATS:
+        return None
+    checks = [check.reduced for check in epoch.checks]
+    until = min((c.first for c in epoch.found.changes if c.cause is None), default=len(checks))
+    measured = [i for i in range(until) if i not in epoch.found.bad]
+    again = checks[measured[-1]]  # its seats are projected out already
+    usual = replace(again, mean_unix_s=at, targets=np.zeros((len(again.residual), 0)))
+    of = stack([*checks, usual, as_check(plan, arm, calibration, epoch.causes)], epoch.causes)
+    after_usual, ahead = foretold(of, epoch.causes, ways, measured, range(len(checks), of.n))
+    pairs = list(combinations(range(len(plan.seats_mm)), SEATS))
+    pools = [[plan.poses_on(seat) for seat in pair] for pair in pairs]
+    whole = [float(overlap(share, ahead.rows(numbers_of(np.concatenate(p))))) for p in pools]
+    tried = [(*best_poses(share, ahead, pools[k], POSES), k) for k in np.argsort(whole)[:TRIED]]
+    chosen, _, best = min(tried, key=lambda found: found[1])
+    poses = np.array(chosen)
+    advised = Advised(
+        seats_mm=plan.seats_mm[list(pairs[best])],
+        states=plan.states.rows(poses),
+        now=1.0 - float(share[0]),
+        after_usual=chance_wrong(share, after_usual),
+        after_this=chance_wrong(share, ahead.rows(numbers_of(poses))),
+    )
+    if advised.after_this > LEFT * advised.after_usual:
+        return None
+    return Tomorrow(
+        _sentence(advised, [named(epoch.causes[k]) for k in _causes(ways, index)]), advised
+    )
+
+
+def _causes(ways: Sequence[tuple[Change, ...]], index: int) -> list[int]:
+    return [cause for way in ways if (cause := way[index].cause) is not None]
+
+
+def _sentence(advised: Advised, causes: Sequence[str]) -> str:
+    first, *others = causes
+    where = " and ".join(f"({x:.0f}, {y:.0f}, {z:.0f}) mm" for x, y, z in advised.seats_mm)
+    now, usual, this = (
+        plain(100.0 * max(chance, 1e-3))
+        for chance in (advised.now, advised.after_usual, advised.after_this)
+    )
+    return (
+        f"to tell {first} from {' and '.join(others)}: seats at about {where}, touched in turn in "
+        f"these {advised.states.n} poses (chance that the likeliest cause is wrong: {now} % now, "
+        f"{this} % then, {usual} % after the usual check)"
+    )

@@ -1,0 +1,103 @@
+"""What a factor may ask of the instants at which it is wanted, each answer worked out once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.gravity import gravity_directions, gravity_moments, gravity_torques
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.state import States, lagged
+
+#: (name by `delay_name`, temperature (n,), time (n,) s, lag s) → the temperature delayed (n,)
+Delay = Callable[[str, F64, F64, float], F64]
+
+
+def delay_name(weights: dict[str, float], lag_s: float) -> str:
+    """What tells one delayed mean of temperatures from another."""
+    return f"{weights} {lag_s}"
+
+
+class Instants:
+    """States of an arm, and what gravity and the pose make of them; *constants* (P,) pose it.
+
+    Lags are followed within each series of the states, unless a *delay* is brought.
+    """
+
+    def __init__(
+        self,
+        states: States,
+        arm: Arm,
+        reference_c: float,
+        constants: F64,
+        delay: Delay | None = None,
+    ) -> None:
+        self.reference_c = reference_c
+        self._states = states
+        self._delay = delay or self._by_series
+        self._arm = arm
+        self._constants = constants
+        self._means: dict[str, F64] = {}
+
+    @property
+    def q(self) -> F64:
+        """(n, N) rad."""
+        return self._states.q
+
+    @property
+    def time_s(self) -> F64:
+        """(n,) Unix seconds."""
+        return self._states.time_s
+
+    @cached_property
+    def rate(self) -> F64:
+        """(n, N) rad/s, 0 where missing."""
+        return np.nan_to_num(self._states.rate)
+
+    @cached_property
+    def approach(self) -> F64:
+        """(n, 3) unit vector, base frame, 0 where missing."""
+        return np.nan_to_num(self._states.approach)
+
+    @cached_property
+    def approach_of_tip(self) -> F64:
+        """(n, 3) the same in the last frame."""
+        last = forward(self.q, self._constants)[1]
+        turned: F64 = np.einsum("ni,nij->nj", self.approach, last)
+        return turned
+
+    @cached_property
+    def gravity_torques(self) -> F64:
+        """(n, N) Nm."""
+        return gravity_torques(self.q, self._constants, self._arm)
+
+    @cached_property
+    def gravity_directions(self) -> F64:
+        """(n, N, 3) unit vectors."""
+        return gravity_directions(self.q, self._constants, self._arm)
+
+    @cached_property
+    def gravity_moments(self) -> F64:
+        """(n, N, 3) Nm."""
+        return gravity_moments(self.q, self._constants, self._arm)
+
+    def mean_c(self, weights: dict[str, float], lag_s: float) -> F64:
+        """Σ weight·T (n,), delayed; a sensor without weight may be missing."""
+        name = delay_name(weights, lag_s)
+        if name not in self._means:
+            value = np.zeros(self._states.n)
+            for sensor, weight in weights.items():
+                if weight != 0:
+                    column = self._arm.sensors.index(sensor)
+                    value += weight * self._states.temperature_c[:, column]
+            if lag_s != 0:
+                value = self._delay(name, value, self.time_s, lag_s)
+            self._means[name] = value
+        return self._means[name]
+
+    def _by_series(self, _: str, value: F64, time_s: F64, lag_s: float) -> F64:
+        return lagged(time_s, value[:, None], self._states.series, lag_s)[:, 0]
