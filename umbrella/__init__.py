@@ -12,10 +12,11 @@ from armd.errors import ArmdError, BadInput
 
 if TYPE_CHECKING:
     from armd import client, joints, keys, point
-    from armd.client import ENDPOINT, Arm, connect
+    from armd.client import Arm, connect
     from armd.joints import JOINTS_ENCODING, joints_dtype
     from armd.point import POINT, POINT_ENCODING, Flag, Lost, Point
     from armd.received import Refused
+    from armd.zenoh_session import ENDPOINT
 
 __all__ = [
     "ENDPOINT",
@@ -36,15 +37,16 @@ __all__ = [
     "keys",
     "point",
 ]
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 _MODULES = ("client", "joints", "keys", "point")
 #: name → the module that it comes from
 _HOMES = {
-    "client": ("ENDPOINT", "Arm", "connect"),
+    "client": ("Arm", "connect"),
     "joints": ("JOINTS_ENCODING", "joints_dtype"),
     "point": ("POINT", "POINT_ENCODING", "Flag", "Lost", "Point"),
     "received": ("Refused",),
+    "zenoh_session": ("ENDPOINT",),
 }
 
 if not TYPE_CHECKING:  # which would take every name for one that is there

@@ -12,8 +12,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,37 +20,19 @@ import zenoh
 from zenoh import ext
 
 from armd import keys
+from armd.closing import Closing
 from armd.errors import ArmdError
 from armd.point import POINT, Lost, Point
 from armd.received import Gate, Refused
+from armd.zenoh_session import ENDPOINT, find_arm, open_session
 
-ENDPOINT = "tcp/127.0.0.1:7447"
 #: What waits for a slow reader; beyond that the oldest goes, and points count as lost.
 WAITING_POINTS = 1 << 14
 WAITING_MESSAGES = 1024
-MOST_RECEIVED_BYTES = 32 << 20  # the answer that holds a calibration file of the largest kind
 POLL_S = 0.002
 
 
-class _Closing:
-    """`with`, for what has a `close`."""
-
-    def close(self) -> None:
-        raise NotImplementedError
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
-
-class Stream(_Closing):
+class Stream(Closing):
     """One subscription. A reader that stands still delays nobody else: what waits too long is
     dropped here, the oldest first. What *gate* does not let through is passed over."""
 
@@ -108,7 +89,7 @@ class Stream(_Closing):
                 time.sleep(POLL_S)
 
 
-class Arm(_Closing):
+class Arm(Closing):
     """A connection to one arm's streams; close it, or use it in a `with`.
 
     Iterators go on for ever, or for *seconds*. Use an `Arm` from one thread.
@@ -263,58 +244,7 @@ def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: floa
     """
     session = open_session(endpoint, timeout_s)
     try:
-        return Arm(session, _find(session, serial, endpoint, timeout_s))
+        return Arm(session, find_arm(session, serial, endpoint, timeout_s))
     except BaseException:
         session.close()  # type: ignore[no-untyped-call]
         raise
-
-
-def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Session:
-    """A Zenoh session with a daemon or a router, for a program that listens to many arms.
-
-    Raises `ArmdError` if nobody answers there.
-    """
-    try:
-        return zenoh.open(_settings(endpoint, timeout_s))
-    except zenoh.ZError as error:
-        raise ArmdError(f"{endpoint}: no daemon answers within {timeout_s:g} s") from error
-
-
-def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
-    if "/" not in endpoint and not endpoint.endswith(".json5"):
-        raise ArmdError(f"endpoint: found {endpoint!r}, expected its protocol too: tcp/{endpoint}")
-    settings: dict[str, Any] = {
-        "connect/timeout_ms": round(timeout_s * 1000),
-        "transport/link/rx/max_message_size": MOST_RECEIVED_BYTES,
-    }
-    if endpoint.endswith(".json5"):
-        config = zenoh.Config.from_file(endpoint)
-    else:
-        config = zenoh.Config()
-        settings |= {
-            "mode": "client",
-            "connect/endpoints": [endpoint],
-            "scouting/multicast/enabled": False,
-        }
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
-def _find(session: zenoh.Session, serial: str | None, endpoint: str, timeout_s: float) -> str:
-    end_s = time.monotonic() + timeout_s
-    while True:
-        replies = session.liveliness().get(keys.key(serial or "*", keys.ALIVE))
-        found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
-        if len(found) == 1:
-            return found.pop()
-        if found:
-            raise ArmdError(f"{endpoint}: several arms, name one: {', '.join(sorted(found))}")
-        if time.monotonic() > end_s:
-            if serial is None:
-                raise ArmdError(f"{endpoint}: no arm within {timeout_s:g} s")
-            replies = session.liveliness().get(keys.key("*", keys.ALIVE))
-            there = sorted(str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok)
-            said = f"there is {', '.join(there)}" if there else "nor any other"
-            raise ArmdError(f"{endpoint}: no arm {serial} within {timeout_s:g} s; {said}")
-        time.sleep(0.1)

@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd.errors import BadInput
-from armd.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
-from armd.suggest import hint, keys_at
+from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
+from armd.terminal.suggest import hint, keys_at, nearest
 
 
 class Strict(BaseModel):
@@ -29,6 +29,18 @@ Model = TypeVar("Model", bound=BaseModel)
 MOST_VALUES = 100_000
 MOST_FAULTS = 100
 MOST_DOTS = 1000
+#: Letters of what was found.
+MOST_SHOWN = 80
+#: What people call a file that says of itself that it is …
+FILES = {
+    "'armd.arm/1'": "an arm.toml",
+    "'armd.daemon/1'": "an armd.toml",
+    "'armd.session/1'": "a session.toml",
+    "'armd.mpe/1'": "limits for armd verify",
+    "'armd.scenario/1'": "a scenario of armd simulate",
+    "'armd.calibration/1'": "a calibration",
+    "'armd.diagnosis/1'": "the result of armd diagnose",
+}
 
 #: What editors on Windows put before a text.
 MARKS = {codecs.BOM_UTF8: "UTF-8", codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF16_BE: "UTF-16"}
@@ -79,7 +91,9 @@ def json_data(path: str | Path, content: bytes) -> Any:
         return json.loads(text)
     except json.JSONDecodeError as error:
         where = f"line {error.lineno} column {error.colno}"
-        raise BadInput(path, where, error.msg, "valid JSON") from error
+        there = text[error.pos :].split("\n", 1)[0][:MOST_SHOWN]
+        expected = f"valid JSON ({error.msg[:1].lower()}{error.msg[1:]})"
+        raise BadInput(path, where, repr(there) if there else "the end", expected) from error
     except (RecursionError, ValueError) as error:
         raise _hostile(path, error) from error
 
@@ -161,12 +175,20 @@ def _key(
     return key
 
 
+def _schema(quoted: str) -> str:
+    return f"{FILES[quoted]} ({quoted})" if quoted in FILES else quoted
+
+
 def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
     match fault["type"]:
         case "armd_key":
             return fault["ctx"]["found"], fault["ctx"]["expected"]
         case "missing":
-            return "nothing", "this key"
+            *table, key = fault["loc"]
+            there = set(fault["input"]) if isinstance(fault["input"], dict) else set()
+            strange = sorted(there.difference(keys_at(model, table)))
+            like = nearest(str(key), strange)
+            return (f"{like!r} instead" if like else "nothing"), "this key"
         case "extra_forbidden":
             *table, key = fault["loc"]
             known = keys_at(model, table)
@@ -174,6 +196,14 @@ def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
         case "union_tag_invalid":
             return repr(fault["ctx"]["tag"]), f"one of {fault['ctx']['expected_tags']}"
     shown = repr(fault["input"])
-    found = shown if len(shown) <= 80 else shown[:77] + "..."
+    found = shown if len(shown) <= MOST_SHOWN else shown[: MOST_SHOWN - 3] + "..."
+    match fault["type"]:
+        case "too_short" | "too_long" if isinstance(fault["input"], list):
+            least = "at least" if fault["type"] == "too_short" else "at most"
+            bound = fault["ctx"]["min_length" if fault["type"] == "too_short" else "max_length"]
+            return f"{len(fault['input'])} entries", f"{least} {bound}"
+        case "literal_error" if fault["loc"] == ("schema",):
+            expected = fault["ctx"]["expected"]
+            return _schema(found), _schema(expected)
     message = fault["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
     return found, message

@@ -9,10 +9,11 @@ from __future__ import annotations
 import errno
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from armd.errors import BadInput
+from armd.terminal.suggest import near, within
 
 #: What a person or armd writes as JSON: a covariance of 300 parameters takes 2.5 MB.
 MOST_JSON_BYTES = 8 << 20
@@ -37,7 +38,7 @@ _REFUSALS = {
 }
 
 
-def open_input(path: str | Path) -> BinaryIO:
+def open_input(path: str | Path) -> BufferedReader:
     """Open a regular file for reading, without ever waiting for it; raises `BadInput`."""
     try:
         # Not blocking: to open a FIFO would else last until somebody writes to it.
@@ -49,7 +50,8 @@ def open_input(path: str | Path) -> BinaryIO:
     kind = stat.S_IFMT(os.fstat(handle).st_mode)
     if kind != stat.S_IFREG:
         os.close(handle)
-        raise BadInput(path, "the file", _KINDS.get(kind, "no file"), "a regular file")
+        has = within(Path(path)) if kind == stat.S_IFDIR else ""
+        raise BadInput(path, "the file", _KINDS.get(kind, "no file") + has, "a regular file")
     return os.fdopen(handle, "rb")
 
 
@@ -77,5 +79,7 @@ def check_input(path: str | Path) -> None:
 
 def _refused(path: str | Path, error: OSError) -> BadInput:
     found = _REFUSALS.get(error.errno or 0) or error.strerror or "an error"
-    expected = "an existing file" if found == "nothing" else "a file that can be read"
+    expected = "a file that can be read"
+    if found == "nothing":
+        expected = f"an existing file{near(Path(path))}"
     return BadInput(path, "the file", found, expected)

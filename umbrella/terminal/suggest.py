@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -14,19 +17,47 @@ if TYPE_CHECKING:
 ALIKE = 0.7
 #: So many words can be read in one line.
 MOST_SHOWN = 12
+#: A folder may have any number of files; these are compared in some milliseconds.
+MOST_COMPARED = 500
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """`: did you mean alpha_deg?`, or nothing."""
+    like = nearest(word, known)
+    return f": did you mean {like}?" if like else ""
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """The one of *known* that is most like *word*, if it is like it at all."""
     by_lower = {name.lower(): name for name in known}
-    near = difflib.get_close_matches(word.lower(), by_lower, 1, ALIKE)
-    return f": did you mean {by_lower[near[0]]}?" if near else ""
+    found = difflib.get_close_matches(word.lower(), by_lower, 1, ALIKE)
+    return by_lower[found[0]] if found else None
 
 
 def hint(word: str, known: Iterable[str]) -> str:
     """`: did you mean alpha_deg?`, or where none is near, `: theta_deg, d_mm, …`."""
     names = list(known)
     return did_you_mean(word, names) or (f": {few(names)}" if names else "")
+
+
+def near(path: Path) -> str:
+    """`: did you mean src/T20?` of a path that leads nowhere, or nothing."""
+    like = nearest(path.name, _names(path.parent))
+    return f": did you mean {path.parent / like}?" if like else ""
+
+
+def within(folder: Path) -> str:
+    """` (it has arm.toml, armd.toml)`: the files of a folder, or nothing."""
+    files = sorted(name for name in _names(folder) if (folder / name).is_file())
+    return f" (it has {few(files)})" if files else ""
+
+
+def _names(folder: Path) -> list[str]:
+    try:
+        with os.scandir(folder) as entries:
+            return [entry.name for entry in islice(entries, MOST_COMPARED)]
+    except (OSError, ValueError):
+        return []
 
 
 def few(names: Iterable[str]) -> str:

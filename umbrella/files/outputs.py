@@ -16,14 +16,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armd.errors import BadInput
-from armd.files import check_folder, check_place, same_place
+from armd.files.writing import check_folder, check_place, same_place
 
 _HEAD_BYTES = 1 << 16
 _SESSION_FILES = ("session.toml", "readings.csv", "readings.parquet")
 
 
 @dataclass(frozen=True)
-class Kind:
+class OutputKind:
     """A kind of output, and how one that was written before is told: by its first 64 kB."""
 
     name: str
@@ -63,18 +63,20 @@ def _is_truth(head: bytes) -> bool:
     return b"\0" in head and not head.startswith(b"\x89MCAP")
 
 
-CALIBRATION = Kind("a calibration", _is_calibration)
-RESULT = Kind("a result of armd", _is_result)
-PAGE = Kind("a report of armd", lambda head: b'<meta name="generator" content="armd">' in head)
-PDF = Kind("a report as PDF", None)
-POINTS = Kind("a table of points", _has_columns("x_mm", "y_mm", "z_mm", "flags"))
-POSES = Kind("a table of poses", _has_columns("pose", "x_mm"))
-RECORDING = Kind("a recording", None)
-ARM = Kind("an arm.toml", None)
-SESSION = Kind("a session's file", None)
-TRUTH = Kind("a simulator's truth", _is_truth)
-SETTINGS = Kind("a simulator's settings", lambda head: _json_key(head, "plants") is not None)
-FAULT_LOG = Kind("a simulator's fault log", lambda head: head.startswith(b'{"event": '))
+CALIBRATION = OutputKind("a calibration", _is_calibration)
+RESULT = OutputKind("a result of armd", _is_result)
+PAGE = OutputKind(
+    "a report of armd", lambda head: b'<meta name="generator" content="armd">' in head
+)
+PDF = OutputKind("a report as PDF", None)
+POINTS = OutputKind("a table of points", _has_columns("x_mm", "y_mm", "z_mm", "flags"))
+POSES = OutputKind("a table of poses", _has_columns("pose", "x_mm"))
+RECORDING = OutputKind("a recording", None)
+ARM = OutputKind("an arm.toml", None)
+SESSION = OutputKind("a session's file", None)
+TRUTH = OutputKind("a simulator's truth", _is_truth)
+SETTINGS = OutputKind("a simulator's settings", lambda head: _json_key(head, "plants") is not None)
+FAULT_LOG = OutputKind("a simulator's fault log", lambda head: head.startswith(b'{"event": '))
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:
@@ -87,7 +89,7 @@ def add_force(parser: argparse.ArgumentParser) -> None:
 
 
 def check_outputs(
-    outputs: Mapping[str, tuple[str | Path | None, Kind]],
+    outputs: Mapping[str, tuple[str | Path | None, OutputKind]],
     inputs: Iterable[str | Path | None],
     force: bool,
 ) -> None:
@@ -116,7 +118,7 @@ def check_outputs(
 def check_same(
     path: Path,
     content: bytes | str,
-    kind: Kind,
+    kind: OutputKind,
     force: bool,
     inputs: Iterable[str | Path | None] = (),
 ) -> None:
@@ -142,7 +144,7 @@ def check_output_folder(folder: Path) -> None:
         raise BadInput(folder, "the folder", "a name too long for its disk", "a shorter one")
 
 
-def _check_kind(path: Path, option: str, kind: Kind) -> None:
+def _check_kind(path: Path, option: str, kind: OutputKind) -> None:
     if not path.exists() or path.stat().st_size == 0:
         return
     with path.open("rb") as file:

@@ -1,0 +1,8 @@
+"""Arrays by what stands in them; their shapes are said where they are used."""
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]  # real numbers, NaN missing
+I64 = npt.NDArray[np.int64]  # numbers of rows, places, groups
+Mask = npt.NDArray[np.bool_]  # which of them

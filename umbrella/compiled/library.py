@@ -1,0 +1,121 @@
+"""The library of functions compiled ahead: machine code that needs no compiler to be loaded.
+
+`armd.daemon.ahead` makes it, of every function that a daemon calls, for the kinds of arguments that
+it calls them with. A function is found in it by its name and these kinds; where it is not, numba
+compiles it (`armd.compiled.jit`).
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import sysconfig
+from collections.abc import Hashable
+from importlib.machinery import ExtensionFileLoader
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import platformdirs
+
+#: Of numpy's flags of an array: contiguous in C's order (0x1), aligned (0x100), writeable (0x400).
+LAYOUT = 0x501
+#: Scalars by what they become in a compiled function.
+_SCALARS: dict[type, str] = {
+    bool: "b1", np.bool: "b1", int: "i8", np.int64: "i8", float: "f8", np.float64: "f8",
+}  # fmt: skip
+
+
+def cache_folder() -> Path:
+    """NUMBA_CACHE_DIR if set, else systemd's CACHE_DIRECTORY, else the user's cache folder."""
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(chosen).absolute()
+    if chosen := os.environ.get("CACHE_DIRECTORY"):
+        return Path(chosen.split(":")[0]) / "numba"  # systemd lists several with colons
+    return Path(platformdirs.user_cache_dir("armd")) / "numba"
+
+
+@functools.cache
+def sources() -> str:
+    """What tells one state of the compiled functions' sources from another.
+
+    Numba compiles a function anew when its own file has changed, not when a function it calls has
+    changed in another file: so every state of them all has a folder, and a library, of its own.
+    """
+    rooms = Path(__file__).parents[1]
+    digest = hashlib.sha256(Path(__file__).with_name("compiler.py").read_bytes())
+    for room in ("drivers", "compensation", "daemon"):
+        for file in sorted((rooms / room).rglob("*.py")):
+            source = file.read_bytes()
+            if b"@jit" in source or b"@inlined" in source:
+                digest.update(source)
+    return digest.hexdigest()[:12]
+
+
+def file_name() -> str:
+    """The library's, for this state of the sources and this Python."""
+    return f"kernel_{sources()}{sysconfig.get_config_var('EXT_SUFFIX')}"
+
+
+def places() -> tuple[Path, Path]:
+    """Where the library may lie: delivered with armd, or made here."""
+    return Path(__file__).parents[1] / file_name(), cache_folder() / file_name()
+
+
+def do_without() -> None:
+    """From here on nothing is found in a library: for one to be made."""
+    global _without
+    _without = True
+
+
+_without = False
+
+
+@functools.cache
+def loaded() -> ModuleType | None:
+    """The library, or None where there is none that this machine can load."""
+    for path in places():
+        if _without or not path.exists():
+            continue
+        try:
+            name = path.name.partition(".")[0]
+            spec = spec_from_file_location(name, path, loader=ExtensionFileLoader(name, str(path)))
+            assert spec is not None and spec.loader is not None
+            library = module_from_spec(spec)
+            spec.loader.exec_module(library)
+        except (ImportError, OSError):
+            continue
+        return library
+    return None
+
+
+def kind(value: Any) -> Hashable:
+    """What a compiled function needs to know of an argument beforehand."""
+    if type(value) is np.ndarray:
+        return value.dtype, value.ndim, value.flags.num & LAYOUT
+    if isinstance(value, tuple):
+        return type(value), tuple(map(kind, value))
+    made: type = type(value)
+    return _SCALARS.get(made, made)
+
+
+def symbol(name: str, kinds: Hashable) -> str:
+    """Under which the library has the function *name* (module.function) for arguments so."""
+    digest = hashlib.sha256(_written(kinds).encode()).hexdigest()[:12]
+    return f"{name.replace('.', '_')}_{digest}"
+
+
+def _written(kinds: Hashable) -> str:
+    """The same in every run of every numpy."""
+    match kinds:
+        case tuple():
+            return f"({', '.join(map(_written, kinds))})"
+        case np.dtype():
+            return f"{kinds.str} {kinds.descr} {kinds.shape}"
+        case type():
+            return kinds.__name__
+        case _:
+            return str(kinds)

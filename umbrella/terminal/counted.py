@@ -1,0 +1,8 @@
+"""So many of something, as a person writes it."""
+
+from __future__ import annotations
+
+
+def counted(n: int, noun: str) -> str:
+    """`1 reading`, `3 readings`; *noun* is regular."""
+    return f"{n} {noun}{'' if n == 1 else 's'}"

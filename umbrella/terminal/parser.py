@@ -1,0 +1,76 @@
+"""A command line whose faults are told as those of files are: in one line, with what was meant."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from armd.terminal.suggest import did_you_mean
+
+
+class Parser(argparse.ArgumentParser):
+    """Of a command, or of armd with all of them."""
+
+    #: shown where something is missing
+    example = ""
+    _words: Sequence[str] = ()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse does; the words are kept for `error`."""
+        self._words = list(sys.argv[1:] if args is None else args)
+        return super().parse_known_args(args, namespace)
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse does, but for words that nobody takes: see `refuse`."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            self.refuse(unknown)
+        return found
+
+    def refuse(self, unknown: Sequence[str]) -> NoReturn:
+        """Exit code 2 for words that are no options of this command, and not one of its own."""
+        option = next((word for word in unknown if word.startswith("-")), None)
+        if option is None:
+            self.error(f"found {' '.join(map(repr, unknown))}, expected nothing more")
+        name = option.partition("=")[0]
+        known = _options(self)
+        if name in known:  # of a command, and before it
+            self.error(f"found {name} here, expected the command first")
+        self.error(f"found {name}, expected an option{did_you_mean(name, known)}")
+
+    def error(self, message: str) -> NoReturn:
+        """In one line: argparse would print all options before it."""
+        told = " ".join(message.split())
+        if "required" in told:  # misspelt, it is not missing
+            known = _options(self)
+            names = [word.partition("=")[0] for word in self._words if word.startswith("--")]
+            strange = [name for name in names if not any(one.startswith(name) for one in known)]
+            if strange:
+                self.refuse(strange)
+        more = f"{self.prog} --help"
+        if "required" in told and self.example:
+            told, more = f"{told}, as in: {self.example}", f"more: {more}"
+        print(f"armd: command line: {self.prog}: {told} ({more})", file=sys.stderr)
+        sys.exit(2)
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Of an argument with a list of choices."""
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            raise argparse.ArgumentError(
+                action,
+                f"found {value!r}, expected one of {', '.join(known)}"
+                f"{did_you_mean(str(value), known)}",
+            )
+
+
+def _options(parser: argparse.ArgumentParser) -> list[str]:
+    """Of the parser and of those below it."""
+    found = list(parser._option_string_actions)  # argparse shows them nowhere else
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                found += _options(below)
+    return found

@@ -1,0 +1,76 @@
+"""A Zenoh session with a daemon or a router, and the one arm there."""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+import zenoh
+
+from armd import keys
+from armd.errors import ArmdError
+
+ENDPOINT = "tcp/127.0.0.1:7447"
+MOST_RECEIVED_BYTES = 32 << 20  # the answer that holds a calibration file of the largest kind
+
+
+def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Session:
+    """A Zenoh session with a daemon or a router, for a program that listens to many arms.
+
+    Raises `ArmdError` if nobody answers there.
+    """
+    try:
+        return zenoh.open(_settings(endpoint, timeout_s))
+    except zenoh.ZError as error:
+        raise ArmdError(
+            f"{endpoint}: no daemon answers within {timeout_s:g} s: is it running (armd run"
+            " armd.toml), and does it listen there? (armd demo prints its endpoint)"
+        ) from error
+
+
+def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
+    if "://" in endpoint:
+        expected = endpoint.replace("://", "/").rstrip("/")
+        raise ArmdError(f"endpoint: found {endpoint!r}, expected it as Zenoh has it: {expected}")
+    if "/" not in endpoint and not endpoint.endswith(".json5"):
+        raise ArmdError(f"endpoint: found {endpoint!r}, expected its protocol too: tcp/{endpoint}")
+    protocol, _, address = endpoint.partition("/")
+    if protocol in ("tcp", "tls", "quic", "udp", "ws") and ":" not in address:
+        raise ArmdError(f"endpoint: found {endpoint!r}, expected its port too: {endpoint}:7447")
+    settings: dict[str, Any] = {
+        "connect/timeout_ms": round(timeout_s * 1000),
+        "transport/link/rx/max_message_size": MOST_RECEIVED_BYTES,
+    }
+    if endpoint.endswith(".json5"):
+        config = zenoh.Config.from_file(endpoint)
+    else:
+        config = zenoh.Config()
+        settings |= {
+            "mode": "client",
+            "connect/endpoints": [endpoint],
+            "scouting/multicast/enabled": False,
+        }
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def find_arm(session: zenoh.Session, serial: str | None, endpoint: str, timeout_s: float) -> str:
+    """The serial number of the arm, the only one or the one named; raises `ArmdError`."""
+    end_s = time.monotonic() + timeout_s
+    while True:
+        replies = session.liveliness().get(keys.key(serial or "*", keys.ALIVE))
+        found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
+        if len(found) == 1:
+            return found.pop()
+        if found:
+            raise ArmdError(f"{endpoint}: several arms, name one: {', '.join(sorted(found))}")
+        if time.monotonic() > end_s:
+            if serial is None:
+                raise ArmdError(f"{endpoint}: no arm within {timeout_s:g} s")
+            replies = session.liveliness().get(keys.key("*", keys.ALIVE))
+            there = sorted(str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok)
+            said = f"there is {', '.join(there)}" if there else "nor any other"
+            raise ArmdError(f"{endpoint}: no arm {serial} within {timeout_s:g} s; {said}")
+        time.sleep(0.1)
