@@ -1,4 +1,4 @@
-"""The command `armd`: one visible table of commands, each a module of its own."""
+"""The command `armd`: one visible table of commands, by rooms, each a module of its own."""
 
 from __future__ import annotations
 
@@ -8,52 +8,66 @@ import io
 import keyword
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from armd import __version__
-from armd.daemon.terminal import hush
-from armd.daemon.usage import USAGE
+from armd.daemon.commands.terminal import hush
+from armd.daemon.commands.usage import USAGE
 from armd.errors import ArmdError, BadInput
-from armd.printable import printable
-from armd.suggest import did_you_mean
+from armd.terminal.parser import Parser
+from armd.terminal.printable import printable
+from armd.terminal.suggest import did_you_mean
 
-#: name (and module in `armd.daemon.commands`) → its line in `armd --help`
-COMMANDS = {
-    "demo": "a simulated arm, live, no hardware needed",
-    "run": "the daemon: read an arm, correct, publish",
-    "accept": "take the servos' offsets found last as the arm's own",
-    "simulate": "a simulated arm on the wire, or simulated measuring sessions",
-    "watch": "live read-out of an arm",
-    "status": "state of a running daemon, for people and scripts",
-    "tip": "tips: list, use, calibrate, history",
-    "reload": "have a daemon read its calibration again",
-    "record": "record frames, samples and points to an MCAP file",
-    "replay": "play a recording back through decoder and kernel",
-    "view": "the page: the arm live in a browser",
-    "ippdme": "an I++ DME server for inspection software",
-    "ros2": "native ROS 2 topics, without ROS on the controller",
-    "fleet": "all arms that can be heard: state, rate, lost, temperatures, calibration",
-    "stream": "text lines over TCP: one per measurement, or per point",
-    "export": "measurements to .csv, .xyz, .ply or .qif, a recording to Foxglove's .mcap",
-    "measure": "lead through a measurement, to its calibration, certificate or diagnosis",
-    "feature": "lines, planes, circles, spheres, cylinders through measurements; distances, angles",
-    "correct": "correct readings offline, same kernel",
-    "interim": "short checks over time: in control or changed, when, and why",
-    "recorrect": "measurements corrected again by a later calibration",
-    "calibrate": "identify geometry and thermal model from sessions",
-    "evaluate": "residuals of sessions under a model",
-    "verify": "ISO 10360-12 and ASME B89.4.22 results with a verdict",
-    "diagnose": "what the model gets wrong, why, and the gain of mending it",
-    "design": "the poses to measure next",
-    "check": "validate any armd file",
-    "init": "a folder with arm.toml and armd.toml to start from",
-    "import": "a table of readings (CSV, Excel) as a session, a URDF as an arm.toml",
-    "schema": "JSON schemas of armd's files, for an editor",
-    "doctor": "what is on this machine's ports, and what stands in the way",
-    "arm": "nominal geometry of arms that people own, as an arm.toml to start from",
+#: room of `armd.daemon.commands` → name of a command (and its module) → its line in `armd --help`
+ROOMS = {
+    "service": {
+        "demo": "a simulated arm, live, no hardware needed",
+        "run": "the daemon: read an arm, correct, publish",
+        "accept": "take the servos' offsets found last as the arm's own",
+        "simulate": "a simulated arm on the wire, or simulated measuring sessions",
+        "replay": "play a recording back through decoder and kernel",
+    },
+    "live": {
+        "watch": "live read-out of an arm",
+        "status": "state of a running daemon, for people and scripts",
+        "tip": "tips: list, use, calibrate, history",
+        "reload": "have a daemon read its calibration again",
+        "record": "record frames, samples and points to an MCAP file",
+        "view": "the page: the arm live in a browser",
+        "ippdme": "an I++ DME server for inspection software",
+        "ros2": "native ROS 2 topics, without ROS on the controller",
+        "fleet": "all arms that can be heard: state, rate, lost, temperatures, calibration",
+        "stream": "text lines over TCP: one per measurement, or per point",
+        "export": "measurements to .csv, .xyz, .ply or .qif, a recording to Foxglove's .mcap",
+        "measure": "lead through a measurement, to its calibration, certificate or diagnosis",
+    },
+    "offline": {
+        "feature": "lines, planes, circles and their like through measurements; distances, angles",
+        "correct": "correct readings offline, same kernel",
+        "interim": "short checks over time: in control or changed, when, and why",
+        "recorrect": "measurements corrected again by a later calibration",
+        "calibrate": "identify geometry and thermal model from sessions",
+        "evaluate": "residuals of sessions under a model",
+        "verify": "ISO 10360-12 and ASME B89.4.22 results with a verdict",
+        "diagnose": "what the model gets wrong, why, and the gain of correcting it",
+        "design": "the poses to measure next",
+    },
+    "setup": {
+        "init": "a folder with arm.toml and armd.toml to start from",
+        "arm": "nominal geometry of arms that people own, as an arm.toml to start from",
+        "doctor": "what is on this machine's ports, and what stands in the way",
+        "import": "a table of readings (CSV, Excel) as a session, a URDF as an arm.toml",
+        "check": "validate any armd file",
+        "schema": "JSON schemas of armd's files, for an editor",
+        "completion": "completion of commands and options, for bash, zsh or fish",
+        "man": "this help as a man page",
+    },
 }
+COMMANDS = {name: line for room in ROOMS.values() for name, line in room.items()}
 
 
+#: Packages of the extra "offline": what a daemon and its subscribers never need.
+OFFLINE = frozenset({"llvmlite", "matplotlib", "numba", "pyarrow", "scipy", "threadpoolctl"})
 #: Exit code where nobody reads what is written: that of a program which SIGPIPE has ended.
 CUT_OFF = 141
 
@@ -70,6 +84,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ArmdError as error:
         said = "\n".join(printable(line) for line in str(error).splitlines())
         print(f"armd: {said}", file=sys.stderr)
+        return 2
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in OFFLINE:
+            raise
+        install = f"{sys.executable} -m pip install 'armd[offline]'"
+        print(
+            f"armd: {error.name}: found no such package; this needs it: {install}", file=sys.stderr
+        )
         return 2
     except BrokenPipeError:
         hush()
@@ -92,7 +114,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def module_of(name: str) -> str:
     """Where a command is; one that is a word of Python's own has an underscore after it."""
-    return f"armd.daemon.commands.{name}{'_' * keyword.iskeyword(name)}"
+    room = next(room for room, names in ROOMS.items() if name in names)
+    return f"armd.daemon.commands.{room}.{name}{'_' * keyword.iskeyword(name)}"
 
 
 def _run(arguments: list[str]) -> int:
@@ -100,37 +123,66 @@ def _run(arguments: list[str]) -> int:
         if any("\ud800" <= letter <= "\udfff" for letter in argument):  # bytes of another coding
             raise BadInput("command line", f"argument {number}", ascii(argument), "UTF-8 text")
     if arguments[:1] == ["simulate"]:  # a program of its own, options and help included
-        from armd.daemon.commands import simulate
+        from armd.daemon.commands.service import simulate
 
         simulate.become(arguments[1:])
-    parser = argparse.ArgumentParser(
-        prog="armd",
-        description="The open driver for articulated measuring arms.",
-        epilog="armd COMMAND --help: options, an example, units, exit codes, the page in docs/.",
-    )
-    parser.add_argument("--version", action="version", version=f"armd {__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    # Only the chosen command's module is imported: `armd check` should not pay for Zenoh.
     chosen = next((word for word in arguments if not word.startswith("-")), None)
     if chosen == "run":  # before anything is read, a reload has nothing to do
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if chosen is not None and chosen not in COMMANDS:
         guess = did_you_mean(chosen, COMMANDS) or " (armd --help lists them)"
         raise BadInput("command line", "COMMAND", repr(chosen), f"a command of armd{guess}")
-    module = None
+    # Only the chosen command's module is imported: `armd check` should not pay for Zenoh.
+    parser, commands = parsers([chosen] if chosen else [])
+    if chosen is None and not {*arguments} & {"-h", "--help", "--version"}:
+        if arguments:
+            parser.refuse(arguments)
+        expected = "a command: armd --help lists them, armd demo wants no hardware"
+        raise BadInput("command line", "COMMAND", "nothing", expected)
+    namespace, unknown = parser.parse_known_args(arguments)
+    assert chosen is not None  # argparse has refused everything else
+    if unknown:
+        commands[chosen].refuse(unknown)
+    computes = chosen == "run" or not getattr(namespace, "quiet", True)
+    if computes and sys.stderr is not None and sys.stderr.isatty():
+        from armd.terminal.aside import tell_of_compiling  # rich takes long to load
+
+        tell_of_compiling()
+    return int(importlib.import_module(module_of(chosen)).run(namespace))
+
+
+def parsers(whole: Collection[str]) -> tuple[Parser, dict[str, Parser]]:
+    """The parser of `armd`, and those of its commands by name; the ones in *whole* have all their
+    options, the others only their line in `armd --help`."""
+    parser = Parser(
+        prog="armd",
+        description="The open driver for articulated measuring arms.",
+        epilog="armd COMMAND --help: options, an example, units, exit codes, the page in docs/.",
+    )
+    parser.add_argument("--version", action="version", version=f"armd {__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    each = {}
     for name, help_line in COMMANDS.items():
         description = help_line[:1].upper() + help_line[1:] + "."
-        command = commands.add_parser(name, help=help_line, description=description)
-        if name == chosen:
-            module = importlib.import_module(module_of(name))
-            module.add_arguments(command)
+        each[name] = command = commands.add_parser(name, help=help_line, description=description)
+        if name in whole:
+            importlib.import_module(module_of(name)).add_arguments(command)
             if name in USAGE:
                 command.formatter_class = argparse.RawDescriptionHelpFormatter
                 own = f"{command.epilog}\n\n" if command.epilog else ""
                 command.epilog = own + USAGE[name].text()
-    namespace = parser.parse_args(arguments)
-    assert module is not None  # argparse has refused everything else
-    return int(module.run(namespace))
+                _exemplify(command, USAGE[name].examples)
+    return parser, each
+
+
+def _exemplify(command: Parser, examples: Sequence[str]) -> None:
+    """Give it, and those below it, the first of the examples that is one of theirs."""
+    own = [example for example in examples if example.startswith(f"{command.prog} ")]
+    command.example = own[0] if own else ""
+    for action in command._actions:  # argparse shows them nowhere else
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                _exemplify(below, examples)
 
 
 if __name__ == "__main__":

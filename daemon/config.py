@@ -13,7 +13,7 @@ from armd.compensation.model.arm import Arm, Offset, load_arm
 from armd.drivers.config import DriverConfig, ReplayConfig, ServoConfig
 from armd.drivers.poll.family import COUNTS_PER_TURN
 from armd.errors import BadInput
-from armd.schema import Strict, load_toml
+from armd.files.schema import Strict, load_toml
 
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 Endpoint = Annotated[str, Field(pattern=r"^[a-z0-9-]+/.+$", description="e.g. tcp/127.0.0.1:7447")]

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import Flag
+from armd.compiled.jit import jit
 from armd.daemon.live.pipeline import PointArray
 from armd.drivers.sample import SampleArray
-from armd.jit import jit
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from armd import JOINTS_ENCODING, POINT, POINT_ENCODING, Flag, __version__, joints_dtype, keys
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.daemon.config import Config
+from armd.daemon.config import Config, Tip
 
 UNITS = {
     "position": "mm",
@@ -20,9 +21,13 @@ UNITS = {
 
 
 def describe(
-    config: Config, calibration: LoadedCalibration | None, tip: str | None
+    config: Config,
+    calibration: LoadedCalibration | None,
+    tip: str | None,
+    tips: Mapping[str, Tip],
 ) -> dict[str, Any]:
-    """Plain JSON data."""
+    """Plain JSON data; *tips* are those to choose from, of which *tip* is in use."""
+    configuration = config.file.model_copy(update={"tips": dict(tips)})
     joints = joints_dtype(config.arm.n_joints)
     return {
         "armd": __version__,
@@ -44,7 +49,7 @@ def describe(
             "layout": _layout(joints),
         },
         "driver": config.file.driver.kind,
-        "configuration": config.file.model_dump(mode="json", by_alias=True),
+        "configuration": configuration.model_dump(mode="json", by_alias=True),
         "commands_enabled": config.file.commands.enabled,
     }
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from armd.errors import BadInput
-from armd.inputs import read_input
+from armd.files.inputs import read_input
 
 #: How often the folder is looked at, s.
 LOOK_S = 5.0

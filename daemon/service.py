@@ -15,20 +15,21 @@ import zenoh
 
 from armd import keys
 from armd.daemon.config import Config
+from armd.daemon.files.kept_tips import asked_tip
+from armd.daemon.files.measurement_log import MeasurementLog, log_folder
 from armd.daemon.host import root
 from armd.daemon.host.awake import Awake
-from armd.daemon.host.journal import Log
+from armd.daemon.host.journal import Journal
 from armd.daemon.host.priority import sender_goes_first
 from armd.daemon.host.systemd import Systemd
 from armd.daemon.info import calibration_text, describe
 from armd.daemon.live.arm_in_use import ArmInUse
-from armd.daemon.live.changes import Changes
+from armd.daemon.live.changes import Answer, Changes
 from armd.daemon.live.measurement import Averager, Press, Trigger, known
 from armd.daemon.live.pipeline import Joints, PointArray
-from armd.daemon.measurement_log import MeasurementLog, log_folder
 from armd.daemon.network.publisher import Publisher
 from armd.daemon.network.queries import Queries
-from armd.daemon.network.rival import Rival
+from armd.daemon.network.rival import RivalWatch
 from armd.daemon.supervisor import Supervisor
 from armd.drivers.sample import Driver, Event, SampleArray, Temperatures
 from armd.errors import ArmdError
@@ -69,13 +70,14 @@ class Service:
             {
                 "reload": lambda _, answer: changes.reload(answer),
                 "tip": lambda asked, answer: changes.select_tip(asked.get("name") or "", answer),
+                "keep_tip": self._keep_tip,
             }
             if config.file.commands.enabled
             else None,
         )
-        self._rival = Rival(session, serial)
+        self._rival = RivalWatch(session, serial)
         self._averager = Averager(config.file.measurement.average_s, config.arm.n_joints)
-        self._log = Log()
+        self._log = Journal()
         # What is played again was logged when it was measured.
         logged = config.file.measurement.log and config.driver.kind != "replay"
         self._measured = MeasurementLog(log_folder(serial)) if logged else None
@@ -159,6 +161,7 @@ class Service:
     def _measure(self, trigger: Trigger, row: int, points: PointArray, joints: Joints) -> None:
         still_since_ns = int(joints.still_since_ns[row])
         measurement = self._averager.average(trigger, points[row], still_since_ns)
+        tip = self._arm.tip_in_use
         line = self._publisher.measurements.put(
             measurement.as_json()
             | {
@@ -166,10 +169,21 @@ class Service:
                 "approach": known(joints.approach[row]),
                 "temperatures_c": self._arm.pipeline.temperature.as_json(),
                 "tip": self._arm.tip,
+                "tip_offset_mm": tip.offset_mm,
+                "tip_radius_mm": tip.radius_mm,
             }
         )
         if self._measured is not None:
             self._measured.add(line)
+
+    def _keep_tip(self, asked: zenoh.Parameters, answer: Answer) -> None:
+        try:
+            words = [asked.get(key) or "" for key in ("name", "offset_mm", "radius_mm")]
+            name, tip = asked_tip(*words)
+        except ArmdError as error:
+            answer(str(error), False)
+        else:
+            self._changes.keep_tip(name, tip, answer)
 
     # --- events --------------------------------------------------------------------------
 

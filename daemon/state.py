@@ -74,7 +74,7 @@ def assess(seen: Seen) -> tuple[State, str]:
     if seen.flags & CLOCK:
         return State.DEGRADED, "the device's clock is not mapped: stamps are arrival times"
     if seen.lossy:
-        return State.DEGRADED, "samples are being lost before the daemon"
+        return State.DEGRADED, "samples are being lost before the daemon; armd status counts why"
     if seen.late_s > LATE_S:
         late = f"points come {seen.late_s:.1f} s late: more arrives than can be read"
         return State.DEGRADED, late

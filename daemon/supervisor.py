@@ -133,6 +133,7 @@ class Supervisor:
             "reason": self.reason,
             "uptime_s": round((now_ns - self._started_ns) * 1e-9, 1),
             "connected": self._driver.connected,
+            "source": "replay" if self._replays else "live",
             "silent_s": self._silent_s(now_ns),
             "rates": {"points_hz": round(second.rate_hz, 1)},
             "points": {"published": self._tally.published, "flagged": dict(self._tally.flagged)},

@@ -11,7 +11,7 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Tip:
+class CmmTip:
     """A ball on a shaft."""
 
     offset_mm: Vector
@@ -26,11 +26,11 @@ class Tips:
         """Of the arm's `info`."""
         own = info["arm"]["tip"]
         radius_mm = own["radius_mm"]
-        self.by_name: dict[str | None, Tip] = {None: Tip(_vector(own["offset_mm"]), radius_mm)}
+        self.by_name: dict[str | None, CmmTip] = {None: CmmTip(vector(own["offset_mm"]), radius_mm)}
         for name, tip in info["configuration"]["tips"].items():
             given = tip.get("radius_mm")
-            self.by_name[name] = Tip(
-                _vector(tip["offset_mm"]), radius_mm if given is None else given
+            self.by_name[name] = CmmTip(
+                vector(tip["offset_mm"]), radius_mm if given is None else given
             )
 
     @property
@@ -38,19 +38,25 @@ class Tips:
         """Of armd.toml, in its order."""
         return [name for name in self.by_name if name is not None]
 
-    def get(self, name: str | None) -> Tip:
+    def get(self, name: str | None) -> CmmTip:
         """A name that is not known, as that of a tip configured since, gives the arm's own."""
         return self.by_name.get(name) or self.by_name[None]
+
+    def used_in(self, measurement: Mapping[str, Any]) -> CmmTip:
+        """As it was known then, where the measurement tells it: it may be calibrated anew since."""
+        if measurement.get("tip_offset_mm") is None:
+            return self.get(measurement["tip"])
+        return CmmTip(vector(measurement["tip_offset_mm"]), measurement["tip_radius_mm"])
 
     def out_of_material(self, measurement: Mapping[str, Any]) -> Vector:
         """Unit vector: back along the travel before the rest, else the shaft's direction."""
         if measurement["approach"] is not None:
             x, y, z = measurement["approach"]
             return 0.0 - x, 0.0 - y, 0.0 - z  # not -0.0
-        return shaft(measurement["orientation"], self.get(measurement["tip"]))
+        return shaft(measurement["orientation"], self.used_in(measurement))
 
 
-def shaft(orientation: Any, tip: Tip) -> Vector:
+def shaft(orientation: Any, tip: CmmTip) -> Vector:
     """Unit vector from the tip to the wrist, base frame; *orientation* x y z w of the last frame.
 
     A tip at the last frame's origin has its shaft along that frame's z.
@@ -72,6 +78,7 @@ def rotated(quaternion: Any, v: Vector) -> Vector:
     )
 
 
-def _vector(values: Any) -> Vector:
+def vector(values: Any) -> Vector:
+    """Of JSON."""
     x, y, z = values
     return x, y, z

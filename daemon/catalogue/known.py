@@ -10,8 +10,8 @@ from importlib.resources import files
 
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
-from armd.schema import load_toml
-from armd.suggest import did_you_mean
+from armd.files.schema import load_toml
+from armd.terminal.suggest import did_you_mean
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from armd.daemon.catalogue.known import (
     with_joint,
 )
 from armd.errors import BadInput
-from armd.schema import Strict, load_json
+from armd.files.schema import Strict, load_json
 
 Raw = Annotated[int, Field(ge=0, le=4095)]
 DEG_PER_COUNT = 360 / 4096

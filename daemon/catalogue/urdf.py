@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from armd.arrays import F64
 from armd.errors import BadInput
-from armd.inputs import read_input
+from armd.files.inputs import read_input
 
-F64 = npt.NDArray[np.float64]
 #: Directions that differ by less than this are parallel: a URDF prints quarter turns to 4 digits.
 PARALLEL = 1e-4
 TURNING = ("revolute", "continuous")

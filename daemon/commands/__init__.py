@@ -1,1 +1,1 @@
-"""The commands of `armd`, one module each."""
+"""The commands of `armd`, one module each, in rooms; here what several of them share."""

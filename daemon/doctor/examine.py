@@ -10,7 +10,7 @@ from cobs import cobs
 
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.line import Line
-from armd.daemon.doctor.machine import Machine
+from armd.daemon.doctor.machine import ThisMachine
 from armd.daemon.doctor.servos import find_servos
 from armd.drivers.microscribe import wire as microscribe
 from armd.drivers.serial import wire as serial_wire
@@ -20,7 +20,7 @@ HELLO_S = 0.25
 SYNC_EVERY_S, SYNC_S = 0.03, 0.4
 
 
-def examine_port(port: str, machine: Machine) -> Patient:
+def examine_port(port: str, machine: ThisMachine) -> Patient:
     """What is on *port* and what stands in the way; nothing on it is changed."""
     patient = Patient(port)
     if not machine.examine(Path(port), patient):

@@ -4,32 +4,27 @@ from __future__ import annotations
 
 import select
 import time
-from types import TracebackType
+from collections.abc import Collection
 
 import serial
 
+from armd.closing import Closing
 from armd.drivers.poll.family import Family
 from armd.drivers.poll.packet import Packet
 
 BYTES = 4096
+ECHO_S = 0.1  # an adapter gives bytes back within 16 ms, on a busy host later
 
 
-class Line:
+class Line(Closing):
     """An open port; raises OSError or ValueError where it cannot be opened."""
 
     def __init__(self, port: str, baud: int) -> None:
         self.baud = baud
+        self.echoes = False  # as far as is known
         self._port = serial.Serial(port, baud, timeout=0, exclusive=True)
 
-    def __enter__(self) -> Line:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         self._port.close()
 
     def set_baud(self, baud: int) -> bool:
@@ -51,21 +46,36 @@ class Line:
             return b""
         return bytes(self._port.read(BYTES))
 
-    def ask(self, family: Family, request: bytes, answers: int, wait_s: float) -> list[Packet]:
-        """The packets that come, until there are *answers* of them; the request's own echo, which
-        some adapters hear, is none. *wait_s* is without the bytes' own time."""
+    def listen_to_itself(self, request: bytes) -> None:
+        """Whether the adapter hears what it says; *request* is one that nobody answers."""
+        self.send(request)
+        deadline = time.monotonic() + ECHO_S
+        heard = b""
+        while not self.echoes and (more := self.hear(deadline - time.monotonic())):
+            heard += more
+            self.echoes = request in heard
+
+    def ask(
+        self, family: Family, request: bytes, ids: Collection[int], wait_s: float
+    ) -> list[Packet]:
+        """The answers of *ids*, until each has given one. *wait_s* is without the bytes' own time.
+
+        Where the adapter hears what it says, one packet that equals the request is its echo, and
+        one that comes late is of an id that is not asked any more. Elsewhere it is an answer: a
+        Feetech's to a ping, with the error bit "voltage".
+        """
         splitter = family.splitter()
         self.send(request)
         deadline = time.monotonic() + wait_s + 10 * len(request) / self.baud
-        packets: list[Packet] = []
-        echo = request
-        while len(packets) < answers:
+        answers: list[Packet] = []
+        echo_due, heard = self.echoes, request
+        while len(answers) < len(ids) and heard:
             heard = self.hear(deadline - time.monotonic())
-            if not heard:
-                break
-            if echo:  # of a servo's ping the answer has the request's form: by place, not by look
-                n = min(len(echo), len(heard))
-                echo, heard = (echo[n:], heard[n:]) if heard[:n] == echo[:n] else (b"", heard)
             deadline = max(deadline, time.monotonic() + 0.004)
-            packets += splitter.push(heard)
-        return packets
+            # At the end also what hides behind bytes that only look like a packet's beginning.
+            for packet in splitter.push(heard) if heard else splitter.flush():
+                if echo_due and packet.raw == request:
+                    echo_due = False
+                elif packet.id in ids:
+                    answers.append(packet)
+        return answers

@@ -17,7 +17,7 @@ MODEM_MANAGER = "ModemManager"
 
 
 @dataclass(frozen=True)
-class Machine:
+class ThisMachine:
     """Where it keeps its knowledge; other places in tests."""
 
     sys: Path = Path("/sys")

@@ -18,7 +18,7 @@ BAUDS = {
     "dynamixel": (1_000_000, 57_600, 2_000_000, 3_000_000, 4_000_000, 115_200, 9_600),
 }
 #: Asked at every rate. Where one answers, all ids are asked.
-LIKELY_IDS, ALL_IDS = range(1, 17), range(253)
+LIKELY_IDS, ALL_IDS, NOBODY = range(1, 17), range(253), 253
 #: A servo answers within 0.5 ms; an adapter may hold that back for 16 ms, and a Python fake longer.
 ANSWER_S = 0.025
 RATE_S = 0.5
@@ -27,6 +27,7 @@ SLOW_US = 100  # a return delay beyond this costs more than the answer itself
 
 def find_servos(line: Line, patient: Patient) -> bool:
     """Look for servos of both kinds at all rates; whether some are there."""
+    line.listen_to_itself(feetech.ping(NOBODY))
     for name, bauds in BAUDS.items():
         family = FAMILIES[name]
         for baud in bauds:
@@ -49,14 +50,16 @@ def _answering(line: Line, family: Family, ids: Iterable[int], wait_s: float) ->
     found = {}
     for servo in ids:
         began = time.monotonic()
-        packets = line.ask(family, ping(servo), 1, wait_s)
-        if any(packet.id == servo for packet in packets):
+        packets = line.ask(family, ping(servo), [servo], wait_s)
+        if packets:
             found[servo] = time.monotonic() - began
     return found
 
 
 def _examine(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
     patient.say(f"{family.name} servos at {line.baud} baud: ids {', '.join(map(str, ids))}")
+    if line.echoes:
+        patient.say("the adapter hears what it says, and armd passes over that")
     servos = {}
     for i in ids:
         data = read(line, family, i, 0, family.identity_bytes)
@@ -82,7 +85,7 @@ def read(line: Line, family: Family, servo: int, address: int, length: int) -> b
     """Registers of one servo; by a read, or by a sync read where that is not answered."""
     build = feetech.read if family.name == "feetech" else dynamixel.read
     for request in (build(servo, address, length), family.sync_read([servo], address, length)) * 2:
-        for packet in line.ask(family, request, 1, ANSWER_S + 10 * length / line.baud):
+        for packet in line.ask(family, request, [servo], ANSWER_S + 10 * length / line.baud):
             for status in family.statuses(packet, length):
                 if status.id == servo and len(status.data) == length:
                     return status.data
@@ -102,10 +105,11 @@ def _missing(line: Line, family: Family, ids: Sequence[int], patient: Patient) -
             text = f"servo {servo} speaks at {other} baud, the others at {baud}"
             patient.find("other_baud", text, f"set its rate to {baud} with the maker's tool")
     line.set_baud(baud)
-    for servo in missing:
+    if missing:
+        verb = "do" if len(missing) > 1 else "does"
         patient.find(
             "missing_id",
-            f"servo {servo} does not answer, and {max(ids)} is the last that does",
+            f"{_ids(missing)} {verb} not answer, and {max(ids)} is the last that does",
             "check the cable before it and its power; a servo with the factory's id is set anew "
             "with the maker's tool or lerobot-setup-motors",
         )
@@ -159,10 +163,14 @@ def _rate(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> N
     line_s = 10 * (len(request) + len(ids) * bytes_each) / line.baud
     whole, cycles, began = 0, 0, time.monotonic()
     answered: Counter[int] = Counter()
+    alerts: dict[int, int] = {}
     while time.monotonic() - began < RATE_S:
         heard: set[int] = set()
-        for packet in line.ask(family, request, len(ids), line_s + ANSWER_S):
-            heard |= {status.id for status in _whole(family.statuses(packet, length), length)}
+        for packet in line.ask(family, request, ids, line_s + ANSWER_S):
+            for status in _whole(family.statuses(packet, length), length):
+                heard.add(status.id)
+                if family.alerts(status.error):
+                    alerts[status.id] = status.error
         answered.update(heard)
         whole += len(heard & set(ids)) == len(ids)
         cycles += 1
@@ -176,6 +184,13 @@ def _rate(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> N
         if answered[servo] < 0.95 * cycles:
             text = f"servo {servo} answered {answered[servo]} of {cycles} cycles"
             patient.find("lost_answers", text, "check its cable and its supply voltage")
+    for servo, error in sorted(alerts.items()):
+        bits: bytes | None = bytes([error])
+        if family.alarm is not None:
+            bits = read(line, family, servo, family.alarm, 1)
+        words = family.complaints(bits[0]) if bits else "something that it does not name"
+        mend = "mend its cause (load, heat, supply), then switch the supply off and on"
+        patient.find("servo_alert", f"servo {servo} complains of: {words}", mend)
 
 
 def _whole(statuses: list[Status], length: int) -> list[Status]:
@@ -183,7 +198,15 @@ def _whole(statuses: list[Status], length: int) -> list[Status]:
 
 
 def _ids(ids: Sequence[int]) -> str:
-    return f"servo{'s' * (len(ids) > 1)} {', '.join(map(str, ids))}"
+    """Their names, runs of three and more as 7 to 19."""
+    runs: list[list[int]] = []
+    for i in sorted(ids):
+        if runs and i == runs[-1][-1] + 1:
+            runs[-1].append(i)
+        else:
+            runs.append([i])
+    words = [[f"{r[0]} to {r[-1]}"] if len(r) > 2 else [str(i) for i in r] for r in runs]
+    return f"servo{'s' * (len(ids) > 1)} {', '.join(word for run in words for word in run)}"
 
 
 TOOL = {"feetech": "Feetech's FD", "dynamixel": "ROBOTIS's DYNAMIXEL Wizard"}

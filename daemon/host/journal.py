@@ -18,7 +18,7 @@ from contextlib import suppress
 from typing import TextIO
 
 from armd.drivers.sample import Event
-from armd.printable import printable
+from armd.terminal.printable import printable
 
 #: Of one kind of event this many lines are written in this time, one for each joint and sensor an
 #: arm can have; the rest is counted.
@@ -32,7 +32,7 @@ JOURNAL = "/run/systemd/journal/socket"
 _PRIORITY = {"error": 3, "warning": 4, "info": 6}
 
 
-class Log:
+class Journal:
     """Writes events to the journal if *stream* is the journal's, else as lines to *stream*."""
 
     def __init__(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 from armd.compensation.model.arm import Arm, Vector3
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.compensation.model.parameters import TIP_PARAMETERS
-from armd.daemon.config import Config
+from armd.daemon.config import Config, Tip
+from armd.daemon.files.kept_tips import keep_tip, tips_in_force
 from armd.daemon.live.pipeline import Pipeline, Prepared
 from armd.errors import ArmdError, BadInput
 
@@ -18,10 +20,11 @@ class InUse(NamedTuple):
     """What a point was made with."""
 
     calibration: LoadedCalibration | None  # None: nominal geometry
-    tip: str | None  # a name of [tips]; None: the calibration's own tip
+    tip: str | None  # one of `tips`; None: the calibration's own tip
+    tips: Mapping[str, Tip]  # those to choose from
 
 
-class Change(NamedTuple):
+class Takeover(NamedTuple):
     """Another calibration or tip, ready to be taken over."""
 
     to: InUse
@@ -34,10 +37,11 @@ class ArmInUse:
     it takes effect whole, between two samples, or not at all."""
 
     def __init__(self, config: Config) -> None:
-        """Raises `BadInput` for a calibration that cannot be used."""
+        """Raises `BadInput` for a calibration that cannot be used, or damaged kept tips."""
         self._config = config
         calibration = self._load()
-        self.in_use = InUse(calibration, None)
+        tips = tips_in_force(config.arm.serial_number, config.file.tips)
+        self.in_use = InUse(calibration, None, tips)
         self.pipeline = Pipeline(config.arm, calibration, config.file.limits)
 
     @property
@@ -48,19 +52,45 @@ class ArmInUse:
     def tip(self) -> str | None:
         return self.in_use.tip
 
-    def reloaded(self) -> Change:
-        """The calibration file, read again; raises `BadInput` if it is bad."""
-        return self._change(InUse(self._load(), self.tip))
+    @property
+    def own_tip(self) -> Tip:
+        """The calibration's own, or without one arm.toml's."""
+        offset_mm = self._offset_mm(InUse(self.calibration, None, {}))
+        return Tip(offset_mm=offset_mm, radius_mm=self._config.arm.tip.radius_mm)
 
-    def with_tip(self, name: str) -> Change:
-        """A tip of [tips], or with "" the calibration's own; raises `ArmdError` for a name that is
-        not configured."""
-        tips = self._config.file.tips
+    @property
+    def tip_in_use(self) -> Tip:
+        """With its radius, which may be arm.toml's."""
+        if self.tip is None:
+            return self.own_tip
+        tip = self.in_use.tips[self.tip]
+        known = tip.radius_mm is not None
+        return tip if known else tip.model_copy(update={"radius_mm": self.own_tip.radius_mm})
+
+    def reloaded(self) -> Takeover:
+        """The calibration file, read again; raises `BadInput` if it is bad."""
+        return self._change(self.in_use._replace(calibration=self._load()))
+
+    def with_tip(self, name: str) -> Takeover:
+        """A tip of those there are, or with "" the calibration's own; raises `ArmdError` for a name
+        that is none of them."""
+        tips = self.in_use.tips
         if name and name not in tips:
             raise ArmdError(f"no tip {name!r}; there are: {', '.join(tips) or 'none'}")
-        return self._change(InUse(self.calibration, name or None))
+        return self._change(self.in_use._replace(tip=name or None))
 
-    def take(self, change: Change) -> None:
+    def with_kept(self, name: str, tip: Tip) -> Takeover:
+        """A tip just calibrated, from now on, also after a restart; raises `BadInput` where it
+        cannot be used or kept."""
+        before = self.in_use.tips.get(name)
+        change = self._change(InUse(self.calibration, name, {**self.in_use.tips, name: tip}))
+        keep_tip(self._config.arm.serial_number, name, tip, self._config.file.tips)
+        if before is None:
+            return change
+        moved_mm = math.dist(before.offset_mm, tip.offset_mm)
+        return change._replace(warning=self._warning(f"the tip {name!r}", moved_mm))
+
+    def take(self, change: Takeover) -> None:
         """From the next sample on."""
         self.pipeline.use(change.prepared)
         self.in_use = change.to
@@ -69,7 +99,7 @@ class ArmInUse:
         path = self._config.calibration
         return None if path is None else load_calibration(path, self._config.arm)
 
-    def _change(self, to: InUse) -> Change:
+    def _change(self, to: InUse) -> Takeover:
         moved_mm = math.dist(self._offset_mm(self.in_use), self._offset_mm(to))
         arm, calibration = self._config.arm, to.calibration
         if to.tip is not None:
@@ -80,14 +110,17 @@ class ArmInUse:
             path = self._config.calibration or self._config.path
             found = f"numbers no model can be made of ({error})"
             raise BadInput(path, "the file", found, "an arm's calibration") from error
+        return Takeover(to, prepared, self._warning("the tip's offset", moved_mm))
+
+    def _warning(self, what: str, moved_mm: float) -> str | None:
         limit_mm = self._config.file.limits.tip_offset_mm
-        warning = f"the tip's offset moved by {moved_mm:.3f} mm, more than {limit_mm:g} mm"
-        return Change(to, prepared, warning if moved_mm > limit_mm else None)
+        text = f"{what} moved by {moved_mm:.3f} mm, more than {limit_mm:g} mm"
+        return text if moved_mm > limit_mm else None
 
     def _offset_mm(self, in_use: InUse) -> Vector3:
-        calibration, tip = in_use
+        calibration, tip, tips = in_use
         if tip is not None:
-            return self._config.file.tips[tip].offset_mm
+            return tips[tip].offset_mm
         if calibration is None:
             return self._config.arm.tip.offset_mm
         x, y, z = (calibration.content.constants[name] for name in TIP_PARAMETERS)

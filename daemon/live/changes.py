@@ -14,7 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from armd.daemon.live.arm_in_use import ArmInUse, Change
+from armd.daemon.config import Tip
+from armd.daemon.live.arm_in_use import ArmInUse, Takeover
 from armd.errors import ArmdError
 
 #: Whoever asks while so many changes wait is refused; the same change asked for twice is one.
@@ -34,9 +35,10 @@ class Tell(Protocol):
 
 @dataclass
 class _Asked:
-    """For a reload (tip None) or a tip ("" is the calibration's own)."""
+    """For a reload (tip None), a tip ("" is the calibration's own), or one just calibrated."""
 
     tip: str | None
+    calibrated: Tip | None = None
     answers: list[Answer] = field(default_factory=list)
 
 
@@ -48,17 +50,21 @@ class Changes:
         self._tell = tell
         self._waiting: deque[_Asked] = deque()
         self._under_way: _Asked | None = None
-        self._jobs: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._ready: queue.SimpleQueue[Change | ArmdError] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[_Asked] = queue.SimpleQueue()
+        self._ready: queue.SimpleQueue[Takeover | ArmdError] = queue.SimpleQueue()
         threading.Thread(target=self._prepare, name="changes", daemon=True).start()
 
     def reload(self, answer: Answer) -> None:
         """Read the calibration file again."""
-        self._ask(None, answer)
+        self._ask(_Asked(None), answer)
 
     def select_tip(self, name: str, answer: Answer) -> None:
-        """Measure with a tip of [tips]; "" is the calibration's own."""
-        self._ask(name, answer)
+        """Measure with one of the tips there are; "" is the calibration's own."""
+        self._ask(_Asked(name), answer)
+
+    def keep_tip(self, name: str, tip: Tip, answer: Answer) -> None:
+        """Measure with a tip just calibrated, from now on and after every restart."""
+        self._ask(_Asked(name, tip), answer)
 
     def take(self) -> None:
         """Between two samples: take over what is ready, begin what waits."""
@@ -71,47 +77,57 @@ class Changes:
             self._conclude(asked, result)
         if self._waiting:
             self._under_way = self._waiting.popleft()
-            self._jobs.put(self._under_way.tip)
+            self._jobs.put(self._under_way)
 
-    def _ask(self, tip: str | None, answer: Answer) -> None:
+    def _ask(self, new: _Asked, answer: Answer) -> None:
         for asked in self._waiting:
-            if asked.tip == tip:
+            if (asked.tip, asked.calibrated) == (new.tip, new.calibrated):
                 asked.answers.append(answer)
                 return
         if len(self._waiting) >= MOST_WAITING:
             answer("refused: too many changes are waiting", False)
             return
-        self._waiting.append(_Asked(tip, [answer]))
+        new.answers.append(answer)
+        self._waiting.append(new)
 
     def _prepare(self) -> None:
         """The thread."""
         while True:
-            tip = self._jobs.get()
+            asked = self._jobs.get()
             try:
-                self._ready.put(self._arm.reloaded() if tip is None else self._arm.with_tip(tip))
+                self._ready.put(self._prepared(asked))
             except ArmdError as error:
                 self._ready.put(error)
             except Exception as error:  # nothing that is wrong with a file may end this thread
                 self._ready.put(ArmdError(f"{type(error).__name__}: {error}"))
 
-    def _conclude(self, asked: _Asked, result: Change | ArmdError) -> None:
+    def _prepared(self, asked: _Asked) -> Takeover:
+        if asked.tip is None:
+            return self._arm.reloaded()
+        if asked.calibrated is None:
+            return self._arm.with_tip(asked.tip)
+        return self._arm.with_kept(asked.tip, asked.calibrated)
+
+    def _conclude(self, asked: _Asked, result: Takeover | ArmdError) -> None:
         if isinstance(result, ArmdError):
             text, done = str(result), False
             if asked.tip is None:
                 self._tell("calibration_refused", f"{text}; the old one stays", "error")
         else:
             self._arm.take(result)
-            text, done = self._say(asked.tip), True
+            text, done = self._say(asked), True
             if result.warning is not None:
                 self._tell("tip_moved", result.warning, "warning")
         for answer in asked.answers:
             answer(text, done)
 
-    def _say(self, tip: str | None) -> str:
-        calibration = self._arm.calibration
+    def _say(self, asked: _Asked) -> str:
+        calibration, tip = self._arm.calibration, asked.tip
         if tip is not None:
             text = f"tip {tip}" if tip else "the calibration's tip"
-            self._tell("tip", f"now measuring with {text}", "info", {"tip": self._arm.tip})
+            text += ", as it was calibrated now" if asked.calibrated is not None else ""
+            detail = {"tip": self._arm.tip, **self._arm.tip_in_use.model_dump(mode="json")}
+            self._tell("tip", f"now measuring with {text}", "info", detail)
         else:
             sha256 = None if calibration is None else calibration.sha256
             text = "nominal geometry" if sha256 is None else f"calibration {sha256}"

@@ -10,8 +10,8 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import I64
 from armd.daemon.live.drift import RATE_AFTER_NS, Drift
 
 #: Longer than for fine readings: at the limit of 60 K/h a degree takes a minute.
@@ -40,7 +40,7 @@ class CoarseHistory:
         while self._kept[0][0] < monotonic_ns - RATE_OVER_NS:
             self._kept.popleft()
 
-    def fastest(self, used: npt.NDArray[np.int64]) -> Drift | None:
+    def fastest(self, used: I64) -> Drift | None:
         """Of the sensors *used*; None while the history is too short to tell."""
         if len(self._kept) < 3 or self._kept[-1][0] - self._kept[0][0] < RATE_AFTER_NS:
             return None

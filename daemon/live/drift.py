@@ -7,12 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from armd.jit import jit
-
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from armd.arrays import F64, I64
+from armd.compiled.jit import jit
 
 #: A rate of change is judged over this stretch, at first over at least the shorter one.
 RATE_OVER_NS = 60_000_000_000
@@ -43,7 +40,7 @@ class Drift:
         )
 
 
-class History:
+class RecentReadings:
     """The readings of the last RATE_OVER_NS, in arrays that are not built anew for each."""
 
     def __init__(self, sensors: Sequence[str]) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 
 from armd import Flag
 from armd.compensation.model.arm import Arm
+from armd.compiled.jit import jit
 from armd.daemon.live.motion import REST_AFTER_NS
-from armd.jit import jit
 
 END_STOP_DEG = 0.5
 

@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import POINT, Flag
-from armd.jit import jit
+from armd.arrays import F64, I64
+from armd.compiled.jit import jit
 
 Trigger: TypeAlias = Literal["button", "rest"]
-F64 = npt.NDArray[np.float64]
 
 #: A contact bounces for some milliseconds: a button that was let go for less was not let go. No
 #: finger presses twice in so short a time.
@@ -135,7 +135,7 @@ class Averager:
             calibration=int(point["calibration"]),
         )
 
-    def _rows_since(self, since_ns: int) -> npt.NDArray[np.int64]:
+    def _rows_since(self, since_ns: int) -> I64:
         """Where the points from an instant on are remembered, the oldest first."""
         times = self._past["monotonic_ns"]
         low, high = max(0, self._written - REMEMBERED), self._written

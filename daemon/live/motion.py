@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from armd.jit import jit
+from armd.compiled.jit import jit
 
 REST_AFTER_NS = 500_000_000
 #: The tip counts as moving above this speed; the contract's bound is 10 mm/s.
@@ -25,12 +25,15 @@ GAP_NS = 100_000_000
 LONG_GAP_NS = 1_000_000_000
 #: A joint has turned back when it comes back by this much; less is noise.
 SIDE_PLAY_RAD = 4e-5
-#: Of an encoder whose single count moves the tip by tenths of a millimetre, a reading so many
-#: counts from a rest's mean is a motion: it may flicker by one to either side, never by two.
-COARSE_BELOW_PER_TURN, COARSE_COUNTS = 1 << 15, 1.6
-#: Where several such joints turn at once none need be two counts away: the tip's own average over
-#: so long, which flicker hardly moves, is away from the rest's mean by more than a count at reach.
-COARSE_LATELY_S, COARSE_TIP_COUNTS = 0.01, 1.1
+#: An encoder whose single count moves the tip by tenths of a millimetre flickers by one count to
+#: either side, now and then by two: its average over so long is looked at, which that hardly moves.
+COARSE_BELOW_PER_TURN, COARSE_LATELY_S = 1 << 15, 0.01
+#: So many counts from a rest's mean it is a motion, one that is in its second count; more where
+#: rows are so far apart that the average is of few (docs/decisions/0047).
+COARSE_COUNTS, COARSE_COUNTS_ALONE = 1.1, 1.6
+#: Where several such joints turn at once none need be two counts away: the tip is away from the
+#: rest's mean by more than a count at reach.
+COARSE_TIP_COUNTS = 1.1
 #: Carries a joint's side while it rests.
 NO_RATE_RAD_S = 1e-12
 #: The tip drags its direction of travel behind it on a string of this length.
@@ -52,7 +55,7 @@ class Motion:
         coarse = np.array(counts_per_turn) < COARSE_BELOW_PER_TURN
         self.memory["coarse"] = coarse.any()
         self.memory["coarse_mm"] = COARSE_TIP_COUNTS * resolution_mm
-        self.memory["away_rad"] = np.where(coarse, COARSE_COUNTS * count_rad, math.inf)
+        self.memory["count_rad"] = np.where(coarse, count_rad, math.inf)
         self.memory["play_rad"] = np.maximum(SIDE_PLAY_RAD, 1.5 * count_rad)
 
 
@@ -79,7 +82,8 @@ def _memory(n_joints: int) -> np.dtype[np.void]:
             ("coarse", "?"),  # any encoder is
             ("coarse_mm", "f8"),  # of `lately` from `mean`: a motion
             ("lately", "f8", (3,)),  # mm: the tip's average over `COARSE_LATELY_S`
-            ("away_rad", "f8", (n_joints,)),  # from `mean_q`: a motion
+            ("count_rad", "f8", (n_joints,)),  # of a coarse encoder
+            ("lately_q", "f8", (n_joints,)),  # rad: of coarse encoders, as `lately`
             ("mean_q", "f8", (n_joints,)),  # rad: of coarse encoders at rest, as `mean`
         ]
     )
@@ -141,8 +145,13 @@ def follow(
         if seen > 1:  # second differences see noise (variance 6 s² an axis), hardly motion
             kept.variance += (jerk / 18.0 - kept.variance) / min(NOISE_SAMPLES, seen)
         noise = max(6.0 * math.sqrt(kept.variance), kept.floor_mm)
-        moved = seen > 0 and (
-            math.sqrt(step) > MOVING_MM_S * dt + 1.4 * noise or math.sqrt(away) > TREMOR_MM + noise
+        moved = (
+            not kept.coarse
+            and seen > 0
+            and (
+                math.sqrt(step) > MOVING_MM_S * dt + 1.4 * noise
+                or math.sqrt(away) > TREMOR_MM + noise
+            )
         )
         if kept.coarse:
             gain = min(1.0, dt / COARSE_LATELY_S) if kept.count > 0.0 else 1.0
@@ -150,10 +159,13 @@ def follow(
             for axis in range(3):
                 kept.lately[axis] += gain * (position[i, axis] - kept.lately[axis])
                 away += (kept.lately[axis] - mean[axis]) ** 2
-            if not moved and kept.count > 0.0:
+            if kept.count > 0.0:
                 moved = math.sqrt(away) > TREMOR_MM + kept.coarse_mm
-                for k in range(joints):
-                    moved |= abs(q[i, k] - kept.mean_q[k]) > kept.away_rad[k]
+            most = COARSE_COUNTS + (COARSE_COUNTS_ALONE - COARSE_COUNTS) * gain
+            for k in range(joints):
+                kept.lately_q[k] += gain * (q[i, k] - kept.lately_q[k])
+                if not moved and kept.count > 0.0:
+                    moved = abs(kept.lately_q[k] - kept.mean_q[k]) > most * kept.count_rad[k]
         if moved:
             kept.still_ns = now
             kept.count = 0.0

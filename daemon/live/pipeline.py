@@ -14,21 +14,21 @@ import numpy as np
 import numpy.typing as npt
 
 from armd import POINT, Flag
+from armd.arrays import F64, I64
 from armd.compensation.kernel.kernel import uncorrected
 from armd.compensation.kernel.memory import State
 from armd.compensation.kernel.model import Model
 from armd.compensation.kernel.points import fill
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
+from armd.compiled.jit import jit
 from armd.daemon.config import Limits
 from armd.daemon.live.flags import Flagger, finish
 from armd.daemon.live.motion import Motion, follow
 from armd.daemon.live.temperature import TemperatureWatch
 from armd.drivers.sample import SampleArray, Temperatures
-from armd.jit import jit
 
 PointArray = npt.NDArray[np.void]
-F64 = npt.NDArray[np.float64]
 
 #: Temperatures are remembered for this long, so coarsely: link time constants are many minutes.
 MEMORY_S = 7200.0
@@ -48,7 +48,7 @@ class Joints(NamedTuple):
     q: F64  # (m, N) rad, as read (before θ offset)
     rate: F64  # (m, N) rad/s, its sign the side of approach; NaN unknown
     approach: F64  # (m, 3) unit vectors, base frame; NaN unknown
-    still_since_ns: npt.NDArray[np.int64]  # (m,) monotonic instant since which the tip was still
+    still_since_ns: I64  # (m,) monotonic instant since which the tip was still
 
 
 class Prepared(NamedTuple):

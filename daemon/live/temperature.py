@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from armd import Flag
+from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, used_sensors
 from armd.daemon.config import Limits
 from armd.daemon.live.coarse_drift import CoarseHistory
-from armd.daemon.live.drift import History
-
-F64 = npt.NDArray[np.float64]
+from armd.daemon.live.drift import RecentReadings
 
 STALE_AFTER_NS = 5_000_000_000
 #: Readings a second that are taken on, beside a few in a row (modules that answer one after the
@@ -38,7 +36,7 @@ class TemperatureWatch:
         self._heard_c = [math.nan] * n  # the last good value, NaN before the first
         self._good_ns = [-1] * n
         self._begun_ns: int | None = None
-        self._history: History | CoarseHistory = History(self.sensors)
+        self._history: RecentReadings | CoarseHistory = RecentReadings(self.sensors)
         self._allowed, self._allowed_ns = IN_A_ROW, 0  # readings, as of an instant
         self._resolution_c = 0.0
         self.use(arm, None)

@@ -21,10 +21,12 @@ without a plan at hand. A measurement that was not taken at the trigger configur
 `Measuring` may be called from any thread; it never waits for a network. `identified` (seconds, in a
 thread of the face's own) tells what `armd calibrate` makes of the readings so far.
 
-    stations     what a plan is: one station per reading; kinds: the plan of each kind
+    stations     what a plan is: one station per reading; kinds: the plan of each kind; poses: that
+                 of `armd design`
     log          what happened, appended and synced; progress: where it stands, a fold over that
     refusal      whether a measurement is the reading asked for; whereabouts: where targets are
     postures     how the arm should stand; coverage: what is covered; estimate: what is known
+    following    what follows from where it stands: the next station, and all of the above
     in_use       what the daemon measures with
     measuring    the engine; ending: the commands at the end
 """

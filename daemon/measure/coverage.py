@@ -6,13 +6,12 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.model.arm import Arm
+from armd.daemon.measure.plan.stations import Plan
 from armd.daemon.measure.progress import Progress
-from armd.daemon.measure.stations import Plan
 
-F64 = npt.NDArray[np.float64]
 FULL_TURN_DEG = 360.0
 
 

@@ -12,7 +12,7 @@ from typing import Literal
 
 from armd.daemon.measure.in_use import ARM, CALIBRATION
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.stations import Kind
+from armd.daemon.measure.plan.stations import Kind
 from armd.errors import BadInput
 
 Then = Literal["calibrate", "diagnose", "verify", "interim", "tip", "none"]
@@ -29,7 +29,7 @@ _USUAL: dict[Kind, tuple[tuple[Then, ...], tuple[Then, ...]]] = {
 
 
 @dataclass(frozen=True)
-class Options:
+class EndOptions:
     """What a person may say of the end."""
 
     then: Sequence[Then] | None = None  # None: as the kind has it
@@ -37,9 +37,10 @@ class Options:
     mpe: Path | None = None  # of verify
     history: Path | None = None  # of interim
     tip_name: str | None = None  # of tip: what the history calls it
+    apply_at: str | None = None  # of tip: the endpoint of the daemon that it is put in force on
 
 
-def commands(measuring: Measuring, options: Options) -> list[list[str]]:
+def commands(measuring: Measuring, options: EndOptions) -> list[list[str]]:
     """Arguments of `armd`, command after command; their outputs go into the session's folder.
 
     Raises `BadInput` for an end that lacks what it needs.
@@ -69,6 +70,8 @@ def commands(measuring: Measuring, options: Options) -> list[list[str]]:
                 made.append(["verify", str(folder), *arm, *in_force, *limits, *outputs])
             case "tip":
                 label = [] if options.tip_name is None else ["--name", options.tip_name]
+                if options.apply_at is not None:
+                    label += ["--apply", "--endpoint", options.apply_at]
                 made.append(["tip", "calibrate", str(folder), *label])
             case "interim":
                 if options.history is None:

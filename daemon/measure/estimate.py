@@ -9,24 +9,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from armd.arrays import F64
 from armd.compensation.data.session import load_sessions
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.estimate.poses import kabsch
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.tip import TipFit, fit_in_seat, fit_on_sphere
 from armd.compensation.model.arm import Arm
-from armd.daemon.measure.in_use import InUse
+from armd.daemon.measure.in_use import MeasuredWith
+from armd.daemon.measure.plan.stations import Plan
 from armd.daemon.measure.progress import Progress, Reading
-from armd.daemon.measure.stations import Plan
 from armd.errors import BadInput
 
-F64 = npt.NDArray[np.float64]
 
-
-def estimate(plan: Plan, progress: Progress, in_use: InUse) -> dict[str, Any]:
+def estimate(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, Any]:
     """At once, after every reading: `text` for a person, and its figures."""
     if plan.kind == "tip":
         return _tip(plan, progress, in_use)
@@ -61,7 +59,7 @@ def identified(folder: Path, arm: Arm, others: Sequence[Path] = ()) -> dict[str,
     }
 
 
-def tip_fit(plan: Plan, readings: Sequence[Reading], in_use: InUse) -> TipFit:
+def tip_fit(plan: Plan, readings: Sequence[Reading], in_use: MeasuredWith) -> TipFit:
     """The tip's offset of these readings; raises `ArithmeticError` where they do not tell it."""
     if not readings:
         raise ArithmeticError("no readings")
@@ -73,7 +71,7 @@ def tip_fit(plan: Plan, readings: Sequence[Reading], in_use: InUse) -> TipFit:
     return fit_on_sphere(origin, rotation, in_use.offset_mm, plan.sphere_mm)
 
 
-def _tip(plan: Plan, progress: Progress, in_use: InUse) -> dict[str, Any]:
+def _tip(plan: Plan, progress: Progress, in_use: MeasuredWith) -> dict[str, Any]:
     try:
         found = tip_fit(plan, progress.readings, in_use)
     except ArithmeticError as error:

@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
+from armd.arrays import F64
 from armd.client import Arm as Connection
 from armd.compensation.model.arm import Arm, Vector3
 from armd.compensation.model.calibration import (
@@ -21,15 +19,14 @@ from armd.compensation.model.calibration import (
 )
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.errors import ArmdError
-from armd.files import write_whole
-
-F64 = npt.NDArray[np.float64]
+from armd.files.toml_text import toml_text
+from armd.files.writing import write_whole
 
 ARM, CALIBRATION = "arm.toml", "calibration_in_use.json"
 
 
 @dataclass(frozen=True)
-class InUse:
+class MeasuredWith:
     """The tip's offset and radius are already those of the tip in use."""
 
     arm: Arm
@@ -62,7 +59,7 @@ class InUse:
         return folder / ARM, folder / CALIBRATION
 
 
-def in_use_of(connection: Connection) -> InUse:
+def in_use_of(connection: Connection) -> MeasuredWith:
     """Asked of a running daemon."""
     info, text = connection.info(), connection.calibration_file()
     try:
@@ -71,7 +68,7 @@ def in_use_of(connection: Connection) -> InUse:
         raise ArmdError(f"{connection.serial}: the answer is none of armd's: {error!r}") from error
 
 
-def in_use(info: Mapping[str, Any], calibration_text: str | None) -> InUse:
+def in_use(info: Mapping[str, Any], calibration_text: str | None) -> MeasuredWith:
     """From the daemon's `info` and its calibration file; raises `BadInput` for what is neither."""
     arm = Arm.model_validate_json(json.dumps(info["arm"]))
     calibration, identity, data = None, None, None
@@ -86,7 +83,7 @@ def in_use(info: Mapping[str, Any], calibration_text: str | None) -> InUse:
         radius_mm = arm.tip.radius_mm if radius_mm is None else radius_mm
         arm, calibration = _with_tip(arm, calibration, tuple(given["offset_mm"]), radius_mm)
         data = None
-    return InUse(arm, calibration, identity, tip, data)
+    return MeasuredWith(arm, calibration, identity, tip, data)
 
 
 def _with_tip(
@@ -103,23 +100,4 @@ def _with_tip(
 
 def arm_toml(arm: Arm) -> str:
     """The text of an arm.toml."""
-    content = arm.model_dump(mode="json", by_alias=True, exclude_none=True)
-    sensors, joints, tip = (content.pop(key) for key in ("temperature_sensor", "joint", "tip"))
-    lines = _lines(content)
-    for sensor in sensors:
-        lines += ["", "[[temperature_sensor]]", *_lines(sensor)]
-    for joint in joints:
-        lines += ["", "[[joint]]", *_lines(joint)]
-    return "\n".join([*lines, "", "[tip]", *_lines(tip)]) + "\n"
-
-
-def _lines(table: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {_value(value)}" for key, value in table.items()]
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, dict):
-        pairs = (f"{json.dumps(key)} = {_value(item)}" for key, item in value.items())
-        return f"{{ {', '.join(pairs)} }}"
-    # Strings, numbers and lists of numbers are written in TOML as in JSON.
-    return json.dumps(value, ensure_ascii=False)
+    return toml_text(arm.model_dump(mode="json", by_alias=True, exclude_none=True))

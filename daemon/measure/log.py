@@ -15,8 +15,8 @@ from typing import Any
 
 from armd.compensation.data.session import READINGS
 from armd.errors import BadInput
-from armd.files import check_folder, told
-from armd.outputs import check_output_folder
+from armd.files.outputs import check_output_folder
+from armd.files.writing import check_folder, told
 
 NAME = "measuring.jsonl"
 SCHEMA = "armd.measuring/1"

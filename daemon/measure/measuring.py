@@ -9,60 +9,47 @@ import json
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
-import numpy as np
-import numpy.typing as npt
-
+from armd.arrays import F64
+from armd.closing import Closing
 from armd.compensation.data.session import READINGS
-from armd.daemon.measure.coverage import (
-    angles_of,
-    joints_covered,
-    targets_covered,
-    temperatures_covered,
-)
-from armd.daemon.measure.estimate import estimate
-from armd.daemon.measure.in_use import InUse
-from armd.daemon.measure.kinds import place_in_words
+from armd.daemon.files.session_folder import reading_row, write_readings
+from armd.daemon.measure.following import Following
+from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.log import NAME, Entry, Log, begun
-from armd.daemon.measure.postures import Posture, propose
+from armd.daemon.measure.plan.stations import Plan, Station, parse_plan
 from armd.daemon.measure.progress import Progress
-from armd.daemon.measure.refusal import Refusal, judge
-from armd.daemon.measure.stations import Plan, Station, parse_plan
-from armd.daemon.measure.whereabouts import Whereabouts
-from armd.daemon.session_folder import reading_row, write_readings
+from armd.daemon.measure.refusal import Refusal, changed, judge
 from armd.errors import BadInput
 
-F64 = npt.NDArray[np.float64]
 #: Readings that `state` lists, the last ones.
 LISTED = 200
 
 
-class Measuring:
+class Measuring(Closing):
     """All methods may be called from any thread. Close it, or use it in a `with`."""
 
-    def __init__(self, folder: Path, plan: Plan, in_use: InUse) -> None:
+    def __init__(self, folder: Path, plan: Plan, in_use: MeasuredWith) -> None:
         """Begin in *folder*, or go on there after an interruption.
 
         Raises `BadInput` for a folder that holds another session, one that another process
         measures into, or one begun with another plan, arm or (kinds that judge it) calibration.
         """
         self.folder, self.plan, self.in_use = folder, plan, in_use
-        #: °C of the artefact, as a person read it; goes with the readings from then on
-        self.artefact_c: float | None = None
         self._mutex = threading.RLock()
         header = {
             "plan": plan.plain(),
             "arm": in_use.arm.model_dump(mode="json", by_alias=True),
             "calibration": in_use.identity,
             "tip": in_use.tip,
+            "tip_offset_mm": in_use.offset_mm.tolist(),
         }
         self._log = Log(folder, header)
         try:
             self._check_same(header)
             self._progress = self._replayed()
-            self._what_next()
+            self._following = Following(plan, self._progress, in_use)
             in_use.write(folder)
             self._write()
         except BaseException:
@@ -70,7 +57,7 @@ class Measuring:
             raise
 
     @classmethod
-    def resume(cls, folder: Path, in_use: InUse) -> Self:
+    def resume(cls, folder: Path, in_use: MeasuredWith) -> Self:
         """Go on with what *folder* holds; raises `BadInput` where no measurement was begun."""
         header = begun(folder)
         if header is None:
@@ -97,7 +84,7 @@ class Measuring:
                 "station": self._progress.next_index,
                 "placement": station.placement,
                 "target": station.target,
-                "artefact_c": self.artefact_c,
+                "artefact_c": self._progress.artefact_c,
                 "measurement": measurement,
             }
             self._happen(entry)
@@ -110,8 +97,8 @@ class Measuring:
                 "standard_deviation_mm": measurement["standard_deviation_mm"],
                 "text": f"{station.target} in {station.placement}",
                 **self._counts(),
-                "next": self._next(None),
-                "estimate": self._estimate["text"],
+                "next": self._following.as_json(None),
+                "estimate": self._following.estimate["text"],
             }
 
     def delete_last(self) -> dict[str, Any]:
@@ -143,6 +130,15 @@ class Measuring:
             target = self.plan.stations[station].target
             return {"event": "skipped", "target": target, "text": f"{target} left out"}
 
+    def set_artefact_c(self, artefact_c: float | None) -> dict[str, Any]:
+        """°C of the artefact, as a person read it; goes with the readings from then on. `event`:
+        "artefact_c"."""
+        with self._mutex:
+            if artefact_c != self._progress.artefact_c:
+                self._happen({"what": "artefact_c", "artefact_c": artefact_c})
+            words = "not known" if artefact_c is None else f"at {artefact_c:g} °C"
+            return {"event": "artefact_c", "text": f"the artefact is {words} from now on"}
+
     @property
     def complete(self) -> bool:
         """Whether every station has its reading or is left out."""
@@ -164,7 +160,7 @@ class Measuring:
                 "serial": self.in_use.arm.serial_number,
                 "session": str(self.folder),
                 **self._counts(),
-                "next": self._next(tip_mm),
+                "next": self._following.as_json(tip_mm),
                 "readings": [
                     {
                         "number": reading.number,
@@ -176,19 +172,16 @@ class Measuring:
                     }
                     for reading in progress.readings[-LISTED:]
                 ],
-                "coverage": self._coverage,
-                "estimate": self._estimate,
+                "coverage": self._following.coverage,
+                "estimate": self._following.estimate,
                 "refusals": dict(progress.refused),
-                "artefact_c": self.artefact_c,
+                "artefact_c": progress.artefact_c,
             }
 
     def distance_mm(self, tip_mm: Sequence[float] | F64) -> float | None:
         """From the tip to the next target; None while nobody knows where that is."""
         with self._mutex:
-            if self._target_mm is None:
-                return None
-            away = float(np.linalg.norm(np.asarray(tip_mm, float) - self._target_mm))
-            return away if np.isfinite(away) else None
+            return self._following.distance_mm(tip_mm)
 
     def finish(self) -> None:
         """The session's folder once more of what was taken; raises `BadInput` if that is nothing.
@@ -203,25 +196,14 @@ class Measuring:
         with self._mutex:
             self._log.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
-
     # --- what happens ---------------------------------------------------------------------
 
     def _happen(self, entry: Entry) -> None:
         """The log first: what the folder is made of is never lost."""
         self._log.append(entry)
         self._progress.apply(entry)
-        if entry["what"] != "refused":
-            self._what_next()
+        if entry["what"] not in ("refused", "artefact_c"):
+            self._following = Following(self.plan, self._progress, self.in_use)
         if entry["what"] in ("reading", "deleted"):
             self._write()
 
@@ -239,9 +221,9 @@ class Measuring:
     def _check_same(self, header: Mapping[str, Any]) -> None:
         """A session goes on as it was begun."""
         path, then = self.folder / NAME, self._log.header
-        same = ["arm", *(("calibration", "tip") if self.plan.within_calibration else ())]
-        for key in ("plan", *same):
-            if then.get(key) != json.loads(json.dumps(header[key])):
+        judged = ("calibration", "tip", "tip_offset_mm") if self.plan.within_calibration else ()
+        for key in ("plan", "arm", *judged):
+            if key in then and then[key] != json.loads(json.dumps(header[key])):
                 found = f"a session begun with another {key}"
                 raise BadInput(path, key, found, "the same, or a new folder")
 
@@ -250,61 +232,14 @@ class Measuring:
     ) -> tuple[Refusal | None, dict[str, Any] | None]:
         """A refusal, or the row that the measurement would be."""
         try:
-            where = self._whereabouts, self._earlier
+            where = self._following.whereabouts, self._following.earlier
             refusal = judge(measurement, self.plan, self._progress, station, *where)
-            refusal = refusal or self._changed(measurement)
+            refusal = refusal or changed(measurement, self.plan, self.in_use)
             if refusal is not None or station is None:
                 return refusal, None
             return None, self._row(measurement, 0, station.placement, station.target)
         except (KeyError, TypeError, ValueError) as error:
             return Refusal("invalid", f"no measurement of armd's: {error!r}"), None
-
-    def _changed(self, measurement: Mapping[str, Any]) -> Refusal | None:
-        """Where the arm is judged as it is calibrated, that must not change under way."""
-        if not self.plan.within_calibration:
-            return None
-        for key, then in (("calibration", self.in_use.identity), ("tip", self.in_use.tip)):
-            if measurement[key] != then:
-                return Refusal("changed", f"the {key} in use has changed since the session began")
-        return None
-
-    # --- what follows from it -------------------------------------------------------------
-
-    def _what_next(self) -> None:
-        progress, station = self._progress, self._progress.next_station
-        arm = self.in_use.arm
-        self._coverage = {
-            "targets": targets_covered(self.plan, progress),
-            "joints": joints_covered(arm, progress),
-            "temperatures": temperatures_covered(arm, progress),
-        }
-        self._estimate = estimate(self.plan, progress, self.in_use)
-        self._whereabouts: Whereabouts | None = None
-        self._earlier: dict[str, Whereabouts] = {}
-        self._target_mm: F64 | None = None
-        self._posture = Posture(None, "")
-        if station is None:
-            return
-        self._whereabouts = self._placed(station.placement)
-        self._target_mm = self._whereabouts.of(station.target)
-        measured_in = {reading.placement for reading in progress.readings}
-        # The bars of a verification may share a mount from placement to placement.
-        if station.placement not in measured_in and self.plan.kind != "verify":
-            self._earlier = {placement: self._placed(placement) for placement in measured_in}
-        if station.posture_deg is not None:
-            self._posture = Posture(np.radians(station.posture_deg), "a pose of `armd design`")
-        else:
-            measured = angles_of(progress, arm.n_joints)
-            constants, seed = self.in_use.constants, progress.last_number
-            self._posture = propose(arm, constants, self._target_mm, measured, seed)
-
-    def _placed(self, placement: str) -> Whereabouts:
-        points: dict[str, list[list[float]]] = {}
-        for reading in self._progress.readings:
-            if reading.placement == placement:
-                points.setdefault(reading.target, []).append(reading.measurement["position_mm"])
-        measured = {name: np.array(seen, dtype=float) for name, seen in points.items()}
-        return Whereabouts(self.plan.artefact, measured)
 
     def _counts(self) -> dict[str, Any]:
         progress = self._progress
@@ -314,26 +249,6 @@ class Measuring:
             "wanted": len(self.plan.stations),
             "left_out": len(progress.skipped),
             "complete": progress.next_station is None,
-        }
-
-    def _next(self, tip_mm: Sequence[float] | F64 | None) -> dict[str, Any] | None:
-        station = self._progress.next_station
-        if station is None:
-            return None
-        readings = self._progress.readings
-        moved = not readings or readings[-1].placement != station.placement
-        q = self._posture.q_rad
-        return {
-            "target": station.target,
-            "placement": station.placement,
-            "new_placement": moved,
-            "place": place_in_words(self.plan, station.placement) if moved else "",
-            "how": station.how,
-            "why": self._posture.why,
-            "posture_deg": None if q is None else np.degrees(q).tolist(),
-            "position_mm": None if self._target_mm is None else self._target_mm.tolist(),
-            "distance_mm": None if tip_mm is None else self.distance_mm(tip_mm),
-            "near_mm": self.plan.near_mm,
         }
 
     # --- the session's folder -------------------------------------------------------------

@@ -7,7 +7,10 @@ An entry's `what` is one of
 - `deleted`: `number` of the reading that goes;
 - `again`: the next reading is the last one's target once more;
 - `skipped`: a `station` that is left out;
-- `refused`: `reason`, `text`, and the `measurement`: it changes nothing but a count.
+- `artefact_c`: the artefact's temperature as a person read it, which goes with the readings from
+  then on (None: nobody knows it any more);
+- `refused`: `reason`, `text`, and the `measurement`: it changes nothing but a count, and a press
+  too far off is remembered until something is taken.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from armd.daemon.measure.stations import Plan, Station
+from armd.daemon.measure.plan.stations import Plan, Station
 
 
 @dataclass(frozen=True)
@@ -41,11 +44,15 @@ class Progress:
         self.refused: Counter[str] = Counter()
         self.skipped: set[int] = set()
         self.last_number = 0
+        self.artefact_c: float | None = None
+        #: The last measurement refused as too far off; nothing was taken or deleted since.
+        self.stray: Mapping[str, Any] | None = None
         self._filled: set[int] = set()
         self._again: Station | None = None
 
     def apply(self, entry: Mapping[str, Any]) -> None:
         """Raises `ValueError` or `KeyError` for an entry that cannot follow those before."""
+        stray = None
         match entry["what"]:
             case "reading":
                 self._take(entry)
@@ -55,10 +62,14 @@ class Progress:
                 self._again = self._last_station()
             case "skipped":
                 self._skip(entry["station"])
+            case "artefact_c":
+                self.artefact_c, stray = entry["artefact_c"], self.stray
             case "refused":
                 self.refused[str(entry["reason"])] += 1
+                stray = entry["measurement"] if entry["reason"] == "too_far" else self.stray
             case other:
                 raise ValueError(f"{other!r}, which is nothing that happens")
+        self.stray = stray
 
     @property
     def next_index(self) -> int | None:

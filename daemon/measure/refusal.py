@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armd import Flag
+from armd.daemon.files.session_folder import unfit
+from armd.daemon.measure.in_use import MeasuredWith
+from armd.daemon.measure.plan.stations import Plan, Station
 from armd.daemon.measure.progress import Progress
-from armd.daemon.measure.stations import Plan, Station
 from armd.daemon.measure.whereabouts import Whereabouts
-from armd.daemon.session_folder import unfit
 
 #: A joint that turned by less since the last reading was not moved: the button was pressed twice.
 #: A hand that takes the tip away and back moves some joint by far more.
@@ -20,7 +21,8 @@ UNMOVED_RAD = 1e-4
 
 
 class Refusal(NamedTuple):
-    reason: str  # "moving", "invalid", "temperature", "too_far", "unmoved", "twice", "complete"
+    #: "moving", "invalid", "temperature", "too_far", "unmoved", "twice", "changed", "complete"
+    reason: str
     text: str
 
 
@@ -44,8 +46,21 @@ def judge(
     return (
         _already_taken(measurement, progress)
         or _not_moved(measurement, plan, earlier)
-        or _elsewhere(measurement, plan, station, whereabouts)
+        or _elsewhere(measurement, plan, progress, station, whereabouts)
     )
+
+
+def changed(measurement: Mapping[str, Any], plan: Plan, in_use: MeasuredWith) -> Refusal | None:
+    """Where the arm is judged as it is calibrated, that must not change under way."""
+    if not plan.within_calibration:
+        return None
+    for key, then in (("calibration", in_use.identity), ("tip", in_use.tip)):
+        if measurement[key] != then:
+            return Refusal("changed", f"the {key} in use has changed since the session began")
+    offset_mm = measurement.get("tip_offset_mm")
+    if offset_mm is not None and not np.array_equal(offset_mm, in_use.offset_mm):
+        return Refusal("changed", "the tip was calibrated anew since the session began")
+    return None
 
 
 def _require_numbers(measurement: Mapping[str, Any]) -> None:
@@ -74,9 +89,7 @@ def _already_taken(measurement: Mapping[str, Any], progress: Progress) -> Refusa
     own = measurement["seq"], measurement["stamp_ns"]
     if any((r.measurement["seq"], r.measurement["stamp_ns"]) == own for r in progress.readings):
         return Refusal("twice", "this measurement has been taken")
-    before = progress.readings[-1].measurement["angles_rad"]
-    turned = max(abs(a - b) for a, b in zip(measurement["angles_rad"], before, strict=True))
-    if turned < UNMOVED_RAD:
+    if _turned_rad(measurement, progress.readings[-1].measurement) < UNMOVED_RAD:
         return Refusal("unmoved", "the arm has not moved since the last reading")
     return None
 
@@ -94,23 +107,60 @@ def _not_moved(
 
 
 def _elsewhere(
-    measurement: Mapping[str, Any], plan: Plan, station: Station, whereabouts: Whereabouts
+    measurement: Mapping[str, Any],
+    plan: Plan,
+    progress: Progress,
+    station: Station,
+    whereabouts: Whereabouts,
 ) -> Refusal | None:
+    """Not where its target must be, as far as that is known. Which of two readings is the wrong one
+    no distance tells; a press that comes to the same place twice does."""
     point = np.array(measurement["position_mm"], dtype=float)
-    expected = whereabouts.of(station.target)
+    target, near_mm = station.target, plan.near_mm
+    expected = whereabouts.of(target)
+    if expected is not None and math.dist(point, expected) <= near_mm:
+        return None
+    if other := whereabouts.at(point, near_mm, but=target):
+        return Refusal("too_far", f"this is {other}, and {target} is asked for")
+    worst = whereabouts.contradiction_mm(target, point)
     if expected is not None:
         away_mm = math.dist(point, expected)
-        if away_mm <= plan.near_mm:
-            return None
-        text = f"{away_mm:.1f} mm from {station.target}, more than {plan.near_mm:g} mm; "
-        other = whereabouts.at(point, plan.near_mm, but=station.target)
-        text += f"this is {other}" if other else "or an earlier reading is wrong: delete it"
-        return Refusal("too_far", text)
-    if other := whereabouts.at(point, plan.near_mm, but=station.target):
-        return Refusal("too_far", f"this is {other}, and {station.target} is asked for")
-    worst = whereabouts.contradiction_mm(station.target, point)
-    if worst is not None and abs(worst[1] - worst[2]) > plan.near_mm:
+        text = f"{away_mm:.1f} mm from {target}, more than {near_mm:g} mm"
+    elif worst is not None and abs(worst[1] - worst[2]) > near_mm:
         name, measured, certified = worst
-        text = f"{measured:.1f} mm from {name}, where {station.target} is {certified:.1f} mm"
-        return Refusal("too_far", f"{text} from it; one of the two readings is not where it should")
-    return None
+        text = f"{measured:.1f} mm from {name}, where {target} is {certified:.1f} mm from it"
+    else:
+        return None
+    if other := whereabouts.as_far_as(point, near_mm):
+        return Refusal("too_far", f"{text}; as far as {other} is")
+    return Refusal("too_far", text + _whose_fault(measurement, plan, progress, target, whereabouts))
+
+
+def _whose_fault(
+    measurement: Mapping[str, Any],
+    plan: Plan,
+    progress: Progress,
+    target: str,
+    whereabouts: Whereabouts,
+) -> str:
+    """What to do about it: the earlier reading that may be the wrong one, or is."""
+    point, stray = np.array(measurement["position_mm"], dtype=float), progress.stray
+    suspects = whereabouts.culprits(target, point, plan.near_mm)
+    if not suspects and whereabouts.seen(target):
+        suspects = [target]  # a seat, or a ball of rounds before
+    if not suspects:
+        return ""
+    names = " or ".join(suspects)
+    twice = stray is not None and (
+        math.dist(point, stray["position_mm"]) <= plan.near_mm
+        and _turned_rad(measurement, stray) >= UNMOVED_RAD
+    )
+    if twice:
+        return f"; pressed there twice now: the reading of {names} is the wrong one, delete it"
+    return f"; this press, or the reading of {names}, is not where it should be"
+
+
+def _turned_rad(one: Mapping[str, Any], other: Mapping[str, Any]) -> float:
+    """The farthest that a joint turned between two measurements."""
+    pairs = zip(one["angles_rad"], other["angles_rad"], strict=True)
+    return max(abs(float(a) - float(b)) for a, b in pairs)

@@ -23,7 +23,8 @@ from armd.daemon.measure.ending import Done
 from armd.daemon.measure.estimate import identified
 from armd.daemon.measure.measuring import Measuring
 from armd.errors import ArmdError
-from armd.printable import printable
+from armd.terminal.counted import counted
+from armd.terminal.printable import printable
 
 POLL_S = 0.02
 REFRESH_S = 0.1
@@ -80,7 +81,8 @@ class Terminal:
         if self._json:
             self._put({"event": "result", **done.__dict__})
             return
-        print(printable(f"\narmd: {done.command}"))
+        print()
+        print(printable(f"armd: {done.command}"))
         for text, stream in ((done.output, sys.stdout), (done.error, sys.stderr)):
             for line in text.splitlines():
                 print(printable(line), file=stream)
@@ -93,7 +95,7 @@ class Terminal:
         if self._json:
             self._put({"event": "end", "finished": finished, **counts, "session": state["session"]})
             return
-        text = f"{state['session']}: {state['taken']} readings"
+        text = f"{state['session']}: {counted(state['taken'], 'reading')}"
         if not finished:
             text += (
                 f", {state['done']} of {state['wanted']} done; the same command goes on from here"

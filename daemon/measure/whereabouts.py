@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.estimate.poses import kabsch
-
-F64 = npt.NDArray[np.float64]
 
 #: Points nearer to one line (or plane) than this do not tell how the artefact is turned about it.
 LEAST_SPAN_MM = 20.0
@@ -51,6 +50,10 @@ class Whereabouts:
             return self._placed(self._certified[target])
         return self._seen.get(target)
 
+    def seen(self, target: str) -> bool:
+        """Whether it was measured in this placement."""
+        return target in self._seen
+
     def at(self, point_mm: F64, near_mm: float, but: str | None = None) -> str | None:
         """The target that a point belongs to, where that is plain, and not *but*."""
         found = {
@@ -75,6 +78,32 @@ class Whereabouts:
             if worst is None or abs(measured - certified) > abs(worst[1] - worst[2]):
                 worst = name, measured, certified
         return worst
+
+    def culprits(self, target: str, point_mm: F64, near_mm: float) -> list[str]:
+        """With *target* at a point: the measured targets each of which alone, were it elsewhere,
+        would end every contradiction of certified distances; *target* itself is not listed."""
+        seen = {**self._seen, target: point_mm}
+        torn = [
+            (a, b)
+            for a, b in itertools.combinations(seen, 2)
+            if (certified := self._between(a, b)) is not None
+            and abs(float(np.linalg.norm(seen[a] - seen[b])) - certified) > near_mm
+        ]
+        alone = [name for name in self._seen if all(name in pair for pair in torn)]
+        return [name for name in alone if torn and name != target]
+
+    def as_far_as(self, point_mm: F64, near_mm: float) -> str | None:
+        """The one target not yet measured that is as far from all measured ones as a point is."""
+        fitting = []
+        for name in self._certified.keys() - self._seen.keys():
+            certified = {other: self._between(name, other) for other in self._seen}
+            away = {
+                other: float(np.linalg.norm(point_mm - self._seen[other])) for other in certified
+            }
+            known = {other: length for other, length in certified.items() if length is not None}
+            if known and all(abs(away[other] - known[other]) <= near_mm for other in known):
+                fitting.append(name)
+        return fitting[0] if len(fitting) == 1 else None
 
     def _between(self, one: str, other: str) -> float | None:
         if one in self._certified and other in self._certified:

@@ -42,8 +42,8 @@ class Publisher:
         self._raw = session.declare_publisher(keys.key(serial, keys.RAW), congestion_control=drop)
         self.next_raw_frame = 0  # its number
         self._recorded = False
-        self.measurements = Kept(session, keys.key(serial, keys.MEASUREMENT))
-        self.events = Kept(session, keys.key(serial, keys.EVENT))
+        self.measurements = KeptStream(session, keys.key(serial, keys.MEASUREMENT))
+        self.events = KeptStream(session, keys.key(serial, keys.EVENT))
         self.health: dict[str, Any] = {}
         self._alive = session.liveliness().declare_token(keys.key(serial, keys.ALIVE))
 
@@ -106,7 +106,7 @@ def joint_messages(points: PointArray, samples: SampleArray, joints: Joints) -> 
     return [message.tobytes() for message in messages]
 
 
-class Kept:
+class KeptStream:
     """A JSON stream whose past a late subscriber can have.
 
     An advanced subscriber with history gets it by itself; any other by a plain `get` of the key.

@@ -21,7 +21,7 @@ from zenoh import handlers
 
 from armd import keys
 from armd.daemon.live.changes import Answer
-from armd.daemon.network.publisher import JSON, Kept, Publisher
+from armd.daemon.network.publisher import JSON, KeptStream, Publisher
 from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame
 
@@ -156,7 +156,7 @@ def _tell(key: str, text: Callable[[], str]) -> _Tell:
     return tell
 
 
-def _tell_past(stream: Kept) -> _Tell:
+def _tell_past(stream: KeptStream) -> _Tell:
     def tell(query: zenoh.Query) -> None:
         with query:
             for i, (text, timestamp) in enumerate(list(stream.past), 1):

@@ -13,7 +13,7 @@ from armd.drivers.sample import Event
 SPEAK_NS, SILENT_NS = 1_000_000_000, 5_000_000_000
 
 
-class Rival:
+class RivalWatch:
     """Says that this daemon is there, and hears whether another does under its serial number.
 
     On a key of its own: it is the one on which the daemon's session lets others speak

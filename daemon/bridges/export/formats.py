@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from armd.daemon.bridges.export.qif import as_qif
-from armd.daemon.bridges.export.source import Measurement
+from armd.daemon.bridges.export.source import MeasurementLine
 from armd.daemon.bridges.export.tables import as_csv, as_ply, as_xyz
 from armd.daemon.bridges.tips import Tips
 
@@ -18,7 +18,7 @@ WRITTEN_BEFORE: dict[str, Callable[[bytes], bool]] = {
 }
 
 
-def as_text(suffix: str, measurements: Sequence[Measurement], tips: Tips, serial: str) -> str:
+def as_text(suffix: str, measurements: Sequence[MeasurementLine], tips: Tips, serial: str) -> str:
     """The whole file; *suffix* is one of `WRITTEN_BEFORE`."""
     match suffix:
         case ".csv":

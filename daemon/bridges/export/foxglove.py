@@ -15,12 +15,12 @@ from foxglove import messages as schemas
 from pydantic import BaseModel, ConfigDict, Field
 
 from armd import keys
-from armd.daemon.bridges.export.source import Measurement
+from armd.daemon.bridges.export.source import MeasurementLine
 from armd.daemon.bridges.tips import Tips
-from armd.daemon.recorder import TOPICS
+from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import Recording
-from armd.files import whole_file
-from armd.schema import json_data, validate
+from armd.files.schema import json_data, validate
+from armd.files.writing import whole_file
 
 M_PER_MM = 1e-3
 BLUE = (0.12, 0.47, 0.71, 1.0)
@@ -51,7 +51,7 @@ class _Point(_Told):
     orientation: _Quaternion
 
 
-class _Measured(Measurement):
+class _Measured(MeasurementLine):
     stamp_ns: Stamp
 
 

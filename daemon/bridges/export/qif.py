@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from armd import __version__
-from armd.daemon.bridges.export.source import Measurement
+from armd.daemon.bridges.export.source import MeasurementLine
 from armd.daemon.bridges.export.tables import direction, uncertainty_mm
 from armd.daemon.bridges.tips import Tips
 
@@ -21,7 +21,7 @@ NAMESPACE = "http://qifstandards.org/xsd/qif3"
 DEVICE_ID, RESULTS_ID, FIRST_POINT_ID = 1, 2, 3
 
 
-def as_qif(measurements: Sequence[Measurement], tips: Tips, serial: str) -> str:
+def as_qif(measurements: Sequence[MeasurementLine], tips: Tips, serial: str) -> str:
     """Those that have a position, in mm, base frame; combined standard uncertainties where known.
 
     The inspection's status is UNKNOWN: nothing was judged.
@@ -57,7 +57,7 @@ def _units(document: Element) -> None:
     _text(SubElement(unit, "UnitConversion"), "Factor", "0.001")
 
 
-def _point(features: Element, identity: int, number: int, m: Measurement, tips: Tips) -> None:
+def _point(features: Element, identity: int, number: int, m: MeasurementLine, tips: Tips) -> None:
     feature = SubElement(features, "PointFeatureMeasurement", id=str(identity))
     _text(feature, "FeatureName", f"PNT{number}")
     _text(feature, "TimeStamp", _instant(m.stamp_ns))

@@ -13,13 +13,13 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd import Arm, keys
-from armd.compensation.data.session import APPROACH
-from armd.daemon.measurement_log import SUFFIX, log_files
-from armd.daemon.recorder import TOPICS
+from armd.compensation.data.session_columns import APPROACH
+from armd.daemon.files.measurement_log import SUFFIX, log_files
+from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import Recording
 from armd.errors import BadInput
-from armd.inputs import open_input
-from armd.schema import json_data
+from armd.files.inputs import open_input
+from armd.files.schema import json_data
 
 RECORDING = ".mcap"
 TABLE = ".csv"
@@ -27,14 +27,14 @@ TABLE = ".csv"
 COLUMNS = (
     "stamp_ns", "x_mm", "y_mm", "z_mm", "i", "j", "k", "u_x_mm", "u_y_mm", "u_z_mm",
     "sd_x_mm", "sd_y_mm", "sd_z_mm", "count", "duration_s", "flags", "flag_names", "seq",
-    "buttons", "trigger", "tip", "calibration",
+    "buttons", "trigger", "tip", "calibration", "tip_x_mm", "tip_y_mm", "tip_z_mm", "tip_radius_mm",
 )  # fmt: skip
 #: Before the name of a sensor that is called like one of the columns.
 CLASH = "temperature_"
 Vector = tuple[float, float, float]
 
 
-class Measurement(BaseModel):
+class MeasurementLine(BaseModel):
     """One line as `armd/<serial>/measurement` has it; what later versions add is kept."""
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
@@ -56,14 +56,17 @@ class Measurement(BaseModel):
     buttons: int = 0
     trigger: str = ""
     tip: str | None = None
+    #: In the last frame, and of the ball, as they were then; lines of before do not tell.
+    tip_offset_mm: Vector | None = None
+    tip_radius_mm: float | None = None
     calibration: str | None = None
 
 
 @dataclass
-class Measured:
+class Measurements:
     """What was found, the oldest first."""
 
-    measurements: list[Measurement] = field(default_factory=list)
+    measurements: list[MeasurementLine] = field(default_factory=list)
     serial: str = ""
     """Empty: the source does not say whose they are."""
     info: dict[str, Any] | None = None
@@ -72,7 +75,7 @@ class Measured:
     """What a kill or a power cut took from the source: a sentence each."""
 
 
-def from_path(path: Path) -> Measured:
+def from_path(path: Path) -> Measurements:
     """A file of JSON lines, a measurement log's folder, a recording, or a table that `armd export`
     wrote; raises `BadInput`."""
     if path.is_dir():
@@ -90,15 +93,15 @@ def from_path(path: Path) -> Measured:
     return _from_lines([path], "")
 
 
-def from_arm(arm: Arm) -> Measured:
+def from_arm(arm: Arm) -> Measurements:
     """Those of the past that a running daemon still has: the last thousand."""
     where = f"armd/{arm.serial}/{keys.MEASUREMENT}"
     found = [_measurement(where, "an answer", line) for line in arm.past(keys.MEASUREMENT)]
-    return Measured(_in_order(found), arm.serial, arm.info())
+    return Measurements(_in_order(found), arm.serial, arm.info())
 
 
-def _from_lines(files: Iterable[Path], serial: str) -> Measured:
-    found = Measured(serial=serial)
+def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
+    found = Measurements(serial=serial)
     for path in files:
         for number, line, whole in _lines(path):
             try:
@@ -121,7 +124,7 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes, bool]]:
                 yield number, line.strip(), line.endswith(b"\n")
 
 
-def _from_recording(path: Path) -> Measured:
+def _from_recording(path: Path) -> Measurements:
     recording = Recording(path)
     topic = TOPICS[keys.MEASUREMENT]
     found = _in_order(
@@ -130,10 +133,10 @@ def _from_recording(path: Path) -> Measured:
     )
     serial = recording.info["arm"]["serial_number"]
     left_out = [] if recording.missing is None else [recording.missing]
-    return Measured(found, serial, recording.info, left_out)
+    return Measurements(found, serial, recording.info, left_out)
 
 
-def _from_table(path: Path) -> Measured:
+def _from_table(path: Path) -> Measurements:
     """Of what `tables.as_csv` wrote; covariances have lost what is off their diagonal."""
     with open_input(path) as file:
         rows = csv.DictReader(io.TextIOWrapper(file, encoding="utf-8-sig", newline=""))
@@ -146,7 +149,7 @@ def _from_table(path: Path) -> Measured:
             found = [_measurement(path, f"row {n}", _of_row(row)) for n, row in enumerate(rows, 1)]
         except (ValueError, csv.Error) as error:
             raise BadInput(path, "the table", str(error), "a table of `armd export`") from error
-    return Measured(_in_order(found))
+    return Measurements(_in_order(found))
 
 
 def _of_row(row: dict[str, str]) -> dict[str, Any]:
@@ -169,6 +172,8 @@ def _of_row(row: dict[str, str]) -> dict[str, Any]:
         "covariance_mm2": deviation
         and [deviation[0] ** 2, 0.0, 0.0, deviation[1] ** 2, 0.0, deviation[2] ** 2],
         "approach": numbers(APPROACH),
+        "tip_offset_mm": numbers(f"tip_{axis}_mm" for axis in "xyz"),
+        "tip_radius_mm": float(row["tip_radius_mm"]) if row.get("tip_radius_mm") else None,
         "angles_rad": numbers(joints("q")),
         "rates_rad_s": numbers(joints("w")),
         "temperatures_c": {name: float(text) if text else None for name, text in sensors.items()},
@@ -181,9 +186,9 @@ def _of_row(row: dict[str, str]) -> dict[str, Any]:
     }
 
 
-def _measurement(path: str | Path, where: str, data: Any) -> Measurement:
+def _measurement(path: str | Path, where: str, data: Any) -> MeasurementLine:
     try:
-        return Measurement.model_validate(data)
+        return MeasurementLine.model_validate(data)
     except ValidationError as error:
         fault = error.errors(include_url=False)[0]
         key = ".".join(map(str, fault["loc"])) or "the line"
@@ -191,7 +196,7 @@ def _measurement(path: str | Path, where: str, data: Any) -> Measurement:
         raise BadInput(path, f"{where}: {key}", what, fault["msg"]) from error
 
 
-def _in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
+def _in_order(measurements: Iterable[MeasurementLine]) -> list[MeasurementLine]:
     """By time; one that a source has twice, once."""
     found = {(m.stamp_ns, m.seq): m for m in measurements}
     return [found[key] for key in sorted(found)]

@@ -6,16 +6,15 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from typing import Any
 
-from armd.compensation.data.session import APPROACH
-from armd.daemon.bridges.export.source import CLASH, COLUMNS, Measurement
+from armd.compensation.data.session_columns import APPROACH
+from armd.daemon.bridges.export.source import CLASH, COLUMNS, MeasurementLine
 from armd.daemon.bridges.tips import Tips
 
 UNKNOWN = (math.nan,) * 3
 
 
-def as_csv(measurements: Sequence[Measurement], tips: Tips) -> str:
+def as_csv(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
     """Every measurement, those without a position with empty fields; angles in rad, °C.
 
     The names of joints and sensors are those of a session's readings: `armd correct` reads them.
@@ -46,6 +45,8 @@ def as_csv(measurements: Sequence[Measurement], tips: Tips) -> str:
                 m.trigger,
                 m.tip or "",
                 m.calibration or "",
+                *(m.tip_offset_mm or (None,) * 3),
+                m.tip_radius_mm,
                 *(m.angles_rad or unknown),
                 *(m.rates_rad_s or unknown),
                 *(m.approach or (None,) * 3),
@@ -55,7 +56,7 @@ def as_csv(measurements: Sequence[Measurement], tips: Tips) -> str:
     return text.getvalue()
 
 
-def as_xyz(measurements: Sequence[Measurement], tips: Tips) -> str:
+def as_xyz(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
     """A line `x y z nx ny nz` each, mm: what CloudCompare, MeshLab and Open3D read as .xyz."""
     return "".join(
         " ".join(_numbers((*m.position_mm, *_normal(m, tips)), 6)) + "\n"
@@ -64,7 +65,7 @@ def as_xyz(measurements: Sequence[Measurement], tips: Tips) -> str:
     )
 
 
-def as_ply(measurements: Sequence[Measurement], tips: Tips) -> str:
+def as_ply(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
     """ASCII PLY: position in mm, normal, uncertainty of the position in mm, flags."""
     rows = [
         " ".join(
@@ -87,15 +88,14 @@ def as_ply(measurements: Sequence[Measurement], tips: Tips) -> str:
     return "\n".join([*header, *rows, ""])
 
 
-def direction(m: Measurement, tips: Tips) -> Sequence[float]:
+def direction(m: MeasurementLine, tips: Tips) -> Sequence[float]:
     """Unit vector out of the material; NaN where neither travel nor orientation is known."""
     if m.approach is None and m.orientation is None:
         return UNKNOWN
-    told: dict[str, Any] = {"approach": m.approach, "orientation": m.orientation, "tip": m.tip}
-    return tips.out_of_material(told)
+    return tips.out_of_material(m.model_dump())
 
 
-def uncertainty_mm(m: Measurement) -> Sequence[float]:
+def uncertainty_mm(m: MeasurementLine) -> Sequence[float]:
     """Standard uncertainties of x, y, z; NaN without a calibration's covariance."""
     if m.covariance_mm2 is None:
         return UNKNOWN
@@ -103,11 +103,11 @@ def uncertainty_mm(m: Measurement) -> Sequence[float]:
     return [math.sqrt(value) for value in (xx, yy, zz)]
 
 
-def _norm(m: Measurement) -> float:
+def _norm(m: MeasurementLine) -> float:
     return math.hypot(*uncertainty_mm(m))
 
 
-def _normal(m: Measurement, tips: Tips) -> Sequence[float]:
+def _normal(m: MeasurementLine, tips: Tips) -> Sequence[float]:
     """Zero where it is not known: readers of clouds take nan for a broken file."""
     known = direction(m, tips)
     return (0.0, 0.0, 0.0) if math.isnan(known[0]) else known

@@ -1,6 +1,6 @@
 """An I++ DME server in manual mode, for inspection software (docs/ippdme.md).
 
 `grammar`, `errors`, `csy` and `tools` are the standard's; `commands*` are the methods by name;
-`session` is one client's dialogue, without network or clock; `machine` is the arm as a measuring
+`dialogue` is one client's dialogue, without network or clock; `machine` is the arm as a measuring
 machine; `server` connects them.
 """

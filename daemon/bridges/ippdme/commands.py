@@ -1,6 +1,6 @@
 """The methods of every version: sessions, errors, daemons, the user, positions and hits.
 
-A method takes the session and the command, and gives the data lines of its answer, or `Pending`.
+A method takes the dialogue and the command, and gives the data lines of its answer, or `Pending`.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue, Pending
 from armd.daemon.bridges.ippdme.errors import TABLE, DmeError
 from armd.daemon.bridges.ippdme.grammar import (
     EVENT_TAG,
@@ -30,15 +31,14 @@ from armd.daemon.bridges.ippdme.report import (
     move_report,
     written_fields,
 )
-from armd.daemon.bridges.ippdme.session import Answer, Pending, Session
 
 MACHINE_CLASS = '"CartCMM"'
 #: 2.5, annex J.1: manual machine with tactile probe.
 MACHINE_CLASS_2_5 = '"CartCMM_TouchTrigger_Fixed_None_ToolChanger_None_None"'
 
 
-def is_2_5(session: Session) -> bool:
-    return session.version == "2.5"
+def is_2_5(dialogue: Dialogue) -> bool:
+    return dialogue.version == "2.5"
 
 
 def nothing(args: tuple[Arg, ...]) -> None:
@@ -65,26 +65,26 @@ def word_of(args: tuple[Arg, ...]) -> str:
     return args[0].value
 
 
-def start_session(session: Session, command: Command) -> Answer:
+def start_session(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    session.start_session()
+    dialogue.start_session()
     return ()
 
 
-def end_session(session: Session, command: Command) -> Answer:
+def end_session(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    session.end_session()
+    dialogue.end_session()
     return ()
 
 
-def get_dme_version(session: Session, command: Command) -> Answer:
+def get_dme_version(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    return [f"DMEVersion({quoted(session.version)})"]
+    return [f"DMEVersion({quoted(dialogue.version)})"]
 
 
-def get_machine_class(session: Session, command: Command) -> Answer:
+def get_machine_class(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    if is_2_5(session):
+    if is_2_5(dialogue):
         return [MACHINE_CLASS_2_5]
     return [f"GetMachineClass({MACHINE_CLASS})"]
 
@@ -92,7 +92,7 @@ def get_machine_class(session: Session, command: Command) -> Answer:
 # --- errors ----------------------------------------------------------------------------------
 
 
-def get_error_info(session: Session, command: Command) -> Answer:
+def get_error_info(dialogue: Dialogue, command: Command) -> Answer:
     if len(command.args) != 1:
         raise DmeError(502)
     given = command.args[0]
@@ -103,145 +103,145 @@ def get_error_info(session: Session, command: Command) -> Answer:
     return [quoted(TABLE[int(given)][1])]
 
 
-def clear_all_errors(session: Session, command: Command) -> Answer:
+def clear_all_errors(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    session.errors.clear()
+    dialogue.errors.clear()
     return ()
 
 
-def get_err_status(session: Session, command: Command) -> Answer:
+def get_err_status(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    status = "1" if session.errors else "0"
-    return [status if is_2_5(session) else f"ErrStatus({status})"]
+    status = "1" if dialogue.errors else "0"
+    return [status if is_2_5(dialogue) else f"ErrStatus({status})"]
 
 
-def get_xtd_err_status(session: Session, command: Command) -> Answer:
+def get_xtd_err_status(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    lines = [_is_homed(session), f"IsUserEnabled({int(session.user_enabled)})"]
-    if is_2_5(session):
+    lines = [_is_homed(dialogue), f"IsUserEnabled({int(dialogue.user_enabled)})"]
+    if is_2_5(dialogue):
         return lines + [
             f"ActiveError({error.number:04d}), Severity({error.severity})"
-            for error, _ in session.errors
+            for error, _ in dialogue.errors
         ]
-    session.answer_errors(command.tag, lines)
+    dialogue.answer_errors(command.tag, lines)
     return ()
 
 
-def abort(session: Session, command: Command) -> Answer:
+def abort(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    session.abort()
+    dialogue.abort()
     return ()
 
 
 # --- daemons ---------------------------------------------------------------------------------
 
 
-def on_move_report(session: Session, command: Command) -> Answer:
+def on_move_report(dialogue: Dialogue, command: Command) -> Answer:
     if not EVENT_TAG.fullmatch(command.tag):
         raise DmeError(502)  # its reports need a tag that goes on
-    report = move_report(command.tag, command.args, both_needed=is_2_5(session))
-    if session.move_report is not None:
+    report = move_report(command.tag, command.args, both_needed=is_2_5(dialogue))
+    if dialogue.move_report is not None:
         raise DmeError(515)
-    session.move_report = report
+    dialogue.move_report = report
     return ()
 
 
-def stop_daemon(session: Session, command: Command) -> Answer:
+def stop_daemon(dialogue: Dialogue, command: Command) -> Answer:
     tag = word_of(command.args)
     if not EVENT_TAG.fullmatch(tag):
         raise DmeError(509)
-    if session.move_report is None or session.move_report.tag != tag:
+    if dialogue.move_report is None or dialogue.move_report.tag != tag:
         raise DmeError(513)
-    session.move_report = None
+    dialogue.move_report = None
     return ()
 
 
-def stop_all_daemons(session: Session, command: Command) -> Answer:
+def stop_all_daemons(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    if session.move_report is None:
+    if dialogue.move_report is None:
         raise DmeError(512)
-    session.move_report = None
+    dialogue.move_report = None
     return ()
 
 
 # --- the user --------------------------------------------------------------------------------
 
 
-def home(session: Session, command: Command) -> Answer:
+def home(dialogue: Dialogue, command: Command) -> Answer:
     """Absolute encoders: done at once, if there is an arm whose joints are known."""
     nothing(command.args)
-    session.user_enabled = False
-    if not session.machine.homed:
+    dialogue.user_enabled = False
+    if not dialogue.machine.homed:
         raise DmeError(1005)
     return ()
 
 
-def is_homed(session: Session, command: Command) -> Answer:
+def is_homed(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    return [_is_homed(session)]
+    return [_is_homed(dialogue)]
 
 
-def _is_homed(session: Session) -> str:
-    return f"IsHomed({int(session.machine.homed)})"
+def _is_homed(dialogue: Dialogue) -> str:
+    return f"IsHomed({int(dialogue.machine.homed)})"
 
 
-def enable_user(session: Session, command: Command) -> Answer:
+def enable_user(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    session.user_enabled = True
+    dialogue.user_enabled = True
     return ()
 
 
-def disable_user(session: Session, command: Command) -> Answer:
+def disable_user(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    session.user_enabled = False
+    dialogue.user_enabled = False
     return ()
 
 
-def is_user_enabled(session: Session, command: Command) -> Answer:
+def is_user_enabled(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    return [f"IsUserEnabled({int(session.user_enabled)})"]
+    return [f"IsUserEnabled({int(dialogue.user_enabled)})"]
 
 
 # --- positions and hits ----------------------------------------------------------------------
 
 
-def on_pt_meas_report(session: Session, command: Command) -> Answer:
-    session.report = asked_for(command.args, HIT_2_5 if is_2_5(session) else HIT)
+def on_pt_meas_report(dialogue: Dialogue, command: Command) -> Answer:
+    dialogue.report = asked_for(command.args, HIT_2_5 if is_2_5(dialogue) else HIT)
     return ()
 
 
-def on_scan_report(session: Session, command: Command) -> Answer:
+def on_scan_report(dialogue: Dialogue, command: Command) -> Answer:
     """Accepted, as hosts set it at their start; an arm does not scan."""
     asked_for(command.args, SCAN)
     return ()
 
 
-def get(session: Session, command: Command) -> Answer:
+def get(dialogue: Dialogue, command: Command) -> Answer:
     names = asked_for(command.args, MOTION)
-    x, y, z = session.machine.position().tolist()
+    x, y, z = dialogue.machine.position().tolist()
     return [listed(written_fields(names, {"X": (x,), "Y": (y,), "Z": (z,)}))]
 
 
-def pt_meas(session: Session, command: Command) -> Answer:
+def pt_meas(dialogue: Dialogue, command: Command) -> Answer:
     """A nominal point of the host's: the operator's next hit is the answer."""
     nominal = _nominal(command.args)
-    tool = session.machine.toolbox.current
+    tool = dialogue.machine.toolbox.current
     if not tool.measures:
         raise DmeError(507)
-    session.machine.check_reach(nominal)
-    session.user_enabled = False
+    dialogue.machine.check_reach(nominal)
+    dialogue.user_enabled = False
     pending = Pending()
     reach_mm = tool.number("PtMeasPar.Search") + tool.radius_mm
 
     def take(fields: Fields) -> None:
-        session.hit = None
+        dialogue.hit = None
         away = math.hypot(*(fields[axis][0] - wanted for axis, wanted in nominal.items()))
         if away > reach_mm:
             pending.settle(DmeError(1006))
         else:
-            pending.settle([listed(written_fields(session.report, fields))])
+            pending.settle([listed(written_fields(dialogue.report, fields))])
 
-    session.hit = take
+    dialogue.hit = take
     return pending
 
 

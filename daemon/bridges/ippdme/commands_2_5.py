@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 from armd.daemon.bridges.ippdme import commands, commands_csy, commands_tool
 from armd.daemon.bridges.ippdme.commands import nothing, text_of
+from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue, Method
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.ippdme.grammar import Command, decimal, listed, quoted
 from armd.daemon.bridges.ippdme.report import MOTION
-from armd.daemon.bridges.ippdme.session import Answer, Method, Session
 
 #: Known only to say no.
 UNSUPPORTED = ("ReQualify",)
@@ -38,52 +38,52 @@ ARGUMENTS = {name: args for names, args in _ARGUMENTS for name in names.split()}
 DEFECT_C = -273.0
 
 
-def get_supported_commands(session: Session, command: Command) -> Answer:
+def get_supported_commands(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    return [quoted(name) for name in session.methods if name not in UNSUPPORTED]
+    return [quoted(name) for name in dialogue.methods if name not in UNSUPPORTED]
 
 
-def get_supported_arguments(session: Session, command: Command) -> Answer:
+def get_supported_arguments(dialogue: Dialogue, command: Command) -> Answer:
     """Name and type of each."""
     name = text_of(command.args)
-    if name not in session.methods or name in UNSUPPORTED:
+    if name not in dialogue.methods or name in UNSUPPORTED:
         raise DmeError(506)
     return [f"{quoted(arg)}, {quoted(kind)}" for arg, kind in ARGUMENTS.get(name, {}).items()]
 
 
-def enum_name_spaces(session: Session, command: Command) -> Answer:
+def enum_name_spaces(dialogue: Dialogue, command: Command) -> Answer:
     """No commands of armd's own."""
     nothing(command.args)
     return ()
 
 
-def enumerate_mover_axes(session: Session, command: Command) -> Answer:
+def enumerate_mover_axes(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
     return [listed(dict.fromkeys(MOTION, ""))]
 
 
-def get_temperature_sensors(session: Session, command: Command) -> Answer:
+def get_temperature_sensors(dialogue: Dialogue, command: Command) -> Answer:
     """All of them are the machine's, and corrected for."""
     nothing(command.args)
     return [
         f"Name({quoted(name)}), Kind(CMM), CMMTempCorrection(1)"
-        for name in session.machine.temperatures_c
+        for name in dialogue.machine.temperatures_c
     ]
 
 
-def read_temperature_sensor(session: Session, command: Command) -> Answer:
+def read_temperature_sensor(dialogue: Dialogue, command: Command) -> Answer:
     name = text_of(command.args)
-    temperatures = session.machine.temperatures_c
+    temperatures = dialogue.machine.temperatures_c
     if name not in temperatures:
         raise DmeError(505)
     return [_celsius(temperatures[name])]
 
 
-def read_all_temperatures(session: Session, command: Command) -> Answer:
+def read_all_temperatures(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
     return [
         f"Name({quoted(name)}), Temperature({_celsius(value)})"
-        for name, value in session.machine.temperatures_c.items()
+        for name, value in dialogue.machine.temperatures_c.items()
     ]
 
 

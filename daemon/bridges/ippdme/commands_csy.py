@@ -4,72 +4,72 @@ from __future__ import annotations
 
 from armd.daemon.bridges.ippdme.commands import is_2_5, nothing, text_of, word_of
 from armd.daemon.bridges.ippdme.csy import Transformation
+from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.ippdme.grammar import Arg, Command, Text, Word, decimal, listed, quoted
-from armd.daemon.bridges.ippdme.session import Answer, Session
 
 NAMES = ("X0", "Y0", "Z0", "Theta", "Psi", "Phi")
 PLACES = 6
 
 
-def set_coord_system(session: Session, command: Command) -> Answer:
-    session.machine.systems.select(word_of(command.args))
-    session.report_now()
+def set_coord_system(dialogue: Dialogue, command: Command) -> Answer:
+    dialogue.machine.systems.select(word_of(command.args))
+    dialogue.report_now()
     return ()
 
 
-def get_coord_system(session: Session, command: Command) -> Answer:
+def get_coord_system(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    selected = session.machine.systems.selected
-    return [selected if is_2_5(session) else f"CoordSystem({selected})"]
+    selected = dialogue.machine.systems.selected
+    return [selected if is_2_5(dialogue) else f"CoordSystem({selected})"]
 
 
-def set_csy_transformation(session: Session, command: Command) -> Answer:
+def set_csy_transformation(dialogue: Dialogue, command: Command) -> Answer:
     name, transformation = _named(command.args, Word)
-    session.machine.systems.set(name, transformation)
-    session.report_now()
+    dialogue.machine.systems.set(name, transformation)
+    dialogue.report_now()
     return ()
 
 
-def get_csy_transformation(session: Session, command: Command) -> Answer:
-    found = session.machine.systems.get(word_of(command.args))
-    return [_written(found, session)]
+def get_csy_transformation(dialogue: Dialogue, command: Command) -> Answer:
+    found = dialogue.machine.systems.get(word_of(command.args))
+    return [_written(found, dialogue)]
 
 
-def save_active(session: Session, command: Command) -> Answer:
+def save_active(dialogue: Dialogue, command: Command) -> Answer:
     """The part's coordinate system under a name."""
-    systems = session.machine.systems
+    systems = dialogue.machine.systems
     systems.save_named(text_of(command.args), systems.get("PartCsy"))
     return ()
 
 
-def load(session: Session, command: Command) -> Answer:
+def load(dialogue: Dialogue, command: Command) -> Answer:
     """A named one becomes the part's, and is selected."""
-    systems = session.machine.systems
+    systems = dialogue.machine.systems
     systems.set("PartCsy", systems.find_named(text_of(command.args)))
     systems.select("PartCsy")
-    session.report_now()
+    dialogue.report_now()
     return ()
 
 
-def delete(session: Session, command: Command) -> Answer:
-    session.machine.systems.delete_named(text_of(command.args))
+def delete(dialogue: Dialogue, command: Command) -> Answer:
+    dialogue.machine.systems.delete_named(text_of(command.args))
     return ()
 
 
-def enumerate_named(session: Session, command: Command) -> Answer:
+def enumerate_named(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    return [quoted(name) for name in session.machine.systems.named]
+    return [quoted(name) for name in dialogue.machine.systems.named]
 
 
-def save_named(session: Session, command: Command) -> Answer:
+def save_named(dialogue: Dialogue, command: Command) -> Answer:
     name, transformation = _named(command.args, Text)
-    session.machine.systems.save_named(name, transformation)
+    dialogue.machine.systems.save_named(name, transformation)
     return ()
 
 
-def get_named(session: Session, command: Command) -> Answer:
-    return [_written(session.machine.systems.find_named(text_of(command.args)), session)]
+def get_named(dialogue: Dialogue, command: Command) -> Answer:
+    return [_written(dialogue.machine.systems.find_named(text_of(command.args)), dialogue)]
 
 
 def _named(args: tuple[Arg, ...], kind: type[Word] | type[Text]) -> tuple[str, Transformation]:
@@ -82,9 +82,9 @@ def _named(args: tuple[Arg, ...], kind: type[Word] | type[Text]) -> tuple[str, T
     return name.value, Transformation(*values)
 
 
-def _written(transformation: Transformation, session: Session) -> str:
+def _written(transformation: Transformation, dialogue: Dialogue) -> str:
     values = [decimal(value, PLACES) for value in transformation]
-    if is_2_5(session):
+    if is_2_5(dialogue):
         return listed(dict(zip(NAMES, values, strict=True)))
     return f"GetCsyTransformation({', '.join(values)})"
 

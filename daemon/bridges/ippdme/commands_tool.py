@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from armd.daemon.bridges.ippdme.commands import is_2_5, nothing, text_of
+from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue, Pending
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.ippdme.grammar import (
     Arg,
@@ -13,33 +14,32 @@ from armd.daemon.bridges.ippdme.grammar import (
     quoted,
 )
 from armd.daemon.bridges.ippdme.report import written_fields
-from armd.daemon.bridges.ippdme.session import Answer, Pending, Session
 from armd.daemon.bridges.ippdme.tools import Tool, properties
 
 
-def enum_tools(session: Session, command: Command) -> Answer:
+def enum_tools(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    names = session.machine.toolbox.names
-    return [_bare(name) if is_2_5(session) else quoted(name) for name in names]
+    names = dialogue.machine.toolbox.names
+    return [_bare(name) if is_2_5(dialogue) else quoted(name) for name in names]
 
 
-def find_tool(session: Session, command: Command) -> Answer:
-    toolbox = session.machine.toolbox
+def find_tool(dialogue: Dialogue, command: Command) -> Answer:
+    toolbox = dialogue.machine.toolbox
     toolbox.found = toolbox.undefined
     toolbox.found = toolbox.get(text_of(command.args))
     return ()
 
 
-def change_tool(session: Session, command: Command) -> Answer:
+def change_tool(dialogue: Dialogue, command: Command) -> Answer:
     """The daemon is asked for the tip, if it is another."""
-    machine = session.machine
+    machine = dialogue.machine
     tool = machine.toolbox.get(text_of(command.args))
-    session.user_enabled = False
+    dialogue.user_enabled = False
     if not tool.measures or (
         machine.toolbox.current.measures and tool.tip_name == machine.toolbox.current.tip_name
     ):
         machine.toolbox.use(tool)
-        session.report_now()
+        dialogue.report_now()
         return ()
     before = machine.toolbox.current
     machine.toolbox.use(tool)  # at once, so that the arm's own event says nothing new
@@ -47,7 +47,7 @@ def change_tool(session: Session, command: Command) -> Answer:
 
     def settle(done: bool) -> None:
         if done:
-            session.report_now()
+            dialogue.report_now()
             pending.settle([])
         else:
             if machine.toolbox.current is tool:
@@ -58,22 +58,22 @@ def change_tool(session: Session, command: Command) -> Answer:
     return pending
 
 
-def get_change_tool_action(session: Session, command: Command) -> Answer:
+def get_change_tool_action(dialogue: Dialogue, command: Command) -> Answer:
     """A person changes it wherever the arm is."""
-    toolbox = session.machine.toolbox
+    toolbox = dialogue.machine.toolbox
     tool = toolbox.get(text_of(command.args))
     if tool is toolbox.current:
         return ["ChangeToolAction(Switch)"]
-    x, y, z = session.machine.position().tolist()
+    x, y, z = dialogue.machine.position().tolist()
     place = listed(written_fields(("X", "Y", "Z"), {"X": (x,), "Y": (y,), "Z": (z,)}))
     return [f"ChangeToolAction(MoveMan, {place})"]
 
 
-def re_qualify(session: Session, command: Command) -> Answer:
+def re_qualify(dialogue: Dialogue, command: Command) -> Answer:
     """Who answers this without an error has qualified the tool anew (6.3.2): armd does that with
     `armd measure tip` and a calibration, never from here."""
     nothing(command.args)
-    if not session.machine.toolbox.current.measures:
+    if not dialogue.machine.toolbox.current.measures:
         raise DmeError(507)
     raise DmeError(501)
 
@@ -84,38 +84,38 @@ def re_qualify(session: Session, command: Command) -> Answer:
 COLLECTION = "Tools"
 
 
-def tool_in_use(session: Session, command: Command) -> Answer:
+def tool_in_use(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    return [_bare(session.machine.toolbox.current.name)]
+    return [_bare(dialogue.machine.toolbox.current.name)]
 
 
-def found_tool(session: Session, command: Command) -> Answer:
+def found_tool(dialogue: Dialogue, command: Command) -> Answer:
     nothing(command.args)
-    return [_bare(session.machine.toolbox.found.name)]
+    return [_bare(dialogue.machine.toolbox.found.name)]
 
 
-def is_alignable(session: Session, command: Command) -> Answer:
+def is_alignable(dialogue: Dialogue, command: Command) -> Answer:
     """A person turns the probe; the host cannot."""
     nothing(command.args)
     return ["IsAlignable(0)"]
 
 
-def enum_tool_collection(session: Session, command: Command) -> Answer:
+def enum_tool_collection(dialogue: Dialogue, command: Command) -> Answer:
     if _collection(command.args):
-        return [f'{quoted(name)}, "Tool"' for name in session.machine.toolbox.names]
+        return [f'{quoted(name)}, "Tool"' for name in dialogue.machine.toolbox.names]
     return [f'{quoted(COLLECTION)}, "Collection"']
 
 
-def enum_all_tool_collections(session: Session, command: Command) -> Answer:
+def enum_all_tool_collections(dialogue: Dialogue, command: Command) -> Answer:
     """The same, and what is below: as paths from the collection asked for."""
-    names = session.machine.toolbox.names
+    names = dialogue.machine.toolbox.names
     if _collection(command.args):
         return [f'{quoted(name)}, "Tool"' for name in names]
     below = [f'{quoted(f"{COLLECTION}/{name}")}, "Tool"' for name in names]
     return [f'{quoted(COLLECTION)}, "Collection"', *below]
 
 
-def open_tool_collection(session: Session, command: Command) -> Answer:
+def open_tool_collection(dialogue: Dialogue, command: Command) -> Answer:
     """Its names are those of the tools already."""
     _collection(command.args)
     return ()
@@ -132,55 +132,55 @@ def _collection(args: tuple[Arg, ...]) -> bool:
 # --- properties ------------------------------------------------------------------------------
 
 
-def get_prop(session: Session, command: Command) -> Answer:
+def get_prop(dialogue: Dialogue, command: Command) -> Answer:
     if not command.args:
         raise DmeError(502)
     parts: dict[str, str] = {}
     for arg in command.args:
         if not isinstance(arg, Property) or arg.values or arg.name in parts:
             raise DmeError(510 if isinstance(arg, Property) else 509)
-        parts[arg.name] = _property(session, arg.name)
+        parts[arg.name] = _property(dialogue, arg.name)
     return [listed(parts)]
 
 
-def set_prop(session: Session, command: Command) -> Answer:
+def set_prop(dialogue: Dialogue, command: Command) -> Answer:
     """Clamps what is out of range, and warns of it."""
     if not command.args:
         raise DmeError(502)
     settings = [_setting(arg) for arg in command.args]
     for name, _ in settings:  # all of them can be set, or none is
-        _property(session, name)
+        _property(dialogue, name)
     clamped = False
     for name, value in settings:
         if name.startswith("Part."):
-            session.machine.part[name.removeprefix("Part.")] = value
+            dialogue.machine.part[name.removeprefix("Part.")] = value
         else:
-            tool, below = _tool_and_name(session, name)
+            tool, below = _tool_and_name(dialogue, name)
             clamped = not tool.set_number(below, value) or clamped
     if clamped:
-        session.warn(command, DmeError(504))
+        dialogue.warn(command, DmeError(504))
     return ()
 
 
-def enum_prop(session: Session, command: Command) -> Answer:
+def enum_prop(dialogue: Dialogue, command: Command) -> Answer:
     return [
         f"{quoted(name)}, {quoted(kind)}"
-        for name, kind in _below(session, command)
+        for name, kind in _below(dialogue, command)
         if "." not in name
     ]
 
 
-def enum_all_prop(session: Session, command: Command) -> Answer:
-    return [f"{quoted(name)}, {quoted(kind)}" for name, kind in _below(session, command)]
+def enum_all_prop(dialogue: Dialogue, command: Command) -> Answer:
+    return [f"{quoted(name)}, {quoted(kind)}" for name, kind in _below(dialogue, command)]
 
 
-def _below(session: Session, command: Command) -> list[tuple[str, str]]:
+def _below(dialogue: Dialogue, command: Command) -> list[tuple[str, str]]:
     if len(command.args) != 1:
         raise DmeError(502)
     arg = command.args[0]
     if not isinstance(arg, Property) or arg.values:
         raise DmeError(509)
-    tool, block = _tool_and_name(session, arg.name)
+    tool, block = _tool_and_name(dialogue, arg.name)
     if block and not tool.measures:
         raise DmeError(507)
     return list(properties(block))
@@ -194,29 +194,29 @@ def _setting(arg: Arg) -> tuple[str, float]:
     return arg.name, arg.values[0]
 
 
-def _property(session: Session, name: str) -> str:
+def _property(dialogue: Dialogue, name: str) -> str:
     """Its value as written; raises `DmeError` for one that is none."""
-    if is_2_5(session) and name.startswith("Part."):
-        value = session.machine.part.get(name.removeprefix("Part."))
+    if is_2_5(dialogue) and name.startswith("Part."):
+        value = dialogue.machine.part.get(name.removeprefix("Part."))
         if value is None:
             raise DmeError(510)
         return decimal(value, 9)
-    tool, below = _tool_and_name(session, name)
+    tool, below = _tool_and_name(dialogue, name)
     if below in ("Name", "Id"):
         return quoted(tool.name)
-    if below == "Collection" and is_2_5(session):
+    if below == "Collection" and is_2_5(dialogue):
         return quoted(COLLECTION)
     if below == "AvrRadius":
         return decimal(tool.radius_mm)
     if below == "Alignment":
-        return ", ".join(decimal(value, 6) for value in session.machine.alignment())
+        return ", ".join(decimal(value, 6) for value in dialogue.machine.alignment())
     return decimal(tool.number(below))
 
 
-def _tool_and_name(session: Session, name: str) -> tuple[Tool, str]:
+def _tool_and_name(dialogue: Dialogue, name: str) -> tuple[Tool, str]:
     """`Tool.PtMeasPar.Speed`: the tool in use, and what follows."""
     head, _, below = name.partition(".")
-    toolbox = session.machine.toolbox
+    toolbox = dialogue.machine.toolbox
     if head == "Tool":
         return toolbox.current, below
     if head == "FoundTool":

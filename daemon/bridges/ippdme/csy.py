@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
+from armd.arrays import F64
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.files import write_whole
-from armd.schema import Strict, load_json
-from armd.state_folder import state_folder
+from armd.files.schema import Strict, load_json
+from armd.files.state_folder import state_folder
+from armd.files.writing import write_whole
 
-F64 = npt.NDArray[np.float64]
 MACHINE = "MachineCsy"
 #: From the machine outwards; a selected one includes all before it.
 CHAIN = ("MultipleArmCsy", "MoveableMachineCsy", "PartCsy")

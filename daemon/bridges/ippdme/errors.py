@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from armd.daemon.bridges.ippdme.grammar import quoted
-
 #: From this severity on nothing goes through until ClearAllErrors.
 BLOCKING = 2
 
@@ -83,7 +81,3 @@ class DmeError(Exception):
     @property
     def blocking(self) -> bool:
         return self.severity >= BLOCKING
-
-    def written(self, method: str) -> str:
-        """`Error(3, 0501, "GoTo", "Unsupported command")`."""
-        return f"Error({self.severity}, {self.number:04d}, {quoted(method)}, {quoted(self.text)})"

@@ -8,15 +8,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from armd import Flag
+from armd.arrays import F64
 from armd.daemon.bridges.ippdme.csy import CoordinateSystems
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.ippdme.tools import Toolbox
 from armd.daemon.bridges.tips import Tips, shaft
-
-F64 = npt.NDArray[np.float64]
 
 #: Without a point for this long the arm is out of reach.
 SILENT_S = 1.0
@@ -120,7 +118,7 @@ class Machine:
             "Y": (y,),
             "Z": (z,),
             "IJK": tuple(out.tolist()),
-            "ER": (self.tips.get(measurement["tip"]).radius_mm,),
+            "ER": (self.tips.used_in(measurement).radius_mm,),
             "Q": (max((QUALITY.get(flag, 0) for flag in flags), default=0),),
             "IJKAct": (0,),
         }

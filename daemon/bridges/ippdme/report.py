@@ -1,4 +1,4 @@
-"""What is reported of a hit or of a motion, and when."""
+"""What is reported of a hit, of a motion or of an error, and when."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
+from armd.arrays import F64
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.daemon.bridges.ippdme.grammar import Arg, Property, decimal
+from armd.daemon.bridges.ippdme.grammar import Arg, Property, decimal, quoted
 
 Fields = Mapping[str, tuple[float, ...]]
 
@@ -22,6 +20,11 @@ SCAN = (*HIT, "R")
 #: At most ten reports a second.
 SHORTEST_S = 0.1
 _PLACES = {"IJK": 6, "Q": 0, "IJKAct": 0}
+
+
+def written_error(error: DmeError, method: str) -> str:
+    """`Error(3, 0501, "GoTo", "Unsupported command")`."""
+    return f"Error({error.severity}, {error.number:04d}, {quoted(method)}, {quoted(error.text)})"
 
 
 def written_fields(names: Sequence[str], fields: Fields) -> dict[str, str]:
@@ -57,13 +60,13 @@ class MoveReport:
     time_s: float | None
     distance_mm: float | None
     _last_s: float = -math.inf
-    _last_mm: npt.NDArray[np.float64] | None = None
+    _last_mm: F64 | None = None
 
     def hurry(self) -> None:
         """The next one is due as soon as one may be."""
         self._last_mm = None
 
-    def is_due(self, now_s: float, position_mm: npt.NDArray[np.float64]) -> bool:
+    def is_due(self, now_s: float, position_mm: F64) -> bool:
         since_s = now_s - self._last_s
         if since_s < SHORTEST_S:
             return False

@@ -15,14 +15,15 @@ import numpy as np
 from armd import POINT, Arm, ArmdError, keys
 from armd.daemon.bridges.ippdme.commands_2_5 import VERSIONS
 from armd.daemon.bridges.ippdme.csy import CoordinateSystems, state_file
+from armd.daemon.bridges.ippdme.dialogue import Dialogue
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.ippdme.grammar import LONGEST
 from armd.daemon.bridges.ippdme.machine import Machine
-from armd.daemon.bridges.ippdme.session import Session
+from armd.daemon.bridges.ippdme.report import written_error
 from armd.daemon.bridges.ippdme.tools import REF_TOOL, Toolbox
 from armd.daemon.bridges.listening import Address, Client, listen
 from armd.daemon.bridges.process import in_thread, ready
-from armd.daemon.bridges.tips import Tips
+from armd.daemon.bridges.tips import CmmTip, Tips, vector
 from armd.errors import BadInput
 
 TICK_S = 0.02
@@ -42,14 +43,14 @@ class Connection(Client):
         super().__init__()
         self._all = all_of_them
         self._unread = b""
-        self.session = Session(machine, VERSIONS[version], version, self._send_line)
+        self.dialogue = Dialogue(machine, VERSIONS[version], version, self._send_line)
 
     def begin(self) -> None:
         self._all.add(self)
 
     def end(self) -> None:
         self._all.discard(self)
-        self.session.end()
+        self.dialogue.end()
 
     def data_received(self, data: bytes) -> None:
         *lines, self._unread = (self._unread + data).split(b"\n")
@@ -61,12 +62,12 @@ class Connection(Client):
             if len(text) > LONGEST:
                 self._too_long()
                 return
-            self.session.receive(text.decode("latin-1"))
+            self.dialogue.receive(text.decode("latin-1"))
         if len(self._unread) > LONGEST:
             self._too_long()
 
     def _too_long(self) -> None:
-        self._send_line(f"E0000 ! {DmeError(8).written('line')}")
+        self._send_line(f"E0000 ! {written_error(DmeError(8), 'line')}")
         self._unread = b""
         self.close()
 
@@ -74,7 +75,7 @@ class Connection(Client):
         self.send(f"{line}\r\n".encode("ascii"))
 
 
-class Server:
+class DmeServer:
     """Serves one arm to inspection software."""
 
     def __init__(self, arm: Arm, version: str, aliases: Mapping[str, str]) -> None:
@@ -129,31 +130,34 @@ class Server:
         if payloads:
             self._machine.note_point(np.frombuffer(payloads[-1], POINT)[0])
         if self._machine.just_lost():
-            self._tell(lambda session: session.take_error(DmeError(503), "armd"))
+            self._tell(lambda dialogue: dialogue.take_error(DmeError(503), "armd"))
         now_s = time.monotonic()
-        self._tell(lambda session: session.tick(now_s))
+        self._tell(lambda dialogue: dialogue.tick(now_s))
 
-    def _tell(self, say: Callable[[Session], None]) -> None:
+    def _tell(self, say: Callable[[Dialogue], None]) -> None:
         for connection in list(self._connections):
-            say(connection.session)
+            say(connection.dialogue)
 
     def _take_measurement(self, measurement: dict[str, Any]) -> None:
-        self._tell(lambda session: session.take_measurement(measurement))
+        self._tell(lambda dialogue: dialogue.take_measurement(measurement))
 
     def _take_event(self, event: dict[str, Any]) -> None:
         kind, detail = event["kind"], event.get("detail") or {}
         if kind == "button":
             self._take_keys(keys_of(detail.get("buttons", [])), detail.get("seq", 0))
         elif kind == "tip" and "tip" in detail:
+            if detail.get("offset_mm") is not None:  # calibrated anew, maybe
+                tip = CmmTip(vector(detail["offset_mm"]), detail["radius_mm"])
+                self._machine.toolbox.renew(detail["tip"], tip)
             self._note_tip(detail["tip"])
         elif kind in FAULTS:
             number, place = FAULTS[kind]
-            self._tell(lambda session: session.take_error(DmeError(number), place(event)))
+            self._tell(lambda dialogue: dialogue.take_error(DmeError(number), place(event)))
 
     def _take_keys(self, names: list[str], seq: int) -> None:
-        def take(session: Session) -> None:
+        def take(dialogue: Dialogue) -> None:
             for name in names:
-                session.take_key(name, seq)
+                dialogue.take_key(name, seq)
 
         self._tell(take)
 
@@ -166,7 +170,7 @@ class Server:
     def _note_tip(self, tip_name: str | None) -> None:
         tool = self._machine.toolbox.note_tip(tip_name)
         if tool is not None:
-            self._tell(lambda session: session.take_tool(tool.name))
+            self._tell(lambda dialogue: dialogue.take_tool(tool.name))
 
     def _select_tip(self, name: str, settle: Callable[[bool], None]) -> None:
         async def ask() -> None:

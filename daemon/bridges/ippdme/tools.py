@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.daemon.bridges.tips import Tip, Tips
+from armd.daemon.bridges.tips import CmmTip, Tips
 
 REF_TOOL, NO_TOOL, UNDEF_TOOL, BASE_TOOL = "RefTool", "NoTool", "UnDefTool", "BaseTool"
 RESERVED = (REF_TOOL, NO_TOOL, UNDEF_TOOL, BASE_TOOL)
@@ -41,7 +41,7 @@ class Tool:
     name: str
     tip_name: str | None
     """Of armd.toml; None: the calibration's own."""
-    tip: Tip | None
+    tip: CmmTip | None
     """None: it cannot measure."""
     actual: dict[str, float] = field(default_factory=dict)
     """What the host has set, by `PtMeasPar.Speed`."""
@@ -132,7 +132,7 @@ class Toolbox:
         self.found = self.undefined
         self.current = self._by_tip(tip_name)
 
-    def _add(self, name: str, tip_name: str | None, tip: Tip | None) -> None:
+    def _add(self, name: str, tip_name: str | None, tip: CmmTip | None) -> None:
         self._by_name[name] = Tool(name, tip_name, tip)
 
     @property
@@ -146,6 +146,14 @@ class Toolbox:
         if name not in self._by_name:
             raise DmeError(1502)
         return self._by_name[name]
+
+    def renew(self, tip_name: str | None, tip: CmmTip) -> None:
+        """A tip as it is now known, or one that is new."""
+        for tool in self._by_name.values():
+            if tool.measures and tool.tip_name == tip_name:
+                tool.tip = tip
+        if tip_name is not None and tip_name not in self._by_name:
+            self._add(tip_name, tip_name, tip)
 
     def use(self, tool: Tool) -> None:
         self.current = tool

@@ -17,7 +17,7 @@ import zenoh
 from armd import POINT, Arm, Flag, joints_dtype, keys
 from armd.daemon.bridges.process import close_soon, in_thread, ready
 from armd.daemon.bridges.ros2 import messages
-from armd.daemon.bridges.ros2.node import Node, Quality
+from armd.daemon.bridges.ros2.node import Quality, RosNode
 
 POLL_S = 0.005
 #: Health comes every second; without it for so long the diagnostics say so.
@@ -80,7 +80,7 @@ class Bridge:
 
     async def _serve(self, session: zenoh.Session) -> None:
         # Kept: Zenoh takes a token away with the object that declared it.
-        self._node = Node(session, self._settings.domain, self._settings.namespace)
+        self._node = RosNode(session, self._settings.domain, self._settings.namespace)
         self._declare(self._node)
         loop = asyncio.get_running_loop()
 
@@ -104,7 +104,7 @@ class Bridge:
                     self._tell_health(json.loads(payload))
                 self._tell_if_stale()
 
-    def _declare(self, node: Node) -> None:
+    def _declare(self, node: RosNode) -> None:
         own = f"/{self._settings.namespace}"
         pose = messages.POSE_WITH_COVARIANCE_STAMPED
         self._point = node.publisher(f"{own}/point", messages.POINT_STAMPED, STREAM)

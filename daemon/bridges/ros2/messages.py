@@ -8,30 +8,30 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class Type:
+class MessageType:
     """A message type: its DDS name, and the hash of its description (one from Iron to Lyrical)."""
 
     dds: str
     hash: str
 
 
-POINT_STAMPED = Type(
+POINT_STAMPED = MessageType(
     "geometry_msgs::msg::dds_::PointStamped_",
     "RIHS01_4c0296af86e01e562e9e0405d138a01537247580076c58ea38d7923ac1045897",
 )
-POSE_WITH_COVARIANCE_STAMPED = Type(
+POSE_WITH_COVARIANCE_STAMPED = MessageType(
     "geometry_msgs::msg::dds_::PoseWithCovarianceStamped_",
     "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
 )
-JOINT_STATE = Type(
+JOINT_STATE = MessageType(
     "sensor_msgs::msg::dds_::JointState_",
     "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
 )
-TF_MESSAGE = Type(
+TF_MESSAGE = MessageType(
     "tf2_msgs::msg::dds_::TFMessage_",
     "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
 )
-DIAGNOSTIC_ARRAY = Type(
+DIAGNOSTIC_ARRAY = MessageType(
     "diagnostic_msgs::msg::dds_::DiagnosticArray_",
     "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
 )

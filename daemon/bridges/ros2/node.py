@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import zenoh
 from zenoh import ext
 
-from armd.daemon.bridges.ros2.messages import Type
+from armd.daemon.bridges.ros2.messages import MessageType
 
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
 NODE_ID = 0
@@ -41,7 +41,7 @@ def escaped(name: str) -> str:
     return name.replace("/", "%")
 
 
-class Publisher:
+class TopicPublisher:
     """One topic of a node."""
 
     def __init__(self, session: zenoh.Session, key: str, token: str, quality: Quality) -> None:
@@ -71,7 +71,7 @@ class Publisher:
         self._publisher.put(message, attachment=attachment)
 
 
-class Node:
+class RosNode:
     """`/<namespace>/armd` in a ROS domain, on a session that reaches its router."""
 
     def __init__(self, session: zenoh.Session, domain: int, namespace: str) -> None:
@@ -83,7 +83,7 @@ class Node:
         head = f"@ros2_lv/{domain}/{self._zid}/{NODE_ID}"
         self._token = session.liveliness().declare_token(f"{head}/{NODE_ID}/NN/{self._node}")
 
-    def publisher(self, topic: str, kind: Type, quality: Quality) -> Publisher:
+    def publisher(self, topic: str, kind: MessageType, quality: Quality) -> TopicPublisher:
         """*topic* is the full name, with its slash in front."""
         self._publishers += 1
         key = f"{self._domain}/{topic.strip('/')}/{kind.dds}/{kind.hash}"
@@ -97,4 +97,4 @@ class Node:
                 quality.token,
             ]
         )
-        return Publisher(self._session, key, token, quality)
+        return TopicPublisher(self._session, key, token, quality)

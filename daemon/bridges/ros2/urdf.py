@@ -9,13 +9,11 @@ from typing import Any
 from xml.etree import ElementTree as Xml
 
 import numpy as np
-import numpy.typing as npt
 
+from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import frames
-
-F64 = npt.NDArray[np.float64]
 
 RADIUS_M = 0.02  # of a cylinder: what an arm's tube looks like
 SHORTEST_M = 1e-3  # of a link that is drawn

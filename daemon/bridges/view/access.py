@@ -10,9 +10,9 @@ from http import HTTPStatus
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from armd.daemon.bridges.view.http import Refused, Request
+from armd.daemon.bridges.view.http import NotServed, Request
 from armd.errors import BadInput
-from armd.inputs import read_input
+from armd.files.inputs import read_input
 
 COOKIE = "armd_view"
 SHORTEST_TOKEN = 16
@@ -39,24 +39,26 @@ class Access:
         return self._token is not None
 
     def check_host(self, request: Request) -> None:
-        """Raises `Refused`. Any port is right: a tunnel has one of its own."""
+        """Raises `NotServed`. Any port is right: a tunnel has one of its own."""
         host = request.headers.get("host", "")
         if not self._is_ours(host):
-            raise Refused(HTTPStatus.FORBIDDEN, f"found Host {host[:100]!r}, expected ours")
+            raise NotServed(HTTPStatus.FORBIDDEN, f"found Host {host[:100]!r}, expected ours")
 
     def check_origin(self, request: Request) -> None:
-        """Of what does something: it must come from our own page; raises `Refused`."""
+        """Of what does something: it must come from our own page; raises `NotServed`."""
         origin = request.headers.get("origin")
         host = request.headers.get("host", "")
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
-            raise Refused(HTTPStatus.FORBIDDEN, f"found Origin {origin[:100]!r}, expected our page")
+            raise NotServed(
+                HTTPStatus.FORBIDDEN, f"found Origin {origin[:100]!r}, expected our page"
+            )
         if request.headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
-            raise Refused(HTTPStatus.FORBIDDEN, "found another site's page, expected our own")
+            raise NotServed(HTTPStatus.FORBIDDEN, "found another site's page, expected our own")
 
     def check_token(self, request: Request) -> None:
-        """Raises `Refused` without the token, as cookie or as `Authorization: Bearer`."""
+        """Raises `NotServed` without the token, as cookie or as `Authorization: Bearer`."""
         if not self.knows(request):
-            raise Refused(HTTPStatus.UNAUTHORIZED, "expected the token")
+            raise NotServed(HTTPStatus.UNAUTHORIZED, "expected the token")
 
     def knows(self, request: Request) -> bool:
         if self._token is None:

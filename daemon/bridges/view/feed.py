@@ -17,7 +17,7 @@ from armd.client import Stream
 from armd.daemon.bridges.process import close_soon, in_thread
 from armd.daemon.bridges.view import told
 from armd.daemon.bridges.view.board import KEPT, Board
-from armd.daemon.bridges.view.history import History
+from armd.daemon.bridges.view.history import TemperatureHistory
 from armd.errors import ArmdError
 
 #: The page is told so often where the tip is; nobody sees more.
@@ -41,7 +41,7 @@ class Feed:
         self._serial = serial
         self._endpoint = endpoint
         self._watched = watched
-        self.history = History()
+        self.history = TemperatureHistory()
         self.arm: Arm | None = None
         """While the daemon is there."""
         self.info: dict[str, Any] | None = None
@@ -56,6 +56,11 @@ class Feed:
         self._seen: dict[tuple[str, int, str], None] = {}
         self.kept: dict[str, dict[str, Any]] = {}
         """Measurements by the id that the page has of each, the last ones."""
+
+    @property
+    def serial(self) -> str | None:
+        """Of the arm; None while nobody knows which it is."""
+        return self._serial
 
     @property
     def stamp_ns(self) -> int:

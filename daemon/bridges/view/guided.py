@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from http import HTTPStatus
 from pathlib import Path
@@ -15,24 +15,28 @@ from typing import Any, cast
 from armd.daemon.bridges.process import in_thread
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.feed import Feed
-from armd.daemon.bridges.view.http import Refused, Request
-from armd.daemon.measure.ending import Options, commands, run
+from armd.daemon.bridges.view.http import NotServed, Request
+from armd.daemon.bridges.view.sessions import A_NAME, results
+from armd.daemon.files.session_folder import ArtefactFile
+from armd.daemon.measure.ending import EndOptions, commands, run
 from armd.daemon.measure.estimate import identified
 from armd.daemon.measure.in_use import in_use_of
-from armd.daemon.measure.kinds import plan_of
 from armd.daemon.measure.log import NAME
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.stations import KINDS, MOST_STATIONS, Kind, Wishes
-from armd.daemon.session_folder import ArtefactFile
+from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, Kind, Wishes
 from armd.errors import ArmdError, BadInput
-from armd.schema import load_toml
+from armd.files.schema import load_toml
 
 TOPIC = "guided"
 #: Every so many readings it is asked what `armd calibrate` would make of them.
 ESTIMATE_EVERY = 10
 #: Kinds that a calibration can be made of.
 IDENTIFYING = ("seats", "artefact", "poses")
-A_NAME = re.compile(r"[^\W_][\w .+-]{0,79}")
+
+
+#: Of the interim checks that the page takes, among the sessions.
+HISTORY = "interim-history"
 
 
 class Guided:
@@ -45,7 +49,7 @@ class Guided:
         self._feed = feed
         feed.measured = self._take
         self._measuring: Measuring | None = None
-        self._options = Options()
+        self._options = EndOptions()
         self._trigger = ""
         self._since_ns = 0
         self._waiting: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
@@ -88,7 +92,11 @@ class Guided:
             "kinds": list(KINDS),
             "artefacts": [path.name for path in there if path.suffix == ".toml"],
             "poses": [path.name for path in there if path.suffix == ".csv"],
-            "sessions": [path.name for path in there if (path / NAME).is_file()],
+            "sessions": [
+                {"name": path.name, "results": results(path)}
+                for path in there
+                if (path / NAME).is_file()
+            ],
         }
 
     async def do(self, request: Request) -> dict[str, Any]:
@@ -99,7 +107,7 @@ class Guided:
             if not isinstance(content, dict):
                 raise ValueError("no object")
         except ValueError as error:
-            raise Refused(HTTPStatus.BAD_REQUEST, f"found {error}") from error
+            raise NotServed(HTTPStatus.BAD_REQUEST, f"found {error}") from error
         if name in ("begin", "resume"):
             return await self._begin(name, content)
         measuring = self._measuring
@@ -111,15 +119,15 @@ class Guided:
             raise ArmdError("there is no guided measurement")
         match name:
             case "delete" | "again" | "skip":
-                deed = {
+                deeds = {
                     "delete": measuring.delete_last,
                     "again": measuring.again,
                     "skip": measuring.skip,
-                }[name]
-                self._became(await in_thread(partial(_guarded, deed)))
+                }
+                self._became(await in_thread(partial(_guarded, deeds[name])))
             case "artefact":
-                measuring.artefact_c = _number(content, "artefact_c")
-                self._tell()
+                deed = partial(measuring.set_artefact_c, _number(content, "artefact_c"))
+                self._became(await in_thread(partial(_guarded, deed)))
             case "finish":
                 await in_thread(measuring.finish)
                 made = commands(measuring, self._options)
@@ -131,7 +139,7 @@ class Guided:
                 await in_thread(measuring.close)
                 self._tell()
             case _:
-                raise Refused(HTTPStatus.NOT_FOUND, f"found {name[:40]!r}")
+                raise NotServed(HTTPStatus.NOT_FOUND, f"found {name[:40]!r}")
         return {"done": name}
 
     def close(self) -> None:
@@ -152,7 +160,10 @@ class Guided:
         if how == "begin" and kind not in KINDS:
             raise BadInput("the page", "kind", repr(kind), f"one of {', '.join(KINDS)}")
         mpe = content.get("mpe") or None
-        options = Options(mpe=None if mpe is None else self._folder / _name(content, "mpe"))
+        options = EndOptions(
+            mpe=None if mpe is None else self._folder / _name(content, "mpe"),
+            tip_name=str(content["tip"]) if content.get("tip") else None,
+        )
         if artefact is not None:
             artefact = self._folder / _name(content, "artefact")
 
@@ -167,6 +178,8 @@ class Guided:
             return Measuring(folder, plan, in_use), trigger
 
         measuring, self._trigger = await in_thread(begun)
+        if measuring.plan.kind == "interim" and measuring.in_use.calibration is not None:
+            options = replace(options, history=self._folder / HISTORY)
         try:
             commands(measuring, options)  # refused now rather than at the end
         except ArmdError:
@@ -209,13 +222,15 @@ class Guided:
         self._estimating = asyncio.ensure_future(ask())
 
     def _tell(self) -> None:
-        state = None if self._measuring is None else self._measuring.state()
+        measuring = self._measuring
+        state = None if measuring is None else measuring.state()
         said = {
             "phase": self._phase,
             "state": state,
             "outcome": self._outcome,
             "so_far": self._so_far,
             "results": self._results,
+            "files": results(measuring.folder) if measuring and self._results else [],
         }
         self._board.put(TOPIC, json.dumps(said))
 
@@ -246,6 +261,13 @@ def _number(content: Mapping[str, Any], key: str) -> float | None:
     return float(value)
 
 
+def _positive(content: Mapping[str, Any], key: str) -> float | None:
+    value = _number(content, key)
+    if value is not None and not 0 < value < math.inf:
+        raise BadInput("the page", key, f"{value:g}", "a number above 0")
+    return value
+
+
 def _wishes(content: Mapping[str, Any], folder: Path) -> Wishes:
     def names(key: str) -> list[str] | None:
         parts = [part.strip() for part in str(content.get(key) or "").split(",")]
@@ -261,5 +283,6 @@ def _wishes(content: Mapping[str, Any], folder: Path) -> Wishes:
         repeats=None if repeats is None else int(repeats),
         poses=folder / _name(content, "poses") if content.get("poses") else None,
         tests=names("tests"),
-        sphere_mm=_number(content, "sphere_mm"),
+        near_mm=_positive(content, "near_mm"),
+        sphere_mm=_positive(content, "sphere_mm"),
     )

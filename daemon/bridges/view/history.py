@@ -10,7 +10,7 @@ EVERY_MS = 2000.0
 KEPT_MS = 3_600_000.0
 
 
-class History:
+class TemperatureHistory:
     """A row every two seconds, for an hour."""
 
     def __init__(self) -> None:

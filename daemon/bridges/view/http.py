@@ -31,7 +31,7 @@ GUARDS = {
 }
 
 
-class Refused(Exception):
+class NotServed(Exception):
     """A request that is not served, and why."""
 
     def __init__(self, status: HTTPStatus, text: str) -> None:
@@ -58,38 +58,38 @@ class Request:
 
 
 async def read_request(reader: asyncio.StreamReader) -> Request:
-    """Raises `Refused` for what is none, and what `asyncio` does for a connection that ends."""
+    """Raises `NotServed` for what is none, and what `asyncio` does for a connection that ends."""
     async with asyncio.timeout(PATIENCE_S):
         try:
             head = await reader.readuntil(b"\r\n\r\n")
         except asyncio.LimitOverrunError as error:
             status = HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
-            raise Refused(status, f"found a head of more than {MOST_HEAD_BYTES} bytes") from error
+            raise NotServed(status, f"found a head of more than {MOST_HEAD_BYTES} bytes") from error
         request = parse(head)
         length = request.headers.get("content-length", "0")
         if "transfer-encoding" in request.headers or not (length.isascii() and length.isdigit()):
-            raise Refused(HTTPStatus.LENGTH_REQUIRED, "expected a body of known length")
+            raise NotServed(HTTPStatus.LENGTH_REQUIRED, "expected a body of known length")
         if int(length) > MOST_BODY_BYTES:
-            raise Refused(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"found {length} bytes")
+            raise NotServed(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"found {length} bytes")
         body = await reader.readexactly(int(length))
     return Request(request.method, request.path, request.query, request.headers, body)
 
 
 def parse(head: bytes) -> Request:
-    """A request's head, up to its empty line; raises `Refused`."""
+    """A request's head, up to its empty line; raises `NotServed`."""
     line, _, rest = head.partition(b"\r\n")
     words = line.decode("latin-1").split(" ")
     if len(words) != 3 or not words[2].startswith("HTTP/1."):
-        raise Refused(HTTPStatus.BAD_REQUEST, "expected METHOD TARGET HTTP/1.1")
+        raise NotServed(HTTPStatus.BAD_REQUEST, "expected METHOD TARGET HTTP/1.1")
     try:
         fields = http.client.parse_headers(io.BytesIO(rest)).items()
         target = urlsplit(words[1])
     except (http.client.HTTPException, ValueError) as error:
-        raise Refused(HTTPStatus.BAD_REQUEST, f"found {type(error).__name__}") from error
+        raise NotServed(HTTPStatus.BAD_REQUEST, f"found {type(error).__name__}") from error
     headers: dict[str, str] = {}
     for name, value in fields:
         if name.lower() in headers and name.lower() in ("host", "content-length", "origin"):
-            raise Refused(HTTPStatus.BAD_REQUEST, f"found {name} twice")
+            raise NotServed(HTTPStatus.BAD_REQUEST, f"found {name} twice")
         headers[name.lower()] = value
     query = dict(parse_qsl(target.query, keep_blank_values=True, max_num_fields=None))
     return Request(words[0], unquote(target.path), query, headers)

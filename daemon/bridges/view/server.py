@@ -16,18 +16,20 @@ from armd import Arm
 from armd.daemon.bridges.listening import Address, listen
 from armd.daemon.bridges.process import in_thread, ready
 from armd.daemon.bridges.tips import Tips
+from armd.daemon.bridges.view import sessions
 from armd.daemon.bridges.view.access import Access
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.feed import LIVE_HZ, Feed
 from armd.daemon.bridges.view.files import Files
 from armd.daemon.bridges.view.http import (
     MOST_HEAD_BYTES,
-    Refused,
+    NotServed,
     Request,
     answer,
     head,
     read_request,
 )
+from armd.daemon.files.tip_history import history, put_in_force
 from armd.errors import ArmdError
 
 if TYPE_CHECKING:
@@ -46,6 +48,8 @@ STALLED_S = 20.0
 HEARTBEAT_S = 5.0
 #: After a wrong token, so that nobody tries many.
 WRONG_TOKEN_S = 1.0
+#: Calibrations of tips that the page lists, the last ones.
+TIPS_TOLD = 50
 #: By suffix, the kind that a browser is told.
 TABLES = {
     ".csv": "text/csv; charset=utf-8",
@@ -53,10 +57,16 @@ TABLES = {
     ".ply": TEXT,
     ".qif": "application/xml",
 }
-COMMANDS = {"reload": (), "tip": ("name",)}
+COMMANDS = {"reload": (), "tip": ("name",), "keep_tip": ("name",)}
 
 Do = Callable[[Request], Awaitable[object]]
-"""Does what a POST asks for; its answer is sent as JSON. Raises `ArmdError`, `Refused`."""
+"""Does what a POST asks for; its answer is sent as JSON. Raises `ArmdError`, `NotServed`."""
+
+
+def _obeyed(arm: Arm, name: str, parameters: dict[str, str]) -> str:
+    if name == "keep_tip":  # with the offset that its last calibration found
+        return put_in_force(arm, **parameters)
+    return arm.command(name, **parameters)
 
 
 def _table(arm: Arm, suffix: str) -> str:
@@ -66,13 +76,13 @@ def _table(arm: Arm, suffix: str) -> str:
     return formats.as_text(suffix, found.measurements, Tips(found.info or {}), found.serial)
 
 
-class Server:
+class PageServer:
     """Serves one board to many browsers, none of which another waits for."""
 
     def __init__(
-        self, access: Access, serial: str | None, endpoint: str, sessions: Path | None
+        self, access: Access, serial: str | None, endpoint: str, folder: Path | None
     ) -> None:
-        """*sessions*: the folder that guided measurements are written to; None: nothing writes."""
+        """*folder*: the one that guided measurements are written to; None: nothing writes."""
         self._access = access
         self._board = Board()
         self._feed = Feed(self._board, serial, endpoint, lambda: bool(self.transports))
@@ -82,10 +92,11 @@ class Server:
         """Of the browsers that look."""
         self._deeds: dict[str, Do] = {}
         self._guided: Guided | None = None
-        if sessions is not None:
+        self._sessions = folder
+        if folder is not None:
             from armd.daemon.bridges.view.guided import Guided  # the arm's mathematics, 200 MB
 
-            self._guided = Guided(self._board, sessions, self._feed)
+            self._guided = Guided(self._board, folder, self._feed)
             self._deeds = {"command": self._command, "guided": self._guided.do}
 
     async def serve(self, address: Address, context: ssl.SSLContext | None = None) -> None:
@@ -119,7 +130,7 @@ class Server:
                     await self._tell(request, writer)
                 else:
                     await self._reply(writer, await self._served(request))
-            except Refused as refused:
+            except NotServed as refused:
                 text = f"armd view: {refused}\n".encode()
                 await self._reply(writer, answer(refused.status, TEXT, text))
         except (OSError, TimeoutError, EOFError):  # it went away, or says nothing
@@ -140,7 +151,7 @@ class Server:
         if request.method == "POST":
             return await self._done(request)
         if request.method not in ("GET", "HEAD"):
-            raise Refused(HTTPStatus.METHOD_NOT_ALLOWED, f"found {request.method[:20]!r}")
+            raise NotServed(HTTPStatus.METHOD_NOT_ALLOWED, f"found {request.method[:20]!r}")
         path = request.path
         if path == "/" and not self._access.knows(request):
             path = "/login.html"
@@ -154,9 +165,16 @@ class Server:
         if path == "/guided" and self._guided is not None:
             choices = await in_thread(self._guided.choices)
             return answer(HTTPStatus.OK, JSON, json.dumps(choices).encode())
+        if path == "/tips":
+            serial = self._feed.serial
+            told = [] if serial is None else await in_thread(lambda: history(serial))
+            return answer(HTTPStatus.OK, JSON, json.dumps(told[-TIPS_TOLD:]).encode())
+        if path.startswith(sessions.PREFIX) and (folder := self._sessions) is not None:
+            kind, data = await in_thread(lambda: sessions.read(folder, path))
+            return answer(HTTPStatus.OK, kind, data, sessions.GUARDS)
         if path.startswith("/measurements."):
             return await self._table(path)
-        raise Refused(HTTPStatus.NOT_FOUND, f"found nothing at {path[:100]!r}")
+        raise NotServed(HTTPStatus.NOT_FOUND, f"found nothing at {path[:100]!r}")
 
     def _file(self, request: Request, path: str) -> bytes:
         file = self._files.get(path)
@@ -175,14 +193,14 @@ class Server:
         """All measurements that the daemon still has, as `armd export` writes them."""
         suffix = path.removeprefix("/measurements")
         if suffix not in TABLES:
-            raise Refused(HTTPStatus.NOT_FOUND, f"found {suffix[:20]!r}, expected {list(TABLES)}")
+            raise NotServed(HTTPStatus.NOT_FOUND, f"found {suffix[:20]!r}, expected {list(TABLES)}")
         arm = self._feed.arm
         if arm is None:
-            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE, "found no daemon to ask")
+            raise NotServed(HTTPStatus.SERVICE_UNAVAILABLE, "found no daemon to ask")
         try:
             text = await in_thread(lambda: _table(arm, suffix))
         except ArmdError as error:
-            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from error
+            raise NotServed(HTTPStatus.SERVICE_UNAVAILABLE, str(error)) from error
         name = "".join(c if c.isalnum() or c in "-_" else "_" for c in arm.serial)
         more = {"Content-Disposition": f'attachment; filename="{name}{suffix}"'}
         return answer(HTTPStatus.OK, TABLES[suffix], text.encode(), more)
@@ -209,11 +227,11 @@ class Server:
         self._access.check_token(request)
         deed = self._deeds.get(request.path.split("/")[1])
         if deed is None:
-            raise Refused(
+            raise NotServed(
                 HTTPStatus.FORBIDDEN, "found a command, expected none: this page may look"
             )
         if request.headers.get("content-type") != JSON:  # no form of a foreign site can say so
-            raise Refused(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"expected {JSON}")
+            raise NotServed(HTTPStatus.UNSUPPORTED_MEDIA_TYPE, f"expected {JSON}")
         try:
             said = json.dumps(await deed(request)).encode()
         except (ArmdError, OSError) as error:
@@ -234,22 +252,24 @@ class Server:
         """`/command/reload`, `/command/tip`: the daemon's own, if it obeys any."""
         name = request.path.removeprefix("/command/")
         if name not in COMMANDS:
-            raise Refused(HTTPStatus.NOT_FOUND, f"found {name[:40]!r}, expected {list(COMMANDS)}")
+            raise NotServed(HTTPStatus.NOT_FOUND, f"found {name[:40]!r}, expected {list(COMMANDS)}")
         try:
             content = json.loads(request.body or b"{}")
             parameters = {key: str(content[key]) for key in COMMANDS[name]}
         except (ValueError, KeyError, TypeError) as error:
-            raise Refused(HTTPStatus.BAD_REQUEST, f"found {error!r}") from error
+            raise NotServed(HTTPStatus.BAD_REQUEST, f"found {error!r}") from error
         arm = self._feed.arm
         if arm is None:
             raise ArmdError("the daemon is not there")
-        return {"done": await in_thread(lambda: arm.command(name, **parameters))}
+        return {"done": await in_thread(lambda: _obeyed(arm, name, parameters))}
 
     async def _tell(self, request: Request, writer: asyncio.StreamWriter) -> None:
         """Server-Sent Events until the page is closed."""
         self._access.check_token(request)
         if len(self.transports) >= MOST_LOOKING:
-            raise Refused(HTTPStatus.SERVICE_UNAVAILABLE, f"found {MOST_LOOKING} browsers already")
+            raise NotServed(
+                HTTPStatus.SERVICE_UNAVAILABLE, f"found {MOST_LOOKING} browsers already"
+            )
         transport = writer.transport
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)

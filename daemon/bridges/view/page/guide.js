@@ -12,6 +12,9 @@ const KINDS = {
 };
 const $ = (id) => document.getElementById(id);
 
+/** To read in a tab of their own; the page goes on. */
+const links = (files) => files.map(({ name, path }) => element("a", name, { href: path, target: "_blank", rel: "noopener" }));
+
 export class Guide {
   /** *post* sends a deed; *scene* shows where to go. */
   constructor(post, scene) {
@@ -45,10 +48,12 @@ export class Guide {
     $("poses").replaceChildren(...options(there.poses, there.poses.length ? undefined : `none in ${there.folder}`));
     $("limits").replaceChildren(...options(there.artefacts, "none"));
     $("going-on").hidden = !there.sessions.length;
-    $("sessions").replaceChildren(...there.sessions.map((name) => {
+    $("sessions").replaceChildren(...there.sessions.map(({ name, results }) => {
+      const line = element("li", "");
       const button = element("button", name, { type: "button" });
       button.addEventListener("click", () => this.start("resume", { name }));
-      return button;
+      line.append(button, ...links(results.filter((file) => file.name.endsWith(".html"))));
+      return line;
     }));
     write($("begin-said"), "");
     this.showKind();
@@ -84,7 +89,7 @@ export class Guide {
   /** What the server tells of it. */
   show(said) {
     this.said = said;
-    const { phase, state, outcome, results, so_far } = said;
+    const { phase, state, outcome, results, files, so_far } = said;
     const on = phase !== "none" && state !== null;
     document.querySelector("main").classList.toggle("guided", on);
     $("guide").hidden = !on;
@@ -108,7 +113,9 @@ export class Guide {
     const over = phase === "ending" || phase === "ended"; // then what the commands say matters
     $("coverage").hidden = over;
     $("ranges").hidden = over;
-    $("results").replaceChildren(...results.flatMap((done) => [
+    const read = element("p", "", { class: "files" });
+    read.append(...links(files));
+    $("results").replaceChildren(read, ...results.flatMap((done) => [
       element("h3", `${done.command}: ${done.code === 0 ? "done" : done.code === 1 ? "the answer is no" : "failed"}`),
       element("pre", [done.output, done.error].filter(Boolean).join("\n")),
     ]));

@@ -8,6 +8,7 @@ import { STATES, celsius, duration, element, instant, micrometres, millimetres, 
 import { ArmScene } from "./scene.js";
 import * as sound from "./sound.js";
 import { listen } from "./stream.js";
+import { Tips } from "./tips.js";
 
 const OLD_MS = 700; // a point older than this is no reading any more
 const $ = (id) => document.getElementById(id);
@@ -40,6 +41,7 @@ try {
 }
 
 const guide = new Guide(post, scene);
+const tips = new Tips(command);
 
 // --- lists ------------------------------------------------------------------------------------
 
@@ -192,6 +194,7 @@ function showArm() {
   $("tips").value = arm.tip ?? "";
   if (page.health) showHealth();
   showWriting();
+  tips.show();
 }
 
 // --- doing ------------------------------------------------------------------------------------
@@ -199,6 +202,7 @@ function showArm() {
 function showWriting() {
   $("writing").hidden = !(page.hello?.writing && page.arm?.commands);
   guide.allow(page.hello?.writing ?? false);
+  tips.allow(!$("writing").hidden);
 }
 
 /** Asks for something to be done; what was done, or why not. */

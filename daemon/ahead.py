@@ -1,0 +1,105 @@
+"""The library of compiled functions, made before the daemon starts: `python -m armd.daemon.ahead`.
+
+A daemon's every compiled call is made once, on made-up samples, for the arms of the armd.toml files
+given or for one of six joints; what was called is exported by numba's ahead-of-time compiler and
+linked. Where there is a library already, or no C++ compiler, the calls are made all the same, and
+numba compiles what is missing into its cache. A file that is no good is told of and left:
+`armd run` will say it again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable
+from contextlib import closing
+from pathlib import Path
+
+from armd.compiled import library
+from armd.daemon.commands.service.run import expectation
+from armd.daemon.config import load_config
+from armd.daemon.live.arm_in_use import ArmInUse
+from armd.daemon.rehearsal import rehearse
+from armd.drivers.table import open_driver
+from armd.errors import ArmdError
+
+JOINT = "[[joint]]\nd_mm = 1.0\na_mm = 1.0\nalpha_deg = 90.0\ncounts_per_turn = 1048576\n"
+ARM = 'schema = "armd.arm/1"\nserial_number = "ANY"\n[tip]\noffset_mm = [0, 0, 1]\n'
+CONFIGURATION = 'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "{kind}"\n'
+SERIAL, MICROSCRIBE = (
+    CONFIGURATION.format(kind=kind) + 'port = "none"\n' for kind in ("serial", "microscribe")
+)
+
+
+def call_everything(path: Path) -> None:
+    """All compiled calls of `armd run` with this armd.toml; raises `ArmdError` for a bad one."""
+    config = load_config(path)
+    rehearse(config, ArmInUse(config))
+    if config.driver.kind != "replay":  # which opens its file; others open no port before they read
+        with closing(open_driver(config.driver, expectation(config))):
+            pass
+
+
+def made_up(folder: Path, joints: int, configuration: str = SERIAL) -> Path:
+    """The armd.toml of an arm that nobody has."""
+    (folder / "arm.toml").write_text(ARM + joints * JOINT, encoding="utf-8")
+    path = folder / "armd.toml"
+    path.write_text(configuration, encoding="utf-8")
+    return path
+
+
+def call(files: Iterable[Path], numbers: Iterable[int]) -> None:
+    """As the daemons of these files do, and those of arms with these numbers of joints."""
+    with tempfile.TemporaryDirectory() as folder:
+        for joints in numbers:
+            call_everything(made_up(Path(folder), joints))
+            call_everything(made_up(Path(folder), joints, MICROSCRIBE))  # as CAN and servos too
+    for path in files:
+        try:
+            call_everything(path)
+        except ArmdError as error:
+            print(f"armd: not compiled ahead: {error}", file=sys.stderr)
+
+
+def can_link() -> bool:
+    try:
+        from armd.compiled import link
+    except ImportError:  # numba, or setuptools, which finds its compiler
+        return False
+    return link.can_link()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--joints", nargs="+", type=int, help="for arms with so many")
+    parser.add_argument("--into", type=Path, metavar="FOLDER", help="make the library there, anew")
+    args = parser.parse_args()
+    numbers = args.joints or (() if args.files else (6,))
+    if args.into is not None:
+        from armd.compiled import compiler, link
+
+        library.do_without()
+        compiler.keep_nothing()
+        call(args.files, numbers)
+        try:
+            link.export(args.into / library.file_name())
+        except ArmdError as error:
+            print(f"armd: {error}", file=sys.stderr)
+            return 2
+        return 0
+    if not any(path.exists() for path in library.places()) and can_link():
+        # By a process of its own: what goes into a library cannot come from numba's cache.
+        folder = library.cache_folder()
+        folder.mkdir(parents=True, exist_ok=True)
+        command = [sys.executable, "-I", "-m", __spec__.name, *sys.argv[1:], "--into", str(folder)]
+        if subprocess.run(command).returncode == 0:
+            return 0
+    call(args.files, numbers)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,274 @@
+"""One client's dialogue: lines in, lines out, without network or clock."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from armd.daemon.bridges.ippdme.errors import DmeError
+from armd.daemon.bridges.ippdme.grammar import (
+    EVENT_TAG,
+    Command,
+    SyntaxFault,
+    listed,
+    parse,
+    quoted,
+)
+from armd.daemon.bridges.ippdme.machine import Machine
+from armd.daemon.bridges.ippdme.report import Fields, MoveReport, written_error, written_fields
+
+#: Commands that may wait behind one that takes its time.
+MOST_WAITING = 100
+#: What goes through although an error stands.
+IN_ERROR = ("GetErrStatusE", "GetXtdErrStatus", "ClearAllErrors", "AbortE")
+WITHOUT_SESSION = ("StartSession", "EndSession")
+EVENT = "E0000"
+
+
+class Pending:
+    """What a method answers that cannot be done at once; settled once, later calls do nothing."""
+
+    def __init__(self) -> None:
+        self._then: Callable[[list[str] | DmeError], None] | None = None
+        self.settled = False
+
+    def then(self, finish: Callable[[list[str] | DmeError], None]) -> None:
+        self._then = finish
+
+    def settle(self, outcome: list[str] | DmeError) -> None:
+        if self.settled:
+            return
+        self.settled = True
+        if self._then is not None:
+            self._then(outcome)
+
+
+Answer = Iterable[str] | Pending
+Method = Callable[["Dialogue", Command], Answer]
+
+
+class Dialogue:
+    """One for each connection; of all of them one at most is in session.
+
+    Two hosts that set coordinate systems and tools for each other would both be wrong.
+    """
+
+    def __init__(
+        self,
+        machine: Machine,
+        methods: Mapping[str, Method],
+        version: str,
+        send: Callable[[str], None],
+    ) -> None:
+        """*send* takes a line without its CR LF and never waits."""
+        self.machine = machine
+        self.methods = methods
+        self.version = version
+        self._send = send
+        self.errors: list[tuple[DmeError, str]] = []
+        self.report: tuple[str, ...] = ("X", "Y", "Z")
+        self.move_report: MoveReport | None = None
+        self.hit: Callable[[Fields], None] | None = None
+        """Takes the operator's next hit, for a PtMeas of the host's own."""
+        self.user_enabled = False
+        self._waiting: deque[Command] = deque()
+        self._running: tuple[Command, Pending] | None = None
+        self._own_keys: set[int] = set()
+
+    @property
+    def in_session(self) -> bool:
+        return self.machine.in_session is self
+
+    # --- what the client says ----------------------------------------------------------------
+
+    def receive(self, line: str) -> None:
+        """A line of the client's, without its CR LF."""
+        try:
+            command = parse(line)
+        except SyntaxFault as fault:
+            self._refuse(fault)
+            return
+        if EVENT_TAG.fullmatch(command.tag) and not self._may_be_event(command.method):
+            self._fail(EVENT, command.method, DmeError(1))
+            return
+        unfinished = len(self._waiting) + (self._running is not None)
+        self._reply(command.tag, "&")
+        if self._may_be_event(command.method):
+            self._do(command)  # out of turn
+        elif unfinished >= MOST_WAITING:
+            self._fail(command.tag, command.method, DmeError(0), "%")
+        else:
+            self._waiting.append(command)
+            self._go_on()
+
+    def end(self) -> None:
+        """The connection is gone, which ends the session."""
+        self._waiting.clear()
+        self._running = self.hit = None
+        self.end_session()
+
+    def _may_be_event(self, method: str) -> bool:
+        """2.5 names its daemon without the E as well."""
+        return method.endswith("E") or (method == "OnMoveReport" and method in self.methods)
+
+    def _refuse(self, fault: SyntaxFault) -> None:
+        error = DmeError(fault.number)
+        if fault.tag is None:
+            self._fail(EVENT, fault.method, error)
+            return
+        self._reply(fault.tag, "&")
+        self._fail(fault.tag, fault.method, error, "%")
+
+    def _go_on(self) -> None:
+        while self._waiting and self._running is None:
+            self._do(self._waiting.popleft())
+
+    def _do(self, command: Command) -> None:
+        try:
+            answer = self._call(command)
+            if isinstance(answer, Pending):
+                self._running = command, answer
+                answer.then(lambda outcome: self._finish(command, outcome))
+                return
+            for data in answer:
+                self._reply(command.tag, f"# {data}")
+        except DmeError as error:
+            self._fail(command.tag, command.method, error, "%")
+        else:
+            self._reply(command.tag, "%")
+
+    def _call(self, command: Command) -> Answer:
+        if not self.in_session and command.method not in WITHOUT_SESSION:
+            raise DmeError(507)
+        if self.errors and command.method not in IN_ERROR:
+            raise DmeError(514)
+        method = self.methods.get(command.method)
+        if method is None:
+            raise DmeError(501)
+        return method(self, command)
+
+    def _finish(self, command: Command, outcome: list[str] | DmeError) -> None:
+        """A pending command is done, or has failed."""
+        if self._running is None or self._running[0] is not command:
+            return  # aborted meanwhile: answered already
+        self._running = None
+        if isinstance(outcome, DmeError):
+            self._fail(command.tag, command.method, outcome, "%")
+        else:
+            for data in outcome:
+                self._reply(command.tag, f"# {data}")
+            self._reply(command.tag, "%")
+        self._go_on()
+
+    def _fail(self, tag: str, method: str, error: DmeError, then: str | None = None) -> None:
+        """Tell an error; one that blocks ends all that is unfinished."""
+        self._reply(tag, f"! {written_error(error, method)}")
+        if then is not None:
+            self._reply(tag, then)
+        if error.blocking and self.in_session and error.number != 514:
+            self.errors.append((error, method))
+            self._abort_unfinished()
+
+    def abort(self) -> None:
+        """AbortE: daemons live on, all else waits for ClearAllErrors."""
+        self._abort_unfinished()
+        self.errors.append((DmeError(6), "AbortE"))
+
+    def answer_errors(self, tag: str, lines: Iterable[str]) -> None:
+        """Data lines, then the errors that stand, as GetXtdErrStatus of 1.4.3 tells them."""
+        for data in lines:
+            self._reply(tag, f"# {data}")
+        for error, method in self.errors:
+            self._reply(tag, f"! {written_error(error, method)}")
+
+    def _abort_unfinished(self) -> None:
+        """0006 to every command that is not done yet, in their order."""
+        unfinished = [self._running[0]] if self._running is not None else []
+        unfinished += self._waiting
+        self._waiting.clear()
+        self._running = self.hit = None
+        for command in unfinished:
+            self._reply(command.tag, f"! {written_error(DmeError(6), command.method)}")
+            self._reply(command.tag, "%")
+
+    def _reply(self, tag: str, text: str) -> None:
+        self._send(f"{tag} {text}")
+
+    def warn(self, command: Command, error: DmeError) -> None:
+        """An error that blocks nothing, before the method's own data."""
+        self._fail(command.tag, command.method, error)
+
+    # --- sessions and states -----------------------------------------------------------------
+
+    def start_session(self) -> None:
+        """Raises `DmeError` if there is one, this client's or another's."""
+        if self.machine.in_session is not None:
+            raise DmeError(8)
+        self.machine.in_session = self
+        self.errors.clear()
+        self.report = ("X", "Y", "Z")
+        self.user_enabled = False
+
+    def end_session(self) -> None:
+        """Without one it does nothing."""
+        self.move_report = None
+        self.user_enabled = False
+        self.errors.clear()
+        if self.in_session:
+            self.machine.in_session = None
+
+    # --- what the arm does -------------------------------------------------------------------
+
+    def take_measurement(self, measurement: Mapping[str, Any]) -> None:
+        """A press or a rest, as it happens: a hit, if it has a position and is wanted."""
+        own_key = measurement["seq"] in self._own_keys
+        self._own_keys.clear()
+        if measurement["position_mm"] is None or own_key or not self.in_session:
+            return
+        if not self.machine.toolbox.current.measures:
+            return
+        fields = self.machine.hit(measurement)
+        if self.hit is not None:
+            self.hit(fields)
+        elif self.user_enabled:
+            self._tell(f"PtMeas({listed(written_fields(self.report, fields))})")
+
+    def take_key(self, key: str, seq: int) -> None:
+        """A button that is a key of the host's: its measurement is none."""
+        self._own_keys.add(seq)
+        if self.in_session and self.user_enabled:
+            self._tell(f"KeyPress({quoted(key)})")
+
+    def take_tool(self, name: str) -> None:
+        """Changed at the arm."""
+        if self.in_session:
+            self._tell(f"ChangeTool({quoted(name)})")
+            self.report_now()
+
+    def take_error(self, error: DmeError, place: str) -> None:
+        """The arm has a fault that the host did not ask for."""
+        if self.in_session:
+            self._fail(EVENT, place, error)
+
+    def tick(self, now_s: float) -> None:
+        """Several times a second: reports of motion."""
+        report = self.move_report
+        if report is None or not self.in_session:
+            return
+        try:
+            position = self.machine.position()
+        except DmeError:
+            return  # told otherwise; a place that is not known is not reported
+        if report.is_due(now_s, position):
+            x, y, z = position.tolist()
+            here = {"X": (x,), "Y": (y,), "Z": (z,)}
+            self._reply(report.tag, f"# {listed(written_fields(report.fields, here))}")
+
+    def report_now(self) -> None:
+        """What is reported has changed without motion: coordinate system or tool."""
+        if self.move_report is not None:
+            self.move_report.hurry()
+
+    def _tell(self, data: str) -> None:
+        self._reply(EVENT, f"# {data}")

@@ -1,0 +1,1 @@
+"""Commands that a running daemon feeds, or that ask something of it."""

@@ -1,0 +1,138 @@
+"""`armd export [SERIAL | FILE]`: measurements to `.csv`, `.xyz`, `.ply` or `.qif`;
+a recording to `.mcap` as Foxglove draws it."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+from collections.abc import Callable
+from pathlib import Path
+
+import armd
+from armd.daemon.bridges.export import formats, source
+from armd.daemon.bridges.export.source import Measurements
+from armd.daemon.bridges.tips import Tips
+from armd.daemon.files.measurement_log import log_folder, logs_folder
+from armd.drivers.replay.recording import Recording
+from armd.errors import BadInput
+from armd.files.outputs import OutputKind, add_force, check_outputs
+from armd.files.writing import write_whole
+from armd.terminal.aside import add_quiet, aside
+from armd.terminal.counted import counted
+
+#: Beside the texts, how a recording's file is known that was written before.
+WRITTEN_BEFORE: dict[str, Callable[[bytes], bool]] = {
+    **formats.WRITTEN_BEFORE,
+    ".mcap": lambda head: head.startswith(b"\x89MCAP") and b"foxglove-sdk" in head[:100],
+}
+SUFFIXES = tuple(WRITTEN_BEFORE)
+#: What a file without the arm's `info` says of its tip: the shaft is the last frame's own axis.
+NO_INFO = {
+    "arm": {"tip": {"offset_mm": [0.0, 0.0, 0.0], "radius_mm": 0.0}},
+    "configuration": {"tips": {}},
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "source",
+        nargs="?",
+        metavar="SERIAL|FILE",
+        help="an arm whose daemon runs, or its measurements as .jsonl, a log's folder, "
+        "a recording .mcap (the one arm that is there)",
+    )
+    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    parser.add_argument(
+        "--log",
+        action="store_true",
+        help="from this machine's measurement log: every one since the daemon was installed",
+    )
+    parser.add_argument(
+        "--since", metavar="TIME", help="only later ones: 2026-03-01T09:00 (UTC), or Unix seconds"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, required=True, help=" ".join(SUFFIXES)
+    )
+    add_force(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    suffix = args.output.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise BadInput(args.output, "the suffix", repr(suffix), f"one of {' '.join(SUFFIXES)}")
+    kind = OutputKind("points of armd", WRITTEN_BEFORE[suffix])
+    check_outputs({"-o": (args.output, kind)}, [args.source], args.force)
+    if suffix == source.RECORDING:
+        return _to_foxglove(args)
+    since_ns = instant_ns(args.since) if args.since else None
+    with aside(args).status("reading the measurements …"):
+        found = _find(args)
+    chosen = [m for m in found.measurements if since_ns is None or m.stamp_ns >= since_ns]
+    tips = Tips(found.info or NO_INFO)
+    write_whole(args.output, formats.as_text(suffix, chosen, tips, found.serial))
+    without = sum(m.position_mm is None for m in chosen)
+    left_out = "their fields empty" if suffix == ".csv" else "left out"
+    remark = f", {without} of them without a position: {left_out}" if without else ""
+    print(f"armd: {args.output}: {counted(len(chosen), 'measurement')}{remark}")
+    for sentence in found.left_out:
+        print(f"armd: {sentence}")
+    return 0
+
+
+def _to_foxglove(args: argparse.Namespace) -> int:
+    path = Path(args.source or "")
+    if path.suffix != source.RECORDING or args.log or args.since:
+        found = "--since" if args.since else "--log" if args.log else repr(args.source or "")
+        expected = "a recording (.mcap) alone, for an .mcap that Foxglove draws"
+        raise BadInput("the command line", "SOURCE", found, expected)
+    try:
+        from armd.daemon.bridges.export.foxglove import write_foxglove
+    except ImportError as error:
+        needs = "it installed: pip install foxglove-sdk"
+        raise BadInput(args.output, "the package foxglove-sdk", "nothing", needs) from error
+    recording = Recording(path)
+    with aside(args).status("writing the recording …"):
+        points, measurements = write_foxglove(recording, args.output)
+    written = f"{counted(points, 'point')}, {counted(measurements, 'measurement')}"
+    print(f"armd: {args.output}: {written}, for Foxglove")
+    if recording.missing is not None:
+        print(f"armd: {recording.missing}")
+    return 0
+
+
+def _find(args: argparse.Namespace) -> Measurements:
+    if args.log:
+        return source.from_path(_own_log(args.source))
+    path = Path(args.source or "")
+    if args.source and (path.exists() or path.suffix in (".jsonl", source.RECORDING)):
+        return source.from_path(path)
+    with armd.connect(args.source, args.endpoint) as arm:
+        return source.from_arm(arm)
+
+
+def _own_log(serial: str | None) -> Path:
+    if serial:
+        return log_folder(serial)
+    folders = logs_folder()
+    there = sorted(path for path in folders.glob("*") if path.is_dir())
+    if len(there) == 1:
+        return there[0]
+    found = ", ".join(path.name for path in there) or "no log"
+    raise BadInput(folders, "the folder", found, "SERIAL to say which" if there else "a log")
+
+
+def instant_ns(text: str) -> int:
+    """Without an offset it is UTC, as armd writes all its times."""
+    try:
+        return round(float(text) * 1e9)
+    except ValueError:
+        pass
+    try:
+        instant = datetime.datetime.fromisoformat(text)
+    except ValueError as error:
+        expected = "a time as 2026-03-01T09:00:00Z, or Unix seconds"
+        raise BadInput("the command line", "--since", repr(text), expected) from error
+    if instant.tzinfo is None:
+        instant = instant.replace(tzinfo=datetime.UTC)
+    return round(instant.timestamp() * 1e9)

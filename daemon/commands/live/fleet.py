@@ -1,0 +1,115 @@
+"""`armd fleet`: all arms that can be heard at one endpoint, usually a plant's router."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import threading
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import zenoh
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+import armd
+from armd.daemon.bridges import process
+from armd.daemon.bridges.fleet import Fleet, Listening, tell
+from armd.daemon.bridges.listening import address
+from armd.daemon.commands.screen import COLOURS, temperatures
+from armd.daemon.host.metrics import MetricsServer
+from armd.daemon.state import State
+from armd.errors import BadInput
+from armd.zenoh_session import open_session
+
+EVERY_S = 1.0
+EVENTS_SHOWN = 5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("serial", nargs="?", help="only this arm (all of them)")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--endpoint", default=armd.ENDPOINT, help=f"of a router or a daemon ({armd.ENDPOINT})"
+    )
+    where.add_argument(
+        "--router",
+        type=Path,
+        metavar="FILE",
+        help="be the router oneself, with this Zenoh configuration (plant-router.json5)",
+    )
+    parser.add_argument("--json", action="store_true", help="a line per arm and second")
+    parser.add_argument("--seconds", type=float, metavar="S", help="stop by itself (at Ctrl-C)")
+    parser.add_argument(
+        "--metrics", type=address, metavar="HOST:PORT", help="serve OpenMetrics of all arms there"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    return process.serve_alone(lambda: _watch(args))
+
+
+async def _watch(args: argparse.Namespace) -> None:
+    session = await process.in_thread(lambda: _open(args))
+    with ExitStack() as stack:
+        stack.callback(_close, session)
+        fleet = Fleet()
+        listening = await process.in_thread(lambda: Listening(session, fleet, args.serial))
+        stack.enter_context(closing(listening))
+        if args.metrics is not None:
+            _serve_metrics(args, fleet, stack)
+        elif not args.json and args.router is not None:
+            process.ready("fleet", str(args.router))
+        show = _print if args.json else stack.enter_context(_Screen()).show
+        await tell(fleet, show, EVERY_S, args.seconds)
+
+
+def _open(args: argparse.Namespace) -> zenoh.Session:
+    if args.router is None:
+        return open_session(args.endpoint, process.WAIT_S)
+    try:
+        return zenoh.open(zenoh.Config.from_file(str(args.router)))
+    except zenoh.ZError as error:
+        found = str(error).split(" at /")[0]
+        raise BadInput(args.router, "the file", found, "a router's configuration") from error
+
+
+def _close(session: zenoh.Session) -> None:
+    closing = threading.Thread(target=session.close, daemon=True)
+    closing.start()
+    closing.join(process.CLOSE_S)
+
+
+def _serve_metrics(args: argparse.Namespace, fleet: Fleet, stack: ExitStack) -> None:
+    host, port = args.metrics
+    try:
+        server = stack.enter_context(closing(MetricsServer(port, fleet.healths, host)))
+    except OSError as error:
+        found = f"{host}:{port}: {error.strerror}"
+        raise BadInput("the command line", "--metrics", found, "an address to listen on") from error
+    if not args.json:
+        process.ready("fleet", f"{host}:{server.port}")
+
+
+def _print(fleet: Fleet) -> None:
+    for row in fleet.rows():
+        print(json.dumps(row), flush=True)
+
+
+class _Screen(Live):
+    """A table in the terminal."""
+
+    def __init__(self) -> None:
+        super().__init__(console=Console(), auto_refresh=False)
+
+    def show(self, fleet: Fleet) -> None:
+        table = Table("arm", "state", "points/s", "lost", "temperatures", "calibration")
+        for row in fleet.rows():
+            state = f"[{COLOURS[State(row['state'])]}]{row['state']}[/] {row['reason']}"
+            calibration = (row["calibration"] or "none")[:8]
+            numbers = f"{row['points_hz']:.0f}", str(row["lost"])
+            table.add_row(row["serial"], state, *numbers, temperatures(row) or "none", calibration)
+        for serial, text in list(fleet.events)[-EVENTS_SHOWN:]:
+            table.add_row(serial, f"[dim]{text}[/]")
+        self.update(table, refresh=True)

@@ -1,0 +1,168 @@
+"""`armd measure KIND [SERIAL] -o SESSION`: leads through a measurement on the live arm."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+from pathlib import Path
+from typing import get_args
+
+import armd
+from armd.client import Arm
+from armd.daemon.files.session_folder import ArtefactFile
+from armd.daemon.measure.ending import EndOptions, Then, commands
+from armd.daemon.measure.ending import run as run_command
+from armd.daemon.measure.in_use import in_use_of
+from armd.daemon.measure.measuring import Measuring
+from armd.daemon.measure.plan.kinds import TESTS, plan_of
+from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, Wishes
+from armd.daemon.measure.terminal import Terminal
+from armd.errors import BadInput
+from armd.files.inputs import check_input
+from armd.files.outputs import check_output_folder
+from armd.files.schema import load_toml
+from armd.terminal.arguments import positive, seconds, whole
+
+WAIT_S = 60.0  # for an arm to show up
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = (
+        "kinds:\n"
+        "  seats     the ball in one or more seats, again and again in other postures\n"
+        "  artefact  the balls of --artefact, in several placements\n"
+        "  verify    the points that ISO 10360-12 and ASME B89.4.22 want; without --artefact"
+        " three seats\n"
+        "  poses     the poses of a table of `armd design -o`\n"
+        "  tip       a seat, or a sphere (--sphere-mm): the tip's offset\n"
+        "  interim   a short check, for `armd interim`\n"
+        "while it runs, Enter after: d delete the last, a once more, s leave out, f finish, q stop"
+    )
+    parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
+    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
+    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="SESSION",
+        type=Path,
+        required=True,
+        help="folder for the session; one that was interrupted is taken up again",
+    )
+    parser.add_argument("--json", action="store_true", help="one line per reading and refusal")
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (never)")
+    what = parser.add_argument_group("what to measure")
+    what.add_argument(
+        "--artefact", metavar="FILE", type=Path, help="TOML with the table [artefact] of a session"
+    )
+    what.add_argument("--targets", metavar="NAME,…", type=_names, help="in this order (all)")
+    what.add_argument(
+        "--placements", metavar="NAME,…", type=_names, help="of the artefact (artefact: P1,P2,P3)"
+    )
+    what.add_argument(
+        "--repeats",
+        metavar="N",
+        type=lambda text: whole(text, 1, MOST_STATIONS),
+        help="rounds over the targets in each placement (seats: 10, artefact: 3)",
+    )
+    what.add_argument("--poses", metavar="POSES.csv", type=Path, help="a table of `armd design -o`")
+    what.add_argument(
+        "--tests", metavar="NAME,…", type=_names, help=f"of verify: {', '.join(TESTS)} (all)"
+    )
+    what.add_argument("--sphere-mm", metavar="D", type=positive, help="certified diameter, of tip")
+    what.add_argument(
+        "--near-mm",
+        metavar="MM",
+        type=positive,
+        help="a reading farther from its target is refused (5; coarse arms: 20 encoder steps)",
+    )
+    what.add_argument(
+        "--artefact-c", metavar="C", type=float, help="the artefact's temperature, °C"
+    )
+    end = parser.add_argument_group("what to make of it")
+    end.add_argument(
+        "--then",
+        metavar="COMMAND,…",
+        type=_names,
+        help=f"{', '.join(get_args(Then))} (seats, poses: diagnose; artefact: calibrate, diagnose;"
+        " without a calibration in force calibrate alone; the others: their own)",
+    )
+    end.add_argument(
+        "--with", dest="others", nargs="+", default=[], metavar="SESSION", type=Path,
+        help="sessions measured before, that take part",
+    )  # fmt: skip
+    end.add_argument("--mpe", metavar="MPE.toml", type=Path, help="limits, of verify")
+    end.add_argument("--history", metavar="DIR", type=Path, help="of `armd interim`")
+    end.add_argument("--name", metavar="TIP", help="what the history of tips calls the new one")
+    end.add_argument(
+        "--apply", action="store_true", help="put the new tip in force if its verdict is good"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """The last command's code; 1 if it was interrupted before its end."""
+    options = _options(args)
+    check_output_folder(args.output)
+    artefact = None if args.artefact is None else load_toml(args.artefact, ArtefactFile).artefact
+    wishes = Wishes(
+        targets=args.targets,
+        placements=args.placements,
+        repeats=args.repeats,
+        poses=args.poses,
+        tests=args.tests,
+        near_mm=args.near_mm,
+        sphere_mm=args.sphere_mm,
+    )
+    with armd.connect(args.serial, args.endpoint, timeout_s=WAIT_S) as arm:
+        in_use = in_use_of(arm)
+        plan = plan_of(args.kind, in_use.arm, artefact, wishes)
+        with Measuring(args.output, plan, in_use) as measuring:
+            commands(measuring, options)  # refused now rather than at the end
+            if args.artefact_c is not None:
+                measuring.set_artefact_c(args.artefact_c)
+            return _lead(args, arm, measuring, options)
+
+
+def _lead(args: argparse.Namespace, arm: Arm, measuring: Measuring, options: EndOptions) -> int:
+    trigger = arm.info()["configuration"]["measurement"]["trigger"]
+    face = Terminal(arm, measuring, trigger, args.json)
+    signal.signal(signal.SIGINT, lambda *_: face.stop())
+    signal.signal(signal.SIGTERM, lambda *_: face.stop())
+    finished = face.run(args.seconds)
+    if not finished:
+        face.close(finished)
+        return 1
+    measuring.finish()
+    code = 0
+    for command in commands(measuring, options):
+        done = run_command(command)
+        face.told(done)
+        code = max(code, done.code)
+    face.close(finished)
+    return code
+
+
+def _options(args: argparse.Namespace) -> EndOptions:
+    for name in args.then or ():
+        if name not in get_args(Then):
+            expected = f"one of {', '.join(get_args(Then))}"
+            raise BadInput("the command line", "--then", repr(name), expected)
+    if args.mpe is not None:
+        check_input(args.mpe)
+    for path in args.others:
+        check_input(path / "session.toml")
+    if args.apply and args.kind != "tip":
+        raise BadInput("the command line", "--apply", f"it with {args.kind}", "it with tip only")
+    if args.apply and args.name is None:
+        expected = "--name TIP: the calibration's own tip is the calibration's"
+        raise BadInput("the command line", "--apply", "it without a name", expected)
+    apply_at = args.endpoint if args.apply else None
+    return EndOptions(args.then, args.others, args.mpe, args.history, args.name, apply_at)
+
+
+def _names(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected names with commas between")
+    return names

@@ -1,0 +1,166 @@
+"""`armd record [SERIAL]`: everything an arm's daemon says, into an MCAP file.
+
+`armd record --session DIR`: its measurements, into a session for `armd calibrate`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+import armd
+from armd import keys
+from armd.client import Arm, Stream
+from armd.daemon.files.recorder import TOPICS, Recorder, default_path
+from armd.daemon.state import State
+from armd.errors import BadInput
+from armd.files.outputs import RECORDING, add_force, check_output_folder, check_outputs
+from armd.files.writing import told
+from armd.terminal.arguments import seconds
+from armd.terminal.counted import counted
+from armd.terminal.printable import printable
+
+POLL_S = 0.01
+WAIT_S = 60.0  # for an arm to show up
+FIRST_S = 1.0  # for its frames to begin
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
+    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    add_force(parser)
+    output = parser.add_mutually_exclusive_group()
+    output.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, help="(SERIAL-DATE.mcap in this folder)"
+    )
+    output.add_argument(
+        "--session", metavar="DIR", type=Path, help="measurements instead, as a session's readings"
+    )
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
+    session = parser.add_argument_group("with --session")
+    session.add_argument(
+        "--artefact", metavar="FILE", type=Path, help="TOML with the table [artefact] (a seat)"
+    )
+    session.add_argument(
+        "--targets",
+        metavar="NAME,…",
+        type=lambda names: names.split(","),
+        help="where the tip goes, reading by reading, again and again (all of the artefact's)",
+    )
+    session.add_argument("--placement", metavar="NAME", help="of the artefact in the room (1)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """0; 1 if nothing came over the wire, raw frames were lost on the way here, or a session got no
+    reading."""
+    if args.session is None:
+        for option in ("artefact", "targets", "placement"):
+            if getattr(args, option) is not None:
+                raise BadInput("the command line", f"--{option}", "no --session", "it as well")
+        check_outputs({"-o": (args.output, RECORDING)}, [], args.force)
+    else:
+        check_output_folder(args.session)
+    stopping = False
+
+    def stop(*_: object) -> None:
+        nonlocal stopping
+        stopping = True
+
+    signal.signal(signal.SIGINT, stop)
+    signal.signal(signal.SIGTERM, stop)
+    with armd.connect(args.serial, args.endpoint, timeout_s=WAIT_S) as arm:
+        end_s = time.monotonic() + (args.seconds or float("inf"))
+        record = _record_frames if args.session is None else _record_session
+        return record(args, arm, lambda: not stopping and time.monotonic() < end_s)
+
+
+def _record_session(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
+    from armd.compensation.model.arm import Arm as ArmFile
+    from armd.daemon.files.session_folder import SessionFolder, load_artefact
+
+    artefact = load_artefact(args.artefact, args.targets or [])
+    info = arm.info()
+    trigger = info["configuration"]["measurement"]["trigger"]
+    folder = SessionFolder(
+        args.session,
+        ArmFile.model_validate_json(json.dumps(info["arm"])),
+        artefact,
+        args.targets or artefact.target_names,
+        args.placement or "1",
+    )
+    heard: deque[bytes] = deque()
+    with arm.calling(keys.MEASUREMENT, heard.append):  # from now on, not those of the past
+        print(printable(f"armd: {arm.serial} to {args.session}; first {folder.target}"), flush=True)
+        while going_on():
+            time.sleep(POLL_S)
+            while heard:
+                measurement = json.loads(heard.popleft())
+                if measurement.get("trigger") != trigger:
+                    continue  # a press in a rest that has been taken: not a second reading
+                try:
+                    told = folder.take(measurement)
+                except (KeyError, TypeError, ValueError) as error:
+                    told = f"passed over, no measurement of armd's: {printable(repr(error))}"
+                print(f"{folder.n:4d}  {told}; next {folder.target}", flush=True)
+    print(f"armd: {args.session}: {counted(folder.n, 'reading')}")
+    return 0 if folder.n else 1
+
+
+def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bool]) -> int:
+    with ExitStack() as opened:
+        output = args.output or default_path(arm.serial)
+        opened.enter_context(told(output))
+        # Buffered: mcap would buffer a raw file itself, and not flush the last few bytes. What a
+        # killed recorder loses is the chunk in progress either way.
+        file = opened.enter_context(output.open("wb" if args.output else "xb"))
+        recorder = opened.enter_context(closing(Recorder(file, arm.info(), arm.calibration_file())))
+        raw = opened.enter_context(arm.stream(keys.RAW))
+        points = opened.enter_context(arm.stream(keys.POINT))
+        messages = {
+            what: opened.enter_context(arm.stream(what)) for what in TOPICS if what != keys.POINT
+        }
+        # Once frames arrive none is missed; the preamble tells what came before them.
+        waiting = _first(raw)
+        following, preamble = arm.preamble()
+        recorder.begin(following, preamble)
+        recorder.take_frames(waiting)
+        print(printable(f"armd: recording {arm.serial} to {output}"), flush=True)
+        _warn_unless_ready(arm)
+        while going_on():
+            time.sleep(POLL_S)
+            recorder.take_frames(raw.take())
+            recorder.take_points(points.take())
+            for what, stream in messages.items():
+                recorder.take_messages(what, stream.take())
+    counted = ", ".join(f"{n} {what.strip('@')}" for what, n in recorder.counts.items())
+    print(f"armd: {output}: {counted}; {recorder.lost_frames} raw frames lost")
+    if not recorder.counts[keys.RAW]:
+        silence = f"armd: {output}: raw frames: found none, expected some: the arm's line is silent"
+        print(printable(silence), file=sys.stderr)
+        return 1
+    return 1 if recorder.lost_frames else 0
+
+
+def _warn_unless_ready(arm: Arm) -> None:
+    """At the beginning, not by an empty file at the end."""
+    health = arm.health_now()
+    if health.get("state") == State.NOT_READY:
+        text = f"armd: warning: {arm.serial} is {State.NOT_READY}: {health.get('reason')}"
+        print(printable(text), file=sys.stderr, flush=True)
+
+
+def _first(stream: Stream) -> list[bytes]:
+    """The first payloads that arrive; none from an arm that is silent."""
+    end_s = time.monotonic() + FIRST_S
+    while time.monotonic() < end_s:
+        if payloads := stream.take():
+            return payloads
+        time.sleep(POLL_S)
+    return []

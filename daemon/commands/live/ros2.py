@@ -1,0 +1,67 @@
+"""`armd ros2 [SERIAL]`: native ROS 2 topics in rmw_zenoh's dialect; `--urdf` draws the arm."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import armd
+from armd.daemon.bridges import process
+from armd.daemon.bridges.ros2 import urdf
+from armd.daemon.bridges.ros2.bridge import Bridge, Settings
+from armd.daemon.bridges.ros2.node import NAME, legal
+from armd.errors import BadInput
+from armd.files.outputs import OutputKind, add_force, check_outputs
+from armd.files.writing import write_whole
+
+RATE_HZ = 100.0
+MOST_DOMAINS = 232
+URDF = OutputKind("a URDF", lambda head: b"<robot" in head)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    process.add_arguments(parser)
+    parser.add_argument(
+        "--router", metavar="ENDPOINT", help="of ROS (rmw_zenohd), as tcp/ros-host:7447"
+    )
+    parser.add_argument("--domain", type=int, default=0, help="ROS_DOMAIN_ID (0)")
+    parser.add_argument("--namespace", metavar="NAME", help="of the topics (the serial number)")
+    parser.add_argument("--frame", metavar="NAME", help="the base frame (NAMESPACE_base)")
+    parser.add_argument(
+        "--rate", type=float, default=RATE_HZ, metavar="HZ", help=f"points a second ({RATE_HZ:g})"
+    )
+    parser.add_argument(
+        "--urdf", type=Path, metavar="FILE", help="write the calibrated arm's URDF and end"
+    )
+    add_force(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    if not 0 <= args.domain <= MOST_DOMAINS:
+        raise _bad("--domain", str(args.domain), f"a number from 0 to {MOST_DOMAINS}")
+    if not 0 < args.rate < float("inf"):
+        raise _bad("--rate", f"{args.rate:g}", "a number of points per second")
+    if args.namespace is not None and not NAME.fullmatch(args.namespace.strip("/")):
+        raise _bad("--namespace", repr(args.namespace), "letters, digits and _, no digit first")
+    if args.urdf is not None:
+        check_outputs({"--urdf": (args.urdf, URDF)}, [], args.force)
+        with armd.connect(args.serial, args.endpoint) as arm:
+            settings = _settings(args, arm.serial)
+            text = urdf.write(
+                arm.info(), arm.calibration_file(), settings.namespace, settings.frame
+            )
+        write_whole(args.urdf, text)
+        return 0
+    if args.router is None:
+        raise _bad("--router", "nothing", "the endpoint of ROS's router, or --urdf FILE")
+    return process.serve(args, lambda arm: Bridge(arm, _settings(args, arm.serial)).serve())
+
+
+def _settings(args: argparse.Namespace, serial: str) -> Settings:
+    namespace = (args.namespace or legal(serial)).strip("/")
+    frame = args.frame or f"{namespace.replace('/', '_')}_base"
+    return Settings(args.router or "", args.domain, namespace, frame, args.rate)
+
+
+def _bad(where: str, found: str, expected: str) -> BadInput:
+    return BadInput("the command line", where, found, expected)

@@ -1,0 +1,57 @@
+"""`armd status [SERIAL]`: how a running daemon does, for people and scripts.
+
+Exit code 0: it measures (READY, WARMING); 1: not, or not well; 2: no daemon there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+import armd
+from armd.daemon.commands.screen import in_use, temperatures
+from armd.daemon.host.root import WARNING
+from armd.daemon.state import State
+from armd.errors import BadInput
+from armd.terminal.printable import printable
+
+GOOD = (State.READY, State.WARMING)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
+    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    parser.add_argument("--json", action="store_true", help="the whole health message")
+
+
+def run(args: argparse.Namespace) -> int:
+    with armd.connect(args.serial, args.endpoint, timeout_s=3.0) as arm:
+        health = arm.health_now()
+    if args.json:
+        print(json.dumps(health))
+    else:
+        try:
+            lines = _lines(health)
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            found = f"a message without {error!s}"
+            raise BadInput(arm.serial, "health", found, "one of armd's daemon") from error
+        print("\n".join(printable(line) for line in lines))
+    return 0 if health.get("state") in GOOD else 1
+
+
+def _lines(health: dict[str, Any]) -> list[str]:
+    drops = {name: n for name, n in health["drops"].items() if n and name != "samples"}
+    lines = [
+        f"{health['serial']}  {health['state']}: {health['reason']}",
+        f"points       {health['rates']['points_hz']:g} Hz, {health['points']['published']}",
+        f"sensors      {temperatures(health) or 'none'}",
+        f"in use       {in_use(health)}",
+        f"drops        {', '.join(f'{n} {name}' for name, n in drops.items()) or 'none'}",
+    ]
+    if last := health.get("interim"):
+        told = last["reason"] or "no check known"
+        if last["check"]:
+            told = f"{last['check']}, {last['age_h']:.0f} h old, {last['state'].replace('_', ' ')}"
+        lines.append(f"interim      {told}")
+    return [*lines, *([f"warning      {WARNING}"] if health.get("as_root") else [])]

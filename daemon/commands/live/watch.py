@@ -1,0 +1,54 @@
+"""`armd watch [SERIAL]`: live read-out of an arm in the terminal, or one line of JSON per point."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from contextlib import suppress
+
+from rich.console import Console
+
+import armd
+from armd import Arm, Point, keys
+from armd.daemon.commands.screen import Screen, refreshes
+from armd.daemon.commands.terminal import hush
+from armd.terminal.arguments import seconds
+
+REFRESH_S = 0.1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
+    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    parser.add_argument("--json", action="store_true", help="one line per point")
+    parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
+
+
+def run(args: argparse.Namespace) -> int:
+    with armd.connect(args.serial, args.endpoint) as arm, suppress(KeyboardInterrupt):
+        try:
+            (_print_json if args.json else _show)(arm, args.seconds)
+        except BrokenPipeError:  # `armd watch --json | head -1` has seen enough
+            hush()
+    return 0
+
+
+def _print_json(arm: Arm, seconds: float | None) -> None:
+    for point in arm.points(seconds):
+        print(json.dumps(_plain(point), allow_nan=False), flush=True)
+
+
+def _plain(point: Point) -> dict[str, object]:
+    """As JSON: no NaN (null instead), flags also by name."""
+    plain: dict[str, object] = {
+        name: [None if math.isnan(x) else x for x in value] if isinstance(value, tuple) else value
+        for name, value in point._asdict().items()
+    }
+    return plain | {"flags": int(point.flags), "flag_names": [flag.name for flag in point.flags]}
+
+
+def _show(arm: Arm, seconds: float | None) -> None:
+    with Screen(arm, Console()) as screen, arm.stream(keys.POINT) as stream:
+        for elapsed_s in refreshes(seconds, REFRESH_S):
+            screen.show(arm.decode(stream.take()), elapsed_s)

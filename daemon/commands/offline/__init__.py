@@ -1,0 +1,1 @@
+"""Commands that make measured data into models, verdicts and corrected points."""

@@ -1,0 +1,128 @@
+"""`armd calibrate`: identify geometry and thermal model from sessions."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+from armd.compensation.data.session import Session, load_sessions
+from armd.compensation.identify.calibrate import Options, calibrate
+from armd.compensation.identify.result import Result
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import LoadedCalibration, save_calibration
+from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.daemon.commands.offline.given import add_arm
+from armd.errors import BadInput
+from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
+from armd.files.writing import write_whole
+from armd.terminal.aside import add_quiet, aside
+from armd.terminal.counted import counted
+
+ORDERS = {"auto": None, "off": 0, "1": 1, "2": 2, "3": 3, "4": 4}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", nargs="+", help="session folders, at one or more temperatures")
+    add_arm(parser)
+    parser.add_argument("-o", "--output", required=True, metavar="CAL.json")
+    parser.add_argument("--json", metavar="RESULT.json", help="figures of the identification")
+    add_pages(parser)
+    parser.add_argument(
+        "--thermal",
+        choices=list(ORDERS),
+        default="auto",
+        help="order of the thermal model; auto decides by the error at temperatures left out",
+    )
+    parser.add_argument(
+        "--thermal-method",
+        choices=["polynomial", "zones", "components", "per-temperature"],
+        default="polynomial",
+        help="polynomials of each joint's temperature, temperature zones, principal components,"
+        " or identified at each temperature and regressed",
+    )
+    parser.add_argument(
+        "--offset",
+        action="store_true",
+        help="per temperature: an offset C beside the value at the reference (default: C = 0)",
+    )
+    add_force(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.offset and args.thermal_method != "per-temperature":
+        expected = "it with --thermal-method per-temperature; else C is in the constants"
+        raise BadInput("command line", "--offset", args.thermal_method, expected)
+    outputs = {
+        "-o": (args.output, CALIBRATION),
+        "--json": (args.json, RESULT),
+        **page_outputs(args),
+    }
+    check_outputs(outputs, [args.arm, *args.session], args.force)
+    arm = load_arm(args.arm)
+    sessions = load_sessions(args.session, arm)
+    options = Options(
+        thermal_order=ORDERS[args.thermal],
+        thermal_method=args.thermal_method,
+        offset=args.offset,
+        command=shlex.join(["armd", *sys.argv[1:]]),
+    )
+    console = aside(args)
+    with console.status("identifying …") as status:
+        result = calibrate(sessions, arm, options, status.update)
+    for session in sessions:
+        if session.unused_columns:
+            names = ", ".join(session.unused_columns)
+            console.print(f"{session.path}: columns not used: {names}")
+    saved = save_calibration(args.output, result.calibration)
+    if args.json:
+        write_whole(args.json, json.dumps(result.as_json(), indent=1) + "\n")
+    write_pages(args, lambda: _page(args, result, sessions, saved))
+    _print(result, f"{args.output} (calibration {saved.sha256[:16]})")
+    return 0
+
+
+def _page(
+    args: argparse.Namespace,
+    result: Result,
+    sessions: Sequence[Session],
+    saved: LoadedCalibration,
+) -> str:
+    from armd.compensation.report.calibration import calibration_report  # drawings load slowly
+
+    return calibration_report(result, sessions, args.arm, saved)
+
+
+def _print(result: Result, written: str) -> None:
+    console = Console()
+    found = result.fit
+    console.print(
+        f"{found.observations.n} readings, {result.rms_um:.2f} µm 3-D RMS,"
+        f" {result.heldout.in_words()} by leaving out each {result.heldout_by};"
+        f" rank {found.solution.rank} of {len(found.unknowns.names)}"
+    )
+    for length in result.lengths:
+        console.print(f"certified length {length.in_words()}")
+    if result.trials:
+        table = Table("thermal model", "at temperatures left out")
+        for trial in result.trials:
+            table.add_row(trial.name, trial.errors.in_words())
+        console.print(table)
+        console.print(f"thermal order {result.thermal_order}")
+    for line in result.unidentifiable:
+        console.print(f"not identifiable: {line}")
+    if len(found.weighed_down):
+        console.print(
+            f"{counted(len(found.weighed_down), 'reading')} far off weighed down,"
+            f" {len(found.outliers)} of them outliers"
+        )
+    for note in result.notes:
+        console.print(note)
+    console.print(result.certificate.in_words())
+    console.print(f"written: {written}", soft_wrap=True)

@@ -1,0 +1,83 @@
+"""`armd correct`: readings in, the same readings with corrected points out, same kernel."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import sys
+from pathlib import Path
+
+from armd.compensation.data.offline import COLUMNS, Corrector, correct_file
+from armd.compensation.data.readings import read_header
+from armd.compensation.data.session_format import AngleUnit, SessionFile
+from armd.daemon.commands.offline.given import add_arm, load_given
+from armd.errors import BadInput
+from armd.files.outputs import POINTS, add_force, check_outputs
+from armd.files.schema import load_toml
+from armd.terminal.aside import add_quiet, aside, bar
+from armd.terminal.counted import counted
+from armd.terminal.suggest import within
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("readings", type=Path, help="a .csv or .parquet file with columns q1 … qN")
+    add_arm(parser)
+    parser.add_argument("--calibration", metavar="CAL.json", help="without it: nominal, flag 7")
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="POINTS.csv")
+    parser.add_argument(
+        "--started", metavar="ISO", help="instant of time_s = 0, with its offset from UTC"
+    )
+    parser.add_argument(
+        "--angle-unit",
+        choices=["rad", "deg", "count"],
+        help="of q1 … qN; otherwise as session.toml beside the readings says, or rad",
+    )
+    add_force(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    readings: Path = args.readings
+    if readings.is_dir():
+        expected = f".csv or .parquet{within(readings)}"
+        raise BadInput(readings, "the file", "a folder", expected)
+    if readings.suffix not in (".csv", ".parquet"):
+        raise BadInput(readings, "the file", f"a {readings.suffix} file", ".csv or .parquet")
+    inputs = [readings, readings.parent / "session.toml", args.arm, args.calibration]
+    check_outputs({"-o": (args.output, POINTS)}, inputs, args.force)
+    arm, calibration = load_given(args)
+    unit, started_unix_s = _session_settings(readings, args.angle_unit, args.started)
+    corrector = Corrector(arm, calibration, unit, started_unix_s)
+    repeated = [name for name in COLUMNS if name in read_header(readings)]
+    if repeated:
+        names = ", ".join(repeated)
+        print(f"armd: {readings}: has {names} already; the last of each is new", file=sys.stderr)
+    with bar(aside(args), "correcting") as told:
+        n = correct_file(readings, args.output, corrector, lambda share: told("correcting", share))
+    print(f"{args.output}: {counted(n, 'point')}")
+    return 0
+
+
+def _session_settings(
+    readings: Path, unit: AngleUnit | None, started: str | None
+) -> tuple[AngleUnit, float | None]:
+    """What was said on the command line, else what session.toml beside the readings says."""
+    beside = readings.parent / "session.toml"
+    session = load_toml(beside, SessionFile) if beside.exists() else None
+    if started is not None:
+        instant: float | None = _instant(started)
+    else:
+        instant = session.started.timestamp() if session else None
+    return unit or (session.angle_unit if session else "rad"), instant
+
+
+def _instant(text: str) -> float:
+    """Unix seconds of an ISO 8601 instant."""
+    try:
+        instant = datetime.datetime.fromisoformat(text)
+    except ValueError:
+        instant = None
+    if instant is None or instant.tzinfo is None:
+        expected = "an instant with its offset from UTC, as 2026-03-01T09:00:00Z"
+        raise BadInput("the command line", "--started", repr(text), expected)
+    return instant.timestamp()

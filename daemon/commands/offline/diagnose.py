@@ -1,0 +1,123 @@
+"""`armd diagnose`: what the model gets wrong, why, the extended model, the gain."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from armd.compensation.data.session import load_sessions
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.told.result import as_json
+from armd.compensation.estimate.observations import gather
+from armd.compensation.identify.admission.mistakes import Model
+from armd.compensation.identify.admission.odd_session import refuse_mistakes
+from armd.compensation.model.calibration import save_calibration
+from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
+from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
+from armd.files.writing import write_whole
+from armd.terminal.aside import add_quiet, aside, bar
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", nargs="+", help="session folders")
+    add_arm(parser)
+    add_model_under_test(parser)
+    parser.add_argument(
+        "--holdout",
+        nargs="+",
+        default=[],
+        metavar="SESSION",
+        help="sessions for the gain alone; default: placements are left out in turn",
+    )
+    parser.add_argument("--json", metavar="OUT.json", help="the result for programs")
+    add_pages(parser)
+    parser.add_argument("--extended", metavar="CAL2.json", help="the corrected calibration")
+    add_force(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    outputs = {
+        "--json": (args.json, RESULT),
+        **page_outputs(args),
+        "--extended": (args.extended, CALIBRATION),
+    }
+    inputs = [args.arm, args.calibration, *args.session, *args.holdout]
+    check_outputs(outputs, inputs, args.force)
+    arm, loaded = load_given(args)
+    calibration = loaded.content if loaded else None
+    sessions = load_sessions(args.session, arm)
+    holdout = load_sessions(args.holdout, arm, besides=sessions)
+    held_against = None
+    if calibration:
+        constants = calibration.vector(arm.n_joints)
+        held_against = Model(constants, calibration.terms, calibration.reference_temperature_c)
+    every = [*sessions, *holdout]
+    artefact = calibration.artefact if calibration else None
+    refuse_mistakes(every, gather(every, arm, artefact), held_against)
+    command = shlex.join(["armd", *sys.argv[1:]])
+    with bar(aside(args), "reading") as told:
+        diagnosis = diagnose(sessions, arm, calibration, holdout, told, command)
+    result = as_json(diagnosis, args.extended)
+    if args.extended:
+        save_calibration(args.extended, diagnosis.extended)
+    write_pages(args, lambda: _page(args, diagnosis, result))
+    if args.json:
+        write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    _print(diagnosis, result)
+    return 0
+
+
+def _page(args: argparse.Namespace, diagnosis: Diagnosis, result: dict[str, Any]) -> str:
+    from armd.compensation.report.diagnosis import diagnosis_report  # drawings load slowly
+
+    files = {"arm": args.arm, "calibration": args.calibration}
+    return diagnosis_report(diagnosis, result, files)
+
+
+def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
+    console, findings = Console(), result["findings"]
+    console.print(
+        f"{diagnosis.rms_um:.2f} µm 3-D RMS, {diagnosis.heldout_rms_um:.2f} µm held out; "
+        f"the noise alone: {diagnosis.noise_floor_um:.2f} µm"
+    )
+    if findings:
+        table = Table("", "cause", "where", "probability", "held-out RMS, µm")
+        for number, finding in enumerate(findings, 1):
+            gain = finding["gain"]
+            doubt = "" if gain["shown"] else " (not confirmed)"
+            if finding["cause"] == "outliers":
+                doubt = "" if diagnosis.holdout else " (without the rows named)"
+            table.add_row(
+                str(number),
+                finding["cause"],
+                finding["location"],
+                f"{finding['probability']:.3f}",
+                f"{gain['heldout_rms_um_before']:.2f} → {gain['heldout_rms_um_after']:.2f}{doubt}",
+            )
+        console.print(table)
+        for number, finding in enumerate(findings, 1):
+            rivals = ", ".join(
+                f"{a['cause']} {a['location']} ({_share(a['probability'])})"
+                for a in finding["alternatives"]
+            )
+            also = f"; could also be {rivals}" if rivals else ""
+            console.print(f"{number}: {finding['reading']}{also}")
+    console.print(result["verdict"])
+    if result["cannot_tell"]:
+        untold = ", ".join(row["cause"] for row in result["cannot_tell"])
+        console.print(f"these data cannot tell: {untold} (--json and --report say what they need)")
+    console.print(f"next: {result['next_experiment']}")
+
+
+def _share(probability: float) -> str:
+    """A probability as a person reads it: what is small is not nothing."""
+    return f"{probability:.2f}" if probability >= 0.01 else "under 0.01"

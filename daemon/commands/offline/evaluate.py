@@ -1,0 +1,57 @@
+"""`armd evaluate`: residuals of sessions under a model."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from rich.console import Console
+from rich.table import Table
+
+from armd.compensation.identify.admission.requirements import ABSURD_RMS_MM
+from armd.compensation.identify.evaluate_files import evaluate_files
+from armd.daemon.commands.offline.given import add_arm, load_given
+from armd.files.outputs import RESULT, add_force, check_outputs
+from armd.files.writing import write_whole
+from armd.terminal.aside import add_quiet, aside
+from armd.terminal.counted import counted
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("session", nargs="+", help="session folders")
+    add_arm(parser)
+    parser.add_argument(
+        "--calibration", metavar="CAL.json", help="default: the drawing in ARM.toml"
+    )
+    parser.add_argument("--json", metavar="OUT.json", help="the figures for programs")
+    add_force(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    inputs = [args.arm, args.calibration, *args.session]
+    check_outputs({"--json": (args.json, RESULT)}, inputs, args.force)
+    arm, loaded = load_given(args)
+    calibration = loaded.content if loaded else None
+    with aside(args).status("reading …") as status:
+        result, lengths = evaluate_files(args.session, arm, calibration, status.update)
+    if args.json:
+        write_whole(args.json, json.dumps(result, indent=1) + "\n")
+    table = Table("session", "readings", "3-D RMS µm", "median µm", "maximum µm")
+    for name, figures in [*result["by_session"].items(), ("all", result)]:
+        if figures["n"]:
+            values = (f"{figures[key]:.2f}" for key in ("rms_um", "median_um", "max_um"))
+            table.add_row(name, str(figures["n"]), *values)
+    console = Console()
+    console.print(table)
+    for length in lengths:
+        console.print(f"certified length {length.in_words()}")
+    if result["rms_um"] > 1e3 * ABSURD_RMS_MM:
+        console.print(
+            f"residuals of {result['rms_um'] / 1e3:.0f} mm: {args.arm}: is it the drawing of this"
+            " arm? (units of angles and lengths, directions, offsets)"
+        )
+    if result["n_unused"]:
+        unused = counted(result["n_unused"], "reading")
+        console.print(f"{unused} without a temperature that the calibration needs")
+    return 0

@@ -1,0 +1,208 @@
+"""`armd feature`: geometric features through measured points, their distances and angles."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from armd.arrays import F64
+from armd.compensation.features.fit import SHAPES, Feature, fit
+from armd.compensation.features.relate import angle, distance
+from armd.compensation.features.shapes import Shape
+from armd.daemon.bridges.export.source import MeasurementLine, from_path
+from armd.errors import BadInput
+from armd.files.outputs import RESULT, add_force, check_outputs
+from armd.files.writing import write_whole
+from armd.terminal.arguments import positive
+from armd.terminal.printable import printable
+
+RELATIONS = ("distance", "angle")
+#: `FILE:1-4,7`: rows of the file, from 1.
+ROWS = re.compile(r"\d+(-\d+)?(,\d+(-\d+)?)*")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = (
+        "a FILE is what `armd export` wrote (.csv) or measurements as published (JSON lines);\n"
+        "FILE:1-4,7 takes these of its measurements, counted from 1\n\n"
+        "  armd feature plane table.csv:1-9\n"
+        "  armd feature cylinder bore.csv --tip-radius-mm 3 --inside\n"
+        "  armd feature distance plane=table.csv:1-9 sphere=table.csv:10-20"
+    )
+    kinds = (*SHAPES, *RELATIONS)
+    parser.add_argument("kind", choices=kinds, metavar="KIND", help=", ".join(kinds))
+    parser.add_argument(
+        "operand",
+        nargs="+",
+        metavar="FILE[:ROWS]",
+        help="of distance and angle two, KIND=FILE[:ROWS]",
+    )
+    parser.add_argument("--json", metavar="OUT.json", help="the result for programs")
+    parser.add_argument(
+        "--tip-radius-mm",
+        metavar="R",
+        type=positive,
+        help="of a circle, sphere or cylinder: tell the radius of the surface touched, too",
+    )
+    parser.add_argument(
+        "--inside", action="store_true", help="with --tip-radius-mm: a bore, touched from inside"
+    )
+    add_force(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    kind: str = args.kind
+    operands = [_operand(kind, text) for text in args.operand]
+    wanted = 2 if kind in RELATIONS else 1
+    if len(operands) != wanted:
+        found = f"{len(operands)} operands"
+        raise BadInput("the command line", f"armd feature {kind}", found, str(wanted))
+    if args.inside and args.tip_radius_mm is None:
+        raise BadInput("the command line", "--inside", "no --tip-radius-mm", "it as well")
+    if args.tip_radius_mm is not None and kind not in ("circle", "sphere", "cylinder"):
+        expected = "it with circle, sphere or cylinder"
+        raise BadInput("the command line", "--tip-radius-mm", f"it with {kind}", expected)
+    inputs = [path for _, path, _ in operands]
+    check_outputs({"--json": (args.json, RESULT)}, inputs, args.force)
+    features = [_fitted(*operand) for operand in operands]
+    result: dict[str, Any] = {"schema": "armd.feature/1", "kind": kind}
+    result["features"] = [feature.as_json() for feature in features]
+    lines = [line for feature in features for line in _words(feature)]
+    if kind in RELATIONS:
+        words, figures = _related(kind, *features)
+        result |= figures
+        lines.append(words)
+    elif args.tip_radius_mm is not None:
+        words, figures = _surface(features[0], args.tip_radius_mm, args.inside)
+        result |= figures
+        lines.append(words)
+    if args.json:
+        write_whole(args.json, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    console = Console(soft_wrap=True, markup=False, highlight=False)
+    for line in lines:
+        console.print(line)
+    return 0
+
+
+Operand = tuple[Shape, Path, str]
+
+
+def _operand(kind: str, text: str) -> Operand:
+    """A shape, a file, and rows ("" for all)."""
+    shape, rest = kind, text
+    if kind in RELATIONS:
+        shape, equals, rest = text.partition("=")
+        if not equals or shape not in SHAPES:
+            expected = f"KIND=FILE[:ROWS], KIND one of {', '.join(SHAPES)}"
+            raise BadInput("the command line", f"armd feature {kind}", repr(text), expected)
+    file, colon, rows = rest.rpartition(":")
+    if not colon or not ROWS.fullmatch(rows):
+        file, rows = rest, ""
+    known = next(name for name in SHAPES if name == shape)
+    return known, Path(file), rows
+
+
+def _fitted(shape: Shape, path: Path, rows: str) -> Feature:
+    measured = from_path(path).measurements
+    chosen = [measured[i] for i in _numbers(path, rows, len(measured))]
+    for number, one in enumerate(chosen, 1):
+        if one.position_mm is None:
+            where = f"measurement {number} of those chosen"
+            raise BadInput(path, where, "no position", "valid ones: name their rows, FILE:ROWS")
+    points = np.array([one.position_mm for one in chosen], dtype=float).reshape(-1, 3)
+    try:
+        return fit(shape, points, _covariances(chosen))
+    except ArithmeticError as error:
+        raise BadInput(path, shape, str(error), "points that determine it") from error
+
+
+def _numbers(path: Path, rows: str, n: int) -> list[int]:
+    """Indices from 0, each once, in the order given."""
+    if not rows:
+        return list(range(n))
+    found: list[int] = []
+    for part in rows.split(","):
+        first, _, last = part.partition("-")
+        low, high = int(first), int(last or first)
+        if not 1 <= low <= high <= n:
+            raise BadInput(path, f"rows {part}", f"{n} measurements", f"rows of 1 to {n}")
+        found += range(low - 1, high)
+    return list(dict.fromkeys(found))
+
+
+def _covariances(chosen: list[MeasurementLine]) -> F64 | None:
+    """(n, 3, 3) mm²; None unless every point has one."""
+    matrices = []
+    for one in chosen:
+        if one.covariance_mm2 is None:
+            return None
+        xx, xy, xz, yy, yz, zz = one.covariance_mm2
+        matrices.append([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return np.array(matrices, dtype=float)
+
+
+def _words(feature: Feature) -> list[str]:
+    told = feature.as_json()
+    source = "points" if not feature.from_scatter else "residuals' scatter"
+    lines = [f"{feature.shape}, {told['n']} points; U = 2 u (k = 2) from the {source}"]
+    lines.append(
+        f"  point      {_three(told['point_mm'], 4)} mm"
+        + _expanded(told["point_standard_uncertainty_mm"], 4, " mm")
+    )
+    if told["direction"] is not None:
+        lines.append(
+            f"  direction  {_three(told['direction'], 6)}"
+            + _expanded(told["direction_standard_uncertainty"], 6, "")
+        )
+    if told["radius_mm"] is not None:
+        uncertain = told["radius_standard_uncertainty_mm"]
+        lines.append(
+            f"  radius     {told['radius_mm']:.4f} mm"
+            + ("" if uncertain is None else f", U {2 * uncertain:.4f} mm")
+            + " (of the tip's centre)"
+        )
+    lines.append(f"  form error {feature.form_error_mm:.4f} mm, RMS {feature.rms_mm:.4f} mm")
+    return lines
+
+
+def _three(values: list[float], digits: int) -> str:
+    return "[" + ", ".join(f"{value:.{digits}f}" for value in values) + "]"
+
+
+def _expanded(uncertainties: list[float] | None, digits: int, unit: str) -> str:
+    if uncertainties is None:
+        return ", U not known"
+    return f", U {_three([2 * value for value in uncertainties], digits)}{unit}"
+
+
+def _related(kind: str, one: Feature, other: Feature) -> tuple[str, dict[str, Any]]:
+    try:
+        found = distance(one, other) if kind == "distance" else angle(one, other)
+    except ArithmeticError as error:
+        raise BadInput(
+            "the command line", f"armd feature {kind}", str(error), "two directions"
+        ) from (error)
+    unit, key = ("mm", "mm") if kind == "distance" else ("°", "deg")
+    figures = {f"value_{key}": found.value}
+    figures[f"standard_uncertainty_{key}"] = found.standard_uncertainty  # type: ignore[assignment]
+    uncertain = found.standard_uncertainty
+    words = "not known" if uncertain is None else f"{2 * uncertain:.4f} {unit}"
+    return printable(f"{kind} {found.value:.4f} {unit}, U (k = 2) {words}"), figures
+
+
+def _surface(feature: Feature, tip_mm: float, inside: bool) -> tuple[str, dict[str, Any]]:
+    """The radius of the surface: the ball's centre ran beside it."""
+    assert feature.radius_mm is not None  # circles, spheres and cylinders have one
+    radius = feature.radius_mm + (tip_mm if inside else -tip_mm)
+    if radius <= 0:
+        found = f"{feature.radius_mm:.4f} mm, less than the tip's {tip_mm:g} mm"
+        raise BadInput("--tip-radius-mm", "the radius", found, "--inside, or a smaller tip")
+    words = f"  surface    radius {radius:.4f} mm, diameter {2 * radius:.4f} mm"
+    return words, {"surface_radius_mm": radius}

@@ -1,0 +1,168 @@
+"""`armd interim`: short checks over time, and what they say: in control, or changed."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armd.compensation.data.session import load_sessions
+from armd.compensation.interim.checks import history, keeping
+from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.checks.reduce import reduce
+from armd.compensation.interim.told.judge import Judgement, judge
+from armd.compensation.interim.told.result import as_json, in_words
+from armd.compensation.interim.told.tomorrow import Tomorrow, tomorrow
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import load_calibration, save_calibration
+from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.daemon.commands.offline.given import add_arm
+from armd.errors import BadInput
+from armd.files.outputs import POSES, RESULT, add_force, check_outputs
+from armd.files.writing import write_whole
+from armd.terminal.aside import add_quiet, aside, bar
+
+#: In a history's folder: the last result, for the daemon and for programs.
+REPORT = "report.json"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
+    add = actions.add_parser("add", help="keep a check and judge the whole history")
+    add.add_argument("session", nargs="+", metavar="SESSION", help="session folders of checks")
+    add_arm(add)
+    add.add_argument(
+        "--calibration",
+        required=True,
+        metavar="CAL.json",
+        help="the calibration that the checks are of; another one begins an epoch of its own",
+    )
+    add.add_argument("--history", required=True, metavar="DIR", help="the folder that keeps them")
+    add.add_argument("--json", action="store_true", help="print the result for programs")
+    report = actions.add_parser("report", help="what the history says")
+    report.add_argument("--history", required=True, metavar="DIR", help="the folder of checks")
+    report.add_argument(
+        "--json",
+        nargs="?",
+        const="-",
+        metavar="OUT.json",
+        help="the result for programs, to a file or (no file named) printed",
+    )
+    report.add_argument(
+        "--poses", metavar="POSES.csv", help="poses of the next check, where a cause is in doubt"
+    )
+    add_pages(report)
+    add_force(report)
+    for action in (add, report):
+        add_quiet(action)
+
+
+def run(args: argparse.Namespace) -> int:
+    return _add(args) if args.action == "add" else _report(args)
+
+
+def _add(args: argparse.Namespace) -> int:
+    folder = Path(args.history)
+    arm = load_arm(args.arm)
+    calibration = load_calibration(args.calibration, arm)
+    sessions = load_sessions(args.session, arm)
+    # Twice: before the long part for a quick answer, and again when nobody else may write.
+    lines = history.read_lines(folder)
+    keeping.check_new(folder, lines, sessions)
+    causes = causes_of(arm, calibration.content)
+    console, new = aside(args), []
+    with bar(console, "evaluating the checks") as told:
+        for number, session in enumerate(sessions, 1):
+            new.append(keeping.New(session, reduce(session, arm, calibration.content, causes)))
+            told("evaluating the checks", number / len(sessions))
+    with keeping.locked(folder), console.status("judging the history …"):
+        lines = history.read_lines(folder)
+        if lines:
+            history.load(folder)  # a damaged history takes no more
+        keeping.check_new(folder, lines, sessions)
+        keeping.keep(folder, lines, new, Path(args.arm), calibration)
+        judgement, result, _ = _judged(folder)
+    _say(judgement, result, "-" if args.json else None)
+    return 1 if judgement.changed else 0
+
+
+def _report(args: argparse.Namespace) -> int:
+    to_file = args.json if args.json != "-" else None
+    check_outputs(
+        {
+            "--json": (to_file, RESULT),
+            **page_outputs(args),
+            "--poses": (args.poses, POSES),
+        },
+        [],
+        args.force,
+    )
+    folder = Path(args.history)
+    with aside(args).status("judging the history …"):
+        judgement, result, after = _judged(folder)
+    if args.poses:
+        write_whole(args.poses, _poses(after))
+    write_pages(args, lambda: _page(folder, judgement, result))
+    if to_file:
+        write_whole(to_file, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    _say(judgement, result, args.json)
+    return 1 if judgement.changed else 0
+
+
+def _page(folder: Path, judgement: Judgement, result: dict[str, Any]) -> str:
+    from armd.compensation.interim.told.page import interim_page  # draws: slow to load
+
+    checks = [check for epoch in judgement.epochs for check in epoch.checks]
+    checks.sort(key=lambda check: check.line.first_unix_s)
+    return interim_page(judgement, result, [history.session(folder, check) for check in checks])
+
+
+def _judged(folder: Path) -> tuple[Judgement, dict[str, Any], Tomorrow]:
+    """Judge a history; its changes' calibrations and the result are written beside it."""
+    judgement = judge(history.load(folder))
+    files: list[tuple[str, str] | None] = []
+    for told in (told for epoch in judgement.epochs for told in epoch.told):
+        if told.calibration is None:
+            files.append(None)
+            continue
+        name = f"calibration-{len(files) + 1}.json"
+        files.append((name, save_calibration(folder / name, told.calibration).sha256))
+    after = tomorrow(judgement)
+    result = as_json(judgement, files, after.as_json())
+    write_whole(folder / REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    return judgement, result, after
+
+
+def _poses(after: Tomorrow) -> str:
+    """The next check's poses, as a table that `armd measure poses` takes."""
+    if after.advised is None:
+        raise BadInput("--poses", "the next check", "no poses of its own", "a cause in doubt")
+    states, seats = after.advised.states, after.advised.seats_mm
+    text = io.StringIO()
+    joints = range(1, states.q.shape[1] + 1)
+    sides = [f"approach_joint_{k}" for k in joints]
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["pose", "x_mm", "y_mm", "z_mm", *(f"q{k}_deg" for k in joints), *sides])
+    rows = zip(np.degrees(states.q), states.rate, strict=True)
+    for i, (q, rate) in enumerate(rows, 1):
+        tip = seats[(i - 1) % len(seats)]
+        turned = ("+" if v > 0 else "-" for v in rate)
+        writer.writerow([i, *(f"{v:.1f}" for v in tip), *(f"{v:.2f}" for v in q), *turned])
+    return text.getvalue()
+
+
+def _say(judgement: Judgement, result: dict[str, Any], to: str | None) -> None:
+    if to == "-":
+        print(json.dumps(result, indent=1, allow_nan=False))
+        return
+    for line in in_words(judgement):
+        print(line)
+    for change in result["changes"]:
+        if change["calibration_from"]:
+            print(f"corrected calibration: {change['calibration_from']} (in the history's folder)")
+    print(f"next: {result['next_check']['sentence']}")

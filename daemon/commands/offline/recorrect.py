@@ -1,0 +1,241 @@
+"""`armd recorrect`: measurements computed anew from their stored angles and temperatures."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import hashlib
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armd import Flag
+from armd.arrays import F64
+from armd.compensation.interim.again.quality_page import Change, quality_page
+from armd.compensation.interim.again.recorrect import Recorrected, recorrect
+from armd.compensation.model.arm import Arm, Vector3, load_arm
+from armd.compensation.model.calibration import LoadedCalibration, load_calibration
+from armd.compensation.model.state import States
+from armd.compensation.report.written import add_pages, page_outputs, write_pages
+from armd.daemon.bridges.export import source
+from armd.daemon.bridges.export.source import MeasurementLine, Measurements
+from armd.daemon.bridges.export.tables import uncertainty_mm
+from armd.daemon.commands.live.export import instant_ns
+from armd.daemon.commands.offline.given import add_arm
+from armd.daemon.config import load_config
+from armd.daemon.files.measurement_log import log_files
+from armd.daemon.live.arm_in_use import with_offset
+from armd.errors import BadInput
+from armd.files.outputs import OutputKind, add_force, check_outputs
+from armd.files.writing import write_whole
+from armd.terminal.aside import add_quiet, aside
+from armd.terminal.counted import counted
+
+COLUMNS = (
+    "seq", "stamp_ns", "x_old_mm", "y_old_mm", "z_old_mm", "x_new_mm", "y_new_mm", "z_new_mm",
+    "dx_mm", "dy_mm", "dz_mm", "distance_mm", "at_most_mm",
+    "u_x_old_mm", "u_y_old_mm", "u_z_old_mm", "u_x_new_mm", "u_y_new_mm", "u_z_new_mm",
+    "flags_old", "flags_new", "calibration_old", "calibration_new", "tip", "matters",
+)  # fmt: skip
+RECORRECTED = OutputKind(
+    "measurements recorrected", lambda head: head.startswith(b"seq,stamp_ns,x_old")
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "measurements",
+        nargs="+",
+        type=Path,
+        metavar="MEASUREMENTS",
+        help="JSON lines, a measurement log's folder, a recording, or a CSV of `armd export`",
+    )
+    add_arm(parser)
+    parser.add_argument(
+        "--calibration", required=True, metavar="CAL.json", help="the calibration to correct with"
+    )
+    parser.add_argument(
+        "--since", metavar="TIME", help="only later ones: 2026-03-01T09:00 (UTC), or Unix seconds"
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        metavar="MM",
+        help="a measurement that moves by more than this matters",
+    )
+    parser.add_argument(
+        "--config", metavar="armd.toml", help="whose [tips] the measurements name, if they do"
+    )
+    parser.add_argument(
+        "--operator", metavar="NAME", help="who corrects again, as the report names them"
+    )
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.csv")
+    add_pages(parser, "a page for the quality file")
+    add_force(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.tolerance is not None and not 0 < args.tolerance < float("inf"):
+        raise BadInput("the command line", "--tolerance", f"{args.tolerance:g}", "mm, above 0")
+    check_outputs(
+        {"-o": (args.output, RECORRECTED), **page_outputs(args)},
+        [*args.measurements, args.arm, args.calibration, args.config],
+        args.force,
+    )
+    since_ns = instant_ns(args.since) if args.since else None
+    arm = load_arm(args.arm)
+    calibration = load_calibration(args.calibration, arm)
+    with aside(args).status("reading the measurements …"):
+        found = [source.from_path(path) for path in args.measurements]
+    for path, one in zip(args.measurements, found, strict=True):
+        if one.serial not in ("", arm.serial_number):
+            raise BadInput(path, "the arm", one.serial, f"{arm.serial_number}, as {args.arm} has")
+    chosen = _chosen(found, since_ns)
+    without = [m for m in chosen if m.angles_rad is None]
+    chosen = [m for m in chosen if m.angles_rad is not None]
+    where = ", ".join(map(str, args.measurements))
+    with aside(args).status(f"correcting {counted(len(chosen), 'measurement')} again …"):
+        new = _recorrected(chosen, arm, calibration, _tips(args.config), where)
+    old = np.array([m.position_mm or (np.nan,) * 3 for m in chosen]).reshape(-1, 3)
+    distance = np.linalg.norm(new.position_mm - old, axis=1)
+    change = Change(
+        arm.serial_number,
+        calibration.sha256,
+        [m.seq for m in chosen],
+        [m.stamp_ns for m in chosen],
+        distance,
+        np.linalg.norm(new.uncertainty_mm, axis=1),
+        args.tolerance,
+        [m.calibration for m in chosen],
+    )
+    left_out = [sentence for one in found for sentence in one.left_out]
+    if without:
+        none = counted(len(without), "measurement")
+        left_out.insert(0, f"{none} without angles left out (pressed while invalid)")
+    write_whole(args.output, _table(chosen, old, new, change, calibration))
+    write_pages(args, lambda: quality_page(change, _inputs(args), left_out, args.operator))
+    print(f"armd: {args.output}: {change.in_words()}")
+    for sentence in left_out:
+        print(f"armd: {sentence}")
+    return 0
+
+
+def _inputs(args: argparse.Namespace) -> dict[str, str]:
+    """Every file read, and its SHA-256."""
+    given = [
+        *args.measurements,
+        *map(Path, filter(None, (args.arm, args.calibration, args.config))),
+    ]
+    files = [file for path in given for file in (log_files(path) if path.is_dir() else [path])]
+    found = {}
+    for file in files:
+        with file.open("rb") as data:
+            found[str(file)] = hashlib.file_digest(data, "sha256").hexdigest()
+    return found
+
+
+def _chosen(found: Sequence[Measurements], since_ns: int | None) -> list[MeasurementLine]:
+    """Of all sources, by time, each once."""
+    by_time = {(m.stamp_ns, m.seq): m for one in found for m in one.measurements}
+    return [by_time[key] for key in sorted(by_time) if since_ns is None or key[0] >= since_ns]
+
+
+def _tips(config: str | None) -> dict[str, Any]:
+    return {} if config is None else dict(load_config(config).file.tips)
+
+
+def _recorrected(
+    chosen: Sequence[MeasurementLine],
+    arm: Arm,
+    calibration: LoadedCalibration,
+    tips: dict[str, Any],
+    where: str,
+) -> Recorrected:
+    """Each with the tip it was measured with: as *tips* have it, else as it was known then."""
+    states = _states(chosen, arm, where)
+    position, uncertainty = np.full((2, len(chosen), 3), np.nan)
+    flags = np.zeros(len(chosen), np.uint32)
+    offsets = [_offset_mm(m, tips, where) for m in chosen]
+    for offset in dict.fromkeys(offsets):
+        with_tip: tuple[Arm, LoadedCalibration | None] = (arm, calibration)
+        if offset is not None:
+            with_tip = with_offset(arm, calibration, offset)
+        its_arm, its_calibration = with_tip
+        assert its_calibration is not None
+        rows = np.array([one == offset for one in offsets])
+        # All rows, for lags; then those of this tip.
+        found = recorrect(its_arm, its_calibration, states)
+        position[rows], uncertainty[rows] = found.position_mm[rows], found.uncertainty_mm[rows]
+        flags[rows] = found.flags[rows]
+    return Recorrected(position, uncertainty, flags)
+
+
+def _offset_mm(m: MeasurementLine, tips: dict[str, Any], where: str) -> Vector3 | None:
+    """Of its tip; None: the calibration's own."""
+    if m.tip is None:
+        return None
+    if m.tip in tips:
+        offset: Vector3 = tips[m.tip].offset_mm
+        return offset
+    if m.tip_offset_mm is None:
+        expected = "--config with the armd.toml whose [tips] has it"
+        raise BadInput(where, "tip", repr(m.tip), expected)
+    return m.tip_offset_mm
+
+
+def _states(chosen: Sequence[MeasurementLine], arm: Arm, where: str) -> States:
+    n, joints = len(chosen), arm.n_joints
+    unknown = [np.nan] * joints
+    for m in chosen:
+        for name, values in (("angles_rad", m.angles_rad), ("rates_rad_s", m.rates_rad_s)):
+            if values is not None and len(values) != joints:
+                found = f"{len(values)} of seq {m.seq}"
+                raise BadInput(where, name, found, f"{joints}, the joints of {arm.serial_number}")
+        if m.temperatures_c and (missing := set(arm.sensors) - set(m.temperatures_c)):
+            there = ", ".join(m.temperatures_c)
+            raise BadInput(where, f"temperature {min(missing)}", f"{there} of seq {m.seq}", "it")
+    celsius = [[m.temperatures_c.get(name) for name in arm.sensors] for m in chosen]
+    return States(
+        q=np.array([m.angles_rad for m in chosen], float).reshape(n, joints),
+        rate=np.array([m.rates_rad_s or unknown for m in chosen], float).reshape(n, joints),
+        temperature_c=np.array(celsius, float).reshape(n, len(arm.sensors)),
+        time_s=np.array([m.stamp_ns * 1e-9 for m in chosen]),
+        approach=np.array([m.approach or (np.nan,) * 3 for m in chosen]).reshape(n, 3),
+        series=np.zeros(n, np.int64),
+    )
+
+
+def _table(
+    chosen: Sequence[MeasurementLine],
+    old: F64,
+    new: Recorrected,
+    change: Change,
+    calibration: LoadedCalibration,
+) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for i, m in enumerate(chosen):
+        numbers = [
+            *old[i], *new.position_mm[i], *(new.position_mm[i] - old[i]), change.distance_mm[i],
+            change.at_most_mm[i], *uncertainty_mm(m), *new.uncertainty_mm[i],
+        ]  # fmt: skip
+        writer.writerow(
+            [
+                m.seq,
+                m.stamp_ns,
+                *("" if np.isnan(value) else f"{value:.6f}" for value in numbers),
+                # What the measuring itself said of its points holds for the new position, too.
+                m.flags,
+                int(new.flags[i]) | m.flags & ~int(Flag.TEMPERATURE_RANGE | Flag.NOT_CALIBRATED),
+                m.calibration or "",
+                calibration.sha256[:16],
+                m.tip or "",
+                "" if change.tolerance_mm is None else int(change.matter[i]),
+            ]
+        )
+    return text.getvalue()

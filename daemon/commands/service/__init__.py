@@ -1,0 +1,1 @@
+"""The daemon itself: in the foreground, on a simulated arm, from a recording."""

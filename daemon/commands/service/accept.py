@@ -1,0 +1,34 @@
+"""`armd accept CONFIG`: the servos are as they should be; what was found last holds from now on.
+
+A daemon that runs learns of it by itself.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from armd.daemon.config import load_config
+from armd.drivers.config import ServoConfig
+from armd.drivers.poll.family import FAMILIES
+from armd.drivers.poll.memory import Memory
+from armd.errors import BadInput
+from armd.terminal.counted import counted
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("config", metavar="CONFIG", type=Path, help="armd.toml")
+
+
+def run(args: argparse.Namespace) -> int:
+    config = load_config(args.config)
+    driver = config.driver
+    if not isinstance(driver, ServoConfig):
+        expected = f"one of {', '.join(FAMILIES)}: other arms' encoders have no offsets"
+        raise BadInput(args.config, "driver.kind", driver.kind, expected)
+    memory = Memory(config.arm.serial_number, FAMILIES[driver.kind])
+    changes = memory.accept()
+    for servo, phrases in changes.items():
+        print(f"armd: servo {servo}: {'; '.join(phrases)}")
+    print(f"armd: {memory.path}: {counted(len(changes), 'servo')} changed, accepted as found")
+    return 0

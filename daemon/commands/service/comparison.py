@@ -1,0 +1,110 @@
+"""Published points against the simulator's truth: what is wrong before and after correction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import median_filter
+
+from armd import Flag
+from armd.arrays import F64
+
+AROUND = 51  # points, over which the distance of two counts is taken
+
+#: A record of the simulator's truth file: seq as published, true tip in the base frame.
+TRUTH = np.dtype([("seq", "<u8"), ("position_mm", "<f8", (3,))])
+
+
+@dataclass(frozen=True)
+class PointErrors:
+    """RMS distances in µm between points and truth."""
+
+    n: int
+    before_um: float
+    after_um: float
+    correction_um: float  # largest
+
+    @property
+    def improvement(self) -> float:
+        return self.before_um / self.after_um
+
+
+def compare(points: npt.NDArray[np.void], truth: npt.NDArray[np.void]) -> PointErrors:
+    """Errors of *points* (dtype `POINT`) against *truth* (dtype `TRUTH`), joined by seq.
+
+    No measurement can tell how the arm's own base frame lies in the arm, so one rigid placement,
+    the one that suits the corrected points best, is taken out of both figures.
+    """
+    points = points[(points["flags"] & Flag.INVALID) == 0]
+    _, ours, theirs = np.intersect1d(points["seq"], truth["seq"], return_indices=True)
+    after, correction = points["position_mm"][ours], points["correction_mm"][ours]
+    true = truth["position_mm"][theirs]
+    rotation, translation = _placement(after, true)
+    return PointErrors(
+        n=len(ours),
+        before_um=_rms_um((after - correction) @ rotation.T + translation - true),
+        after_um=_rms_um(after @ rotation.T + translation - true),
+        correction_um=float(np.linalg.norm(correction, axis=1).max()) * 1000,
+    )
+
+
+def load_truth(path: Path) -> npt.NDArray[np.void]:
+    """The records written so far; a last one that is not whole yet is left out."""
+    data = path.read_bytes()
+    return np.frombuffer(data, TRUTH, len(data) // TRUTH.itemsize)
+
+
+def numbered_like(
+    points: npt.NDArray[np.void], truth: npt.NDArray[np.void]
+) -> npt.NDArray[np.void]:
+    """The truth (n,) at each of *points* (n,), numbered as they are.
+
+    On CAN a latch has no number: `seq` of *truth* is its instant (CLOCK_MONOTONIC, ns). Both sides
+    count SYNCs, so what remains to be found is how far the two counts are apart; that changes only
+    when the bus is lost, however late this machine sometimes is.
+    """
+    instants = truth["seq"].astype(np.int64)
+    seq = points["seq"].astype(np.int64)
+    apart = median_filter(np.searchsorted(instants, points["monotonic_ns"]) - seq, AROUND)
+    found = np.zeros(len(points), TRUTH)
+    found["seq"] = points["seq"]
+    found["position_mm"] = truth["position_mm"][np.clip(seq + apart, 0, len(truth) - 1)]
+    return found
+
+
+def at_their_instants(
+    points: npt.NDArray[np.void], truth: npt.NDArray[np.void]
+) -> npt.NDArray[np.void]:
+    """The truth at each of *points* that lies within it, numbered as they are.
+
+    A servo has no number of a latch and samples when it is asked: `seq` of *truth* is an instant
+    (CLOCK_MONOTONIC, ns), and the tip is on the straight line between two of them.
+    """
+    instants, asked = truth["seq"].astype(np.int64), points["monotonic_ns"]
+    if len(instants) == 0:
+        return np.zeros(0, TRUTH)
+    within = points[(asked >= instants[0]) & (asked <= instants[-1])]
+    found = np.zeros(len(within), TRUTH)
+    found["seq"] = within["seq"]
+    since = instants - instants[0]
+    for axis in range(3):
+        found["position_mm"][:, axis] = np.interp(
+            within["monotonic_ns"] - instants[0], since, truth["position_mm"][:, axis]
+        )
+    return found
+
+
+def _placement(points: F64, true: F64) -> tuple[F64, F64]:
+    """Rotation (3, 3) and translation (3,) that bring points (n, 3) nearest to true (n, 3)."""
+    middle, true_middle = points.mean(axis=0), true.mean(axis=0)
+    u, _, vt = np.linalg.svd((points - middle).T @ (true - true_middle))
+    sign = np.sign(np.linalg.det(u @ vt))
+    rotation = (u * [1.0, 1.0, sign] @ vt).T
+    return rotation, true_middle - rotation @ middle
+
+
+def _rms_um(residuals: F64) -> float:
+    return float(np.sqrt((residuals**2).sum(axis=1).mean())) * 1000

@@ -1,0 +1,152 @@
+"""`armd replay FILE`: a recording back through the same decoder and kernel.
+
+Published like a live arm's points, or compared with the recorded ones, or written to a table;
+with the calibration it was made with, or with another one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import armd
+from armd import Flag, keys
+from armd.compensation.model.arm import Arm
+from armd.daemon.commands.service.run import expectation, serve
+from armd.daemon.config import Config, DaemonFile
+from armd.daemon.files.recorder import TOPICS, as_json
+from armd.daemon.live.arm_in_use import ArmInUse
+from armd.drivers.replay.recording import CALIBRATION_ATTACHMENT, Recording
+from armd.drivers.sample import Event, Temperatures
+from armd.drivers.table import open_driver
+from armd.errors import BadInput
+from armd.files.outputs import POINTS, add_force, check_outputs
+from armd.files.schema import validate
+from armd.files.writing import whole_file
+from armd.terminal.aside import add_quiet, aside
+from armd.terminal.counted import counted
+
+Points = npt.NDArray[np.void]
+SETTLING_NS = 1_500_000_000
+COLUMNS = ["seq", "stamp_ns", "x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw", "flags"]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", type=Path, help="a file of `armd record`")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument(
+        "--calibration", metavar="CAL.json", type=Path, help="instead of the recorded one"
+    )
+    which.add_argument("--nominal", action="store_true", help="without any calibration")
+    parser.add_argument(
+        "--speed", type=float, default=1.0, metavar="X", help="of publishing (1); 0: at once"
+    )
+    parser.add_argument("--listen", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    parser.add_argument(
+        "--check", action="store_true", help="publish nothing; compare with the recorded points"
+    )
+    parser.add_argument(
+        "-o", "--output", metavar="POINTS.csv", type=Path, help="publish nothing; write a table"
+    )
+    add_force(parser)
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """0; 1 if with --check a point differs."""
+    check_outputs({"-o": (args.output, POINTS)}, [args.file, args.calibration], args.force)
+    recording = Recording(args.file)
+    with tempfile.TemporaryDirectory() as folder:
+        config = _config(recording, args, Path(folder))
+        if not args.check and args.output is None:
+            return serve(config)
+        with aside(args).status("playing the recording …"):
+            points = np.concatenate([np.zeros(0, armd.POINT), *_points(config)])
+        if args.output is not None:
+            _write(args.output, points)
+            print(f"armd: {args.output}: {counted(len(points), 'point')}")
+        return _compare(recording, points) if args.check else 0
+
+
+def _config(recording: Recording, args: argparse.Namespace, folder: Path) -> Config:
+    """The recorded daemon's configuration, with the recording in the arm's place."""
+    calibration = args.calibration and args.calibration.absolute()
+    recorded = recording.attachments.get(CALIBRATION_ATTACHMENT)
+    if calibration is None and recorded is not None and not args.nominal:
+        calibration = folder / CALIBRATION_ATTACHMENT
+        calibration.write_bytes(recorded)
+    offline = args.check or args.output is not None
+    content: dict[str, Any] = recording.info["configuration"] | {
+        "calibration": str(calibration) if calibration else None,
+        "driver": {
+            "kind": "replay",
+            "file": str(recording.path.absolute()),
+            "speed": 0 if offline else args.speed,
+        },
+        "zenoh": {"listen": [args.listen]},
+        "metrics": None,
+    }
+    file = validate(recording.path, content, DaemonFile)
+    arm = validate(recording.path, recording.info["arm"], Arm)
+    return Config(folder / "armd.toml", file, arm)
+
+
+def _points(config: Config) -> Iterator[Points]:
+    """What the daemon would publish."""
+    pipeline = ArmInUse(config).pipeline
+    with closing(open_driver(config.driver, expectation(config))) as driver:
+        while True:
+            for item in driver.read(0.0):
+                match item:
+                    case Temperatures():
+                        pipeline.take_temperatures(item)
+                    case Event(kind="replay_ended"):
+                        return
+                    case Event(kind="recording_cut"):
+                        print(f"armd: {item.text}", file=sys.stderr)
+                    case Event():
+                        pass
+                    case samples:
+                        yield pipeline.correct(samples)[0]
+
+
+def _compare(recording: Recording, points: Points) -> int:
+    """Of a recording that began in mid-stream its beginning does not count: for how long the
+    tip had been at rest by then, nobody has told it."""
+    replayed = dict(zip(points["seq"].tolist(), as_json(points), strict=True))
+    from_ns = int(points["monotonic_ns"][0]) if len(points) else 0
+    from_ns += SETTLING_NS if recording.preamble() else 0
+    identical = different = 0
+    for message in recording.messages({TOPICS[keys.POINT]}):
+        try:
+            point = json.loads(message.data)
+            seq, at_ns = int(point["seq"]), int(point["monotonic_ns"])
+        except (ValueError, KeyError, TypeError) as error:
+            raise BadInput(recording.path, "/point", repr(message.data[:40]), "a point") from error
+        if seq in replayed and at_ns >= from_ns:
+            same = replayed[seq] == message.data
+            identical += same
+            different += not same
+    print(f"armd: {counted(identical, 'point')} bit-identical, {different} different")
+    return 1 if different or not identical else 0
+
+
+def _write(path: Path, points: Points) -> None:
+    with whole_file(path) as part, part.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for point in points:
+            invalid = bool(point["flags"] & Flag.INVALID)
+            pose = [*point["position_mm"].tolist(), *point["orientation"].tolist()]
+            numbers = [""] * len(pose) if invalid else pose
+            writer.writerow([point["seq"], point["stamp_ns"], *numbers, point["flags"]])

@@ -1,0 +1,1 @@
+"""What comes before measuring: files to start from and what is wrong in them, ports, help."""

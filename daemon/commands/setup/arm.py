@@ -1,0 +1,149 @@
+"""`armd arm`: nominal geometry of arms that people own, as an arm.toml to start from."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tomllib
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from armd.compensation.model.arm import Arm
+from armd.daemon.catalogue import microscribe
+from armd.daemon.catalogue.known import (
+    KNOWN,
+    Bus,
+    arm_text,
+    canonical,
+    daemon_text,
+    known_arm,
+    title,
+    with_serial_number,
+)
+from armd.daemon.catalogue.lerobot import take_over
+from armd.drivers.microscribe.factory import read_factory
+from armd.drivers.ports import serial_ports
+from armd.errors import BadInput
+from armd.files.outputs import ARM, add_force, check_same
+from armd.files.schema import validate
+from armd.files.writing import write_whole
+
+MICROSCRIBE = "MicroScribe 3D, 3DX, 3DL, G or G2: the factory's geometry, read from the arm"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        help="an arm of `armd arm list`; list; microscribe (its geometry is read from the arm at "
+        "--port); or import-lerobot CALIBRATION.json",
+    )
+    parser.add_argument(
+        "file", nargs="?", type=Path, metavar="CALIBRATION.json", help="of import-lerobot"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="ARM.toml",
+        help="default: standard output. Beside it an armd.toml is written if there is none "
+        "and the port is known",
+    )
+    parser.add_argument("--port", help="the serial port (default: the only one that is plugged in)")
+    parser.add_argument("--baud", type=int, help="of microscribe (default: found by trying)")
+    parser.add_argument("--ball", action="store_true", help="microscribe: a ball tip, not a point")
+    parser.add_argument("--serial-number", metavar="NAME", help="what to call this arm")
+    parser.add_argument(
+        "--arm", default="so101", metavar="NAME", help="of import-lerobot: which arm (so101)"
+    )
+    add_force(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.file is not None and args.name != "import-lerobot":
+        raise BadInput("armd arm", "arguments", str(args.file), f"nothing after {args.name}")
+    if args.name == "list":
+        _print_list()
+        return 0
+    bus: Bus | None = None
+    if args.name == "import-lerobot":
+        if args.file is None:
+            raise BadInput("armd arm", "import-lerobot", "no file", "CALIBRATION.json")
+        taken = take_over(args.file, args.arm)
+        text, bus = taken.text, taken.bus
+    elif args.name == "microscribe":
+        return _microscribe(args)
+    else:
+        text, bus = arm_text(args.name), KNOWN[canonical(args.name)]
+    if args.serial_number is not None:
+        text = with_serial_number(text, args.serial_number)
+        validate("--serial-number", tomllib.loads(text), Arm)
+    if args.output is None:
+        sys.stdout.write(text)
+        return 0
+    check_same(args.output, text, ARM, args.force, [args.file])
+    write_whole(args.output, text)
+    print(f"{args.output}: {title(text)}")
+    if bus is not None:
+        _write_daemon_file(args.output, bus, args.port)
+    return 0
+
+
+def _microscribe(args: argparse.Namespace) -> int:
+    if args.serial_number is not None:
+        raise BadInput("armd arm", "--serial-number", args.serial_number, "nothing: it has its own")
+    ports = [args.port] if args.port else [str(port) for port in serial_ports()]
+    if len(ports) != 1:
+        raise BadInput("armd arm", "--port", f"{len(ports)} serial ports", "the MicroScribe's")
+    factory = read_factory(ports[0], args.baud)
+    text = microscribe.arm_text(factory, ports[0], args.ball)
+    validate(f"{ports[0]}: the arm's memory", tomllib.loads(text), Arm)
+    if args.output is None:
+        sys.stdout.write(text)
+        return 0
+    check_same(args.output, text, ARM, args.force)
+    write_whole(args.output, text)
+    print(f"{args.output}: {title(text)}")
+    path = args.output.parent / "armd.toml"
+    if not path.exists():
+        write_whole(path, microscribe.daemon_text(args.output.name, ports[0], factory.baud))
+        print(f"{path}: for `armd run {path}`, on {ports[0]}")
+    return 0
+
+
+def _write_daemon_file(output: Path, bus: Bus, port: str | None) -> None:
+    """armd.toml beside arm.toml: never over one that is there, never with a guessed port."""
+    path = output.parent / "armd.toml"
+    if path.exists():
+        print(f"{path}: left as it is; its [driver] for this arm:", *_driver(bus, port), sep="\n  ")
+        return
+    ports = serial_ports() if port is None else [Path(port)]
+    if len(ports) != 1:
+        found = "no serial port is plugged in" if not ports else f"{len(ports)} ports are there"
+        print(f"{path}: not written, {found}; with --port PORT it is. Its [driver]:", end="\n  ")
+        print(*_driver(bus, port), sep="\n  ")
+        return
+    write_whole(path, daemon_text(output.name, bus, str(ports[0])))
+    print(f"{path}: for `armd run {path}`, on {ports[0]}")
+
+
+def _driver(bus: Bus, port: str | None) -> list[str]:
+    lines = daemon_text("arm.toml", bus, port or "/dev/serial/by-id/…").splitlines()
+    return lines[lines.index("[driver]") + 1 :]
+
+
+def _print_list() -> None:
+    table = Table("name", "arm", "joints", "bus", "source", box=None)
+    for name, bus in KNOWN.items():
+        text = arm_text(name)
+        wire = "-" if bus is None else f"{bus.kind}, {bus.baud} baud"
+        table.add_row(name, title(text), str(known_arm(name).n_joints), wire, _source(text))
+    table.add_row("microscribe", MICROSCRIBE, "5", "microscribe", "the arm's own memory")
+    Console(width=None if sys.stdout.isatty() else 250).print(table)
+
+
+def _source(text: str) -> str:
+    comment = " ".join(line.removeprefix("# ") for line in text.splitlines() if line[:1] == "#")
+    return comment.partition("Source: ")[2].partition("; ")[0].partition(". Licence")[0]

@@ -1,0 +1,211 @@
+"""`armd check`: says of each file whether it is right, and if not, everything that is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import load_calibration
+from armd.errors import BadInput
+from armd.files.inputs import read_input
+from armd.files.schema import json_data, load_toml, toml_data
+from armd.terminal.aside import add_quiet, aside
+from armd.terminal.suggest import near
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "file",
+        nargs="+",
+        type=Path,
+        metavar="FILE",
+        help="arm.toml, armd.toml, a calibration, a session's folder, a scenario, MPE values; "
+        "sessions and calibrations are held against their arm.toml, if that is among the files",
+    )
+    add_quiet(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    for path in args.file:
+        if not path.exists():
+            raise BadInput(path, "the file", "nothing", f"an existing file{near(path)}")
+    arms = _arms(args.file)
+    wrong = False
+    beside, doubts = _sessions_beside_each_other(args.file, arms, aside(args))
+    for path in args.file:
+        faults, remark = _check(path, arms)
+        faults = [*faults, *beside.get(_folder(path), [])]
+        for fault in faults:
+            print(f"armd: {fault}", file=sys.stderr)
+        if not faults:
+            print(f"{path}: ok{remark}")
+        wrong = wrong or bool(faults)
+    for doubt in doubts:
+        print(doubt)
+    return 1 if wrong else 0
+
+
+def _sessions_beside_each_other(
+    paths: Sequence[Path], arms: Arms, console: Console
+) -> tuple[dict[Path, list[BadInput]], list[str]]:
+    """Faults of sessions that only others of the same arm, or its drawing, show; and doubts."""
+    folders = [
+        _folder(path) for path in paths if path.is_dir() or path.name in (*READINGS, "session.toml")
+    ]
+    if not folders:
+        return {}, []
+    from armd.compensation.data.session import Session, load_session
+    from armd.compensation.data.session_format import SessionFile
+    from armd.compensation.estimate.observations import gather
+    from armd.compensation.identify.admission.odd_session import remark
+
+    of_arm: dict[str, list[Session]] = {}
+    for path in dict.fromkeys(folders):
+        try:
+            serial = load_toml(path / "session.toml", SessionFile).arm
+            session = load_session(path, arms[serial])
+        except (BadInput, KeyError):
+            continue  # no session, or one whose own check tells what is wrong
+        of_arm.setdefault(serial, []).append(session)
+    faults: dict[Path, list[BadInput]] = {}
+    doubts = []
+    for serial, sessions in of_arm.items():
+        with console.status("holding the sessions against each other …"):
+            try:
+                doubts.append(remark(sessions, gather(sessions, arms[serial])))
+            except BadInput as fault:
+                for one in (fault, *fault.more):
+                    faults.setdefault(Path(one.file), []).append(one)
+    return faults, list(filter(None, doubts))
+
+
+def _folder(path: Path) -> Path:
+    """A session's folder, of itself or of a file in it."""
+    return path if path.is_dir() else path.parent
+
+
+#: by serial number
+Arms = dict[str, Arm]
+
+
+def _check(path: Path, arms: Arms) -> tuple[Sequence[BadInput | str], str]:
+    """The faults of one file, and a remark if there are none."""
+    try:
+        return [], _checker(path)(path, arms)
+    except BadInput as fault:
+        return [fault, *fault.more], ""
+    except _ScenarioFaults as faults:
+        return faults.lines, ""
+
+
+def _checker(path: Path) -> Checker:
+    if path.is_dir() or (path.name in READINGS and (path.parent / "session.toml").exists()):
+        return _session
+    if path.suffix.lower() in (".csv", ".parquet", ".xlsx"):
+        expected = "session.toml beside it: armd import makes a session of a table"
+        raise BadInput(path, "the session", "a table alone", expected)
+    schema = _schema(path)
+    if schema not in CHECKERS:
+        found = repr(schema) if schema else "nothing"
+        raise BadInput(path, "schema", found, f"one of {', '.join(CHECKERS)}")
+    return CHECKERS[schema]
+
+
+def _schema(path: Path) -> str:
+    """What a TOML or JSON file says it is; empty if it does not say."""
+    content = read_input(path)
+    data = json_data(path, content) if path.suffix == ".json" else toml_data(path, content)
+    return str(data.get("schema", "")) if isinstance(data, dict) else ""
+
+
+def _arms(paths: Sequence[Path]) -> Arms:
+    """Arms among the files, and those in or above their folders."""
+    arms: Arms = {}
+    beside = [
+        folder / "arm.toml" for path in paths for folder in (path, *path.absolute().parents[:2])
+    ]
+    for path in (*beside, *paths):
+        if path.suffix == ".toml" and path.is_file():
+            try:
+                arm = load_arm(path)
+            except BadInput:
+                continue  # no arm.toml, or one whose own check tells what is wrong
+            arms[arm.serial_number] = arm
+    return arms
+
+
+def _arm(path: Path, _: Arms) -> str:
+    load_arm(path)
+    return ""
+
+
+def _calibration(path: Path, arms: Arms) -> str:
+    serial = load_calibration(path).content.arm
+    if serial not in arms:
+        return f" (on its own: the arm.toml of {serial!r} is not among the files)"
+    load_calibration(path, arms[serial])
+    return ""
+
+
+def _daemon(path: Path, _: Arms) -> str:
+    from armd.daemon.config import load_config
+
+    config = load_config(path)
+    if config.calibration is not None:
+        load_calibration(config.calibration, config.arm)
+    return ""
+
+
+def _session(path: Path, arms: Arms) -> str:
+    """*path*: the folder or a file in it."""
+    from armd.compensation.data.session import check_is_session, load_session
+    from armd.compensation.data.session_format import SessionFile
+
+    folder = _folder(path)
+    check_is_session(folder)
+    serial = load_toml(folder / "session.toml", SessionFile).arm
+    if serial not in arms:
+        return f" (session.toml; the readings want the arm.toml of {serial!r} among the files)"
+    unused = load_session(folder, arms[serial]).unused_columns
+    return f" (columns not used: {', '.join(unused)})" if unused else ""
+
+
+def _mpe(path: Path, _: Arms) -> str:
+    from armd.compensation.verify.limits import load_limits
+
+    load_limits(path)
+    return ""
+
+
+def _scenario(path: Path, _: Arms) -> str:
+    """The simulator knows its own files, and is a program of its own."""
+    command = [sys.executable, "-P", "-m", "armd.simulator", "--check", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise _ScenarioFaults([line.removeprefix("armd: ") for line in done.stderr.splitlines()])
+    return ""
+
+
+class _ScenarioFaults(Exception):
+    def __init__(self, lines: Sequence[str]) -> None:
+        self.lines = lines
+
+
+Checker = Callable[[Path, Arms], str]
+
+#: schema → what loads such a file, raises `BadInput`, and otherwise may return a remark
+CHECKERS: dict[str, Checker] = {
+    "armd.arm/1": _arm,
+    "armd.calibration/1": _calibration,
+    "armd.daemon/1": _daemon,
+    "armd.session/1": _session,
+    "armd.scenario/1": _scenario,
+    "armd.mpe/1": _mpe,
+}
+READINGS = ("readings.csv", "readings.parquet")

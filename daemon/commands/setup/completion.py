@@ -1,0 +1,41 @@
+"""`armd completion SHELL`: what a shell needs to complete commands and options, as a script."""
+
+from __future__ import annotations
+
+import argparse
+
+SHELLS = ("bash", "zsh", "fish")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("shell", choices=SHELLS)
+
+
+def run(args: argparse.Namespace) -> int:
+    print(script(args.shell))
+    return 0
+
+
+def script(shell: str) -> str:
+    """Made of the commands' own parsers; every value without a list of its own is a file."""
+    import shtab  # only here
+
+    from armd.daemon.cli import COMMANDS, parsers
+
+    parser, commands = parsers(COMMANDS.keys() - {"simulate"})
+    for command in commands.values():
+        _complete_files(command, shtab.FILE)
+    return str(shtab.complete(parser, shell))
+
+
+def _complete_files(parser: argparse.ArgumentParser, files: object) -> None:
+    for action in parser._actions:  # argparse shows them nowhere else
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                _complete_files(below, files)
+        elif action.choices:
+            # A list, as shtab takes a dictionary for subcommands; without `"`, which is an inch and
+            # which it does not quote.
+            action.choices = [choice for choice in action.choices if choice != '"']
+        elif action.nargs != 0:
+            action.complete = files  # type: ignore[attr-defined]

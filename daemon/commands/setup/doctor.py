@@ -1,0 +1,79 @@
+"""`armd doctor`: what is on this machine's ports and buses, and what stands in the way."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from armd.daemon.config import load_config
+from armd.daemon.doctor.examine import examine_port
+from armd.daemon.doctor.expected import compare
+from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.machine import ThisMachine, can_buses
+from armd.drivers.config import ServoConfig
+from armd.drivers.poll.family import FAMILIES
+from armd.drivers.ports import serial_ports
+from armd.errors import BadInput
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--port", help="this serial port alone (default: all ports and CAN buses)")
+    where.add_argument(
+        "--config",
+        type=Path,
+        metavar="FILE",
+        help="armd.toml: the port of its servos, and whether all are there that it names",
+    )
+    parser.add_argument("--json", action="store_true", help="one object instead of text")
+
+
+def run(args: argparse.Namespace) -> int:
+    machine = ThisMachine()
+    driver = _servos_of(args.config) if args.config else None
+    port = args.port if driver is None else driver.port
+    ports = [port] if port else [str(port) for port in serial_ports()]
+    patients = []
+    for port in ports:
+        with Console(stderr=True).status(f"asking on {port} …"):
+            patients.append(examine_port(port, machine))
+    if driver is not None:
+        compare(patients[0], args.config, driver)
+    elif not args.port:
+        patients += can_buses()
+    if not patients:
+        nothing = Patient("this machine")
+        text = "no serial adapter and no CAN interface is plugged in"
+        nothing.find("no_port", text, "plug the arm in, then `armd doctor` again; lsusb shows USB")
+        patients.append(nothing)
+    troubled = any(patient.findings for patient in patients)
+    if args.json:
+        print(json.dumps({"ok": not troubled, "ports": [p.as_json() for p in patients]}, indent=1))
+    else:
+        _print(patients, troubled)
+    return 1 if troubled else 0
+
+
+def _servos_of(file: Path) -> ServoConfig:
+    driver = load_config(file).driver
+    if not isinstance(driver, ServoConfig):
+        expected = f"one of {', '.join(FAMILIES)}: other arms are examined by --port"
+        raise BadInput(file, "driver.kind", driver.kind, expected)
+    return driver
+
+
+def _print(patients: list[Patient], troubled: bool) -> None:
+    console = Console(soft_wrap=True, highlight=False)
+    for patient in patients:
+        console.print(f"[bold]{escape(patient.name)}[/bold]")
+        for fact in patient.facts:
+            console.print(f"  {escape(fact)}")
+        for finding in patient.findings:
+            console.print(f"  [red]✗[/red] {escape(finding.text)}")
+            console.print(f"    mend: {escape(finding.mend)}")
+    if not troubled:
+        console.print("nothing stands in the way")

@@ -1,0 +1,154 @@
+"""`armd import TABLE`: a table of readings, CSV or Excel, as a session; a URDF as an arm.toml."""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from armd.compensation.data.foreign_columns import LENGTHS, find_columns
+from armd.compensation.data.foreign_table import read_table
+from armd.compensation.data.session import load_session
+from armd.compensation.data.session_writing import write_session
+from armd.compensation.model.arm import Arm, load_arm
+from armd.errors import BadInput
+from armd.files.outputs import ARM, add_force, check_output_folder, check_same
+from armd.files.writing import write_whole
+from armd.terminal.aside import add_quiet, aside
+from armd.terminal.counted import counted
+
+ALL = "1"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("table", type=Path, metavar="FILE", help="a table (CSV, .xlsx), or a URDF")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="SESSION|ARM.toml")
+    table = parser.add_argument_group("a table")
+    table.add_argument("--arm", type=Path, metavar="ARM.toml", help="what was measured with")
+    table.add_argument(
+        "--column", action="append", default=[], type=_column, metavar="NAME=HEADER",
+        help="which column is which, where its name does not say so: q1='Joint one'",
+    )  # fmt: skip
+    table.add_argument("--sheet", metavar="NAME", help="of a workbook (the first)")
+    table.add_argument("--angle-unit", choices=["rad", "deg", "count"], help="(by the header)")
+    table.add_argument("--length-unit", choices=list(LENGTHS), help="of x, y, z (by the header)")
+    table.add_argument("--started", type=_instant, metavar="TIME", help="2026-03-01T09:00 (UTC)")
+    table.add_argument(
+        "--artefact", type=Path, metavar="FILE.toml", help="its [artefact] (unknown fixed points)"
+    )
+    urdf = parser.add_argument_group("a URDF")
+    urdf.add_argument("--tip-link", metavar="LINK", help="the link that touches (the last one)")
+    add_force(parser)
+    add_quiet(parser)
+
+
+def _column(text: str) -> tuple[str, str]:
+    name, equals, header = text.partition("=")
+    if not (equals and name and header):
+        raise argparse.ArgumentTypeError(f"found {text!r}, expected NAME=HEADER")
+    return name, header
+
+
+def _instant(text: str) -> datetime.datetime:
+    try:
+        instant = datetime.datetime.fromisoformat(text)
+    except ValueError as error:
+        message = f"found {text!r}, expected a time as 2026-03-01T09:00:00Z"
+        raise argparse.ArgumentTypeError(message) from error
+    return instant if instant.tzinfo else instant.replace(tzinfo=datetime.UTC)
+
+
+def run(args: argparse.Namespace) -> int:
+    if args.table.suffix.lower() in (".urdf", ".xml"):
+        return _urdf(args)
+    if args.arm is None:
+        raise BadInput("the command line", "--arm", "nothing", "the arm.toml measured with")
+    arm = load_arm(args.arm)
+    with aside(args).status("reading the table …"):
+        table = read_table(args.table, args.sheet)
+    found = find_columns(table, arm, dict(args.column), args.angle_unit, args.length_unit)
+    told = [*table.assumed, *found.said]
+    n = len(table.rows)
+    for name in ("placement", "target"):
+        if name not in found.texts:
+            found.texts[name] = [ALL] * n
+            told.append(f"there is no column for the {name}: all rows have the same")
+    if "time_s" not in found.numbers:
+        found.numbers["time_s"] = [float("nan")] * n
+        told.append("there is no column of times: when each row was read is unknown")
+    content = _content(args, arm, found.angle_unit, found.texts["target"], told)
+    names = ["time_s", "placement", "target", *arm_columns(arm, found.numbers)]
+    columns = {name: (found.numbers | found.texts)[name] for name in names}
+    with aside(args).status("writing the session …"):
+        _write(args, arm, content, columns)
+    for sentence in () if args.quiet else told:
+        print(f"armd: {sentence}")
+    targets = counted(len(set(found.texts["target"])), "target")
+    print(f"armd: {args.output}: {counted(n, 'reading')}, {targets}")
+    return 0
+
+
+def arm_columns(arm: Arm, numbers: dict[str, list[float]]) -> list[str]:
+    """What is not the time, the angles first."""
+    return [name for name in numbers if name != "time_s"]
+
+
+def _content(
+    args: argparse.Namespace, arm: Arm, angle_unit: str, targets: list[str], told: list[str]
+) -> dict[str, Any]:
+    started = args.started
+    if started is None:
+        modified_s = int(args.table.stat().st_mtime)
+        started = datetime.datetime.fromtimestamp(modified_s, datetime.UTC)
+        told.append(
+            f"measured when the file was last changed: {started:%Y-%m-%d %H:%M}Z (--started)"
+        )
+    if args.artefact is not None:
+        from armd.daemon.files.session_folder import load_artefact
+
+        artefact = load_artefact(args.artefact, []).model_dump(
+            mode="json", by_alias=True, exclude_none=True
+        )
+    else:
+        artefact = {
+            "name": args.table.stem,
+            "target": [{"name": t} for t in dict.fromkeys(targets)],
+        }
+        told.append("the targets are fixed points at unknown places (--artefact FILE.toml)")
+    return {
+        "schema": "armd.session/1",
+        "arm": arm.serial_number,
+        "started": started,
+        "angle_unit": angle_unit,
+        "artefact": artefact,
+    }
+
+
+def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns: Any) -> None:
+    """Whole or not at all: read back before it gets its name."""
+    check_output_folder(args.output)
+    if args.output.exists() and any(args.output.iterdir()) and not args.force:
+        raise BadInput(args.output, "-o", "a folder that is not empty", "a new one (or --force)")
+    with tempfile.TemporaryDirectory() as scratch:
+        trial = Path(scratch) / args.output.name
+        write_session(trial, content, columns)
+        try:
+            load_session(trial, arm)
+        except BadInput as fault:
+            raise BadInput(args.table, fault.where, fault.found, fault.expected) from fault
+    write_session(args.output, content, columns)
+
+
+def _urdf(args: argparse.Namespace) -> int:
+    from armd.daemon.catalogue.urdf import arm_toml
+
+    text = arm_toml(args.table, args.tip_link)
+    check_same(args.output, text, ARM, args.force, [args.table])
+    write_whole(args.output, text)
+    load_arm(args.output)
+    print(
+        f"armd: {args.output}: written; its tip's radius and its encoders' counts are yours to say"
+    )
+    return 0

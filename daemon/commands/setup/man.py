@@ -1,0 +1,45 @@
+"""`armd man`: the help of all commands as one man page, in roff."""
+
+from __future__ import annotations
+
+import argparse
+
+from armd import __version__
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    pass
+
+
+def run(args: argparse.Namespace) -> int:
+    print(page())
+    return 0
+
+
+def page() -> str:
+    """What `armd --help` and `armd COMMAND --help` say."""
+    from armd.daemon.cli import COMMANDS, parsers
+
+    parser, commands = parsers(COMMANDS.keys() - {"simulate"})
+    parts = [
+        f'.TH ARMD 1 "" "armd {__version__}" "User commands"',
+        f".SH NAME\narmd \\- {_text(str(parser.description))}",
+        ".SH SYNOPSIS\n.B armd\n.I COMMAND\n[options]",
+        f".SH DESCRIPTION\n{_text(str(parser.epilog))}",
+        ".SH COMMANDS",
+    ]
+    for name, command in commands.items():
+        parts.append(f".SS armd {name}\n{_text(str(command.description))}")
+        if name == "simulate":  # a program of its own
+            parts.append("See armd simulate \\-\\-help.")
+            continue
+        # The description stands above already; usage, options and examples follow as they are.
+        command.description = None
+        parts.append(f".PP\n.nf\n{_text(command.format_help())}\n.fi")
+    return "\n".join(parts)
+
+
+def _text(text: str) -> str:
+    """Text that roff shows as it is."""
+    lines = text.strip().replace("\\", "\\e").replace("-", "\\-").splitlines()
+    return "\n".join("\\&" + line if line[:1] in (".", "'") else line for line in lines)

@@ -1,0 +1,184 @@
+"""What `armd COMMAND --help` says below the options: examples, units, exit codes, the page.
+
+One entry per command but `simulate`, which is a program of its own; the examples are held to the
+options, and the exit codes to the commands, by a test.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+
+#: What every command returns, unless its own entry says more.
+CODES = {0: "done", 2: "bad usage or bad input: one line on standard error says what and where"}
+LIVE_UNITS = "mm, °C, seconds; angles as the wire has them in rad; time stamps in Unix nanoseconds"
+FILE_UNITS = "mm, °C, seconds; angles in files in degrees, in readings as session.toml says"
+
+
+@dataclass(frozen=True)
+class Usage:
+    """Of one command."""
+
+    examples: tuple[str, ...]
+    page: str
+    """In docs/."""
+    units: str = ""
+    no: str = ""
+    """When the exit code is 1: the work ran, and the answer is no."""
+
+    def text(self) -> str:
+        """As it stands below the options."""
+        codes = {0: CODES[0]} | ({1: self.no} if self.no else {}) | {2: CODES[2]}
+        blocks = {
+            "example" if len(self.examples) == 1 else "examples": self.examples,
+            "units": (self.units,) if self.units else (),
+            "exit code": tuple(f"{number}  {words}" for number, words in codes.items()),
+            "more": (f"docs/{self.page}",),
+        }
+        return "\n\n".join(
+            f"{title}:\n{textwrap.indent(chr(10).join(lines), '  ')}"
+            for title, lines in blocks.items()
+            if lines
+        )
+
+
+USAGE = {
+    "demo": Usage(
+        ("armd demo", "armd demo --seconds 20"), "simulated-arm.md", LIVE_UNITS,
+        "samples were lost",
+    ),
+    "run": Usage(("armd run armd.toml",), "configure.md", LIVE_UNITS),
+    "accept": Usage(("armd accept armd.toml",), "servo.md"),
+    "watch": Usage(
+        ("armd watch", "armd watch SIM-0001 --json --seconds 5"), "subscriber.md", LIVE_UNITS
+    ),
+    "status": Usage(("armd status",), "troubleshoot.md", LIVE_UNITS, "the arm is not ready"),
+    "tip": Usage(
+        ("armd tip list", "armd tip use ball3", "armd tip calibrate tip-session",
+         "armd tip apply ball3"), "measure.md",
+        "mm", "the tip's calibration leaves doubts, which it names",
+    ),
+    "reload": Usage(("armd reload",), "upgrade.md"),
+    "record": Usage(
+        ("armd record -o morning.mcap", "armd record --session calibrate"), "recording.md",
+        LIVE_UNITS, "frames were lost, or the session has no reading",
+    ),
+    "replay": Usage(
+        ("armd replay morning.mcap",), "recording.md", LIVE_UNITS,
+        "the points are not those that were recorded",
+    ),
+    "view": Usage(
+        ("armd view", "armd view SIM-0001 --allow-commands"), "view.md",
+        "mm, °C, K/h; standard deviations and uncertainties in a list in µm",
+    ),
+    "ippdme": Usage(
+        ("armd ippdme", "armd ippdme --listen 192.0.2.10:1294 --alias PROBE1.TIP1A0B0=ball3"),
+        "ippdme.md", "mm, degrees, °C, seconds, as I++ DME has them",
+    ),
+    "ros2": Usage(
+        ("armd ros2 --router tcp/ros-host.example:7447", "armd ros2 --urdf arm.urdf"), "ros2.md",
+        "metres and radians, as ROS has them",
+    ),
+    "fleet": Usage(
+        ("armd fleet --endpoint tcp/plant.example:7447", "armd fleet --json"), "fleet.md",
+        LIVE_UNITS,
+    ),
+    "stream": Usage(
+        ("armd stream --format csv", "armd stream --template '{x:.3f};{y:.3f};{z:.3f}'"),
+        "stream.md", "mm; uncertainties in a template in µm",
+    ),
+    "export": Usage(
+        ("armd export -o points.csv", "armd export measured.jsonl -o points.xyz"), "export.md",
+        "mm, rad, °C; a .mcap for Foxglove in metres",
+    ),
+    "measure": Usage(
+        (
+            "armd measure seats -o measured",
+            "armd measure artefact --artefact beam.toml -o measured",
+            "armd measure verify -o verify",
+        ),
+        "measure.md", "mm, °C, seconds", "not finished: the same command takes it up again",
+    ),
+    "feature": Usage(
+        ("armd feature sphere table.csv", "armd feature distance plane=table.csv:1-9 sphere=b.csv"),
+        "measure.md", "mm and degrees, in the base frame",
+    ),
+    "correct": Usage(
+        ("armd correct readings.csv --arm arm.toml --calibration calibration.json -o points.csv",),
+        "offline.md", FILE_UNITS,
+    ),
+    "interim": Usage(
+        (
+            "armd interim add check-2026-03-18 --arm arm.toml --calibration calibration.json "
+            "--history checks",
+            "armd interim report --history checks --report checks.html",
+        ),
+        "interim.md", FILE_UNITS, "the arm has changed",
+    ),
+    "recorrect": Usage(
+        (
+            "armd recorrect measured.jsonl --arm arm.toml --calibration calibration-2.json "
+            "-o again.csv",
+        ),
+        "recorrect.md", FILE_UNITS,
+    ),
+    "calibrate": Usage(
+        (
+            "armd calibrate measured/T15 measured/T20 measured/T25 --arm arm.toml "
+            "-o calibration.json --report calibration.html",
+        ),
+        "calibrate.md", FILE_UNITS,
+    ),
+    "evaluate": Usage(
+        ("armd evaluate check --arm arm.toml --calibration calibration.json",), "calibrate.md",
+        FILE_UNITS + "; residuals in µm",
+    ),
+    "verify": Usage(
+        (
+            "armd verify verify --arm arm.toml --calibration calibration.json --mpe mpe.toml "
+            "--report verify.html",
+        ),
+        "verify.md", FILE_UNITS + "; errors in µm",
+        "the arm does not meet its limits, or not all of them were tested",
+    ),
+    "diagnose": Usage(
+        (
+            "armd diagnose calibrate --arm arm.toml --calibration calibration.json "
+            "--holdout check --json diagnosis.json --extended extended.json",
+        ),
+        "diagnosis.md", FILE_UNITS + "; sizes in µm at the tip",
+    ),
+    "design": Usage(
+        ("armd design calibrate --arm arm.toml -o poses.csv --report poses.html",), "diagnosis.md",
+        FILE_UNITS,
+    ),
+    "check": Usage(
+        ("armd check arm.toml armd.toml measured/T20",), "configure.md", "",
+        "a file has faults, each told in a line",
+    ),
+    "init": Usage(
+        (
+            "armd init my-arm",
+            "armd init my-arm --from robot.urdf --serial-number ARM-7 --port /dev/ttyUSB0",
+            "armd init my-arm --from rows.csv",
+        ),
+        "import.md", FILE_UNITS,
+    ),
+    "import": Usage(
+        (
+            "armd import readings.xlsx --arm arm.toml -o measured",
+            "armd import readings.csv --arm arm.toml --column q1='Base axis' -o measured",
+            "armd import robot.urdf -o arm.toml",
+        ),
+        "import.md", "of the table by its headers; of a session mm, °C, s",
+    ),
+    "schema": Usage(
+        ("armd schema arm", "armd schema arm -o arm.schema.json"), "formats.md", FILE_UNITS
+    ),
+    "doctor": Usage(
+        ("armd doctor", "armd doctor --json"), "doctor.md", "", "something stands in the way"
+    ),
+    "arm": Usage(("armd arm list", "armd arm so101 -o arm.toml"), "arms.md", FILE_UNITS),
+    "completion": Usage(("armd completion bash",), "install.md"),
+    "man": Usage(("armd man",), "install.md"),
+}  # fmt: skip

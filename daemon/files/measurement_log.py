@@ -1,0 +1,151 @@
+"""Measurements on the controller's disk, so that nothing pressed is ever lost.
+
+A folder per arm, JSON lines as published, one file after another; each line is synced to the disk
+before the next is taken up. Writing happens in a thread of its own: a slow disk delays no point.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from urllib.parse import quote
+
+from armd.drivers.sample import Event
+from armd.files.state_folder import state_folder
+
+SUFFIX = ".jsonl"
+#: Beyond this a new file begins: some twenty thousand measurements, quick to copy and to open.
+MOST_BYTES = 16 << 20
+#: What waits for a disk that is full or gone; beyond that the oldest are lost, and it is told.
+MOST_WAITING = 10_000
+RETRY_S = 1.0
+
+
+def logs_folder() -> Path:
+    """Of all arms of this machine, in the state folder."""
+    return state_folder() / "measurements"
+
+
+def log_folder(serial: str) -> Path:
+    """Of one arm."""
+    return logs_folder() / quote(serial, safe=" ")
+
+
+class MeasurementLog:
+    """Writes from its construction to `close`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._came: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._told: deque[Event] = deque(maxlen=16)
+        self._waiting: deque[str] = deque()
+        self._lost = 0
+        self._failed = ""
+        self._thread = threading.Thread(target=self._run, name="measurement-log", daemon=True)
+        self._thread.start()
+
+    def add(self, line: str) -> None:
+        """Never waits."""
+        self._came.put(line)
+
+    def take_events(self) -> list[Event]:
+        """That nothing can be written, and that it can be again; each once."""
+        told = []
+        while self._told:
+            told.append(self._told.popleft())
+        return told
+
+    def close(self, timeout_s: float = 1.0) -> None:
+        """What has come is written first, where the disk allows it in *timeout_s*."""
+        self._came.put(None)
+        self._thread.join(timeout_s)
+
+    def _run(self) -> None:
+        open_ = True
+        while open_:
+            open_ = self._take_up()
+            if not self._waiting:
+                continue
+            try:
+                self._write()
+            except OSError as error:
+                self._tell_failure(error)
+            else:
+                self._tell_success()
+
+    def _take_up(self) -> bool:
+        """Wait for lines, but for a retry no longer than that; whether more may come."""
+        try:
+            line = self._came.get(timeout=RETRY_S if self._waiting else None)
+            while line is not None:
+                if len(self._waiting) == MOST_WAITING:
+                    self._waiting.popleft()
+                    self._lost += 1
+                self._waiting.append(line)
+                line = self._came.get_nowait()
+        except queue.Empty:
+            return True
+        return False
+
+    def _write(self) -> None:
+        """All that waits; a line counts as written when it is synced."""
+        self._folder.mkdir(parents=True, exist_ok=True, mode=0o750)
+        lines = list(self._waiting)
+        data = "".join(f"{line}\n" for line in lines).encode()
+        handle = os.open(_current(self._folder), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
+        try:
+            size = os.lseek(handle, 0, os.SEEK_END)
+            try:
+                _write_all(handle, _after_torn(handle, size) + data)
+                os.fsync(handle)
+            except OSError:
+                os.ftruncate(handle, size)  # a disk that fills half-way: whole or not at all
+                raise
+        finally:
+            os.close(handle)
+        for _ in lines:
+            self._waiting.popleft()
+
+    def _tell_failure(self, error: OSError) -> None:
+        if self._failed:
+            return
+        self._failed = f"{self._folder}: {error.strerror}"
+        text = f"measurements cannot be written to {self._failed}; they are kept in memory"
+        self._told.append(Event("log_failed", text, time.monotonic_ns(), "error"))
+
+    def _tell_success(self) -> None:
+        if self._failed:
+            lost = f"; {self._lost} were lost meanwhile" if self._lost else ""
+            text = f"measurements are written to {self._folder} again{lost}"
+            severity = "error" if lost else "info"
+            self._told.append(Event("log_back", text, time.monotonic_ns(), severity))
+        self._failed, self._lost = "", 0
+
+
+def log_files(folder: Path) -> list[Path]:
+    """Of a log's folder, the oldest first."""
+    return sorted(path for path in folder.glob(f"*{SUFFIX}") if path.stem.isdecimal())
+
+
+def _current(folder: Path) -> Path:
+    """The file to append to: the last one, or a new one when that is long enough."""
+    files = log_files(folder)
+    if files and files[-1].stat().st_size < MOST_BYTES:
+        return files[-1]
+    # Numbered, not dated: a controller's clock may run backwards.
+    number = int(files[-1].stem) + 1 if files else 1
+    return folder / f"{number:06d}{SUFFIX}"
+
+
+def _after_torn(handle: int, size: int) -> bytes:
+    """The end of a line that a kill or a power cut tore: what is torn stands alone."""
+    return b"\n" if size > 0 and os.pread(handle, 1, size - 1) != b"\n" else b""
+
+
+def _write_all(handle: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(handle, data) :]

@@ -1,0 +1,140 @@
+"""Measurements of a running arm become a session's folder, as `armd calibrate` reads it."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Mapping, Sequence
+from itertools import cycle
+from pathlib import Path
+from typing import Any
+
+from armd import Flag
+from armd.compensation.data.session import READINGS
+from armd.compensation.data.session_columns import APPROACH
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.session_writing import write_session
+from armd.compensation.model.arm import Arm
+from armd.errors import BadInput
+from armd.files.schema import Strict, load_toml, validate
+from armd.terminal.counted import counted
+
+SEAT = "seat"
+
+
+class ArtefactFile(Strict):
+    """The content of an artefact's file: the table `[artefact]` of session.toml."""
+
+    artefact: Artefact
+
+
+class SessionFolder:
+    """A session in the making: on disk it is whole after every reading, so none is ever lost."""
+
+    def __init__(
+        self, path: Path, arm: Arm, artefact: Artefact, targets: Sequence[str], placement: str
+    ) -> None:
+        """The tip goes to *targets* in turn, again and again. Raises `BadInput` if *path* holds a
+        session already, or the artefact has no target of that name."""
+        if path.exists() and not path.is_dir():
+            raise BadInput(path, "the session", "a file", "a new or empty folder")
+        for name in ("session.toml", *READINGS):
+            if (path / name).exists():
+                raise BadInput(path, "the folder", name, "a new or empty folder")
+        for name in targets:
+            if name not in artefact.target_names:
+                expected = f"targets of the artefact: {', '.join(artefact.target_names)}"
+                raise BadInput("the command line", "--targets", repr(name), expected)
+        self._path = path
+        self._arm = arm
+        self._artefact = artefact.model_dump(by_alias=True, exclude_defaults=True)
+        self._targets = cycle(targets)
+        self._placement = placement
+        self._started_s = 0  # Unix time of the first reading, in whole seconds
+        self._rows: list[dict[str, str | float]] = []
+        self.target = next(self._targets)  # of the next reading
+
+    @property
+    def n(self) -> int:
+        return len(self._rows)
+
+    def take(self, measurement: dict[str, Any]) -> str:
+        """Write one more reading; returns what became of it, for the operator.
+
+        A measurement that is no reading is left out, and its target stays the next.
+        """
+        if reason := unfit(measurement):
+            return f"left out, {reason[1]}"
+        if not self._rows:
+            self._started_s = measurement["stamp_ns"] // 10**9
+        where = self._placement, self.target
+        self._rows.append(reading_row(measurement, self._arm, self._started_s, *where))
+        write_readings(self._path, self._arm, self._artefact, self._started_s, self._rows)
+        taken, self.target = self.target, next(self._targets)
+        if measurement["standard_deviation_mm"] is None:
+            return f"{taken}: one point, whose scatter nobody knows"
+        spread_um = 1000 * math.hypot(*measurement["standard_deviation_mm"])
+        return f"{taken}: {counted(measurement['count'], 'point')}, scatter {spread_um:.1f} µm"
+
+
+def reading_row(
+    measurement: Mapping[str, Any], arm: Arm, started_s: int, placement: str, target: str
+) -> dict[str, str | float]:
+    """A measurement as published, as a row of a session that began at *started_s* (Unix time)."""
+    joints = range(1, arm.n_joints + 1)
+    unknown = [math.nan] * arm.n_joints
+    # At rest the rates tell sides only. Without the direction of travel a reader would take
+    # one from them, so they go together.
+    approach = measurement["approach"]
+    rates = measurement["rates_rad_s"] if approach else None
+    celsius = measurement["temperatures_c"]
+    return {
+        "time_s": (measurement["stamp_ns"] - started_s * 10**9) * 1e-9,
+        "placement": placement,
+        "target": target,
+        **{f"q{k}": value for k, value in zip(joints, measurement["angles_rad"], strict=True)},
+        **{f"w{k}": value for k, value in zip(joints, rates or unknown, strict=True)},
+        **{name: _number(celsius[name]) for name in arm.sensors},
+        **dict(zip(APPROACH, approach or [math.nan] * 3, strict=True)),
+    }
+
+
+def write_readings(
+    path: Path,
+    arm: Arm,
+    artefact: Mapping[str, Any],
+    started_s: int,
+    rows: Sequence[Mapping[str, str | float]],
+) -> None:
+    """The session's folder, whole; *rows* is not empty."""
+    content = {
+        "schema": "armd.session/1",
+        "arm": arm.serial_number,
+        "started": datetime.datetime.fromtimestamp(started_s, datetime.UTC),
+        "artefact": artefact,
+    }
+    write_session(path, content, {name: [row[name] for row in rows] for name in rows[0]})
+
+
+def load_artefact(path: Path | None, targets: Sequence[str]) -> Artefact:
+    """The artefact of a file; without one, *targets* (none: one) that are unknown fixed points."""
+    if path is not None:
+        return load_toml(path, ArtefactFile).artefact
+    seats = [{"name": name} for name in dict.fromkeys(targets or [SEAT])]
+    return validate("--targets", {"name": SEAT, "target": seats}, Artefact)
+
+
+def unfit(measurement: Mapping[str, Any]) -> tuple[str, str] | None:
+    """Why a measurement is no reading: the reason's name, and it in words; None if it is one."""
+    flags = Flag(measurement["flags"])
+    if measurement["count"] == 0:
+        return "invalid", "the arm's points are invalid"
+    if Flag.TEMPERATURE_STALE in flags:
+        return "temperature", "a temperature in use is stale"
+    if Flag.AT_REST not in flags:
+        return "moving", "the tip had not rested for half a second"
+    return None
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value

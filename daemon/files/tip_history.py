@@ -1,0 +1,74 @@
+"""Calibrations of an arm's tips, one after another, in the state folder: JSON lines, synced; the
+last one of a tip is put in force from here."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from armd.client import Arm
+from armd.errors import BadInput
+from armd.files.inputs import read_input
+from armd.files.state_folder import state_folder
+from armd.files.writing import told
+
+SCHEMA = "armd.tip/1"
+GOOD = "good"  # the verdict without doubts
+#: A calibration takes a kilobyte.
+MOST_BYTES = 64 << 20
+
+
+def history_file(serial: str) -> Path:
+    """Of one arm."""
+    return state_folder() / "tips" / f"{quote(serial, safe=' ')}.jsonl"
+
+
+def history(serial: str, name: str | None = None) -> list[dict[str, Any]]:
+    """Calibrations of one tip or of all, the oldest first. A line that is none is passed over: what
+    a power cut tore was never told as kept."""
+    path = history_file(serial)
+    if not path.exists():
+        return []
+    found = []
+    for line in read_input(path, MOST_BYTES).splitlines():
+        try:
+            entry = json.loads(line)
+        except (ValueError, RecursionError):
+            continue
+        ours = isinstance(entry, dict) and entry.get("schema") == SCHEMA
+        if ours and name in (None, entry.get("name")):
+            found.append(entry)
+    return found
+
+
+def keep(serial: str, entry: dict[str, Any]) -> Path:
+    """Append one more; on the disk when this returns. Raises `BadInput` where it cannot be."""
+    path = history_file(serial)
+    line = json.dumps({"schema": SCHEMA, **entry}, allow_nan=False) + "\n"
+    with told(path):
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o750)
+        with path.open("ab") as file:
+            if file.tell() and not path.read_bytes().endswith(b"\n"):
+                file.write(b"\n")  # the end of a torn line, which stands alone
+            file.write(line.encode())
+            file.flush()
+            os.fsync(file.fileno())
+    return path
+
+
+def put_in_force(arm: Arm, name: str) -> str:
+    """A running daemon measures with the last calibration of a tip, and keeps it; returns what it
+    says. Raises `BadInput` for a tip that has none, or a doubtful one, and `ArmdError` where the
+    daemon refuses."""
+    where, found = history_file(arm.serial), history(arm.serial, name)
+    if not found:
+        raise BadInput(where, f"tip {name!r}", "no calibration", "one by `armd measure tip`")
+    last = found[-1]
+    if last["verdict"] != GOOD:
+        raise BadInput(where, f"tip {name!r}", f"a {last['verdict']}", "a good one")
+    offset = ",".join(repr(float(value)) for value in last["offset_mm"])
+    radius = "" if last["radius_mm"] is None else repr(float(last["radius_mm"]))
+    return arm.command("keep_tip", name=name, offset_mm=offset, radius_mm=radius)

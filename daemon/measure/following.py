@@ -1,0 +1,96 @@
+"""What follows from where a guided measurement stands: what to touch next, and what is covered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.daemon.measure.coverage import (
+    angles_of,
+    joints_covered,
+    targets_covered,
+    temperatures_covered,
+)
+from armd.daemon.measure.estimate import estimate
+from armd.daemon.measure.in_use import MeasuredWith
+from armd.daemon.measure.plan.kinds import place_in_words
+from armd.daemon.measure.plan.postures import Proposal, designed, propose
+from armd.daemon.measure.plan.stations import Plan
+from armd.daemon.measure.progress import Progress
+from armd.daemon.measure.whereabouts import Whereabouts
+
+
+class Following:
+    """Of one moment; made anew whenever something was taken, deleted or left out."""
+
+    def __init__(self, plan: Plan, progress: Progress, in_use: MeasuredWith) -> None:
+        self.station = station = progress.next_station
+        self._plan = plan
+        arm = in_use.arm
+        self.coverage = {
+            "targets": targets_covered(plan, progress),
+            "joints": joints_covered(arm, progress),
+            "temperatures": temperatures_covered(arm, progress),
+        }
+        self.estimate = estimate(plan, progress, in_use)
+        #: Of the station's placement; None where there is no station.
+        self.whereabouts: Whereabouts | None = None
+        #: Of the placements before, as long as nothing was measured in the station's.
+        self.earlier: dict[str, Whereabouts] = {}
+        self._target_mm: F64 | None = None
+        self._posture = Proposal(None, "")
+        self._moved = True
+        if station is None:
+            return
+        self.whereabouts = _placed(plan, progress, station.placement)
+        self._target_mm = self.whereabouts.of(station.target)
+        readings = progress.readings
+        self._moved = not readings or readings[-1].placement != station.placement
+        measured_in = {reading.placement for reading in readings}
+        # The bars of a verification may share a mount from placement to placement.
+        if station.placement not in measured_in and plan.kind != "verify":
+            self.earlier = {place: _placed(plan, progress, place) for place in measured_in}
+        to = arm, in_use.constants, self._target_mm
+        measured = angles_of(progress, arm.n_joints)
+        if station.posture_deg is None:
+            self._posture = propose(*to, measured, progress.last_number)
+        else:
+            self._posture = designed(*to, np.radians(station.posture_deg), measured)
+
+    def distance_mm(self, tip_mm: Sequence[float] | F64) -> float | None:
+        """From the tip to the next target; None while nobody knows where that is."""
+        if self._target_mm is None:
+            return None
+        away = float(np.linalg.norm(np.asarray(tip_mm, float) - self._target_mm))
+        return away if np.isfinite(away) else None
+
+    def as_json(self, tip_mm: Sequence[float] | F64 | None) -> dict[str, Any] | None:
+        """The next station for a face; None: everything is measured."""
+        station = self.station
+        if station is None:
+            return None
+        q = self._posture.q_rad
+        return {
+            "target": station.target,
+            "placement": station.placement,
+            "new_placement": self._moved,
+            "place": place_in_words(self._plan, station.placement) if self._moved else "",
+            "how": station.how,
+            "why": self._posture.why,
+            "posture_deg": None if q is None else np.degrees(q).tolist(),
+            "position_mm": None if self._target_mm is None else self._target_mm.tolist(),
+            "distance_mm": None if tip_mm is None else self.distance_mm(tip_mm),
+            "near_mm": self._plan.near_mm,
+        }
+
+
+def _placed(plan: Plan, progress: Progress, placement: str) -> Whereabouts:
+    points: dict[str, list[list[float]]] = {}
+    for reading in progress.readings:
+        if reading.placement == placement:
+            points.setdefault(reading.target, []).append(reading.measurement["position_mm"])
+    measured = {name: np.array(seen, dtype=float) for name, seen in points.items()}
+    return Whereabouts(plan.artefact, measured)

@@ -1,0 +1,243 @@
+"""The plan of each kind of guided measurement (docs/measure.md)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.model.arm import Arm
+from armd.daemon.measure.plan.poses import read_poses, stations_of
+from armd.daemon.measure.plan.stations import (
+    MOST_STATIONS,
+    PLACES,
+    Kind,
+    Plan,
+    Station,
+    Wishes,
+    near_mm,
+    rounds,
+    seats_artefact,
+)
+from armd.errors import BadInput
+
+COMMAND_LINE = "the command line"
+#: Readings of a seat, each in another posture: as ASME B89.4.22 wants of a single point.
+SEAT_READINGS = 10
+#: Rounds over an artefact in each of its placements, and how many of these: what whole placements
+#: can be left out of, and three times the unknowns of a six-axis arm on ten balls.
+ARTEFACT_ROUNDS, ARTEFACT_PLACEMENTS = 3, 3
+TIP_SEAT_READINGS, TIP_SPHERE_READINGS = 12, 25
+#: A tip that is to be calibrated may be anywhere: only another seat is farther off than this.
+TIP_NEAR_MM = 100.0
+INTERIM_SEAT_READINGS, INTERIM_ROUNDS = 10, 2
+SPAT = ("SPAT1", "SPAT2", "SPAT3")
+SPAT_WHERE = ("near the column", "in the middle of the reach", "far out")
+LENGTHS = tuple(f"L{i}" for i in range(6))
+
+SEAT_HOW = "the tip in the seat, the arm in another posture than before"
+BALL_HOW = "the tip's centre at the ball, the wrist turned otherwise than last time"
+SPHERE_HOW = "touch the sphere, all over its upper half"
+
+
+def plan_of(kind: Kind, arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Plan:
+    """The stations of a measurement of *arm*, on *artefact* where there is one.
+
+    Raises `BadInput` for wishes that cannot be met.
+    """
+    _refuse_what_is_not_asked(kind, artefact, wishes)
+    artefact, stations = _MAKERS[kind](arm, artefact, wishes)
+    known = artefact.target_names
+    for name in wishes.targets or ():
+        if name not in known:
+            expected = f"targets of the artefact: {', '.join(known[:20])}"
+            raise BadInput(COMMAND_LINE, "--targets", repr(name), expected)
+    if not 0 < len(stations) <= MOST_STATIONS:
+        found = f"{len(stations)} readings"
+        raise BadInput(COMMAND_LINE, "the plan", found, f"1 to {MOST_STATIONS}")
+    return Plan(
+        kind=kind,
+        artefact=artefact,
+        stations=stations,
+        near_mm=wishes.near_mm or (TIP_NEAR_MM if kind == "tip" else near_mm(arm)),
+        within_calibration=kind in ("verify", "tip", "interim"),
+        sphere_mm=wishes.sphere_mm,
+    )
+
+
+def _refuse_what_is_not_asked(kind: Kind, artefact: Artefact | None, wishes: Wishes) -> None:
+    needed = {"artefact": ("--artefact", artefact), "poses": ("--poses", wishes.poses)}
+    if kind in needed and needed[kind][1] is None:
+        raise BadInput(COMMAND_LINE, needed[kind][0], "nothing", f"a file: `{kind}` wants one")
+    only = {
+        "--poses": (wishes.poses, ("poses",)),
+        "--tests": (wishes.tests, ("verify",)),
+        "--sphere-mm": (wishes.sphere_mm, ("tip",)),
+        "--artefact": (artefact, ("artefact", "verify", "poses", "interim")),
+        "--targets": (wishes.targets, ("seats", "artefact", "interim")),
+        "--placements": (wishes.placements, ("seats", "artefact", "poses", "interim")),
+        "--repeats": (wishes.repeats, ("seats", "artefact", "tip", "interim")),
+    }
+    for option, (value, kinds) in only.items():
+        if value is not None and kind not in kinds:
+            expected = f"it with {' or '.join(kinds)} only"
+            raise BadInput(COMMAND_LINE, option, f"it with {kind}", expected)
+
+
+Made = tuple[Artefact, list[Station]]
+
+
+def _seats(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
+    targets = wishes.targets or ["seat"]
+    repeats = wishes.repeats or SEAT_READINGS
+    return seats_artefact(targets), rounds(wishes.placements or ["1"], targets, repeats, SEAT_HOW)
+
+
+def _artefact(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+    assert artefact is not None  # asked for
+    placements = wishes.placements or [f"P{i + 1}" for i in range(ARTEFACT_PLACEMENTS)]
+    targets = wishes.targets or artefact.target_names
+    return artefact, rounds(placements, targets, wishes.repeats or ARTEFACT_ROUNDS, BALL_HOW)
+
+
+def _verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+    artefact = artefact or seats_artefact(SPAT)
+    made: list[Station] = []
+    wanted = list(wishes.tests or TESTS)
+    for test in wanted:
+        if test not in TESTS:
+            expected = f"one of {', '.join(TESTS)}"
+            raise BadInput(COMMAND_LINE, "--tests", repr(test), expected)
+        found = TESTS[test](artefact.target_names)
+        if wishes.tests and not found:
+            expected = f"the targets of {test} (docs/verify.md)"
+            shown = ", ".join(artefact.target_names[:8])
+            raise BadInput("the artefact", "target", shown, expected)
+        made += found
+    if not made:
+        expected = "targets whose names say which test they are of (docs/verify.md)"
+        raise BadInput("the artefact", "target", ", ".join(artefact.target_names[:8]), expected)
+    return artefact, made
+
+
+def _starting(names: Sequence[str], prefix: str) -> list[str]:
+    return [name for name in names if name.startswith(prefix)]
+
+
+def _spheres(names: Sequence[str]) -> list[Station]:
+    return [
+        Station(placement=where, target=name, how=_on_sphere(name))
+        for where in ("SPHERE1", "SPHERE2")
+        for name in _starting(names, f"{where}.")
+    ]
+
+
+def _orientations(names: Sequence[str]) -> list[Station]:
+    return [
+        Station(placement="LDIA", target=name, how=f"{_on_sphere(name)}; arm in posture {k}")
+        for k in range(1, 6)
+        for name in _starting(names, f"LDIA.{k}.")
+    ]
+
+
+def _effective(names: Sequence[str]) -> list[Station]:
+    return [
+        Station(placement="EFFDIA", target=name, how=_on_sphere(name))
+        for name in _starting(names, "EFFDIA.")
+    ]
+
+
+def _single_points(names: Sequence[str]) -> list[Station]:
+    if not set(SPAT) <= set(names):
+        return []
+    return [
+        Station(placement="SPAT", target=seat, how=f"a seat {where}: {SEAT_HOW}")
+        for seat, where in zip(SPAT, SPAT_WHERE, strict=True)
+        for _ in range(SEAT_READINGS)
+    ]
+
+
+def _lengths(names: Sequence[str]) -> list[Station]:
+    if not set(LENGTHS) <= set(names):
+        return []
+    placements = [f"E_UNI{i}" for i in range(1, 8)]
+    return rounds(placements, LENGTHS, 3, "the length bar, from one end to the other")
+
+
+def _volumetric(names: Sequence[str]) -> list[Station]:
+    if not {"BARS.a", "BARS.b", "BARL.a", "BARL.b"} <= set(names):
+        return []
+    return [
+        Station(
+            placement=f"VOL{i}", target=f"{bar}.{end}", how="one end of the bar, then the other"
+        )
+        for i in range(1, 21)
+        for bar in ["BARS" if i % 2 else "BARL"]
+        for end in "ab"
+    ]
+
+
+#: What `--tests` names, in the order of measuring.
+TESTS: dict[str, Callable[[Sequence[str]], list[Station]]] = {
+    "probing": _spheres,
+    "l_dia": _orientations,
+    "effective_diameter": _effective,
+    "spat": _single_points,
+    "e_uni": _lengths,
+    "volumetric": _volumetric,
+}
+
+
+def _on_sphere(name: str) -> str:
+    """Points are numbered from the pole down, ring by ring."""
+    number = int(re.sub(r"\D", "", name.rpartition(".")[2]) or "0")
+    where = "at the pole" if number == 1 else "farther down, all around"
+    return f"touch the sphere {where} (docs/verify.md has the pattern)"
+
+
+def _poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+    assert wishes.poses is not None  # asked for
+    poses = read_poses(wishes.poses, arm.n_joints, arm.sensors)
+    artefact = artefact or seats_artefact(["seat"])
+    return artefact, stations_of(poses, artefact, (wishes.placements or ["1"])[0])
+
+
+def _tip(_arm: Arm, _none: Artefact | None, wishes: Wishes) -> Made:
+    if wishes.sphere_mm is None:
+        names = ["seat"]
+        stations = rounds(["1"], names, wishes.repeats or TIP_SEAT_READINGS, SEAT_HOW)
+    else:
+        # A contact point is a target of its own: the tip's centre stands there once.
+        count = wishes.repeats or TIP_SPHERE_READINGS
+        names = [f"SPHERE.{i:02d}" for i in range(1, count + 1)]
+        stations = rounds(["1"], names, 1, f"{SPHERE_HOW}, the wrist turned otherwise each time")
+    return seats_artefact(names), stations
+
+
+def _interim(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+    if artefact is None:
+        targets = wishes.targets or ["S1", "S2"]
+        repeats = wishes.repeats or INTERIM_SEAT_READINGS
+        artefact, how = seats_artefact(targets), SEAT_HOW
+    else:
+        targets, how = wishes.targets or artefact.target_names, BALL_HOW
+        repeats = wishes.repeats or INTERIM_ROUNDS
+    return artefact, rounds(wishes.placements or ["1"], targets, repeats, how)
+
+
+_MAKERS: dict[Kind, Callable[[Arm, Artefact | None, Wishes], Made]] = {
+    "seats": _seats,
+    "artefact": _artefact,
+    "verify": _verify,
+    "poses": _poses,
+    "tip": _tip,
+    "interim": _interim,
+}
+
+
+def place_in_words(plan: Plan, placement: str) -> str:
+    """Where the artefact should stand, for kinds that leave it to the person."""
+    names = list(dict.fromkeys(station.placement for station in plan.stations))
+    if plan.kind != "artefact" or placement not in names:
+        return ""
+    return PLACES[names.index(placement) % len(PLACES)]

@@ -1,0 +1,141 @@
+"""The poses of `armd design` as stations: which ball for each, and where the artefact should stand.
+
+`armd design` chooses poses as if a target stood wherever it wants one. An artefact has its balls
+where they are, so it is put where they come nearest to the tips of the poses, and each pose goes to
+the ball that is then nearest.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from armd.arrays import F64, I64
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.estimate.poses import kabsch
+from armd.daemon.measure.plan.stations import Station
+from armd.errors import BadInput
+from armd.files.inputs import MOST_TOML_BYTES, read_input
+
+#: Ways to turn the artefact from which its place is sought, and steps of the search.
+TURNS, STEPS = 200, 20
+SIDES = {"+": "up", "-": "down"}
+
+
+class Pose(NamedTuple):
+    """A row of the table."""
+
+    tip_mm: tuple[float, float, float]  # base frame
+    posture_deg: tuple[float, ...]  # joint angles as read
+    how: str  # how to come to it, and how warm, in words
+
+
+def read_poses(path: Path, n_joints: int, sensors: Sequence[str]) -> list[Pose]:
+    """A table that `armd design -o` wrote; raises `BadInput`."""
+    text = read_input(path, MOST_TOML_BYTES).decode("utf-8-sig", "replace")
+    rows = csv.DictReader(io.StringIO(text))
+    tip = [f"{axis}_mm" for axis in "xyz"]
+    joints = [f"q{k}_deg" for k in range(1, n_joints + 1)]
+    missing = [name for name in (*tip, *joints) if name not in (rows.fieldnames or [])]
+    if missing:
+        raise BadInput(path, "header", f"no column {missing[0]}", "a table of `armd design -o`")
+    found = []
+    for number, row in enumerate(rows, 2):
+        x, y, z = (_number(path, number, row, name) for name in tip)
+        posture = tuple(_number(path, number, row, name) for name in joints)
+        found.append(Pose((x, y, z), posture, _how(number - 1, row, n_joints, sensors)))
+    if not found:
+        raise BadInput(path, "the file", "no pose", "a table of `armd design -o`")
+    return found
+
+
+def stations_of(poses: Sequence[Pose], artefact: Artefact, placement: str) -> list[Station]:
+    """Pose after pose, at the target that suits it; seats, of which nobody knows where they are,
+    are gone to in turn, and each had better stand where its poses are."""
+    names = artefact.target_names
+    known = np.flatnonzero(np.isfinite(artefact.positions_mm()).all(axis=1))
+    targets, where = [names[i % len(names)] for i in range(len(poses))], ""
+    tips = np.array([pose.tip_mm for pose in poses])
+    if len(known) > 1:
+        local = artefact.positions_mm()[known]
+        placed, nearest = _placed(local, tips)
+        targets = [names[known[i]] for i in nearest]
+        ends = [f"{names[known[i]]} near {_in_words(placed[i])}" for i in _far_apart(local)]
+        where = f"; the artefact with {', '.join(ends)}"
+    elif len(names) == 1 or not len(known):
+        own = [tips[i :: len(names)].mean(axis=0) for i in range(min(len(names), len(tips)))]
+        where = "; " + ", ".join(
+            f"{name} near {_in_words(at)}" for name, at in zip(names, own, strict=False)
+        )
+    return [
+        Station(
+            placement=placement,
+            target=target,
+            how=pose.how + (where if number == 0 else ""),
+            posture_deg=pose.posture_deg,
+        )
+        for number, (pose, target) in enumerate(zip(poses, targets, strict=True))
+    ]
+
+
+def _placed(local: F64, tips: F64) -> tuple[F64, I64]:
+    """Targets (m, 3) in the base frame, put where they come nearest to the tips (n, 3), and the
+    nearest target (n,) of each tip: to and fro between both, from many turns (iterative closest
+    points, Besl and McKay 1992)."""
+    turns = Rotation.random(TURNS, random_state=0).as_matrix()
+    group, weight = np.zeros(len(tips), np.int64), np.ones(len(tips))
+    best, least = (local, np.zeros(len(tips), np.int64)), math.inf
+    for turn in turns:
+        placed = (local - local.mean(axis=0)) @ turn.T + tips.mean(axis=0)
+        for _ in range(STEPS):
+            nearest = np.linalg.norm(tips[:, None] - placed, axis=2).argmin(axis=1)
+            rotation, translation = kabsch(local[nearest], tips, weight, group, 1)
+            placed = local @ rotation[0].T + translation[0]
+        away = np.linalg.norm(tips[:, None] - placed, axis=2)
+        missed = float((away.min(axis=1) ** 2).sum())
+        if missed < least:
+            best, least = (placed, away.argmin(axis=1)), missed
+    return best
+
+
+def _far_apart(local: F64) -> list[int]:
+    """Up to three targets that tell how an artefact stands: the farthest two, and the one farthest
+    from these."""
+    apart = np.linalg.norm(local[:, None] - local, axis=2)
+    first, second = np.unravel_index(int(apart.argmax()), apart.shape)
+    third = int(np.minimum(apart[first], apart[second]).argmax())
+    return list(dict.fromkeys([int(first), int(second), third]))
+
+
+def _in_words(point: F64) -> str:
+    return "[" + ", ".join(f"{value:.0f}" for value in point) + "] mm"
+
+
+def _how(number: int, row: Mapping[str, str], n_joints: int, sensors: Sequence[str]) -> str:
+    sides = [
+        f"{k} {SIDES[side]}"
+        for k in range(1, n_joints + 1)
+        if (side := row.get(f"approach_joint_{k}", "")) in SIDES
+    ]
+    words = f"pose {number} of `armd design`, as nearly as the target allows"
+    if sides:
+        words += f"; come to rest turning joints {', '.join(sides)}"
+    warm = [f"{name} {row[f'{name}_c']} °C" for name in sensors if row.get(f"{name}_c")]
+    return words + (f"; at {', '.join(warm)}" if warm else "")
+
+
+def _number(path: Path, line: int, row: Mapping[str, str], name: str) -> float:
+    try:
+        value = float(row[name])
+        if not math.isfinite(value):
+            raise ValueError
+    except (TypeError, ValueError):
+        raise BadInput(path, f"line {line}, {name}", repr(row[name]), "a number") from None
+    return value

@@ -1,0 +1,102 @@
+"""How the arm should stand for the next reading: as unlike all earlier ones as the target allows.
+
+A reading in a posture that was there before tells little that is new. Where the target is known,
+postures that reach it are solved for, and the one farthest from those measured is proposed; else
+the joint that has moved least is named. Where `armd design` chose the posture, it is that one,
+turned as little as it takes to reach the target.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.kinematics import jacobian
+
+CANDIDATES = 96
+ITERATIONS = 25
+#: A candidate counts when its tip comes this near; the person finds the target by hand.
+REACHED_MM = 0.5
+#: Longest step of a joint while a candidate is solved for, and the damping of short ones.
+STEP_RAD, DAMPING_MM = 0.4, 3.0
+MARGIN_RAD = np.radians(5.0)  # kept from the end stops
+
+
+class Proposal(NamedTuple):
+    q_rad: F64 | None  # (N,) as read; None: no posture is proposed
+    why: str  # in words; "" where nothing need be said
+
+
+def propose(arm: Arm, constants: F64, target_mm: F64 | None, measured: F64, seed: int) -> Proposal:
+    """For the next reading, after those at *measured* angles (n, N) rad; *constants* are the
+    calibration's parameter vector. The same *seed* gives the same proposal."""
+    if len(measured) == 0:
+        return Proposal(None, "")
+    low, high = _limits(arm)
+    k = int(np.argmin(np.ptp(measured, axis=0) / (high - low)))
+    share = float(np.ptp(measured, axis=0)[k] / (high - low)[k])
+    why = f"joint {k + 1} has turned over {100 * share:.0f} % of its range so far"
+    if target_mm is None:
+        return Proposal(None, f"{why}: turn it farther")
+    reaching = _reaching(arm, constants, target_mm, seed)
+    if len(reaching) == 0:
+        return Proposal(None, f"{why}: turn it farther")
+    gap = np.linalg.norm((reaching[:, None, :] - measured) / (high - low), axis=2).min(axis=1)
+    q = reaching[int(np.argmax(gap))]
+    beyond = _beyond(arm, q, measured)
+    return Proposal(q, beyond or "a posture between those measured, as unlike each as there is")
+
+
+def designed(
+    arm: Arm, constants: F64, target_mm: F64 | None, wanted: F64, measured: F64
+) -> Proposal:
+    """The posture *wanted* (N,) rad, turned to reach the target where that is known."""
+    q = wanted
+    if target_mm is not None:
+        reaching = _solved(arm, constants, target_mm, wanted[None])
+        q = reaching[0] if len(reaching) else wanted
+    return Proposal(q, _beyond(arm, q, measured) if len(measured) else "")
+
+
+def _beyond(arm: Arm, q: F64, measured: F64) -> str:
+    """The joint that leaves what was covered farthest is what a person should know; "" if none."""
+    low, high = _limits(arm)
+    beyond = np.maximum(measured.min(axis=0) - q, q - measured.max(axis=0))
+    j = int(np.argmax(beyond / (high - low)))
+    if beyond[j] <= 0:
+        return ""
+    least, most = np.degrees([measured[:, j].min(), measured[:, j].max()])
+    return f"joint {j + 1} to about {np.degrees(q[j]):+.0f}°: so far {least:+.0f}° to {most:+.0f}°"
+
+
+def _reaching(arm: Arm, constants: F64, target_mm: F64, seed: int) -> F64:
+    """Postures (m, N) within the limits whose tip is at the target."""
+    low, high = _limits(arm)
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(low + MARGIN_RAD, high - MARGIN_RAD, (CANDIDATES, arm.n_joints))
+    return _solved(arm, constants, target_mm, q)
+
+
+def _solved(arm: Arm, constants: F64, target_mm: F64, q: F64) -> F64:
+    """Of postures *q* (m, N) those that damped least squares brings to the target within limits."""
+    low, high = _limits(arm)
+    for _ in range(ITERATIONS):
+        tip, derivatives = jacobian(q, constants)
+        columns = derivatives[:, :, 0 : 5 * arm.n_joints : 5]
+        way = (target_mm - tip)[:, :, None]
+        squared = columns @ columns.transpose(0, 2, 1) + DAMPING_MM**2 * np.eye(3)
+        step = (columns.transpose(0, 2, 1) @ np.linalg.solve(squared, way))[:, :, 0]
+        q = q + np.clip(step, -STEP_RAD, STEP_RAD)
+    missed = np.linalg.norm(jacobian(q, constants)[0] - target_mm, axis=1)
+    inside = ((q >= low) & (q <= high)).all(axis=1)
+    reached: F64 = q[inside & (missed < REACHED_MM)]
+    return reached
+
+
+def _limits(arm: Arm) -> tuple[F64, F64]:
+    low = [-180.0 if joint.min_deg is None else joint.min_deg for joint in arm.joint]
+    high = [180.0 if joint.max_deg is None else joint.max_deg for joint in arm.joint]
+    return np.radians(low), np.radians(high)
