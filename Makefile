@@ -9,10 +9,11 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test test-slow lint bench clean hidden hidden-sweep interim soak fuzz system-test deb paper real so101 circle page browser
+.PHONY: install demo test test-slow lint bench clean hidden hidden-sweep interim soak fuzz system-test deb paper real so101 so101-live circle page browser picture
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
+	@echo "armd: installing into $(VENV): 1.2 GB on disk, some 350 MB to fetch"
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
 	touch $@
@@ -21,6 +22,8 @@ $(VENV)/.installed: $(VENV)/.dependencies pyproject.toml $(FOLDERS)
 	rm -rf build
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
 	    --config-settings editable_mode=strict --editable .
+	@echo "armd: compiling the kernel for this machine: half a minute, once"
+	$(BIN)/python -I -m armd.daemon.ahead
 	touch $@
 
 demo: install
@@ -32,20 +35,22 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# One worker for what is live, one for what computes (tests/conftest.py).
-TWO_WORKERS := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
+# One worker for what reads wires, one for what waits, one for what computes (tests/conftest.py).
+WORKERS := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3
 
 test: lint
-	$(TWO_WORKERS) -m "not slow" $(TEST_ARGS)
+	@echo "armd: the tests take about ten minutes on two cores"
+	$(WORKERS) -m "not slow" $(TEST_ARGS)
 
 test-slow: install
-	$(TWO_WORKERS) -m slow --ignore tests/deploy/test_system.py $(TEST_ARGS)
+	@echo "armd: the slow tests take about a quarter of an hour on two cores"
+	$(WORKERS) -m slow --ignore tests/deploy/test_system.py $(TEST_ARGS)
 
 # A fresh Monte Carlo of effects hidden by the simulator: make hidden CASES=100 SEED=7
 CASES ?= 40
 SEED ?= 1
 hidden: install
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
+	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
 
 # Interim checks against an oracle, the table of docs/interim.md: make interim CASES=40 SEED=2
 interim: install
@@ -54,7 +59,7 @@ interim: install
 # How the marks move when each constant of the search is halved and doubled:
 # make hidden-sweep CASES=4 SEED=7 SWEEP_ARGS="--only OFF ALPHA"
 hidden-sweep: install
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/sweep.py --cases $(CASES) --seed $(SEED) $(SWEEP_ARGS)
+	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/sweep.py --cases $(CASES) --seed $(SEED) $(SWEEP_ARGS)
 
 # Simulator, daemon and subscribers under random faults, every point accounted for:
 # make soak MINUTES=60 SEED=3
@@ -64,7 +69,7 @@ soak: install
 
 # A million damaged packets through the serial decoder: make fuzz FUZZ_SEED=7
 fuzz: install
-	$(BIN)/python -m pytest -m slow -s tests/drivers/test_fuzz.py
+	$(BIN)/python -m pytest -m slow -s tests/drivers/serial/test_fuzz.py
 
 # A Debian package for controllers with this Python or another: make deb FOR=3.13
 FOR ?= $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
@@ -83,6 +88,10 @@ paper: install
 # From box to certificate on a simulated SO-101, each figure printed: make so101 SEED=3
 so101: install
 	$(BIN)/python tests/scenarios/so101.py --seed $(SEED)
+
+# The same over the wire: servo packets on a pseudo-terminal, armd run, armd measure
+so101-live: install
+	$(BIN)/python tests/scenarios/so101_live.py --seed $(SEED)
 
 # An arm goes wrong, is measured, diagnosed, mended and verified over the wire, figures printed
 circle: install
@@ -105,6 +114,10 @@ browser:
 	command -v chromium >/dev/null || { [ "$$(id -u)" = 0 ] && apt-get update -qq \
 	    && apt-get install -y -qq --no-install-recommends chromium; } \
 	    || echo "no Chromium: the browser tests of the page will be skipped"
+
+# The picture of the page anew, on a machine that does nothing else
+picture: install browser
+	PYTHONPATH=tests $(BIN)/python tests/bridges/picture.py out/view.png && cp out/view.png docs/view.png
 
 # Figures and ratios measured in one run, as text and as out/bench.json; BENCH="kernel wire"
 bench: install

@@ -21,6 +21,10 @@ units=/usr/local/lib/systemd/system
 rules=/usr/local/lib/udev/rules.d
 networks=/usr/local/lib/systemd/network
 users=/usr/local/lib/sysusers.d
+bash=/usr/local/share/bash-completion/completions
+zsh=/usr/local/share/zsh/site-functions
+fish=/usr/local/share/fish/vendor_completions.d
+man=/usr/local/share/man/man1
 
 say() { printf 'armd: %s\n' "$*"; }
 fail() { printf 'armd: %s\n' "$*" >&2; exit 2; }
@@ -31,7 +35,8 @@ booted() { [ -d /run/systemd/system ]; }
 
 running() {
     if booted; then
-        systemctl list-units --plain --no-legend 'armd.service' 'armd@*.service' | cut -d' ' -f1
+        systemctl list-units --plain --no-legend 'armd.service' 'armd@*.service' \
+            'armd-bridge@*.service' | cut -d' ' -f1
     fi
 }
 
@@ -47,24 +52,27 @@ reload() {
 uninstall() {
     for unit in $(running); do systemctl stop "$unit"; done
     systemctl disable --quiet armd.service 2>/dev/null || true
-    rm -f "$units/armd.service" "$units/armd@.service" "$rules/70-armd.rules" \
-        "$rules/71-armd-awake.rules" "$networks/80-armd-can.network" "$users/armd.conf" /usr/local/bin/armd
-    rm -rf "$venv" "$a" "$b" "$venv.before" /var/cache/armd
-    for folder in "$rules" "${rules%/*}" "$networks" "$units" "${units%/*}" "$users"; do
+    system_files | while read -r file; do rm -f "$file"; done
+    rm -f /usr/local/bin/armd
+    rm -rf "$venv" "$a" "$b" "$venv.before" /var/cache/armd \
+        /var/cache/armd-bridge /var/cache/private/armd-bridge
+    for folder in "$rules" "${rules%/*}" "$networks" "$units" "${units%/*}" "$users" \
+        "$bash" "${bash%/*}" "$zsh" "${zsh%/*}" "$fish" "${fish%/*}" "$man"; do
         rmdir "$folder" 2>/dev/null || true # only if nobody else has anything there
     done
     # Instances enabled by hand leave links that lead nowhere now.
-    find /etc/systemd/system -name 'armd@*.service' -type l -delete
+    find /etc/systemd/system \( -name 'armd@*.service' -o -name 'armd-bridge@*.service' \) \
+        -type l -delete
     reload
     awake=/dev/cpu_dma_latency # without its rule, udev leaves it as it is
     if [ -e $awake ]; then chown root:root $awake; chmod 600 $awake; fi
     systemctl reset-failed 'armd*' 2>/dev/null || true
     if [ "$purge" = yes ]; then
-        rm -rf /etc/armd /var/lib/armd
+        rm -rf /etc/armd /var/lib/armd /var/lib/armd-bridge /var/lib/private/armd-bridge
         if getent passwd armd >/dev/null; then userdel armd; fi
         say "removed, with its configuration and recordings"
     else
-        say "removed; /etc/armd and /var/lib/armd stay (--purge takes them too)"
+        say "removed; /etc/armd and /var/lib/armd* stay (--purge takes them too)"
     fi
 }
 
@@ -88,25 +96,44 @@ build() {
     if [ -n "$wheelhouse" ]; then
         # armd itself always anew: its version number need not have changed.
         pip install --no-index --find-links "$wheelhouse" --force-reinstall --no-deps armd
-        pip install --no-index --find-links "$wheelhouse" --constraint "$pins" armd
+        # A wheel for any processor has no compiled functions in it: numba compiles them, an extra.
+        set -- "$wheelhouse"/armd-*-none-any.whl
+        if [ -e "$1" ]; then all='armd[offline]'; else all=armd; fi
+        pip install --no-index --find-links "$wheelhouse" --constraint "$pins" "$all"
     else
         # From a copy: a build leaves files behind, which shall not lie in somebody's repository.
         copy=$(mktemp -d)
         tar -C "$here/.." --exclude='./.*' --exclude=./build -cf - . | tar -C "$copy" -xf -
         pip install --force-reinstall --no-deps "$copy"
-        pip install --constraint "$pins" armd
+        pip install --constraint "$pins" 'armd[offline]'
     fi
     pip check || fail "$new: found packages that do not fit each other; the old stay"
     # What it would compile for root stays out of root's home.
-    NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -c 'import armd.daemon.commands.run' ||
+    NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -c 'import armd.daemon.commands.service.run' ||
         fail "$new: found a program that does not load; the old one stays"
+    rm -rf "$new/help" && mkdir "$new/help"
+    say_help armd completion bash
+    say_help _armd completion zsh
+    say_help armd.fish completion fish
+    say_help armd.1 man
     rm -rf "$new/check"
+}
+
+# What a shell completes and `man armd` shows: written to the file $1. armd is as good without it.
+say_help() {
+    file=$new/help/$1
+    shift
+    if ! NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -m armd "$@" >"$file"; then
+        say "armd $*: found an error; what it prints is not installed" >&2
+        rm "$file"
+    fi
 }
 
 # What is installed beside the program, and is put back with it.
 system_files() {
-    printf '%s\n' "$units/armd.service" "$units/armd@.service" "$rules/70-armd.rules" \
-        "$rules/71-armd-awake.rules" "$networks/80-armd-can.network" "$users/armd.conf"
+    printf '%s\n' "$units/armd.service" "$units/armd@.service" "$units/armd-bridge@.service" \
+        "$rules/70-armd.rules" "$rules/71-armd-awake.rules" "$networks/80-armd-can.network" \
+        "$users/armd.conf" "$bash/armd" "$zsh/_armd" "$fish/armd.fish" "$man/armd.1"
 }
 
 save() {
@@ -119,7 +146,11 @@ save() {
 
 put_back() {
     system_files | while read -r file; do
-        if [ -e "$saved/${file##*/}" ]; then cp -p "$saved/${file##*/}" "$file"; fi
+        if [ -e "$saved/${file##*/}" ]; then
+            cp -p "$saved/${file##*/}" "$file"
+        else
+            rm -f "$file"
+        fi
     done
     half_way=no
     reload
@@ -142,11 +173,32 @@ install_system() {
     install -d -m 750 -o root -g armd /etc/armd
     install -D -m 644 "$here/armd.service" "$units/armd.service"
     install -D -m 644 "$here/armd@.service" "$units/armd@.service"
+    install -D -m 644 "$here/armd-bridge@.service" "$units/armd-bridge@.service"
     install -D -m 644 "$here/udev/70-armd.rules" "$rules/70-armd.rules"
     install -D -m 644 "$here/udev/71-armd-awake.rules" "$rules/71-armd-awake.rules"
     install -D -m 644 "$here/network/80-armd-can.network" "$networks/80-armd-can.network"
+    for file in "$bash/armd" "$zsh/_armd" "$fish/armd.fish" "$man/armd.1"; do
+        if [ -e "$new/help/${file##*/}" ]; then
+            install -D -m 644 "$new/help/${file##*/}" "$file"
+        else
+            rm -f "$file"
+        fi
+    done
     reload
     systemctl enable --quiet armd.service
+}
+
+# As the service's user, for this processor and the arms that are configured, while the old one still
+# runs: the first start then finds everything compiled.
+compile_ahead() {
+    install -d -m 750 -o armd -g armd /var/cache/armd
+    set --
+    for file in /etc/armd/armd.toml /etc/armd/*/armd.toml; do
+        if [ -e "$file" ]; then set -- "$@" "$file"; fi
+    done
+    CACHE_DIRECTORY=/var/cache/armd setpriv --reuid=armd --regid=armd --clear-groups \
+        env -u NUMBA_CACHE_DIR "$new/bin/python" -I -m armd.daemon.ahead "$@" ||
+        say "not compiled ahead: the first start takes longer"
 }
 
 roll_back() {
@@ -200,6 +252,7 @@ trap clean_up EXIT
 build
 save
 install_system
+compile_ahead
 point_to "$new"
 half_way=no
 start

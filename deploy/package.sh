@@ -34,7 +34,8 @@ cp -R "$here" "$here/../requirements.txt" "$tree/usr/lib/armd/"
 rm -r "$tree/usr/lib/armd/deploy/debian" "$tree/usr/lib/armd/deploy/package.sh" \
     "$tree/usr/lib/armd/deploy/wheelhouse.sh"
 "$here/wheelhouse.sh" --python "$wanted" "$tree/usr/lib/armd/wheelhouse"
-version=$(ls "$tree/usr/lib/armd/wheelhouse" | sed -n 's/^armd-\([^-]*\)-.*/\1/p')
+# Of a version in the making, the tilde sorts before the release.
+version=$(ls "$tree/usr/lib/armd/wheelhouse" | sed -n 's/^armd-\([^-]*\)-.*/\1/p' | sed 's/\.dev/~dev/')
 architecture=$(dpkg --print-architecture)
 install -m 755 "$here/debian/postinst" "$here/debian/prerm" "$here/debian/postrm" "$tree/DEBIAN"
 cat >"$tree/DEBIAN/control" <<END

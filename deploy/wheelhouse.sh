@@ -34,6 +34,21 @@ tar -C "$here/.." --exclude='./.*' --exclude=./build --exclude=./tests --exclude
     -cf - . | tar -C "$copy" -xf -
 rm -f "$folder"/armd-*.whl
 pip wheel --no-deps --wheel-dir "$folder" "$copy"
+# With numba, setuptools and a C++ compiler here, the compiled functions go into the wheel, by this
+# very source: then a controller needs no compiler. Without, it needs numba, an extra of armd.
+extra='[offline]' numbers='3 4 5 6 7 8 9'
+if [ "$wanted" = "$own" ]; then
+    "$python" -I -m pip --quiet --disable-pip-version-check install --no-deps --target "$copy/as" \
+        "$folder"/armd-*.whl
+    # shellcheck disable=SC2086
+    if PYTHONPATH=$copy/as "$python" -m armd.daemon.ahead --joints $numbers \
+        --into "$copy/umbrella"; then
+        rm "$folder"/armd-*.whl
+        pip wheel --no-deps --wheel-dir "$folder" "$copy"
+        extra=''
+    fi
+    rm -rf "$copy/as"
+fi
 # cobs comes as source alone. For another Python it is built without a compiler: that gives its
 # version in pure Python, which runs on all of them.
 if [ "$wanted" = "$own" ]; then
@@ -42,4 +57,4 @@ else
     CC=false pip wheel --no-deps --no-cache-dir --wheel-dir "$folder" --constraint "$pins" cobs
 fi
 pip download --dest "$folder" --find-links "$folder" --only-binary :all: --python-version "$wanted" \
-    --constraint "$pins" "$folder"/armd-*.whl
+    --constraint "$pins" "$(echo "$folder"/armd-*.whl)$extra"
