@@ -1,8 +1,8 @@
-"""For all tests: the user's home is left alone; what runs live runs one at a time.
+"""For all tests: the user's home is left alone; what has deadlines runs one at a time.
 
-With ``pytest -n 2`` (``make test``) one worker runs all that talks over wires and Zenoh, in its
-order, as it would alone; the other computes, at the lowest priority, so that a live test finds the
-processor as free as it was.
+With ``pytest -n 3`` (``make test``) one worker runs all that reads wires, in its order, as it would
+alone; one what talks over Zenoh and waits for others most of its time, a little behind it; one
+computes, at the lowest priority, so that a live test finds the processor as free as it was.
 """
 
 from __future__ import annotations
@@ -12,27 +12,45 @@ from collections.abc import Iterator
 
 import pytest
 
-ONLY_COMPUTES = tuple(
-    f"tests/{room}/"
-    for room in ("compensation", "diagnose", "hidden", "interim", "real", "umbrella")
-)
-"""Folders of tests that wait for nobody: no daemon, no wire, no clock."""
+ONLY_COMPUTES = (
+    *(
+        f"tests/{room}/"
+        for room in (
+            "compensation", "diagnose", "estimate", "hidden", "interim", "real", "umbrella",
+        )
+    ),
+    "tests/simulator/test_hidden_cases.py",
+    "tests/simulator/test_sessions.py",
+)  # fmt: skip
+"""Tests that wait for nobody: no daemon, no wire, no clock."""
+
+WAITS = tuple(f"tests/{room}/" for room in ("bridges", "daemon", "deploy"))
+"""Folders of tests whose daemons and servers idle between messages, with deadlines of seconds."""
+WAITS_NICE = 10
+CROWDS = ("tests/bridges/test_fleet.py",)
+"""Twenty daemons take all there is: not beside a test that reads a wire."""
 
 
 @pytest.hookimpl(optionalhook=True)  # nothing to hand out where pytest-xdist is not installed
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
     from xdist.scheduler import LoadScopeScheduling
 
-    class OneForAllThatIsLive(LoadScopeScheduling):
+    class OneForEachThatIsLive(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            return nodeid if nodeid.startswith(ONLY_COMPUTES) else "live"
+            if nodeid.startswith(ONLY_COMPUTES):
+                return nodeid
+            waits = nodeid.startswith(WAITS) and not nodeid.startswith(CROWDS)
+            return "waits" if waits else "live"
 
-    return OneForAllThatIsLive(config, log)
+    return OneForEachThatIsLive(config, log)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    if "PYTEST_XDIST_WORKER" in os.environ and item.nodeid.startswith(ONLY_COMPUTES):
-        os.nice(19 - os.nice(0))
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        if item.nodeid.startswith(ONLY_COMPUTES):
+            os.nice(19 - os.nice(0))
+        elif item.nodeid.startswith(WAITS) and not item.nodeid.startswith(CROWDS):
+            os.nice(max(0, WAITS_NICE - os.nice(0)))
 
 
 @pytest.fixture(autouse=True, scope="session")

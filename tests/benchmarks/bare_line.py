@@ -10,7 +10,7 @@ import struct
 import sys
 import time
 
-from armd.simulator.pty_port import PtyPort
+from armd.simulator.live.pty_port import PtyPort
 
 
 def main(rate_hz: float, seconds: float) -> None:

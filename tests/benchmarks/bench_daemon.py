@@ -18,6 +18,8 @@ as wanted. Which seconds they are is decided by what the host took and by nothin
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import tempfile
 import time
 from collections import defaultdict
@@ -28,8 +30,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from floors import F64, I64, Arrivals, Latencies, line_alone, zenoh_alone
-from running_daemon import running_daemon
-from simulated_arm import SimulatedArm, simulated_arm
 from stolen import Stolen
 
 from armd import POINT, Flag
@@ -37,6 +37,8 @@ from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
 from armd.compensation.model.known_expansion import known_expansion
 from armd.daemon.host.awake import DEVICE, Awake
+from support.running_daemon import running_daemon
+from support.simulated_arm import SimulatedArm, simulated_arm
 
 #: (Hz, rounds of all in turn): the mark for losses is 60 s at 5 kHz without one.
 RATES = ((1000, 4), (5000, 1))
@@ -56,12 +58,24 @@ def run() -> dict[str, Any]:
 
 
 def start_up() -> dict[str, float]:
-    """Seconds from the start of the process to its line `armd: ready`."""
+    """Seconds from the start of the process to its line `armd: ready`: with nothing but the library
+    that is delivered and once more; with neither it nor anything compiled, and once more."""
     seconds = {}
-    with tempfile.TemporaryDirectory() as folder, simulated_arm(Path(folder)) as arm:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tempfile.TemporaryDirectory() as delivered,
+        simulated_arm(Path(folder)) as arm,
+    ):
         calibrate(arm.folder)
-        cache = {"NUMBA_CACHE_DIR": f"{folder}/cache"}
-        for state in ("cold_s", "warm_s"):
+        make_library = [sys.executable, "-I", "-m", "armd.daemon.ahead", "--into", delivered]
+        subprocess.run(make_library, check=True)
+        for state, cache_folder in (
+            ("cold_s", delivered),
+            ("warm_s", delivered),
+            ("without_library_cold_s", f"{folder}/cache"),
+            ("without_library_warm_s", f"{folder}/cache"),
+        ):
+            cache = {"NUMBA_CACHE_DIR": cache_folder}
             start = time.monotonic()
             with running_daemon(arm.folder, arm.port, top=CALIBRATION, environment=cache) as daemon:
                 seconds[state] = time.monotonic() - start
@@ -109,6 +123,7 @@ def at(rate_hz: int, rounds: int) -> dict[str, Any]:
         "lost_before_armd": int(through["lost_before_armd"]),  # so its points say
         "cpu_percent_of_a_core": 100 * through["cpu_s"] / (taken * seconds),
         "cpu_ms_per_1000_samples": 1e6 * through["cpu_s"] / through["points"],
+        "rss_mb": through["rss_mb"] / taken,
         "goes_first": through["goes_first"] == taken,  # whether the system grants it to the
         "keeps_awake": os.access(DEVICE, os.W_OK),  # daemon, and this,
         "arm_on_time": through["arm_on_time"] == taken,  # and `on_hardware_of_its_own` to us
@@ -145,6 +160,7 @@ def daemon(rate_hz: int, seconds: float) -> tuple[Latencies, I64, dict[str, floa
             points = np.frombuffer(b"".join(arrivals.payloads[first:last]), POINT)
             arrived_ns = np.array(arrivals.arrived_ns[first:last])
             latency_us = (arrived_ns - arm.latch_ns(points["seq"])) / 1000
+            rss_mb = _rss_mb(armd.process.pid)
             armd.stop()
     missing = np.diff(points["seq"].astype(np.int64), prepend=int(points["seq"][0]) - 1) - 1
     flagged = (points["flags"] & Flag.SAMPLES_LOST) != 0
@@ -152,6 +168,7 @@ def daemon(rate_hz: int, seconds: float) -> tuple[Latencies, I64, dict[str, floa
         "points": len(points),
         "lost_before_armd": int(missing[flagged].sum()),
         "cpu_s": cpu_s,
+        "rss_mb": rss_mb,
         "goes_first": goes_first,
         "arm_on_time": on_time,
     }
@@ -239,3 +256,9 @@ def _cpu_s(pid: int) -> float:
     """CPU seconds of a process, all its threads."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _rss_mb(pid: int) -> float:
+    """What of a process is resident."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

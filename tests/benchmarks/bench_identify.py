@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from synthetic import arm as synthetic_arm
-from synthetic import disturbed, session
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.estimate.noise import ReadingNoise
@@ -23,10 +21,12 @@ from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.poses import centres, fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import fit
-from armd.compensation.identify.thermal import length_terms
+from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.parameters import ParameterLayout
+from support.synthetic import arm as synthetic_arm
+from support.synthetic import disturbed, session
 
 TEMPERATURES_C = (15.0, 20.0, 25.0, 30.0)
 ARCSEC = np.pi / 180 / 3600

@@ -16,15 +16,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from armd import POINT
+from armd.arrays import F64
 from armd.compensation.kernel import kernel
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, LoadedCalibration, constants_of
-
-F64 = npt.NDArray[np.float64]
 
 SAMPLES = 1 << 14
 ROUNDS = 60

@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 from bench_daemon import CALIBRATION, calibrate
-from running_daemon import running_daemon
-from simulated_arm import simulated_arm
+
+from support.running_daemon import running_daemon
+from support.simulated_arm import simulated_arm
 
 RATES_HZ = (5_000, 10_000, 15_000, 20_000, 30_000, 40_000)
 TRIES = 3

@@ -20,15 +20,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from simulated_arm import SimulatedArm, simulated_arm
 
 from armd.drivers.config import CanConfig, SerialConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.table import open_driver
-from armd.simulator.electronics import COUNTS_PER_TURN
-from armd.simulator.operator import Operator
-from armd.simulator.physics import STEP_S, STEPS, blocks
+from armd.simulator.live.electronics import COUNTS_PER_TURN
+from armd.simulator.live.operator import Operator
+from armd.simulator.live.physics import STEP_S, STEPS, blocks
 from armd.simulator.truth.arm import TrueArm
+from support.simulated_arm import SimulatedArm, simulated_arm
 
 TIP_MM_S = 500.0
 SEED = 1

@@ -3,13 +3,16 @@ the stream feels it.
 
 The stream's latency is from the true latch to a subscriber beside the page (as in `bench_daemon`),
 with no page served and with each number of browsers in turn, in rounds; a browser is a connection
-that reads all it is told. `stalled` are forty that read nothing.
+that reads all it is told. `stalled` are forty that read nothing. `ippdme_stalled` is a host of
+`armd ippdme` that asks and asks and reads nothing, again and again as it is hung up on.
 """
 
 from __future__ import annotations
 
 import os
 import socket
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -21,11 +24,11 @@ from typing import Any
 
 import numpy as np
 from floors import Arrivals
-from running_bridge import RunningBridge, running_bridge
-from running_daemon import running_daemon
-from simulated_arm import SimulatedArm, simulated_arm
 
 from armd import POINT
+from support.running_bridge import RunningBridge, running_bridge
+from support.running_daemon import running_daemon
+from support.simulated_arm import SimulatedArm, simulated_arm
 
 RATE_HZ = 1000
 ROUNDS, SECONDS = 3, 10.0
@@ -66,6 +69,9 @@ def run() -> dict[str, Any]:
                         own["resident_mb"].append(_resident_mb(view.process.pid))
                         if reading:
                             own["updates_hz"].append((heard[0] - n) / SECONDS / reading)
+            with running_bridge("ippdme", *options) as dme, flooding(dme):
+                time.sleep(SETTLE_S)
+                series["ippdme_stalled"].append(_latency_us(arm, arrivals))
         lost = _lost(arrivals)
     result: dict[str, Any] = {"lost": lost}
     for name, parts in series.items():
@@ -94,6 +100,30 @@ def browsers(view: RunningBridge, reading: int, stalled: int) -> Iterator[list[i
         yield heard
         for connection in connections[:reading]:
             connection.shutdown(socket.SHUT_RDWR)
+
+
+#: In a process of its own: a thread here would hold up the subscriber whose latency is measured.
+FLOOD = """
+import contextlib, socket, sys
+while True:
+    with contextlib.suppress(OSError), socket.create_connection((sys.argv[1], sys.argv[2])) as host:
+        host.settimeout(0.1)
+        host.sendall(b"00001 StartSession()\\r\\n")
+        while True:
+            with contextlib.suppress(TimeoutError):
+                host.sendall(b"00002 IsHomed()\\r\\n" * 100)
+"""
+
+
+@contextmanager
+def flooding(bridge: RunningBridge) -> Iterator[None]:
+    """A host that never reads its answers, for as long as this `with` lasts."""
+    host, _, port = bridge.where.rpartition(":")
+    with subprocess.Popen([sys.executable, "-c", FLOOD, host, port]) as flood:
+        try:
+            yield
+        finally:
+            flood.kill()
 
 
 def _read(connection: socket.socket, heard: list[int]) -> None:

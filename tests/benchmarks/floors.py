@@ -12,13 +12,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import serial
 import zenoh
-from running_daemon import free_endpoint, session_with
 
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from armd.arrays import F64, I64
+from support.running_daemon import free_endpoint, session_with
 
 
 class Latencies(NamedTuple):

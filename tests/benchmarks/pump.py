@@ -11,8 +11,8 @@ import sys
 import time
 
 from armd.drivers.serial import wire
-from armd.simulator.electronics import BITS
-from armd.simulator.pty_port import PtyPort
+from armd.simulator.live.electronics import BITS
+from armd.simulator.live.pty_port import PtyPort
 
 JOINTS, SENSORS = 6, 6
 SETTLE_HZ = 1000  # first of all, and not counted

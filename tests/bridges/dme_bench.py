@@ -12,8 +12,8 @@ import numpy as np
 from armd import POINT
 from armd.daemon.bridges.ippdme.commands_2_5 import VERSIONS
 from armd.daemon.bridges.ippdme.csy import CoordinateSystems
+from armd.daemon.bridges.ippdme.dialogue import Dialogue
 from armd.daemon.bridges.ippdme.machine import Machine
-from armd.daemon.bridges.ippdme.session import Session
 from armd.daemon.bridges.ippdme.tools import Toolbox
 from armd.daemon.bridges.tips import Tips
 
@@ -53,12 +53,12 @@ class Bench:
         self.session = self.client(self.said)
         self.move(99.93, 17.148, -5.0)
 
-    def client(self, said: list[str]) -> Session:
+    def client(self, said: list[str]) -> Dialogue:
         def send(line: str) -> None:
             assert RESPONSE.fullmatch(line), line
             said.append(line)
 
-        return Session(self.machine, VERSIONS[self.version], self.version, send)
+        return Dialogue(self.machine, VERSIONS[self.version], self.version, send)
 
     def move(self, *position_mm: float, flags: int = 0) -> None:
         point = np.zeros(1, POINT)[0]

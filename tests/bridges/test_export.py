@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from running_daemon import running_daemon
-from simulated_arm import simulated_arm
 
 from armd.daemon.bridges.export import source
 from armd.daemon.bridges.export.qif import NAMESPACE
 from armd.daemon.cli import main
+from support.running_daemon import running_daemon
+from support.simulated_arm import simulated_arm
 
 MEASUREMENT: dict[str, Any] = {
     "trigger": "button", "seq": 7, "stamp_ns": 1_700_000_000_123_456_789, "monotonic_ns": 5,
@@ -158,7 +158,7 @@ def test_since(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for since in ("2023-11-15T00:00", "2023-11-14T23:00:00+00:00", "1750000000", "2023-11-15"):
         command = ["export", str(path), "--since", since, "-o", str(tmp_path / "a.csv")]
         assert main(command) == 0
-        assert ": 1 measurements" in capsys.readouterr().out
+        assert ": 1 measurement" in capsys.readouterr().out
 
 
 def test_a_log_with_a_torn_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

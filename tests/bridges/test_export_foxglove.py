@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 
 from armd import POINT, Flag, keys
 from armd.daemon.cli import main
-from armd.daemon.recorder import Recorder
+from armd.daemon.files.recorder import Recorder
 
 pytest.importorskip("foxglove")
 
@@ -62,7 +62,7 @@ def test_each_in_the_schema_that_foxglove_draws(
     out = tmp_path / "out.mcap"
     for _ in range(2):  # the second time over the first one's file
         assert main(["export", str(recording), "-o", str(out)]) == 0
-    assert "2 points, 1 measurements" in capsys.readouterr().out
+    assert "2 points, 1 measurement" in capsys.readouterr().out
     told: dict[str, list[tuple[str, int, Any]]] = {}
     with out.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():

@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 import trustme
 import zenoh
-from running_bridge import PATIENCE_S, running_bridge
-from running_daemon import free_endpoint, running_daemon
-from simulated_arm import simulated_arm
 
 import armd
 from armd import POINT, Lost
 from armd.daemon.bridges.fleet import Fleet
+from support.running_bridge import PATIENCE_S, running_bridge
+from support.running_daemon import free_endpoint, running_daemon
+from support.simulated_arm import simulated_arm
 
 ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 EXAMPLES = Path(__file__).parents[2] / "deploy" / "zenoh"

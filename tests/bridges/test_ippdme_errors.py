@@ -12,8 +12,8 @@ from dme_bench import Bench
 from armd import Flag
 from armd.daemon.bridges.ippdme import server
 from armd.daemon.bridges.ippdme.commands_2_5 import ARGUMENTS
+from armd.daemon.bridges.ippdme.dialogue import MOST_WAITING
 from armd.daemon.bridges.ippdme.errors import BLOCKING, TABLE, DmeError
-from armd.daemon.bridges.ippdme.session import MOST_WAITING
 
 #: Severity, number, text: copied from the standard (1.4.3, 8.2; those of 2.5 after it).
 ROWS = """

@@ -12,11 +12,11 @@ from typing import IO, Any
 
 import numpy as np
 import pytest
-from running_bridge import PATIENCE_S, RunningBridge, running_bridge
-from running_daemon import Daemon, running_daemon
-from simulated_arm import simulated_arm
 
 import armd
+from support.running_bridge import PATIENCE_S, RunningBridge, running_bridge
+from support.running_daemon import Daemon, running_daemon
+from support.simulated_arm import simulated_arm
 
 TIPS = """
 [commands]

@@ -16,8 +16,9 @@ from scipy.spatial.transform import Rotation
 from armd import Flag
 from armd.daemon.bridges.ippdme.commands_2_5 import VERSIONS
 from armd.daemon.bridges.ippdme.csy import CoordinateSystems, Transformation, state_file
+from armd.daemon.bridges.ippdme.dialogue import MOST_WAITING
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.daemon.bridges.ippdme.session import MOST_WAITING
+from armd.daemon.bridges.tips import CmmTip
 from armd.errors import BadInput
 
 PAGE = Path(__file__).parents[2] / "docs" / "ippdme.md"
@@ -286,6 +287,19 @@ def test_the_operator_changes_the_tool(bench: Bench) -> None:
         assert tool is not None
         bench.session.take_tool(tool.name)
         assert bench.said[-1] == f'E0000 # ChangeTool("{name}")'
+
+
+def test_a_tip_calibrated_anew_is_the_tool_as_it_is_now(bench: Bench) -> None:
+    bench.machine.toolbox.renew("Ball3", CmmTip((0.0, 0.0, 91.0), 1.25))
+    bench.machine.toolbox.renew("glass", CmmTip((0.0, 0.0, 50.0), 0.5))
+    tool = bench.machine.toolbox.get("Ball3")
+    assert tool.radius_mm == 1.25
+    assert bench.machine.toolbox.get("glass").radius_mm == 0.5
+    assert "glass" in bench.machine.toolbox.names
+    # What was pressed with the one of before keeps its radius.
+    bench.type("00002 OnPtMeasReport(ER())", "00003 EnableUser()")
+    then = {"tip_offset_mm": [0.0, 0.0, 90.0], "tip_radius_mm": 1.5}
+    assert bench.press(**then) == ["E0000 # PtMeas(ER(1.50000))"]
 
 
 # --- coordinate systems ------------------------------------------------------------------------

@@ -20,15 +20,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
-from running_bridge import RunningBridge, running_bridge
-from running_daemon import PATIENCE_S, Daemon, free_endpoint, running_daemon
-from simulated_arm import simulated_arm
-from test_pages import DOCS, PAGES, commands
 
 import armd
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from support.running_bridge import RunningBridge, running_bridge
+from support.running_daemon import PATIENCE_S, Daemon, free_endpoint, running_daemon
+from support.simulated_arm import simulated_arm
 
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = [
+    "stream.md", "ippdme.md", "pc-dmis.md", "verisurf.md", "ros2.md", "fleet.md", "export.md",
+    "recorrect.md", "import.md", "view.md",
+]  # fmt: skip
 CONFIG = """
 [commands]
 enabled = true
@@ -63,13 +67,23 @@ FOR_EVER = [  # with --seconds 3, so that they end
 ]
 ELSEWHERE = {
     "armd export recording.mcap -o drawn.mcap": "test_export_foxglove.py",
-    "armd init my-arm --from so101": "test_import.py",
-    "armd import readings.csv --arm arm.toml -o measured": "test_import.py",
-    "armd import robot.urdf -o arm.toml": "test_import.py",
+    "armd init my-arm --from so101": "test_import_page.py",
+    "armd init drawn-arm --from drawing.csv --serial-number MY-ARM"
+    " --port /dev/ttyUSB0": "test_import_page.py",
+    "armd import readings.csv --arm my-arm/arm.toml -o measured": "test_import_page.py",
+    "armd import readings.xlsx --sheet Data --column q1='Base axis' --angle-unit deg"
+    " --arm my-arm/arm.toml -o from-excel": "test_import_page.py",
+    "armd import robot.urdf -o arm.toml": "test_import_page.py",
     "armd fleet --router plant-router.json5": "test_fleet.py: it needs certificates",
     "armd view --listen 192.0.2.10:8470 --name controller.example --certificate controller.pem"
     " --key controller.key --token token": "test_view.py: likewise",
 }
+
+
+def commands(page: str) -> list[list[str]]:
+    text = (DOCS / page).read_text(encoding="utf-8")
+    blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).replace("\\\n", " ")
+    return [shlex.split(line, comments=True) for line in blocks.splitlines() if "armd " in line]
 
 
 @dataclass

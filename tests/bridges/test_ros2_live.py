@@ -18,10 +18,11 @@ import numpy as np
 import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
-from running_bridge import PATIENCE_S
-from running_daemon import Daemon, free_endpoint, running_daemon
-from simulated_arm import simulated_arm
 from zenoh import ext
+
+from support.running_bridge import PATIENCE_S
+from support.running_daemon import Daemon, free_endpoint, running_daemon
+from support.simulated_arm import simulated_arm
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 DOMAIN = 7

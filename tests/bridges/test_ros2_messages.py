@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
-from small_arm_toml import ARM, CALIBRATION
 
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import forward
 from armd.daemon.bridges.ros2 import messages, urdf
 from armd.daemon.bridges.ros2.node import escaped, legal
+from support.small_arm_toml import ARM, CALIBRATION
 
 STAMP_NS = 1_700_000_000_123_456_789
 P = (0.742189, 0.229745, 0.747277)

@@ -30,10 +30,12 @@ from armd.daemon.bridges.view.access import Access, read_token
 from armd.daemon.bridges.view.board import KEPT, MOST_BYTES, Board
 from armd.daemon.bridges.view.features import feature
 from armd.daemon.bridges.view.files import Files
-from armd.daemon.bridges.view.history import History
-from armd.daemon.bridges.view.http import MOST_HEAD_BYTES, Refused, parse
-from armd.daemon.bridges.view.server import SEND_BUFFER_BYTES, Server
+from armd.daemon.bridges.view.history import TemperatureHistory
+from armd.daemon.bridges.view.http import MOST_HEAD_BYTES, NotServed, parse
+from armd.daemon.bridges.view.server import SEND_BUFFER_BYTES, PageServer
+from armd.daemon.bridges.view.sessions import results
 from armd.daemon.cli import main
+from armd.daemon.files.tip_history import keep
 from armd.errors import ArmdError, BadInput
 from armd.simulator.truth.nominal import arm_toml
 
@@ -132,7 +134,7 @@ def test_the_geometry_is_the_calibrations_and_the_tips(tmp_path: Path) -> None:
 
 
 def test_temperatures_of_an_hour_are_kept() -> None:
-    history = History()
+    history = TemperatureHistory()
     for second in range(5000):
         history.add({"stamp_ns": second * 10**9, "temperatures": {"t1": 20.0, "t2": None}})
     told_ = json.loads(history.text())
@@ -192,7 +194,7 @@ def test_a_foreign_host_is_refused(host: str, ours: bool) -> None:
     if ours:
         access.check_host(asked)
     else:
-        with pytest.raises(Refused, match="Host"):
+        with pytest.raises(NotServed, match="Host"):
             access.check_host(asked)
 
 
@@ -208,7 +210,7 @@ def test_what_does_something_comes_from_our_own_page() -> None:
         "Sec-Fetch-Site: cross-site",
         "Sec-Fetch-Site: same-site",
     ):
-        with pytest.raises(Refused):
+        with pytest.raises(NotServed):
             access.check_origin(request(f"{head}\n{line}"))
 
 
@@ -264,13 +266,13 @@ def test_onto_the_network_only_with_certificate_and_token(
      b"GET http://[ HTTP/1.1\r\n\r\n", b"GET / HTTP/1.1\r\n" + b"A: b\r\n" * 200 + b"\r\n"],
 )  # fmt: skip
 def test_what_is_no_request_is_refused(head: bytes) -> None:
-    with pytest.raises(Refused):
+    with pytest.raises(NotServed):
         parse(head)
 
 
 @given(st.binary(max_size=200))
 def test_any_bytes_are_a_request_or_refused(head: bytes) -> None:
-    with suppress(Refused):
+    with suppress(NotServed):
         parse(head + b"\r\n\r\n")
 
 
@@ -316,8 +318,8 @@ def test_nothing_in_the_page_is_written_as_markup() -> None:
 @asynccontextmanager
 async def serving(
     access: Access | None = None, sessions: Path | None = None, tls: ssl.SSLContext | None = None
-) -> AsyncIterator[tuple[Server, int]]:
-    server = Server(access or Access(), None, NOWHERE, sessions)
+) -> AsyncIterator[tuple[PageServer, int]]:
+    server = PageServer(access or Access(), None, NOWHERE, sessions)
     listening, where = await listen(("127.0.0.1", 0), server._connection, tls)
     async with listening:
         yield server, int(where.rpartition(":")[2])
@@ -370,6 +372,64 @@ def test_what_is_asked_is_answered_under_guard() -> None:
             assert (await ask(port, f"GET / HTTP/1.1\n{host}\nA: {'x' * MOST_HEAD_BYTES}"))[
                 0
             ] == 431
+
+    asyncio.run(scenario())
+
+
+def test_results_of_a_session_are_read_and_nothing_beside_them(tmp_path: Path) -> None:
+    session = tmp_path / "sessions" / "beam in May"
+    session.mkdir(parents=True)
+    (session / "calibrate.html").write_text("<h1>report</h1><script>alert(1)</script>")
+    (session / "session.toml").write_text("arm = 1")
+    (session / ".hidden.html").write_text("no")
+    (session / "measuring.jsonl").write_text("no")
+    (session / "link.html").symlink_to("/etc/passwd")
+    (tmp_path / "secret.html").write_text("no")
+    (tmp_path / "sessions" / "away").symlink_to(tmp_path)
+    (tmp_path / "sessions" / "fifo.html").mkdir()
+
+    async def scenario() -> None:
+        async with serving(Access(token=TOKEN), sessions=session.parent) as (_, port):
+            host = f"Host: localhost:{port}\nAuthorization: Bearer {TOKEN}"
+            way = "/sessions/beam%20in%20May/calibrate.html"
+            status, headers, body = await ask(port, f"GET {way} HTTP/1.1\n{host}")
+            assert (status, body[:15]) == (200, b"<h1>report</h1>")
+            # Whoever named an artefact after a script has it read as text.
+            policy = headers["Content-Security-Policy"]
+            assert policy.startswith("sandbox; default-src 'none'")
+            assert "script" not in policy and "allow" not in policy
+            assert (await ask(port, f"GET {way} HTTP/1.1\nHost: localhost:{port}"))[0] == 401
+            for path in (
+                "beam%20in%20May/.hidden.html", "beam%20in%20May/measuring.jsonl",
+                "beam%20in%20May/link.html", "away/secret.html", "../secret.html",
+                "%2e%2e/secret.html", "beam%20in%20May/..%2f..%2fsecret.html", "fifo.html/a.html",
+                "beam%20in%20May/", "beam%20in%20May", "", "beam%20in%20May/no.html",
+            ):  # fmt: skip
+                asked = f"GET /sessions/{path} HTTP/1.1\n{host}"
+                assert (await ask(port, asked))[0] == 404, path
+        async with serving() as (_, port):  # one that only looks knows of no sessions
+            asked = f"GET {way} HTTP/1.1\nHost: localhost:{port}"
+            assert (await ask(port, asked))[0] == 404
+
+    asyncio.run(scenario())
+    found = [file["name"] for file in results(session)]
+    assert found == ["calibrate.html", "session.toml"]
+
+
+def test_the_history_of_tips_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
+
+    async def scenario() -> None:
+        server = PageServer(Access(), "SIM-0001", NOWHERE, None)
+        listening, where = await listen(("127.0.0.1", 0), server._connection)
+        port = int(where.rpartition(":")[2])
+        async with listening:
+            asked = f"GET /tips HTTP/1.1\nHost: localhost:{port}"
+            assert (await ask(port, asked))[2] == b"[]"
+            keep("SIM-0001", {"name": "ruby", "verdict": "good"})
+            keep("SIM-0002", {"name": "another arm's"})
+            told_ = json.loads((await ask(port, asked))[2])
+            assert [tip["name"] for tip in told_] == ["ruby"]
 
     asyncio.run(scenario())
 

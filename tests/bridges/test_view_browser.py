@@ -14,15 +14,16 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
-from running_bridge import RunningBridge, running_bridge
-from running_daemon import Daemon, free_endpoint, running_daemon
-from simulated_arm import SimulatedArm, simulated_arm
 
 import armd
 from armd import keys
 from armd.compensation.data.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
+from armd.daemon.files.tip_history import keep
+from support.running_bridge import RunningBridge, running_bridge
+from support.running_daemon import Daemon, free_endpoint, running_daemon
+from support.simulated_arm import SimulatedArm, simulated_arm
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -73,8 +74,9 @@ def viewing(endpoint: str, *more: str, listen: str = "127.0.0.1:0") -> Iterator[
 
 
 @pytest.fixture(scope="module")
-def view(daemon: Daemon) -> Iterator[RunningBridge]:
-    with viewing(daemon.endpoint, "--allow-commands") as view:
+def view(daemon: Daemon, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningBridge]:
+    sessions = str(tmp_path_factory.mktemp("sessions"))
+    with viewing(daemon.endpoint, "--allow-commands", "--sessions", sessions) as view:
         yield view
 
 
@@ -261,6 +263,41 @@ def test_a_tip_is_changed_and_told(browser: Browser, view: RunningBridge) -> Non
         )
 
 
+def test_a_calibrated_tip_is_listed_and_put_in_force(browser: Browser, view: RunningBridge) -> None:
+    found = {
+        "measured": "2026-03-01T09:00:00+00:00",
+        "standard_uncertainty_mm": [0.01, 0.01, 0.02],
+        "form_error_mm": 0.03,
+        "radius_mm": None,
+        "moved_mm": 0.1,
+    }
+    for name, offset_mm, verdict in (
+        ("sapphire", [1.0, 0.0, 150.0], "doubtful: a loose tip"),
+        ("sapphire", [0.9, 0.0, 150.2], "good"),
+        ("loose", [0.0, 0.0, 150.0], "doubtful: a loose tip"),
+    ):
+        keep("SIM-0001", found | {"name": name, "offset_mm": offset_mm, "verdict": verdict})
+    with opened(browser, view.where) as page:
+        page.focus("#tip-history summary")
+        page.keyboard.press("Enter")
+        page.wait_for_function("() => document.querySelectorAll('#tip-rows tr').length === 3")
+        rows = page.locator("#tip-rows tr").all_inner_texts()
+        assert [row.split()[0] for row in rows] == ["loose", "sapphire", "sapphire"]
+        assert "0.900, 0.000, 150.200" in rows[1] and "0.040" in rows[1] and "good" in rows[1]
+        # The last of a tip alone, and only if it is good.
+        assert page.locator("#tip-rows button").count() == 1
+        page.click("#tip-rows button")
+        page.wait_for_function(
+            "() => document.getElementById('tip').textContent.startsWith('sapphire, radius')"
+        )
+        assert "offset 0.900, 0.000, 150.200 mm; since" in page.inner_text("#tip")
+        page.select_option("#tips", "")
+        page.click("#use-tip")
+        page.wait_for_function(
+            "() => document.getElementById('tip').textContent.startsWith('the cal')"
+        )
+
+
 @pytest.mark.parametrize("scheme", ["dark", "light"])
 @pytest.mark.parametrize("width", [390, 1920])
 def test_nothing_stands_in_anybodys_way(
@@ -280,17 +317,99 @@ def test_nothing_stands_in_anybodys_way(
         assert box["height"] > 24
         OUT.mkdir(exist_ok=True)
         page.screenshot(path=OUT / f"view-{scheme}-{width}.png", full_page=width == 390)
+        page.click("#tip-history summary")
+        assert nothing_grave(page)
+        page.click("#help-open")
+        assert nothing_grave(page)
+
+
+def nothing_grave(page: Page) -> bool:
+    """Whether axe-core finds nothing serious, and nothing is cut off at the page's side."""
+    if not page.evaluate("'axe' in window"):
         page.evaluate(AXE.read_text(encoding="utf-8"))
-        for dialog in (False, True):
-            if dialog:
-                page.click("#help-open")
-            found = page.evaluate("axe.run().then((result) => result.violations)")
-            grave = [
-                (v["id"], [node["html"] for node in v["nodes"]])
-                for v in found
-                if v["impact"] in ("serious", "critical")
-            ]
-            assert grave == []
+    found = page.evaluate("axe.run().then((result) => result.violations)")
+    grave = [
+        (v["id"], [node["html"] for node in v["nodes"]])
+        for v in found
+        if v["impact"] in ("serious", "critical")
+    ]
+    assert grave == []
+    wide = page.evaluate("document.documentElement.scrollWidth - innerWidth")
+    assert wide <= 0, f"{wide} px too wide"
+    return True
+
+
+def tab_to(page: Page, selector: str) -> None:
+    """Moves the focus as a person without a mouse does."""
+    for _ in range(80):
+        page.keyboard.press("Tab")
+        if page.evaluate("(selector) => document.activeElement.matches(selector)", selector):
+            return
+    raise AssertionError(f"{selector} is not reached by Tab")
+
+
+#: What became of presses and keys, one after another: the next press may come at once.
+NOTE_OUTCOMES = """() => {
+  window.outcomes = [];
+  const outcome = document.getElementById("outcome");
+  new MutationObserver(() => window.outcomes.push(outcome.dataset.event))
+    .observe(outcome, { attributes: true, attributeFilter: ["data-event"] });
+}"""
+
+
+def wait_for_outcome(page: Page, event: str) -> None:
+    """Of now or later; what was before is forgotten."""
+    page.wait_for_function("(event) => window.outcomes.includes(event)", arg=event)
+    page.evaluate("window.outcomes = []")
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1920, "light")])
+def test_a_guided_measurement_by_keyboard_alone(
+    browser: Browser, view: RunningBridge, width: int, scheme: Any
+) -> None:
+    """From the first key to a report, on a telephone and on the wall; axe-core at every step."""
+    size: Any = {"width": width, "height": 844 if width == 390 else 1080}
+    with opened(browser, view.where, viewport=size, color_scheme=scheme) as page:
+        page.wait_for_selector("#begin-open:visible")
+        page.keyboard.press("m")
+        page.wait_for_selector("#begin[open]")
+        page.wait_for_selector("#kind option", state="attached")
+        assert nothing_grave(page)
+        tab_to(page, "#kind")
+        page.keyboard.type("seats")
+        tab_to(page, "[name=name]")
+        page.keyboard.type(f"seat {width}")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#guide:visible")
+        page.evaluate(NOTE_OUTCOMES)
+        # The simulated arm wanders and presses here and there: some is taken, much refused.
+        wait_for_outcome(page, "reading")
+        wait_for_outcome(page, "refused")
+        assert nothing_grave(page)
+        page.screenshot(path=OUT / f"view-guide-{width}.png", full_page=width == 390)
+        page.keyboard.press("a")
+        wait_for_outcome(page, "again")
+        page.keyboard.press("x")
+        wait_for_outcome(page, "deleted")
+        tab_to(page, "[data-deed=skip]")
+        page.keyboard.press("Enter")
+        page.wait_for_function(
+            "() => document.getElementById('progress').textContent.includes('1 left out')"
+        )
+        wait_for_outcome(page, "reading")
+        tab_to(page, "[data-deed=finish]")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("[data-deed=close]:visible", timeout=180_000)
+        assert nothing_grave(page)
+        tab_to(page, "#results a[href$='session.toml']")
+        with page.context.expect_page() as other:
+            page.keyboard.press("Enter")
+        other.value.wait_for_url(f"**/sessions/seat%20{width}/session.toml")
+        assert 'arm = "SIM-0001"' in other.value.inner_text("body")
+        other.value.close()
+        tab_to(page, "[data-deed=close]")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#guide", state="hidden")
 
 
 def test_daemon_and_view_go_and_come_without_a_reload(browser: Browser, tmp_path: Path) -> None:
@@ -421,6 +540,12 @@ def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) ->
         page.wait_for_selector("[data-deed=close]:visible", timeout=180_000)
         said = page.inner_text("#results")
         assert "armd calibrate" in said
+        with page.context.expect_page() as tab:
+            page.click("#results a:has-text('calibrate.html')")
+        report = tab.value
+        report.wait_for_selector("h1")
+        assert "SIM-0001" in report.inner_text("body")
+        report.close()
         page.screenshot(path=OUT / "view-result-1920.png")
         page.click("[data-deed=close]")
         page.wait_for_selector("#guide", state="hidden")

@@ -9,14 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_arm_toml import ARM
 
 from armd.compensation.data.session import load_session
 from armd.compensation.model.arm import Arm
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.guided import Guided
-from armd.daemon.bridges.view.http import Refused, Request
+from armd.daemon.bridges.view.http import NotServed, Request
+from armd.daemon.files.session_folder import ArtefactFile
+from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.stations import KINDS, Wishes
 from armd.errors import ArmdError, BadInput
+from armd.files.schema import load_toml
+from support.small_arm_toml import ARM
 
 SECOND_NS = 10**9
 BEGUN_NS = 1_800_000_000 * SECOND_NS
@@ -132,13 +136,51 @@ def test_a_measurement_from_the_beginning_to_a_stop_and_on(tmp_path: Path) -> No
         assert page.told()["phase"] == "none"
         with pytest.raises(ArmdError, match="no guided measurement"):
             await page.do("delete")
-        assert page.guided.choices()["sessions"] == ["seats 1"]
+        (there,) = page.guided.choices()["sessions"]
+        assert there["name"] == "seats 1"
+        paths = {"name": "session.toml", "path": "/sessions/seats%201/session.toml"}
+        assert paths in there["results"]
         await page.do("resume", {"name": "seats 1"})
         assert page.told()["state"]["taken"] == 2
 
     page = on_page(tmp_path, story)
     session = load_session(page.folder / "seats 1", page.arm)
     assert [session.artefact.target_names[i] for i in session.target] == ["S1", "S2"]
+
+
+BALLS = {"B1": [0.0, 0.0, 0.0], "B2": [120.0, 0.0, 0.0], "B3": [0.0, 90.0, 0.0]}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_is_the_terminals(tmp_path: Path, kind: str) -> None:
+    """What the page begins is what `armd measure` would, station by station."""
+    folder = tmp_path / "sessions"
+    folder.mkdir()
+    beam = '[artefact]\nname = "beam"\n' + "".join(
+        f'[[artefact.target]]\nname = "{name}"\nposition_mm = {where}\n'
+        for name, where in BALLS.items()
+    )
+    (folder / "beam.toml").write_text(beam)
+    joints = ",".join(f"q{k}_deg" for k in range(1, len(ARM["joint"]) + 1))
+    row = ",".join(["400.0", "0.0", "100.0", *["10.0"] * len(ARM["joint"])])
+    (folder / "poses.csv").write_text(f"x_mm,y_mm,z_mm,{joints}\n{row}\n")
+    artefact = {"artefact": "beam.toml"} if kind in ("artefact", "poses") else {}
+    content = {"kind": kind, "name": kind, **artefact}
+    content |= {"poses": "poses.csv"} if kind == "poses" else {}
+    content |= {"tip": "ruby"} if kind == "tip" else {}
+
+    async def story(page: Page) -> None:
+        await page.do("begin", content)
+        state = page.told()["state"]
+        known = load_toml(folder / "beam.toml", ArtefactFile).artefact if artefact else None
+        wishes = Wishes(poses=folder / "poses.csv" if kind == "poses" else None)
+        plan = plan_of(kind, page.arm, known, wishes)  # type: ignore[arg-type]
+        assert (state["kind"], state["wanted"]) == (kind, len(plan.stations))
+        first = plan.stations[0]
+        told = state["next"]["target"], state["next"]["placement"], state["next"]["how"]
+        assert told == (first.target, first.placement, first.how)
+
+    on_page(tmp_path, story)
 
 
 @pytest.mark.parametrize("name", ["", "..", "../out", "a/b", ".hidden", "a\0b", "x" * 100, 5, None])
@@ -162,6 +204,12 @@ def test_no_name_leads_out_of_the_folder(tmp_path: Path, name: Any) -> None:
         ({"repeats": 0}, "repeats: found 0"),
         ({"repeats": 2.5}, "repeats: found 2.5"),
         ({"repeats": "many"}, "repeats: found 'many'"),
+        ({"near_mm": 0}, "near_mm: found 0, expected a number above 0"),
+        ({"kind": "tip", "targets": "", "sphere_mm": -25.4}, "sphere_mm: found -25.4"),
+        (
+            {"kind": "verify", "targets": "", "tests": "spot", "repeats": ""},
+            "--tests: found 'spot'",
+        ),
         ({"kind": "artefact"}, "--artefact: found nothing"),
         ({"kind": "tip", "targets": "S1"}, "--targets"),
     ],
@@ -185,12 +233,12 @@ def test_what_is_no_deed_is_refused(tmp_path: Path) -> None:
             await page.do("begin", SEATS)
         page.feed.arm = Daemon(page.arm)
         await page.do("begin", SEATS)
-        with pytest.raises(Refused):
+        with pytest.raises(NotServed):
             await page.do("format-disk")
         with pytest.raises(BadInput, match="no reading"):
             await page.do("finish")
         for body in (b"[]", b"{"):
-            with pytest.raises(Refused):
+            with pytest.raises(NotServed):
                 await page.guided.do(Request("POST", "/guided/begin", {}, {}, body))
 
     on_page(tmp_path, story)

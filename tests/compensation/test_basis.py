@@ -6,9 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.curve import curve_at, curve_pieces
 from armd.compensation.model.gravity import (
     gravity_directions,
     gravity_moments,
@@ -83,12 +85,12 @@ DEFINITIONS = [
         1 - np.exp(-np.minimum(np.arange(50), 10) / 15),
     ),
     (
-        {"kind": "daily_sin", "since_unix_s": 1.7e9 - 21600, "until_unix_s": 1.7e9},
-        np.cos(2 * np.pi * np.arange(50) / 1440),
+        {"kind": "daily_sin", "since_unix_s": 1.7e9 - 21600, "until_unix_s": 1.7e9 + 600},
+        np.cos(2 * np.pi * np.minimum(np.arange(50), 10) / 1440),
     ),
     (
-        {"kind": "daily_cos", "since_unix_s": 1.7e9 - 43200},
-        -np.cos(2 * np.pi * np.arange(50) / 1440),
+        {"kind": "daily_cos", "since_unix_s": 1.7e9 + 1200},
+        np.cos(2 * np.pi * np.maximum(np.arange(50) - 20, 0) / 1440),
     ),
     ({"kind": "after", "instant_unix_s": 1.7e9 + 600}, 1.0 * (np.arange(50) >= 10)),
     ({"kind": "sin", "joint": 2, "order": 3}, np.sin(3 * Q[:, 1])),
@@ -220,3 +222,14 @@ def test_default_masses_lie_in_the_middle_of_their_links() -> None:
     assert middle == pytest.approx((origins[0, 0] + origins[0, 1]) / 2, abs=1e-9)
     tip = forward(Q[:1], arm.nominal())[0][0]
     assert kg[3] == pytest.approx(np.linalg.norm(tip - origins[0, 3]) / 1000)
+
+
+@pytest.mark.parametrize("n", [4, 5, 64, 511, 512])
+def test_a_curve_is_scipys_periodic_spline(n: int) -> None:
+    values = np.random.default_rng(n).normal(size=n)
+    turn = np.linspace(0.0, math.tau, n + 1)
+    spline = CubicSpline(turn, [*values, values[0]], bc_type="periodic")
+    scale = np.abs(spline.c[::-1].T).max(axis=0)
+    np.testing.assert_allclose(curve_pieces(values) / scale, spline.c[::-1].T / scale, atol=1e-12)
+    angle = np.concatenate([turn, np.random.default_rng(1).uniform(-9, 9, 300), [np.nan]])
+    np.testing.assert_allclose(curve_at(values, angle), spline(angle), atol=1e-12)

@@ -28,8 +28,9 @@ from armd.compensation.model.calibration import (
     save_calibration,
 )
 from armd.compensation.model.parameters import ParameterLayout
+from armd.compensation.model.slow_factors import Time
 from armd.compensation.model.state import States
-from armd.compensation.model.terms import Term, Time
+from armd.compensation.model.terms import Term
 from armd.errors import BadInput
 
 DATA = Path(__file__).parent / "data"

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import synthetic
 
 from armd.compensation.data.session import Session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.certificate import judge
+from support import synthetic
 
 ARM = synthetic.arm()
 OPTIONS = Options(thermal_order=0)
@@ -42,6 +42,7 @@ def test_certificate(size: float, encoder_arcsec: float, placements: int, words:
         "granted": certificate.granted,
         "reason": certificate.reason,
         "kind": "identification record, not an ISO 17025 certificate",
+        "scale_known": True,
     }
 
 
@@ -57,6 +58,18 @@ def test_a_tracker_needs_no_second_placement() -> None:
     seen.states.q[:] += ARCSEC * rng.normal(size=seen.states.q.shape)
     certificate = calibrate([seen], ARM, OPTIONS).certificate
     assert certificate.granted, certificate.reason
+
+
+@pytest.mark.parametrize("distances", [[], [(0, 1)]])
+def test_without_a_length_it_is_not_for_lengths(distances: list[tuple[int, int]]) -> None:
+    """Seats that nobody measured: the same readings fit an arm of any size."""
+    session = seats(np.random.default_rng(8), targets=2, placements=4, known=False,
+                    distances=distances, readings=180)  # fmt: skip
+    certificate = calibrate([session], ARM, OPTIONS).certificate
+    assert certificate.granted, certificate.reason
+    assert certificate.scale_known == bool(distances)
+    assert ("all of them may be wrong by the same share" in certificate.reason) != bool(distances)
+    assert certificate.word == ("granted" if distances else "granted, but not for lengths")
 
 
 def test_hardly_more_readings_than_unknowns_get_none() -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import synthetic
 
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import evaluate
 from armd.errors import BadInput
+from support import synthetic
 
 ARM = synthetic.arm(9)
 OPTIONS = Options(thermal_order=0)

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import synthetic
 
 from armd.compensation.data.session import Session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import evaluate
+from support import synthetic
 
 ARM = synthetic.arm()
 SEEDS = 6
@@ -37,9 +37,9 @@ def test_readings_of_a_tracker(readings: int, wrong: int) -> None:
         one, other = (noisy(whole.rows(half), rng, wrong) for half in (first, ~first))
         result = calibrate([one], ARM, Options(thermal_order=0))
         printed.append(result.heldout_rms_um)
-        without.append(result.heldout.without_outliers_um)
-        assert result.heldout.n_outliers == len(result.fit.outliers) >= wrong // 2
-        assert (" without the " in result.heldout.in_words()) == (result.heldout.n_outliers > 0)
+        without.append(result.heldout.without_far_um)
+        assert result.heldout.n_far == len(result.fit.weighed_down) >= wrong // 2
+        assert (" without the " in result.heldout.in_words()) == (result.heldout.n_far > 0)
         found = evaluate([other], ARM, result.calibration)
         elsewhere.append(float(np.sqrt(np.mean(found.distance_um**2))))
     assert rms(printed) == pytest.approx(rms(elsewhere), rel=0.2)

@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import synthetic
-from synthetic import disturbed, session, tracked
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.estimate.gauge import free_constants, unidentifiable
@@ -16,13 +14,15 @@ from armd.compensation.estimate.poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit, fit
-from armd.compensation.identify.thermal import length_terms
+from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Term
+from support import synthetic
+from support.synthetic import disturbed, session, tracked
 
 ARM = synthetic.arm()
 ARCSEC = np.pi / 180 / 3600

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import synthetic
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify import fit as fitting
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit, fit
-from armd.compensation.identify.regions import in_region
+from support import synthetic
 
 ARM = synthetic.arm()
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import synthetic
 from threadpoolctl import threadpool_limits
 
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import Fit, fit
+from support import synthetic
 
 ARM = synthetic.arm()
 UNKNOWNS = Unknowns(free_constants(ARM))

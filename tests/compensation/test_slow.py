@@ -10,17 +10,17 @@ from hypothesis import strategies as st
 from armd.compensation.kernel.slow_factors import SlowFactors
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
-from armd.compensation.model.state import States
-from armd.compensation.model.terms import (
+from armd.compensation.model.slow_factors import (
     After,
     Daily,
     Relaxation,
     SlowFactor,
     Temperature,
     TemperatureRate,
-    Term,
     Time,
 )
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import Term
 
 REFERENCE_C, BEGIN_S, MORE_C = 20.0, 1.7e9, 0.01
 ARM = Arm.model_validate(
@@ -39,6 +39,15 @@ weights = st.dictionaries(
 lags = st.sampled_from([0.0, 0.5, 40.0])
 degrees = st.floats(10, 30)
 seconds = st.floats(BEGIN_S - 100, BEGIN_S + 200)
+#: Some end between the instants that are tried, some never.
+periods = st.builds(
+    lambda since, span: {
+        "since_unix_s": st.just(since),
+        "until_unix_s": st.just(None if span is None else since + span),
+    },
+    seconds,
+    st.none() | st.floats(0, 100),
+)
 factors: st.SearchStrategy[SlowFactor] = st.one_of(
     st.builds(
         Temperature,
@@ -49,9 +58,13 @@ factors: st.SearchStrategy[SlowFactor] = st.one_of(
         zone_c=st.none() | st.tuples(degrees, degrees),
     ),
     st.builds(TemperatureRate, weights=weights, smoothing_s=st.sampled_from([0.5, 40.0])),
-    st.builds(Time, since_unix_s=seconds, power=st.integers(1, 3)),
-    st.builds(Relaxation, since_unix_s=seconds, time_constant_s=st.sampled_from([0.5, 40.0])),
-    st.builds(Daily, kind=st.sampled_from(["daily_sin", "daily_cos"]), since_unix_s=seconds),
+    periods.flatmap(lambda period: st.builds(Time, **period, power=st.integers(1, 3))),
+    periods.flatmap(
+        lambda period: st.builds(Relaxation, **period, time_constant_s=st.sampled_from([0.5, 40.0]))
+    ),
+    periods.flatmap(
+        lambda period: st.builds(Daily, **period, kind=st.sampled_from(["daily_sin", "daily_cos"]))
+    ),
     st.builds(After, instant_unix_s=seconds),
 )
 terms = st.lists(

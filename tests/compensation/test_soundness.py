@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import synthetic
 
 from armd.compensation.data.session import Session
 from armd.compensation.data.soundness import make_sound
-from armd.compensation.diagnose.fitting.noise import Noise, without_gross
-from armd.compensation.diagnose.gain import gain
-from armd.compensation.diagnose.gain import without_gross as decided_on
+from armd.compensation.diagnose.fitting.noise import without_gross
+from armd.compensation.diagnose.heldout.gain import gain
+from armd.compensation.diagnose.heldout.gain import without_gross as decided_on
+from armd.compensation.diagnose.problem.whitening import Noise
 from armd.compensation.model.arm import Arm
+from support import synthetic
 
 ARM = synthetic.arm()
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import synthetic
 
 from armd.compensation.estimate.observations import gather
-from armd.compensation.identify.calibrate import Options, Result, calibrate
+from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.per_temperature import regression
-from armd.compensation.identify.thermal import angle_terms, length_terms, temperature_groups
+from armd.compensation.identify.result import Result
+from armd.compensation.identify.thermal.comparison import temperature_groups
+from armd.compensation.identify.thermal.per_temperature import regression
+from armd.compensation.identify.thermal.terms import angle_terms, length_terms
 from armd.compensation.model.terms import Term
+from support import synthetic
 
 ARM = synthetic.arm()
 ARCSEC = np.pi / 180 / 3600

@@ -272,7 +272,7 @@ def test_the_largest_is_told_beside_what_decides() -> None:
     assert told["deciding_mm"] == pytest.approx(0.0041)
     assert told["deciding_at"] == "P13"
     assert told["expanded_uncertainty_mm"] == pytest.approx(0.008)
-    page = verification_report(verdict, measured.session(), ARM, None)
+    page = verification_report(verdict, measured.session(), ARM, {})
     assert "-5.10" in page
     assert "+4.10" in page
 
@@ -282,10 +282,10 @@ def test_a_verdict_names_what_it_covers_and_why_it_fails() -> None:
     for seat in ("SPAT1", "SPAT2", "SPAT3"):
         measured.add(seat, seat, *[(0.001 * i, 0, 0) for i in range(10)])
 
-    def verdict(**mpe: float) -> Verdict:
-        return judge(
-            measured.figures(), Limits.model_validate({"schema": "armd.mpe/1", "mpe": mpe})
-        )
+    def verdict(uncertainty: dict[str, float] | None = None, **mpe: float) -> Verdict:
+        content = {"schema": "armd.mpe/1", "mpe": mpe, "uncertainty": uncertainty or {}}
+        limits = Limits.model_validate(content)
+        return judge(measured.figures(limits.uncertainty), limits)
 
     passed = verdict(spat_max_mm=0.02)
     assert passed.passed
@@ -293,13 +293,16 @@ def test_a_verdict_names_what_it_covers_and_why_it_fails() -> None:
     assert passed.as_json()["covers"] == ["spat_max"]
     assert passed.as_json()["not_judged"] == ["spat_2s"]
     failed = verdict(spat_max_mm=0.002, p_size_mm=0.01)
-    assert failed.in_words.startswith("FAILED: SPAT max δ: does not conform (+4.5 µm at SPAT1, MPE")
-    assert "p_size: not tested, no certified length between" in failed.in_words
-    page = verification_report(failed, measured.session(), ARM, None)
-    assert "<b>FAILED</b>SPAT max δ: does not conform" in page
-    assert "<b>PASSED</b>for SPAT max δ" in verification_report(
-        passed, measured.session(), ARM, None
+    assert failed.in_words.startswith(
+        "FAILED: SPAT max δ: does not conform (+4.5 µm at SPAT1, MPE 2.0 µm, U not stated)"
     )
+    assert any("the test's uncertainty is not stated" in remark for remark in passed.remarks)
+    assert "U not stated" not in verdict(spat_max_mm=0.002, uncertainty={"seat_mm": 1e-4}).in_words
+    assert "p_size: not tested, no certified length between" in failed.in_words
+    page = verification_report(failed, measured.session(), ARM, {})
+    assert "<b>FAILED</b>SPAT max δ: does not conform" in page
+    assert "SPAT max δ: every result" in page and ">SPAT2<" in page and ">not stated<" in page
+    assert "<b>PASSED</b>for SPAT max δ" in verification_report(passed, measured.session(), ARM, {})
     assert "p_size: though it has a limit: no certified length" in page
     unlimited = judge(measured.figures(), None)
     assert not unlimited.passed

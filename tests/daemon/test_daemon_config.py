@@ -8,13 +8,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from running_daemon import free_endpoint
 
 from armd import BadInput
 from armd.daemon import cli
 from armd.daemon.config import load_config
 from armd.daemon.network.session import open_session
 from armd.drivers.config import ReplayConfig
+from support.running_daemon import free_endpoint
 
 ARM = """
 schema = "armd.arm/1"

@@ -8,7 +8,7 @@ import socket
 import pytest
 
 from armd import Flag
-from armd.daemon.host.journal import BURST, Log
+from armd.daemon.host.journal import BURST, Journal
 from armd.daemon.host.systemd import Systemd
 from armd.daemon.state import Seen, State, assess
 from armd.drivers.sample import Event
@@ -49,7 +49,7 @@ def test_the_worst_reason_wins(seen, state, reason):
 def test_a_flood_of_events_is_counted_not_written(tmp_path):
     now_s = [0.0]
     with (tmp_path / "stderr").open("w+") as stream:
-        log = Log(stream, lambda: now_s[0])
+        log = Journal(stream, lambda: now_s[0])
         for _ in range(100):
             log.write(Event("silence", "no sample", 0, "error", {"port": "x"}))
             log.write(Event("state", "NOT_READY", 0, "warning"))
@@ -70,7 +70,7 @@ def test_a_flood_of_events_is_counted_not_written(tmp_path):
 
 def test_of_every_sensor_and_joint_a_line_is_written(tmp_path):
     with (tmp_path / "stderr").open("w+") as stream:
-        log = Log(stream)
+        log = Journal(stream)
         for k in range(1, 17):
             log.write(Event("temperature_back", f"sensor t{k} is back", 0, "info"))
         log.close()
@@ -87,7 +87,7 @@ def test_the_journal_gets_fields(tmp_path, monkeypatch):
         journal.settimeout(5)
         status = os.fstat(stream.fileno())
         monkeypatch.setenv("JOURNAL_STREAM", f"{status.st_dev}:{status.st_ino}")
-        log = Log(stream, journal=str(tmp_path / "journal"))
+        log = Journal(stream, journal=str(tmp_path / "journal"))
         log.write(Event("silence", "no\nsample", 0, "warning", {"port": "x"}))
         fields = journal.recv(1000).decode()
         journal.close()  # as when it restarts: nothing is lost
@@ -104,7 +104,7 @@ def test_the_journal_gets_fields(tmp_path, monkeypatch):
 def test_standard_error_that_is_not_the_journals_stays_in_use(tmp_path, monkeypatch):
     monkeypatch.setenv("JOURNAL_STREAM", "1:2")
     with (tmp_path / "stderr").open("w+") as stream:
-        log = Log(stream)
+        log = Journal(stream)
         log.write(Event("button", "pressed", 0, "info"))
         log.close()
         stream.seek(0)

@@ -11,10 +11,10 @@ import time
 from pathlib import Path
 
 import pytest
-from running_daemon import running_daemon, session_with
 
 import armd
 from armd.simulator.truth.nominal import arm_toml
+from support.running_daemon import running_daemon, session_with
 
 SERIAL = "SIM-0001"
 FORGER = """

@@ -7,10 +7,11 @@ import os
 from pathlib import Path
 
 import pytest
-from running_daemon import running_daemon
-from simulated_arm import simulated_arm
 
+from armd.daemon.commands.live.status import _lines as status_lines
 from armd.daemon.interim_checks import InterimChecks, complaint
+from support.running_daemon import running_daemon
+from support.simulated_arm import simulated_arm
 
 NOON = 1_772_971_200.0  # 2026-03-08 12:00 UTC
 
@@ -88,6 +89,18 @@ def test_a_missing_history_is_told_and_found_when_it_comes(tmp_path: Path) -> No
     os.utime(tmp_path / "report.json", (NOON, NOON))
     checks.look()
     assert complaint(checks.last, {}, NOON, None)[0]
+
+
+def test_status_names_the_last_check() -> None:
+    last = {"check": "day-04", "age_h": 31.6, "state": "in_control", "reason": ""}
+    health = {
+        "serial": "S", "state": "READY", "reason": "", "calibration": None, "drops": {},
+        "rates": {"points_hz": 9.0}, "points": {"published": 7}, "temperatures_c": {},
+    }  # fmt: skip
+    assert "interim      day-04, 32 h old, in control" in status_lines(health | {"interim": last})
+    nothing = {"check": None, "age_h": None, "state": None, "reason": "checks is not there"}
+    assert "interim      checks is not there" in status_lines(health | {"interim": nothing})
+    assert not any(line.startswith("interim") for line in status_lines(health | {"interim": None}))
 
 
 def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:

@@ -6,10 +6,10 @@ import json
 import time
 
 import zenoh
-from running_daemon import free_endpoint, session_with
 
 from armd.daemon.network.publisher import Publisher
 from armd.daemon.network.queries import AT_ONCE, RING, Queries
+from support.running_daemon import free_endpoint, session_with
 
 
 def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsewhere():

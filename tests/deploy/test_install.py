@@ -18,6 +18,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 INSTALL = "/tmp/project/deploy/install.sh"
 NEEDED_BYTES = 3 << 30
+CODE = "/var/cache/armd/numba/"
 AS_ARMD = ["setpriv", "--reuid=armd", "--regid=armd", "--clear-groups"]
 
 
@@ -54,11 +55,23 @@ def test_from_the_index_twice_and_away(root: ThrowawayRoot) -> None:
     assert "/etc/systemd/system/multi-user.target.wants/armd.service" in first
     version = root.run(*AS_ARMD, "armd", "--version")
     assert version.returncode == 0, version.stderr
+    complete = ". /usr/local/share/bash-completion/completions/armd && complete -p armd"
+    assert root.run("bash", "-euc", complete).stdout.startswith("complete ")
+    assert ".TH ARMD 1" in root.path("/usr/local/share/man/man1/armd.1").read_text()
+
+    # The program that the service starts finds what was compiled for it, and compiles nothing.
+    code = {path for path in first if path.startswith(CODE)}
+    python = root.run("head", "-1", "/opt/armd/bin/armd").stdout.strip().removeprefix("#!")
+    cached = [*AS_ARMD, "env", "CACHE_DIRECTORY=/var/cache/armd"]
+    again = root.run(*cached, python, "-I", "-m", "armd.daemon.ahead")
+    assert again.returncode == 0, again.stderr
+    assert code and {path for path in root.changes() if path.startswith(CODE)} == code
+    first = root.changes()
 
     install(root)
     # The second is built beside the first, which goes; nothing else is another.
     moved = {path.replace("/opt/armd.b", "/opt/armd.a") for path in root.changes()}
-    compiled = {path for path in moved ^ first if "__pycache__" in path}
+    compiled = {path for path in moved ^ first if "__pycache__" in path or path.startswith(CODE)}
     assert moved ^ first == compiled
 
     root.path("/etc/armd/armd.toml").write_text("mine")

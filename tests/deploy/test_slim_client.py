@@ -61,8 +61,8 @@ def test_importing_it_costs_little_beside_its_dependencies(python: Path, tmp_pat
 
 def test_it_hears_a_daemon(python: Path, tmp_path: Path) -> None:
     """The README's subscriber, unchanged."""
-    from running_daemon import running_daemon
-    from simulated_arm import simulated_arm
+    from support.running_daemon import running_daemon
+    from support.simulated_arm import simulated_arm
 
     example = ROOT / "docs" / "examples" / "subscriber.py"
     with (

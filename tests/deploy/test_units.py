@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from debian_packages import unpacked
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 UNITS = ["armd.service", "armd@.service"]
+BRIDGE = "armd-bridge@.service"
 EXPOSURE_AT_MOST = "20"  # tenths
 
 
@@ -33,7 +35,7 @@ def analyze() -> list[str]:
     return ["env", *environment, str(root / "usr/bin/systemd-analyze")]
 
 
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", [*UNITS, BRIDGE])
 def test_exposure_is_at_most_two(analyze: list[str], unit: str) -> None:
     threshold = f"--threshold={EXPOSURE_AT_MOST}"
     check = [*analyze, "security", "--offline=true", threshold, str(DEPLOY / unit)]
@@ -42,7 +44,7 @@ def test_exposure_is_at_most_two(analyze: list[str], unit: str) -> None:
     assert "Overall exposure level" in run.stdout
 
 
-@pytest.mark.parametrize("unit", UNITS)
+@pytest.mark.parametrize("unit", [*UNITS, BRIDGE])
 def test_systemd_understands_every_line(analyze: list[str], unit: str, tmp_path: Path) -> None:
     # The program is not installed here; anything that can be executed stands for it.
     text = (DEPLOY / unit).read_text().replace("/opt/armd/bin/armd", shutil.which("true") or "")
@@ -80,6 +82,28 @@ def test_the_daemon_is_watched_and_nobody(unit: str) -> None:
     ]
 
 
+def test_a_bridge_has_no_device_no_network_and_no_more_than_the_daemon() -> None:
+    bridge, daemon = set(settings(BRIDGE)), set(settings("armd.service"))
+    for line in ("DynamicUser=yes", "PrivateDevices=yes", "Restart=always", "IPAddressDeny=any"):
+        assert line in bridge
+    assert not [line for line in bridge if line.startswith(("DeviceAllow", "LimitRTPRIO"))]
+    # What fences the daemon in fences its bridges in, but for what the daemon alone needs.
+    fences = {line for line in daemon if line.startswith(("Protect", "Private", "Restrict", "IP"))}
+    fences |= {
+        line for line in daemon if line.startswith(("SystemCall", "Socket", "Capab", "NoNew"))
+    }
+    own = {line for line in fences if "AF_CAN" in line or "sched_setscheduler" in line}
+    own |= {"RestartPreventExitStatus=2"}
+    assert fences - own <= bridge
+
+
+@pytest.mark.parametrize("name", ["view", "ippdme", "ros2", "stream"])
+def test_each_bridge_of_the_template_is_a_command(name: str) -> None:
+    assert "ExecStart=/opt/armd/bin/armd %i $OPTIONS" in settings(BRIDGE)
+    run = [sys.executable, "-m", "armd.daemon.cli", name, "--help"]
+    assert "--endpoint" in subprocess.run(run, capture_output=True, text=True).stdout
+
+
 def test_install_rejects_what_it_does_not_know() -> None:
     run = subprocess.run(["sh", DEPLOY / "install.sh", "--purgee"], capture_output=True, text=True)
     assert run.returncode == 2
@@ -98,9 +122,12 @@ def test_install_takes_every_file_there_is() -> None:
 def test_every_installed_file_is_removed() -> None:
     script = (DEPLOY / "install.sh").read_text()
     uninstall = script.partition("uninstall() {")[2].partition("\n}\n")[0]
+    assert 'system_files | while read -r file; do rm -f "$file"; done' in uninstall
+    files = script.partition("system_files() {")[2].partition("\n}\n")[0]
     placed = set(re.findall(r'install -D -m 644 \S+ "(\$\w+/[^"]+)"', script))
     assert placed
-    assert placed == set(re.findall(r'"(\$\w+/[^"]+)"', uninstall))
+    generated = {"$bash/armd", "$zsh/_armd", "$fish/armd.fish", "$man/armd.1"}
+    assert placed | generated == set(re.findall(r'"(\$\w+/[^"]+)"', files))
 
 
 def test_no_host_is_named() -> None:

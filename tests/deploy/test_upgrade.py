@@ -29,6 +29,8 @@ case "$*" in
     "-I -m pip "*"--constraint"*)
         [ ! -e {folder}/fail-pip ] && cp {folder}/version "${{0%/bin/*}}/" ;;
     "-I -c import armd"*) [ ! -e {folder}/fail-load ] ;;
+    "-I -m armd "*)
+        [ ! -e {folder}/fail-help ] && shift 3 && echo "$* of $(cat {folder}/version)" ;;
     "-I "*) ;;
     *) echo "not isolated: $*" >&2; exit 9 ;;
 esac
@@ -52,7 +54,8 @@ class Machine:
             (folder / name).mkdir(parents=True)
         (folder / "root/armd").mkdir()
         programs = {"python3": PYTHON, "systemctl": SYSTEMCTL}
-        programs |= dict.fromkeys(["systemd-sysusers", "udevadm", "setpriv", "chown"], QUIET)
+        programs |= dict.fromkeys(["systemd-sysusers", "udevadm", "chown"], QUIET)
+        programs["setpriv"] = '#!/bin/sh\necho "setpriv $*" >>{folder}/asked\n'
         # The group armd is not this machine's.
         programs["install"] = (
             '#!/bin/sh\ncase "$*" in *" -g "*) exit 0;; esac\nexec /usr/bin/install "$@"\n'
@@ -88,6 +91,25 @@ class Machine:
     def unit(self) -> Path:
         return self.folder / "root/usr/local/lib/systemd/system/armd.service"
 
+    def help_files(self) -> dict[str, str]:
+        """What shells complete and `man` shows."""
+        share = self.folder / "root/usr/local/share"
+        return {
+            str(path.relative_to(share)): path.read_text().strip()
+            for path in share.rglob("*")
+            if path.is_file()
+        }
+
+
+def help_of(version: str) -> dict[str, str]:
+    """By the paths in which Debian's shells and man look, below /usr/local/share."""
+    return {
+        "bash-completion/completions/armd": f"completion bash of {version}",
+        "zsh/site-functions/_armd": f"completion zsh of {version}",
+        "fish/vendor_completions.d/armd.fish": f"completion fish of {version}",
+        "man/man1/armd.1": f"man of {version}",
+    }
+
 
 @pytest.fixture
 def machine(tmp_path: Path) -> Machine:
@@ -106,8 +128,22 @@ def test_an_upgrade_is_built_beside_and_leaves_nothing_of_the_old(machine: Machi
     assert done.returncode == 0, done.stderr
     assert machine.version() == "2"
     assert sorted(path.name for path in machine.opt.iterdir()) == ["armd", "armd.b"]
-    assert "restart 2" in machine.asked
+    asked = machine.asked.splitlines()
+    (ahead,) = (line for line in asked if line.endswith("-m armd.daemon.ahead"))
+    assert ahead.startswith("setpriv --reuid=armd ") and "/opt/armd.b/bin/python -I" in ahead
+    assert asked.index(ahead) < asked.index("restart 2")
     assert machine.unit().read_text() != "unit of 1"
+    assert machine.help_files() == help_of("2")
+
+
+def test_the_help_goes_with_its_program(machine: Machine) -> None:
+    assert machine.help_files() == help_of("1")
+    machine.install("broken")
+    assert machine.help_files() == help_of("1")
+    machine.fail("help")  # of a program that is good otherwise
+    done = machine.install("2")
+    assert done.returncode == 0 and "armd man: found an error" in done.stderr
+    assert machine.version() == "2" and machine.help_files() == {}
 
 
 @pytest.mark.parametrize("what", ["pip", "load"])

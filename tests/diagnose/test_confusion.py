@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from small_fit import candidate, small_fit
 
 from armd.compensation.diagnose.scoring import confusion
+from support.small_fit import candidate, small_fit
 
 N = 20
 OWN, RIVAL = candidate("encoder_scale", 1), candidate("encoder_slip", 2)

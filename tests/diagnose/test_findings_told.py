@@ -6,19 +6,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_fit import candidate
 
-from armd.compensation.diagnose.advice import alike
-from armd.compensation.diagnose.findings import Finding, Rival, likelier_rival
-from armd.compensation.diagnose.findings import _honest as honest
+from armd.compensation.diagnose.diagnosis import Finding, Rival
 from armd.compensation.diagnose.fitting.curves import CURVE_POINTS, as_curve, orders_of
 from armd.compensation.diagnose.scoring.shape import OFF, is_shape, shape_candidate, shape_place
-from armd.compensation.diagnose.selection import joined
+from armd.compensation.diagnose.search.findings import _honest as honest
+from armd.compensation.diagnose.search.findings import _nearest as nearest
+from armd.compensation.diagnose.search.findings import likelier_rival
+from armd.compensation.diagnose.search.selection import joined
+from armd.compensation.diagnose.told.advice import alike
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
-from armd.compensation.model.basis import basis_values, curve_spline
-from armd.compensation.model.terms import Curve, Harmonic
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.curve import curve_at
+from armd.compensation.model.pose_factors import Curve, Harmonic
+from support.small_fit import candidate
 
 NAMED = candidate("encoder_scale", 3)
 OTHER = candidate("encoder_eccentricity", 3)
@@ -122,10 +125,26 @@ def test_a_curve_is_its_harmonics_where_the_joint_stood_and_their_mean_elsewhere
         assert isinstance(wave, Harmonic)
         turn = np.sin if wave.kind == "sin" else np.cos
         expected += value * weight * turn(wave.order * q[:, 1])
-    at = curve_spline(factor.values)(q[:, 1])
+    at = curve_at(factor.values, q[:, 1])
     # Where the mean begins, a step, the spline swings by half a per cent of the curve.
     largest = np.abs(expected).max()
     np.testing.assert_allclose(at, expected, atol=5e-3 * largest)
     np.testing.assert_allclose(at[5:-5], expected[5:-5], atol=1e-4 * largest)
     unseen = np.array(factor.values)[200:300]
     assert np.ptp(unseen) == 0.0 and abs(unseen[0]) < np.abs(expected).max()
+
+
+def test_a_rival_step_is_taken_nearest_to_the_instant_between_those_of_the_grid() -> None:
+    def step(at: float, finest: bool = False) -> Candidate:
+        return Candidate(
+            "encoder_slip",
+            location.joint(1),
+            (Column("step", "rad", 1e-5),),
+            ("time_s",),
+            (("instant", at, "s (Unix)"),),
+            None if finest else lambda: [step(at + by, True) for by in (-40.0, -20.0, 20.0, 40.0)],
+        )
+
+    grid = [step(1000.0), step(1100.0), step(1200.0)]
+    assert nearest(1083.0, grid).setting[0][1] == 1080.0
+    assert nearest(1101.0, grid).setting[0][1] == 1100.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.gain import gain, gains
+from armd.compensation.diagnose.heldout.gain import gain, gains
 
 
 def squares(rng: np.random.Generator, groups: np.ndarray, sigma_mm: float) -> np.ndarray:

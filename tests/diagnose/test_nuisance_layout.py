@@ -1,14 +1,11 @@
 """Which nuisance columns belong to whom, whatever findings come and go."""
 
 import numpy as np
-from small_fit import candidate, small_fit
 
-from armd.compensation.diagnose.fitting.nuisance import (
-    amplitude_variance,
-    is_sized,
-    with_other_findings,
-    with_some_findings,
-)
+from armd.compensation.diagnose.fitting.nuisance import with_other_findings
+from armd.compensation.diagnose.problem.amplitudes import amplitude_variance, is_sized
+from armd.compensation.diagnose.problem.layout import with_some_findings
+from support.small_fit import candidate, small_fit
 
 A, B, C = (
     candidate("encoder_scale", 1),

@@ -6,25 +6,28 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import fdtri
-from small_fit import unit_noise
 
 from armd.compensation.diagnose.fitting.outliers import find_outliers
 from armd.compensation.estimate import robust
 from armd.compensation.estimate.folds import blocks_of_time, whole_groups
+from support.small_fit import unit_noise
 
 N = 400
 
 
 def found_in(left: np.ndarray) -> tuple[list[int], float]:
+    """Of rests all over the turn of six joints, as many as residuals (n, 3)."""
     n = len(left)
+    states = SimpleNamespace(q=np.random.default_rng(n).uniform(-3.0, 3.0, (n, 6)))
+    rests = SimpleNamespace(n=n, observations=SimpleNamespace(states=states))
     fit: Any = SimpleNamespace(
-        linear=SimpleNamespace(rests=SimpleNamespace(n=n)),
+        linear=SimpleNamespace(rests=rests),
         raw_residual=left.ravel(),
         fitted=np.zeros(3 * n),
         noise=unit_noise(n),
     )
-    rests, p = find_outliers(fit)
-    return rests.tolist(), p
+    found, p = find_outliers(fit)
+    return found.tolist(), p
 
 
 def test_one_reading_far_off_is_found_and_a_group_of_one_kind_too() -> None:

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_fit import unit_noise
 
 from armd.compensation.diagnose.fitting import noise as noise_model
-from armd.compensation.diagnose.fitting.blocks import in_blocks
+from armd.compensation.estimate.blocks import in_blocks
+from support.small_fit import unit_noise
 
 N = 12
 
@@ -40,7 +40,9 @@ def test_products_by_placement_are_those_of_all_rows() -> None:
     residual = np.random.default_rng(3).normal(size=len(columns))
     whitener = np.random.default_rng(4).normal(size=(N, 3, 3))
     distance = np.array([0.5, 2.0])
-    found = in_blocks(columns, problem).products(whitener, distance, residual)
+    found = in_blocks(columns, problem.rests.observations.placement).products(
+        whitener, distance, residual
+    )
     both = np.column_stack([columns, residual])
     white = np.vstack(
         [
@@ -61,7 +63,9 @@ def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float) -> No
     distance = problem.rests.observations.distances.standard_uncertainty_mm
     # A scale is common to all rows: the lengths' own is taken along by it.
     whitener = noise_model._unit_whitener(problem, share)
-    products = in_blocks(columns, problem).products(whitener, distance, residual)
+    products = in_blocks(columns, problem.rests.observations.placement).products(
+        whitener, distance, residual
+    )
     sums = noise_model._sums(whitener, products, 2, len(residual))
 
     def dense(scale: float, relative: np.ndarray) -> float:
@@ -88,7 +92,7 @@ def test_the_noise_of_many_rests_is_found() -> None:
     rng = np.random.default_rng(8)
     root = np.linalg.cholesky(noise_model._covariance(problem, share))
     residual = scale * (root @ rng.normal(size=(n, 3, 1))).ravel()
-    nothing = in_blocks(np.zeros((3 * n, 0)), problem)
+    nothing = in_blocks(np.zeros((3 * n, 0)), problem.rests.observations.placement)
     found = noise_model.estimate(problem, residual, nothing, np.zeros(0))
     assert found.scale_mm == pytest.approx(scale, rel=0.05)
     assert found.encoder_share == pytest.approx(share, abs=0.05)

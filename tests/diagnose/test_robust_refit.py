@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2
-from small_fit import candidate, small_fit
 
-from armd.compensation.diagnose.fitting.nuisance import most_plausible
+from armd.compensation.diagnose.problem.amplitudes import most_plausible
 from armd.compensation.diagnose.scoring import robust_refit, scatter
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.estimate.linear_model import Layout, LinearModel
 from armd.compensation.estimate.robust import WINSOR_AT
+from support.small_fit import candidate, small_fit
 
 N = 60
 CAUSE = candidate("encoder_scale", 1)
@@ -60,27 +60,28 @@ def made(monkeypatch):
 
 def test_the_robust_solution_is_that_of_a_general_minimiser(made) -> None:
     projection, shared, own, raw = made
-    both = robust_refit._absorbing(projection).joined(CAUSE, projection)
-    found, loss = both.robust(raw)
+    found = robust_refit._absorbing(projection).joined(CAUSE).robust()
     columns = np.column_stack([shared, own])
     ridge = np.array([1 / 50.0] * 3 + [most_plausible(CAUSE.columns[0]) ** -2])
 
     def cost(x: np.ndarray) -> float:
         return huber(raw - columns @ x) + 0.5 * float(x**2 @ ridge)
 
-    best = minimize(cost, found + 0.1, method="BFGS", options={"gtol": 1e-8})
-    assert loss == pytest.approx(cost(found))
-    assert loss == pytest.approx(best.fun, rel=1e-3)
-    np.testing.assert_allclose(found, best.x, atol=0.05)
+    best = minimize(cost, np.linalg.lstsq(columns, raw)[0], method="BFGS", options={"gtol": 1e-8})
+    assert found.loss == pytest.approx(best.fun, abs=0.02)
+    left = (raw - columns @ best.x).reshape(-1, 3)
+    np.testing.assert_allclose(found.left, left, atol=0.05)
+    size = np.linalg.norm(found.left, axis=1)
+    np.testing.assert_allclose(found.less, 1.0 - WINSOR_AT / np.maximum(size, WINSOR_AT))
 
 
 def test_least_squares_with_a_prior_is_half_the_least_sum(made) -> None:
-    projection, shared, _, raw = made
+    projection, shared, _, _ = made
     nothing = robust_refit._absorbing(projection)
     rows = np.vstack([shared, np.eye(3) / np.sqrt(50.0)])
-    side = np.append(raw, np.zeros(3))
+    side = np.append(projection.fit.residual, np.zeros(3))
     least = np.linalg.lstsq(rows, side, rcond=None)[1][0]
-    assert nothing.square(raw) == pytest.approx(0.5 * least)
+    assert nothing.square_of_clipped() == pytest.approx(0.5 * least)
 
 
 def test_what_was_clipped_stands_where_it_was_measured_beside_its_own_cause(made) -> None:

@@ -5,18 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_fit import unit_noise
 
-from armd.compensation.diagnose.fitting.session_facts import MOST_INSTANTS
-from armd.compensation.diagnose.fitting.session_facts import _grid as grid
-from armd.compensation.diagnose.fitting.session_facts import _moments as moments
-from armd.compensation.diagnose.fitting.session_facts import _span as span
-from armd.compensation.diagnose.fitting.signatures import compile_candidates
+from armd.compensation.diagnose.problem.session_facts import MOST_INSTANTS
+from armd.compensation.diagnose.problem.session_facts import _grid as grid
+from armd.compensation.diagnose.problem.session_facts import _moments as moments
+from armd.compensation.diagnose.problem.session_facts import _span as span
+from armd.compensation.diagnose.problem.signatures import compile_candidates
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
 from armd.compensation.model.parameters import ParameterLayout
-from armd.compensation.model.terms import Angle, Harmonic
+from armd.compensation.model.pose_factors import Angle, Harmonic
+from support.small_fit import unit_noise
 
 N, JOINTS = 30, 6
 WAVE = Harmonic(kind="sin", joint=2, order=1)
@@ -84,7 +84,7 @@ def test_products_without_the_rows_are_products_with_them(compiled, monkeypatch)
     jacobian = linear.jacobian[:, : 3 * N].reshape(-1, N, 3)
     expected = one_by_one(linear, q)[:, : 3 * N] @ others.reshape(3 * N, 5)
     np.testing.assert_allclose(signatures.products(jacobian, others, slice(None)), expected)
-    monkeypatch.setattr("armd.compensation.diagnose.fitting.signatures.PIECE", 7)
+    monkeypatch.setattr("armd.compensation.diagnose.problem.signatures.PIECE", 7)
     np.testing.assert_allclose(signatures.products(jacobian, others, slice(None)), expected)
     some = np.array([3, 11, 4])
     rows = (3 * some[:, None] + np.arange(3)).ravel()

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armd.compensation.diagnose.touched import LEAST_RESTS, LEAST_TARGETS, _possible
+from armd.compensation.diagnose.search.touched import LEAST_RESTS, LEAST_TARGETS, _possible
 
 
 def rests(target: list[int], *, timed: bool = True) -> Any:

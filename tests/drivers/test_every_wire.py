@@ -12,17 +12,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated_arm import simulated_arm
-from standstill import taken_while_it_ran
 
 from armd.drivers.config import CanConfig, SerialConfig, ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
-from armd.simulator.electronics import COUNTS_PER_TURN
-from armd.simulator.servobus.arm import PrintedArm
+from armd.simulator.live.electronics import COUNTS_PER_TURN
+from armd.simulator.servobus.arm import ServoArm
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.conditions import Conditions
+from support.simulated_arm import simulated_arm
+from support.standstill import taken_while_it_ran
 
 EXPECTED = Expectation("SIM-0001", 6, 6, (COUNTS_PER_TURN,) * 6)
 FIRST_S = 5.0  # by then the driver listens, also on a busy machine
@@ -362,7 +362,7 @@ class EveryServoBus(EveryWire):
     def test_the_points_are_where_the_tip_truly_was(self, run):
         """Here: each joint where its encoder was; what the encoder does not see is the arm's."""
         good = run.samples[run.samples["joint_invalid"] == 0][::7]
-        arm = PrintedArm(1, 20.0)
+        arm = ServoArm(1, 20.0)
         began_ns = int(run.truth_ns[0])
         true = np.array(
             [

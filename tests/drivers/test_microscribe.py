@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from simulated_arm import SimulatedArm, simulated_arm
 
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.kinematics import forward
@@ -29,6 +28,7 @@ from armd.drivers.microscribe.homing import Homing
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.table import open_driver
 from armd.simulator.microscribe.arm import tip_mm
+from support.simulated_arm import SimulatedArm, simulated_arm
 
 # As captured from the arm with serial number 40937; the replies in DanielBetancourt1's notes.
 POSE = bytes.fromhex("8300 6C4F 305E 3554 2002 1879 4160")
@@ -59,6 +59,8 @@ def test_a_captured_pose() -> None:
     reading = wire.decode_standard(packet)
     assert reading.counts == (13903, 6238, 6868, 4098, 3193, 8416)
     assert reading.buttons == 0 and reading.ticks is None
+    # In that client's emulator it follows the acknowledgement of CF, the arm's own streaming.
+    assert wire.take(0x03, b"\xcf" + POSE) == (POSE, b"")
 
 
 def test_the_sizes_of_replies() -> None:
@@ -77,7 +79,7 @@ def test_a_reply_is_found_behind_junk(
     command: int, buttons: int, ticks: int, counts: list[int], junk: bytes
 ) -> None:
     junk = junk.replace(bytes([command | 0x80]), b"")
-    packet = wire.encode_standard(command, wire.Reading(buttons, ticks, tuple(counts)))
+    packet = wire.encode_standard(command, wire.StandardReply(buttons, ticks, tuple(counts)))
     found, rest = wire.take(command, junk + packet + b"\x01")
     assert found == packet and rest == b"\x01"
     reading = wire.decode_standard(packet)

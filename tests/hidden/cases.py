@@ -11,16 +11,17 @@ from pathlib import Path
 import numpy as np
 
 from armd.compensation.data.session import load_session
-from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
-from armd.compensation.diagnose.fitting.fit import Fit
-from armd.compensation.diagnose.fitting.noise import Noise as Whitening
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.whitening import Noise as Whitening
 from armd.compensation.estimate.linear_model import LinearModel
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import NOISE, Design
 from armd.simulator.hidden import HiddenCase, generate_case
-from armd.simulator.noise import Noise
+from armd.simulator.measured.noise import Noise
 from armd.simulator.plants.plant import Plant
 
 #: Causes that only a calibration from before can show.
@@ -144,20 +145,30 @@ def _error(case: HiddenCase, effect: object) -> np.ndarray:
     return np.concatenate([error[path.name] for path in case.sessions])
 
 
-def projected_snr(first: Fit, error_mm: np.ndarray, noise: Whitening) -> float:
-    """Norm of an effect's error (readings, 3) in noise units, clear of what absorbs.
+def projected_snr(
+    first: Fit, error_mm: np.ndarray, noise: Whitening, beside: Sequence[np.ndarray] = ()
+) -> float:
+    """Norm of an effect's error (readings, 3) in noise units, clear of what absorbs, and of what
+    the errors *beside* it do.
 
     The *noise* is that of the last fit: in the first one's the effect itself may be counted.
     """
+    signal, *others = (noise.whiten(_at_rests(first, one)) for one in (error_mm, *beside))
+    columns = np.column_stack([noise.whiten(first.nuisance.columns), *others])
+    variance = np.concatenate([first.nuisance.variance, np.full(len(others), np.inf)])
+    model = LinearModel.of_rows([("all that absorbs", columns, variance)])
+    towards = model.project(columns.T @ signal)
+    return float(np.sqrt(max(signal @ signal - towards @ towards, 0.0)))
+
+
+def _at_rests(first: Fit, error_mm: np.ndarray) -> np.ndarray:
+    """The mean of an error at each rest, as long as a residual."""
     rest_of = first.linear.rests.rest_of
     counts = np.bincount(rest_of)[:, None]
     mean = np.stack([np.bincount(rest_of, column) for column in error_mm.T], axis=1) / counts
     flat = np.zeros(len(first.residual))
     flat[: mean.size] = mean.ravel()
-    white, signal = noise.whiten(first.nuisance.columns), noise.whiten(flat)
-    model = LinearModel.of_rows([("all that absorbs", white, first.nuisance.variance)])
-    towards = model.project(white.T @ signal)
-    return float(np.sqrt(max(signal @ signal - towards @ towards, 0.0)))
+    return flat
 
 
 def _amplitude_errors(plants: tuple[Plant, ...], diagnosis: Diagnosis) -> list[float]:

@@ -16,13 +16,14 @@ from cases import HELD
 from armd.compensation.data.session import load_session
 from armd.compensation.design.conditions import HEATED_K
 from armd.compensation.design.design import Experiment, design
-from armd.compensation.diagnose.advice import SURE, Doubt, most_doubtful
-from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.told.advice import SURE, Doubt, most_doubtful
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case, measure_next
-from armd.simulator.plan import Climate, warmed
+from armd.simulator.measured.plan import Climate, warmed
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import draw_plant
 from armd.simulator.plants.plant import Plant

@@ -16,7 +16,8 @@ import numpy as np
 from cases import NOISES, projected_snr
 
 from armd.compensation.data.session import load_session
-from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.model.arm import load_arm

@@ -5,6 +5,7 @@ Every other case has a cause planted, every other pair of them a calibration fro
 
 from __future__ import annotations
 
+import re
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -14,11 +15,12 @@ import numpy as np
 
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.result import as_json
+from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
+from armd.compensation.report.diagnosis import diagnosis_report
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.plants.draw import draw_plant
@@ -52,6 +54,7 @@ class MessOutcome:
     before_um: float  # on the session held out
     after_um: float
     seconds: float
+    headings: tuple[str, ...]  # of the report
 
     @property
     def foreign(self) -> list[tuple[str, str, float]]:
@@ -97,6 +100,7 @@ def run_mess(kind: str, seed: int) -> MessOutcome:
         diagnosis = diagnose([load_session(p, arm) for p in case.sessions], arm, calibration)
         seconds = time.perf_counter() - started
         result = as_json(diagnosis, None)
+        headings = tuple(re.findall("<h2>([^<]*)", diagnosis_report(diagnosis, result, {})))
         snr = 0.0
         if plants:
             snr = _snr(case)
@@ -110,7 +114,7 @@ def run_mess(kind: str, seed: int) -> MessOutcome:
         tuple((f["cause"], f["location"], float(f["probability"])) for f in result["findings"]),
         tuple(result.get("readings", {}).get("told", ())),
         result["baseline"]["noise_floor_um"] / _true_floor_um(case),
-        *errors, seconds,
+        *errors, seconds, headings,
     )  # fmt: skip
 
 

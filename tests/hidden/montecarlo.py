@@ -20,13 +20,15 @@ from pathlib import Path
 
 import drifts
 import numpy as np
+import strangers
 from cases import NOISES, run_case
 from doubts import draw_doubtful, settle
 from drifts import Drifted
 from messy import MessOutcome, run_mess, table_of_mess, tell_mess
+from strangers import Strange, run_strange
 
-from armd.compensation.diagnose.diagnose import Diagnosis
-from armd.simulator.mess import KINDS as MESSES
+from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.simulator.measured.mess import KINDS as MESSES
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import draw_plant
 from armd.simulator.plants.plant import Plant, depends_on
@@ -34,8 +36,12 @@ from armd.simulator.plants.plant import Plant, depends_on
 #: One cause; two or three; one outside the catalogue; clean data of each noise; one cause whose
 #: shape is DISTORTION off the catalogue's; one that the data leave in doubt, and the experiment
 #: that armd proposes; something that drifts, and slow noise without; readings as a workshop
-#: leaves them. All but the first have a quarter of the cases.
-KINDS = ("single", "pair", "unknown", *NOISES, "distorted", "doubt", *drifts.KINDS, *MESSES)
+#: leaves them; strangers, crowds, third times, real arms. All but the first have a quarter of the
+#: cases.
+KINDS = (
+    "single", "pair", "unknown", *NOISES, "distorted", "doubt", *drifts.KINDS, *MESSES,
+    *strangers.KINDS,
+)  # fmt: skip
 DISTORTION = 0.3
 #: Causes that act through the posture, whose shape the simulator can bend.
 DISTORTABLE = (
@@ -90,6 +96,9 @@ class Asked:
     seconds: float
 
 
+Case = Outcome | Asked | Drifted | MessOutcome | Strange
+
+
 def plants_for(task: Task) -> list[Plant]:
     rng = np.random.default_rng([task.seed, 0xD1A6])
     match task.kind:
@@ -107,11 +116,13 @@ def plants_for(task: Task) -> list[Plant]:
     return []
 
 
-def carry_out(task: Task) -> Outcome | Asked | Drifted | MessOutcome | None:
+def carry_out(task: Task) -> Case | None:
     """One task; a failure is told and counted, not hidden."""
     try:
         if task.kind in drifts.KINDS:
             return drifts.run_drift(task.kind, task.seed)
+        if task.kind in strangers.KINDS:
+            return run_strange(task.kind, task.seed)
         if task.kind in MESSES:
             return run_mess(task.kind, task.seed)
         return ask(task) if task.kind == "doubt" else judge(task)
@@ -184,11 +195,13 @@ def tell_asked(asked: Asked) -> str:
     )
 
 
-def tell(outcome: Outcome | Asked | Drifted | MessOutcome) -> str:
+def tell(outcome: Case) -> str:
     if isinstance(outcome, Drifted):
         return drifts.tell(outcome)
     if isinstance(outcome, MessOutcome):
         return tell_mess(outcome)
+    if isinstance(outcome, Strange):
+        return strangers.tell(outcome)
     if isinstance(outcome, Asked):
         return tell_asked(outcome)
     truths = " + ".join(f"{c} {where} {size:.3g}" for c, where, size in outcome.truths) or "clean"
@@ -210,7 +223,7 @@ def share(values: Sequence[bool]) -> str:
     return f"{np.mean(values):.3f} of {len(values)}" if len(values) else "no case"
 
 
-def table(everything: Sequence[Outcome | Asked | Drifted | MessOutcome]) -> None:
+def table(everything: Sequence[Case]) -> None:
     """Print the marks of the diagnosis beside what was reached."""
     outcomes = [o for o in everything if isinstance(o, Outcome)]
     asked = [o for o in everything if isinstance(o, Asked)]
@@ -271,6 +284,8 @@ def table(everything: Sequence[Outcome | Asked | Drifted | MessOutcome]) -> None
     print(row.format("cases for it that were not in doubt", str(len(asked) - len(in_doubt)), ""))
     for line in drifts.rows([o for o in everything if isinstance(o, Drifted)]):
         print(row.format(*line))
+    for line in strangers.rows([o for o in everything if isinstance(o, Strange)]):
+        print(row.format(*line))
     seconds = f"{np.median([o.seconds for o in outcomes]):.1f}" if outcomes else "no case"
     print(row.format("seconds per diagnosis, median", seconds, "10"))
 
@@ -299,7 +314,7 @@ def tasks_of(args: argparse.Namespace) -> list[Task]:
     ]
 
 
-def main(run: Callable[[Task], Outcome | Asked | Drifted | MessOutcome | None] = carry_out) -> int:
+def main(run: Callable[[Task], Case | None] = carry_out) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=40, help="single causes; others follow")
     parser.add_argument("--seed", type=int, default=1)
@@ -309,7 +324,7 @@ def main(run: Callable[[Task], Outcome | Asked | Drifted | MessOutcome | None] =
     parser.add_argument("--save", type=Path, help="raw outcomes, a JSON object per line")
     args = parser.parse_args()
     tasks = tasks_of(args)
-    outcomes: list[Outcome | Asked | Drifted | MessOutcome] = []
+    outcomes: list[Case] = []
     with multiprocessing.get_context("spawn").Pool(args.workers) as pool:
         for outcome in pool.imap_unordered(run, tasks):
             if outcome is not None:

@@ -1,5 +1,5 @@
 """`make hidden-sweep CASES=n SEED=s`: how the marks move when a constant of the search is halved
-and doubled.
+and doubled; of a share, when it is halved, and its distance to one.
 
 Every fixed constant that decides what is found stands here once, with its reason; its value stands
 where it is used. The same cases are diagnosed with each value, so that what moves is the constant's
@@ -19,7 +19,9 @@ from pathlib import Path
 
 import montecarlo
 from drifts import Drifted
-from montecarlo import Asked, Outcome, Task
+from messy import MessOutcome
+from montecarlo import Asked, Case, Task
+from strangers import Strange
 
 ROOM = "armd.compensation."
 FACTORS = (0.5, 2.0)
@@ -32,6 +34,7 @@ class Constant:
     module: str
     name: str
     why: str
+    share: bool = False  # never above one
 
     def __str__(self) -> str:
         return f"{self.module.rsplit('.', 1)[-1]}.{self.name}"
@@ -39,35 +42,58 @@ class Constant:
 
 CONSTANTS = (
     Constant("diagnose.scoring.threshold", "ALPHA", "false alarms on clean data: one in a hundred"),
-    Constant("diagnose.scoring.evidence", "UNKNOWN_PRIOR", "one error in twenty has no name"),
+    Constant("diagnose.scoring.evidence", "UNKNOWN_PRIOR", "one error in twenty has no name", True),
     Constant("diagnose.scoring.candidates", "SHAPE_PRIOR", "a strong cause's shape is off or not"),
     Constant("diagnose.scoring.shape", "OFF", "discs and bearings err by 10 to 30 % in form"),
+    Constant("diagnose.scoring.unevenness", "OF_A_WALK", "what wanders does so between knots, too"),
+    Constant("diagnose.scoring.unevenness", "OF_A_COURSE", "no creep is quite an exponential"),
+    Constant("diagnose.scoring.evidence", "MOST_COUNTED", "χ² of more columns is mostly noise"),
+    Constant("diagnose.scoring.memory", "BEYOND_DOUBT", "one in a million sets of even noise"),
     Constant("diagnose.scoring.robust_refit", "MOST_GAINED", "Huber's loss against the clipped"),
-    Constant("diagnose.selection", "MOST_REFINED", "grids worth refining: the likeliest places"),
-    Constant("diagnose.selection", "MOST_RICHER", "a rich function swallows several causes"),
-    Constant("diagnose.selection", "AS_WELL", "a rich function must explain as well: e to the 10"),
     Constant(
-        "diagnose.selection", "STRONG", "from nine noise units on, tails are clipped too much"
+        "diagnose.search.selection", "MOST_REFINED", "grids worth refining: the likeliest places"
     ),
-    Constant("diagnose.selection", "LEAST_SHARE", "explains a quarter of what the best one does"),
-    Constant("diagnose.selection", "MOST_ALIKE", "kinds compared with their own tails: time"),
-    Constant("diagnose.selection", "MOST_BENT", "causes tried with another shape: time"),
-    Constant("diagnose.findings", "CLEARLY", "Jeffreys' strong evidence: ten times likelier"),
-    Constant("diagnose.explains", "ENOUGH", "a shape half off leaves a name with 0.8"),
-    Constant("diagnose.explains", "PARTS", "parts of a range with rests enough in each"),
-    Constant("diagnose.search", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
-    Constant("diagnose.search", "MOST_RENAMINGS", "a name that changes thrice is a circle"),
-    Constant("diagnose.borne_out", "SURE_P", "one that a search without the rows would find too"),
-    Constant("diagnose.borne_out", "IN_ONE", "what one placement shows, others cannot teach"),
-    Constant("diagnose.gain", "SIGN_P", "most groups improve, beyond chance"),
+    Constant("diagnose.search.selection", "MOST_RICHER", "a rich function swallows several causes"),
+    Constant(
+        "diagnose.search.selection", "AS_WELL", "a rich function must explain as well: e to the 10"
+    ),
+    Constant(
+        "diagnose.search.selection",
+        "STRONG",
+        "from nine noise units on, tails are clipped too much",
+    ),
+    Constant(
+        "diagnose.search.selection",
+        "LEAST_SHARE",
+        "explains a quarter of what the best one does",
+        True,
+    ),
+    Constant(
+        "diagnose.search.selection", "MOST_ALIKE", "kinds compared with their own tails: time"
+    ),
+    Constant("diagnose.search.selection", "MOST_BENT", "causes tried with another shape: time"),
+    Constant(
+        "diagnose.search.findings", "CLEARLY", "Jeffreys' strong evidence: ten times likelier"
+    ),
+    Constant("diagnose.diagnosis", "ENOUGH", "a shape half off leaves a name with 0.8", True),
+    Constant("diagnose.search.explains", "PARTS", "parts of a range with rests enough in each"),
+    Constant("diagnose.diagnosis", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
+    Constant("diagnose.search.search", "MOST_RENAMINGS", "a name that changes thrice is a circle"),
+    Constant(
+        "diagnose.heldout.borne_out", "SURE_P", "one that a search without the rows would find too"
+    ),
+    Constant(
+        "diagnose.heldout.borne_out", "IN_ONE", "what one placement shows, others cannot teach"
+    ),
+    Constant("diagnose.heldout.gain", "SIGN_P", "most groups improve, beyond chance"),
     Constant("diagnose.fitting.fit", "CURVED_SHARE", "linear to a tenth of the noise"),
     Constant("diagnose.fitting.noise", "KNOT_S", "a base wanders in minutes, not in seconds"),
     Constant("diagnose.fitting.noise", "GROSS", "a gross error is four noise units off"),
-    Constant("diagnose.fitting.nuisance", "MOST_FREE_COLUMNS", "more amplitudes share a size"),
+    Constant("diagnose.problem.amplitudes", "MOST_FREE_COLUMNS", "more amplitudes share a size"),
     Constant(
-        "diagnose.fitting.session_facts", "MOST_INSTANTS", "instants of the first, coarse grid"
+        "diagnose.problem.session_facts", "MOST_INSTANTS", "instants of the first, coarse grid"
     ),
-    Constant("diagnose.fitting.session_facts", "PAUSE", "a pause of ten usual ones parts sessions"),
+    Constant("diagnose.problem.session_facts", "PAUSE", "a pause of ten usual ones parts sessions"),
     Constant("effects.courses", "LEAST_DAYS", "less of a day than this looks like a curve"),
     Constant("effects.courses", "LEAST_PIECES", "a walk's pieces where sessions are few"),
 )
@@ -75,10 +101,13 @@ CONSTANTS = (
 
 @contextmanager
 def changed(constant: Constant, factor: float) -> Iterator[float | int]:
-    """Every module that has the constant sees it multiplied, a count rounded to at least one."""
+    """Every module that has the constant sees it multiplied, a count rounded to at least one; a
+    share comes so much nearer to one."""
     origin = importlib.import_module(ROOM + constant.module)
     value = getattr(origin, constant.name)
     other = max(1, round(value * factor)) if isinstance(value, int) else value * factor
+    if constant.share and factor > 1.0:
+        other = 1.0 - (1.0 - value) / factor
     having = [m for name, m in sorted(sys.modules.items()) if _has(name, m, constant)]
     for module in having:
         setattr(module, constant.name, other)
@@ -100,11 +129,11 @@ def _has(name: str, module: object, constant: Constant) -> bool:
     return re.search(taken, Path(file).read_text(encoding="utf-8")) is not None
 
 
-def right(outcome: Outcome | Asked | Drifted) -> bool:
+def right(outcome: Case) -> bool:
     """Whether all that was planted is named, and nothing else."""
     if isinstance(outcome, Asked):
         return outcome.resolved
-    if isinstance(outcome, Drifted):
+    if isinstance(outcome, Drifted | MessOutcome | Strange):
         return outcome.right
     if outcome.kind == "unknown":
         return bool(outcome.unknown) and not outcome.false_causes
@@ -112,14 +141,24 @@ def right(outcome: Outcome | Asked | Drifted) -> bool:
     return all(outcome.named) and not outcome.false_causes and silent
 
 
-def marks(tasks: Sequence[Task]) -> tuple[int, int, float]:
-    """How many are right, how many extended models are worse by over 0.2 %, and by how much the
-    held-out error of all together stands over the oracle's."""
+def sure_and_wrong(outcome: Case) -> bool:
+    """Whether something that was not planted is told as sure, where the kind says so."""
+    if isinstance(outcome, Drifted | MessOutcome | Strange):
+        return bool(outcome.sure_and_wrong)
+    return False
+
+
+def marks(tasks: Sequence[Task]) -> tuple[int, int, int, float]:
+    """How many are right, how many tell something sure and wrong, how many extended models are
+    worse by over 0.2 %, and by how much the held-out error of all together stands over the
+    oracle's, where one is known."""
     outcomes = [o for o in map(montecarlo.carry_out, tasks) if o is not None]
     judged = [o for o in outcomes if not isinstance(o, Asked)]
     worse = sum(o.after_um > 1.002 * o.before_um for o in judged)
-    after, best = sum(o.after_um**2 for o in judged), sum(o.oracle_um**2 for o in judged)
-    return sum(map(right, outcomes)), worse, (after / best) ** 0.5 - 1.0
+    known = [o for o in judged if not isinstance(o, MessOutcome)]
+    after, best = sum(o.after_um**2 for o in known), sum(o.oracle_um**2 for o in known)
+    over = (after / best) ** 0.5 - 1.0 if best else 0.0
+    return sum(map(right, outcomes)), sum(map(sure_and_wrong, outcomes)), worse, over
 
 
 def main() -> int:
@@ -135,13 +174,13 @@ def main() -> int:
         for kind in args.kinds
         for j in range(args.cases)
     ]
-    row = "{:34s} {:>10s}  {:>12s} {:>6s} {:>18s}   {}"
-    print(row.format("constant", "value", "right", "worse", "over the oracle", "why"))
+    row = "{:34s} {:>10s}  {:>12s} {:>10s} {:>6s} {:>18s}   {}"
+    print(row.format("constant", "value", "right", "sure+wrong", "worse", "over the oracle", "why"))
 
     def tell(name: str, value: str, why: str = "") -> None:
-        good, worse, over = marks(tasks)
-        share = f"{good} of {len(tasks)}"
-        print(row.format(name, value, share, str(worse), f"{100 * over:.1f} %", why), flush=True)
+        good, wrong, worse, over = marks(tasks)
+        told = (f"{good} of {len(tasks)}", str(wrong), str(worse), f"{100 * over:.1f} %")
+        print(row.format(name, value, *told, why), flush=True)
 
     tell("as they are", "")
     for constant in CONSTANTS:

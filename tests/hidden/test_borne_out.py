@@ -11,20 +11,23 @@ from typing import Any
 
 import numpy as np
 import pytest
-from planting import planted, rms_um, wave
 
 from armd.compensation.data.session import load_session
-from armd.compensation.diagnose.borne_out import Look, choose
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.fitting.fit import Refits, solve_again
-from armd.compensation.diagnose.gain import gain
-from armd.compensation.diagnose.result import as_json, um, verdict
+from armd.compensation.diagnose.fitting.refit import Refits, solve_again
+from armd.compensation.diagnose.heldout.borne_out import choose
+from armd.compensation.diagnose.heldout.gain import gain
+from armd.compensation.diagnose.heldout.judge import Look
+from armd.compensation.diagnose.told.result import as_json
+from armd.compensation.diagnose.told.verdict import um, verdict
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.arm import load_arm
+from armd.compensation.model.slow_factors import Time
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
+from support.planting import planted, rms_um, wave
 
 GROUPS = np.repeat(np.arange(40), 5)
 
@@ -37,12 +40,12 @@ def cause(k: int) -> Candidate:
     return Candidate("encoder_scale", location.joint(k), (), ())
 
 
-def squares_of(worth: dict[tuple[int, ...], float]) -> Any:
+def squares_of(worth: dict[tuple[int, ...], float], grown: float = 1.0) -> Any:
     """Squared residuals held out by findings in the model, readings with a common pattern."""
     pattern = 1.0 + 0.2 * np.random.default_rng(4).normal(size=len(GROUPS))
 
-    def squares(some: Sequence[int]) -> Any:
-        return worth[tuple(some)] * pattern
+    def squares(some: Sequence[int], growth: bool) -> Any:
+        return worth[tuple(some)] * (grown if growth else 1.0) * pattern
 
     return squares
 
@@ -53,6 +56,21 @@ def test_a_harmful_finding_is_not_written_though_the_one_after_it_helps() -> Non
         search_of(cause(1), cause(2), cause(3)), [Look(squares_of(worth), GROUPS)], [True] * 3
     )
     assert chosen.some == (0, 2)
+
+
+def test_a_drift_that_makes_later_readings_worse_is_told_and_not_written() -> None:
+    """Placements left out between the others bear it out; only what comes after does not."""
+    along = Time(since_unix_s=0.0, until_unix_s=9.0)
+    terms = tie([("theta_1", 1.0)], along)
+    drift = Candidate("geometry_shift", location.joint(1), (Column("a", "1", 1.0, terms),), ())
+    look = Look(squares_of({(): 4.0, (0,): 3.0, (1,): 3.8, (0, 1): 2.5}), GROUPS)
+    findings, able = search_of(drift, cause(2)), [True, True]
+    later = squares_of({(): 4.0, (0,): 4.1, (1,): 9.0, (0, 1): 9.1})
+    chosen = choose(findings, [look], able, later=later)
+    assert (chosen.some, chosen.unforeseen) == ((1,), (0,))
+    later = squares_of({(): 4.0, (0,): 3.9, (1,): 9.0, (0, 1): 9.1})
+    chosen = choose(findings, [look], able, later=later)
+    assert (chosen.some, chosen.unforeseen) == ((0, 1), ())
 
 
 def test_what_helps_beside_a_later_one_only_gets_its_turn_again() -> None:
@@ -83,10 +101,37 @@ def test_gross_readings_have_no_voice_but_a_finding_that_makes_them_worse_is_not
 
     def squares(worse: float) -> Any:
         usual = squares_of({(): 4.0, (0,): 2.0})
-        return lambda some: np.where(gross, 4000.0 * (worse if some else 1.0), usual(some))
+        return lambda some, growth: np.where(
+            gross, 4000.0 * (worse if some else 1.0), usual(some, growth)
+        )
 
     assert choose(search_of(cause(1)), [Look(squares(1.0), GROUPS)], [True]).some == (0,)
     assert choose(search_of(cause(1)), [Look(squares(1.2), GROUPS)], [True]).some == ()
+
+
+def test_the_first_links_growth_is_written_only_where_held_out_readings_bear_it_out() -> None:
+    worth = {(): 4.0, (0,): 3.0}
+    for grown, expected in ((0.7, True), (1.0, False), (1.3, False)):
+        looks = [Look(squares_of(worth, grown), GROUPS)]
+        chosen = choose(search_of(cause(1)), looks, [True], growth=True)
+        assert (chosen.some, chosen.growth) == ((0,), expected)
+        assert chosen.after.sum() < chosen.before.sum()
+    none = [Look(squares_of({(): 4.0, (0,): 4.0}, 0.5), GROUPS)]
+    chosen = choose(search_of(cause(1)), none, [True], growth=True)
+    assert (chosen.some, chosen.growth) == ((), False)
+    assert (chosen.after == chosen.before).all()
+
+
+def test_a_look_that_is_deaf_to_the_first_links_growth_does_not_speak_of_it() -> None:
+    """The one ramp that shows the growth was left out whole: the others cannot foretell it."""
+    worth = {(): 4.0, (0,): 3.0}
+    for by_target, expected in ((0.99, True), (1.01, False)):
+        looks = [Look(squares_of(worth, grown), GROUPS) for grown in (1.2, by_target)]
+        chosen = choose(search_of(cause(1)), looks, [True], growth=True, deaf_to_growth=True)
+        assert (chosen.some, chosen.growth) == ((0,), expected)
+        assert chosen.after.sum() == pytest.approx(0.75 * chosen.before.sum())
+        heard = choose(search_of(cause(1)), looks, [True], growth=True)
+        assert not heard.growth
 
 
 def test_a_shape_is_not_written_without_its_cause() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from messy import run_mess
 
-from armd.simulator.mess import KINDS
+from armd.simulator.measured.mess import KINDS
 
 
 def test_a_touched_artefact_is_no_step_of_the_arm() -> None:
@@ -19,6 +19,10 @@ def test_a_touched_artefact_is_no_step_of_the_arm() -> None:
 def test_a_mess_is_told_and_a_cause_beside_it_named(kind: str) -> None:
     outcome = run_mess(kind, 4407)
     assert outcome.right
+    numbered = [heading.partition(". ")[2] for heading in outcome.headings if heading[0].isdigit()]
+    assert [one.partition(",")[0] for one in numbered] == [
+        cause.replace("_", " ") for cause, _, _ in outcome.found if cause != "outliers"
+    ]
     assert not outcome.sure_and_wrong
     assert not outcome.worse
     assert outcome.floor < 1.7  # noise correlated in time counts as wandering, too

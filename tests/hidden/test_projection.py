@@ -7,10 +7,11 @@ import pytest
 
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import model_under_test
-from armd.compensation.diagnose.fitting.fit import finding_columns, fit, solve_again
-from armd.compensation.diagnose.fitting.problem import gather_rests
-from armd.compensation.diagnose.fitting.session_facts import gather_facts
-from armd.compensation.diagnose.fitting.signatures import compile_candidates
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
 from armd.compensation.diagnose.scoring.evidence import score, total
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.effects import catalogue

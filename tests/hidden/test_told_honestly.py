@@ -8,13 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from planting import planted, slip, wave
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.design.conditions import draw_poses
-from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
-from armd.compensation.diagnose.result import as_json, size_known, verdict
-from armd.compensation.diagnose.search import _as_told
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.diagnosis import Diagnosis
+from armd.compensation.diagnose.search.search import _as_told
+from armd.compensation.diagnose.told.result import as_json
+from armd.compensation.diagnose.told.sizes import size_known
+from armd.compensation.diagnose.told.verdict import verdict
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.calibrate import calibrate
@@ -24,6 +26,7 @@ from armd.compensation.model.kinematics import frames
 from armd.errors import BadInput
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
+from support.planting import planted, slip, wave
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import hashlib
 import json
 import shutil
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from armd import __version__
+from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of, save_calibration
-from armd.daemon.commands import interim
+from armd.daemon.commands.offline import interim
 from armd.errors import BadInput
 from armd.simulator.sessions import add_arguments
 from armd.simulator.sessions import run as simulate
@@ -33,7 +38,7 @@ def measured(folder: Path, *options: str) -> Path:
 
 def true_calibration(folder: Path) -> Path:
     """What a perfect calibration at the reference would be; the arm's warmth is beyond it."""
-    from armd.simulator.answers import true_constants, true_expansion
+    from armd.simulator.truth.answers import true_constants, true_expansion
 
     arm = load_arm(folder / "arm.toml")
     true = TrueArm.default(6)
@@ -219,6 +224,46 @@ def test_a_check_that_a_power_cut_left_unfinished_is_begun_anew(
     assert reported(history) == complete
 
 
+def test_a_history_kept_with_another_catalogue_is_judged_by_todays(
+    checks: Path, kept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Statistics name columns by their order: of other causes they would be another's."""
+    history = tmp_path / "history"
+    with monkeypatch.context() as other:
+        other.setattr(interim, "causes_of", lambda *of: causes_of(*of)[::-1])
+        assert add(checks, history, *range(1, DAYS + 1)) == 1
+    ours, theirs = reported(kept), reported(history)
+    assert [c["verdict"] for c in theirs["checks"]] == [c["verdict"] for c in ours["checks"]]
+    for key in ("cause", "location", "between", "gradual"):
+        assert theirs["changes"][0][key] == ours["changes"][0][key]
+    told = [[check["statistic"] for check in one["checks"]] for one in (ours, theirs)]
+    assert told[1] == pytest.approx(told[0], abs=1e-3)  # but for the digits that a file keeps
+
+
+def test_a_head_without_a_line_is_a_history_not_begun(checks: Path, tmp_path: Path) -> None:
+    history = tmp_path / "history"
+    history.mkdir()
+    head = {"schema": "armd.interim.head/1", "checks": 0, "sha256": "0" * 64}
+    (history / "head.json").write_text(json.dumps(head))  # killed right after it was written
+    assert add(checks, history, 1) == 0
+    (history / "history.jsonl").unlink()  # a history that was there is another matter
+    with pytest.raises(BadInput, match="nothing"):
+        run("report", "--history", history)
+
+
+def test_a_writer_killed_at_any_moment_leaves_the_history_of_before_or_of_after(
+    checks: Path, tmp_path: Path
+) -> None:
+    words = [str(checks), str(tmp_path / "history"), "60", "7"]
+    script = Path(__file__).parent / "killed_writer.py"
+    done = subprocess.run(
+        [sys.executable, script, *words], capture_output=True, text=True, timeout=200
+    )
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["killed"] >= 20, told  # while it wrote, not before or after
+
+
 def test_a_history_without_checks_is_bad_input(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="no checks"):
         run("report", "--history", tmp_path / "nowhere")
@@ -228,3 +273,17 @@ def test_the_page_names_units_and_the_change(kept: Path, tmp_path: Path) -> None
     assert run("report", "--history", kept, "--report", tmp_path / "r.html") == 1
     page = (tmp_path / "r.html").read_text()
     assert "encoder slip, joint 3" in page and "µm RMS" in page and "check started, UTC" in page
+
+
+def test_the_page_says_who_measured_what_with_which_arm(checks: Path, tmp_path: Path) -> None:
+    day = Path(shutil.copytree(checks / "day-01", tmp_path / "day-01"))
+    text = (day / "session.toml").read_text()
+    (day / "session.toml").write_text(f'operator = "A. Body"\n{text}')
+    files = [checks / "arm.toml", checks / "calibration.json"]
+    run("add", day, "--arm", files[0], "--calibration", files[1], "--history", tmp_path / "h")
+    assert run("report", "--history", tmp_path / "h", "--report", tmp_path / "r.html") == 0
+    page = (tmp_path / "r.html").read_text()
+    for told in ("A. Body", load_arm(files[0]).serial_number, f"armd {__version__}", "day-01"):
+        assert f">{told}" in page, told
+    for file in [*files, day / "session.toml", day / "readings.csv"]:
+        assert hashlib.sha256(file.read_bytes()).hexdigest() in page, file

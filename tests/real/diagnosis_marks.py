@@ -14,22 +14,26 @@ import time
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from convert import VENDORED, convert
 from rich.console import Console
 from rich.table import Table
 
+from armd.arrays import F64, Mask
 from armd.compensation.data.session import Session, load_session
-from armd.compensation.diagnose.diagnose import Diagnosis, diagnose
-from armd.compensation.diagnose.result import needs_of, place_of, verdict
+from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.thermal_series import diagnose_series
+from armd.compensation.diagnose.told.result import needs_of, place_of
+from armd.compensation.diagnose.told.verdict import verdict
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.identify.fit import Unknowns, fit
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, constants_of
-from armd.compensation.model.terms import After, Curve, Term, Time
+from armd.compensation.model.pose_factors import Curve
+from armd.compensation.model.slow_factors import After, Time
+from armd.compensation.model.terms import Term
 
 #: 3-D RMS held out, mm, with the extended model.
 UR10_MM = {"A": 0.11, "B": 0.15, "C": 0.11}
@@ -84,7 +88,7 @@ def _findings(title: str, diagnosis: Diagnosis, console: Console) -> None:
             f"{found.probability:.2f}",
             f"{gain.before_um / 1e3:.4f} → {gain.after_um / 1e3:.4f}",
             f"{low:+.4f} to {high:+.4f}",
-            "" if gain.shown else "not borne out",
+            "" if gain.shown else "not confirmed",
         )
     console.print(table)
 
@@ -155,16 +159,14 @@ def _other_pose_terms(calibration: Calibration) -> list[Term]:
     ]
 
 
-def _known(
-    session: Session, joint: int, seen_rad: npt.NDArray[np.float64]
-) -> npt.NDArray[np.bool_]:
+def _known(session: Session, joint: int, seen_rad: F64) -> Mask:
     """(n,) readings at which a joint stands where it was often *seen* before, turns aside."""
     times = np.zeros(360, dtype=np.int64)
     at = np.round(np.degrees(seen_rad)).astype(int)
     for shift in range(-NEAR_DEG, NEAR_DEG + 1):
         np.add.at(times, (at + shift) % 360, 1)
     here = np.round(np.degrees(session.states.q[:, joint - 1])).astype(int) % 360
-    known: npt.NDArray[np.bool_] = times[here] >= LEAST_READINGS
+    known: Mask = times[here] >= LEAST_READINGS
     return known
 
 

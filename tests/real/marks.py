@@ -18,9 +18,10 @@ from rich.console import Console
 from rich.table import Table
 
 from armd.compensation.data.session import Session, load_session
-from armd.compensation.identify.calibrate import Options, Result, calibrate
+from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import Evaluation, evaluate
 from armd.compensation.identify.lengths import MOST_OFF
+from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import load_arm
 
 #: 3-D RMS of the held-out half after geometric calibration, mm.

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from convert import ur10
-from hidden.planting import Effect, planted, rms_um, slip, wave
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
+from support.planting import Effect, planted, rms_um, slip, wave
 
 VENDORED = Path(__file__).parent / "data" / "ur10_laser_tracker"
 

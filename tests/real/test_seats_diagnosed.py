@@ -14,19 +14,22 @@ from rich.console import Console
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose, model_under_test
-from armd.compensation.diagnose.fitting.baseline import from_calibration
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.noise import LEAST_MM
-from armd.compensation.diagnose.fitting.problem import ModelState, Rests, gather_rests, linearise
-from armd.compensation.diagnose.fitting.session_facts import gather_facts
-from armd.compensation.diagnose.result import verdict
+from armd.compensation.diagnose.problem.baseline import from_calibration
+from armd.compensation.diagnose.problem.linear import ModelState, Rests
+from armd.compensation.diagnose.problem.linearise import linearise
+from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.told.verdict import verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.catalogue import candidates
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Column
 from armd.compensation.model.arm import Arm, TemperatureSensor, load_arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.kinematics import joint_jacobian
-from armd.compensation.model.terms import Temperature, Term
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
 from armd.errors import BadInput
 
 
@@ -52,7 +55,7 @@ def test_backlash_is_not_named_without_its_evidence(folder: Path) -> None:
     # One seat's first readings stand a centimetre from its others: no cause, but worth saying.
     assert "hole_0, the first 7 rests stand" in text
     # Without times, and with one seat before it, nobody knows that it was the artefact.
-    assert "the artefact was moved" not in text and "not borne out" in text
+    assert "the artefact was moved" not in text and "not confirmed" in text
 
 
 @pytest.mark.parametrize("place", ["left", "lower_left"])

@@ -10,18 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from convert import ROBOTS, convert
-from hidden.planting import rms_um
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.neighbourhood import possible
-from armd.compensation.diagnose.result import as_json, verdict
+from armd.compensation.diagnose.told.result import as_json
+from armd.compensation.diagnose.told.verdict import verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.gauge import PLAUSIBLE
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
+from support.planting import rms_um
 
 
 @pytest.fixture(scope="module")

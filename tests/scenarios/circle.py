@@ -25,6 +25,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from programs import program
+
 ARMD = [sys.executable, "-P", "-m", "armd.daemon.cli"]
 SIMULATOR = [sys.executable, "-P", "-m", "armd.simulator"]
 FAULT = "encoder_eccentricity@joint 3=3"
@@ -57,8 +59,8 @@ spat_2s_mm = 0.030
 #: The hand hurries, for this is a demonstration; a person needs four times as long.
 HAND = """\
 schema = "armd.operator/1"
-rest_s = 0.8
-press_after_s = 0.62
+rest_s = 0.7
+press_after_s = 0.6
 haste = 5.0
 start_s = 3.0
 """
@@ -135,7 +137,7 @@ class Circle:
             self._measure(
                 *("artefact", "balls-plan.toml", "beam"),
                 *("--artefact", str(folder / "beam.toml"), "--repeats", str(ROUNDS)),
-                *("--placements", ",".join(PLACEMENTS)),
+                *("--placements", ",".join(PLACEMENTS), "--then", "diagnose"),
             )
             figures["diagnosis"] = self._diagnosed()
             shutil.copyfile(folder / "beam" / "extended.json", folder / "calibration.json")
@@ -160,28 +162,17 @@ class Circle:
         folder = self._folder
         config = CONFIG.format(port=folder / "port", endpoint=self._endpoint)
         (folder / "armd.toml").write_text(config)
-        with self._arm("seats-plan.toml", seconds=2.0) as arm:  # so that the port is there
+        with self._arm("seats-plan.toml", seconds=0.5) as arm:  # so that the port is there
             arm.wait()
         command = [*ARMD, "run", str(folder / "armd.toml")]
-        log = (folder / "daemon.log").open("w")
-        with (
-            log,
-            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True) as daemon,
-        ):
-            try:
-                assert daemon.stdout is not None
-                if not daemon.stdout.readline().startswith("armd: ready"):
-                    raise SystemExit((folder / "daemon.log").read_text())
-                yield
-            finally:
-                daemon.terminate()
-                daemon.wait(30)
+        with program(command, folder / "daemon.log", "armd: ready"):
+            yield
 
     @contextmanager
     def _arm(self, plan: str, seconds: float = 600.0) -> Iterator[subprocess.Popen[str]]:
         """The arm with its fault, in the hands of an operator who follows *plan*."""
         options = ["--serial", "--link", str(self._folder / "port"), "--seed", self._seed]
-        options += ["--rate", "500", "--seconds", str(seconds), "--plant", FAULT]
+        options += ["--rate", "250", "--seconds", str(seconds), "--plant", FAULT]
         options += ["--operator", str(self._folder / plan)]
         # A simulator of one seed boots as the same device each time: were its samples numbered
         # from 0 again, the daemon would take them for repeated ones.
@@ -189,21 +180,8 @@ class Circle:
         scenario = self._folder / f"boot-{self._boots}.toml"
         scenario.write_text(f"first_seq = {1_000_000 * self._boots}\n")
         options += ["--scenario", str(scenario)]
-        log = (self._folder / "arm.log").open("a")
-        with (
-            log,
-            subprocess.Popen(
-                [*SIMULATOR, *options], stdout=subprocess.PIPE, stderr=log, text=True
-            ) as arm,
-        ):
-            try:
-                assert arm.stdout is not None
-                if not arm.stdout.readline().strip():
-                    raise SystemExit((self._folder / "arm.log").read_text())
-                yield arm
-            finally:
-                arm.terminate()
-                arm.wait(30)
+        with program([*SIMULATOR, *options], self._folder / "arm.log") as arm:
+            yield arm
 
     def _measure(self, kind: str, plan: str, name: str, *options: str) -> int:
         """`armd measure`, with the operator; its exit code."""

@@ -34,6 +34,24 @@ def armd(*arguments: str, may_fail: bool = False) -> str:
     return done.stdout
 
 
+def identified(folder: Path, arm: str, calibrate: str, check: str) -> dict[str, float]:
+    """The 3-D RMS of *check* under each model, µm; the models and the diagnosis in *folder*."""
+    cal, extended = str(folder / "calibration.json"), str(folder / "extended.json")
+    armd("calibrate", calibrate, "--arm", arm, "-o", cal)
+    armd(
+        *("diagnose", calibrate, "--arm", arm, "--calibration", cal, "--holdout", check),
+        *("--json", str(folder / "diagnosis.json"), "--extended", extended),
+    )
+    figures = {}
+    for name, model in (("nominal", None), ("calibrated", cal), ("diagnosed", extended)):
+        result = folder / f"{name}.json"
+        with_model = [] if model is None else ["--calibration", model]
+        armd("evaluate", check, "--arm", arm, *with_model, "--json", str(result))
+        figures[name] = json.loads(result.read_text())["rms_um"]
+        print(f"{name:12}{figures[name]:8.0f} µm 3-D RMS of the check", flush=True)
+    return figures
+
+
 def run(folder: Path, seed: int) -> dict[str, float]:
     """The 3-D RMS of the check under each model, µm, and the verification's largest deviation."""
     arm, measured = str(folder / "arm.toml"), folder / "measured"
@@ -44,25 +62,14 @@ def run(folder: Path, seed: int) -> dict[str, float]:
         *("--truth-out", str(truth)),
     )
     calibrate, check, verify = (str(measured / n) for n in ("calibrate", "check", "verify"))
-    cal, extended = str(folder / "calibration.json"), str(folder / "extended.json")
-    armd("calibrate", calibrate, "--arm", arm, "-o", cal)
-    found = folder / "diagnosis.json"
-    armd(
-        *("diagnose", calibrate, "--arm", arm, "--calibration", cal, "--holdout", check),
-        *("--json", str(found), "--extended", extended),
-    )
-    figures = {}
-    for name, model in (("nominal", None), ("calibrated", cal), ("diagnosed", extended)):
-        result = folder / f"{name}.json"
-        with_model = [] if model is None else ["--calibration", model]
-        armd("evaluate", check, "--arm", arm, *with_model, "--json", str(result))
-        figures[name] = json.loads(result.read_text())["rms_um"]
-        print(f"{name:12}{figures[name]:8.0f} µm 3-D RMS of the check")
-    _print_findings(json.loads(found.read_text())["findings"], json.loads(truth.read_text()))
+    figures = identified(folder, arm, calibrate, check)
+    found = json.loads((folder / "diagnosis.json").read_text())["findings"]
+    _print_findings(found, json.loads(truth.read_text()))
     mpe = folder / "mpe.toml"
     mpe.write_text(MPE)
     verdict = armd(
-        *("verify", verify, "--arm", arm, "--calibration", extended, "--mpe", str(mpe)),
+        *("verify", verify, "--arm", arm, "--calibration", str(folder / "extended.json")),
+        *("--mpe", str(mpe)),
         may_fail=True,
     )
     print(verdict, end="")
@@ -79,7 +86,8 @@ def _print_findings(findings: list[dict], truth: dict[str, list[float]]) -> None
         if true is not None and place.startswith("joint "):
             found = sum(p["value"] ** 2 for p in finding["parameters"]) ** 0.5 * 206_265
             beside = f": {found:.0f}″, truly {true[int(place.split()[1]) - 1]:.0f}″"
-        print(f"  {cause} {place}{beside}, probability {finding['probability']:.2f}")
+        doubt = "" if finding["gain"]["shown"] else ", not confirmed by the check"
+        print(f"  {cause} {place}{beside}, probability {finding['probability']:.2f}{doubt}")
 
 
 def main() -> int:

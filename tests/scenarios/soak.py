@@ -18,13 +18,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from audit import Audit
 from mcap.reader import make_reader
-from running_daemon import running_daemon
-from simulated_arm import SimulatedArm, simulated_arm
-from true_model import write_true_model
 
 import armd
+from support.audit import Audit
+from support.running_daemon import running_daemon
+from support.simulated_arm import SimulatedArm, simulated_arm
+from support.true_model import write_true_model
 
 ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 RATE_HZ = 1000

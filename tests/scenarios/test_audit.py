@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from audit import Audit
-from simulated_arm import TRUTH
 
 from armd import POINT, Flag
+from support.audit import Audit
+from support.simulated_arm import TRUTH
 
 N = 1000
 STOP = {"event": "stop", "seq": N, "monotonic_ns": 10**9}
 
 
-def books(folder: Path) -> Path:
+def truth_log(folder: Path) -> Path:
     truth = np.zeros(N, TRUTH)
     truth["seq"] = np.arange(N)
     truth["position_mm"] = np.arange(N)[:, None] * [1.0, 2.0, 3.0]
@@ -40,7 +40,7 @@ def without(points: np.ndarray, first: int, last: int) -> np.ndarray:
 
 
 def judged(folder: Path, points: np.ndarray, *log: dict[str, Any]) -> dict[str, Any]:
-    audit = Audit(books(folder), 1000)
+    audit = Audit(truth_log(folder), 1000)
     for i, batch in enumerate(np.array_split(points, 10)):
         audit.take(batch, i)
     audit.settle()

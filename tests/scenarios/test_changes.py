@@ -13,13 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zenoh
-from running_daemon import Daemon, Heard, running_daemon
-from simulated_arm import simulated_arm
 
 from armd import Flag
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
-from armd.compensation.model.terms import Harmonic, Term, Time
+from armd.compensation.model.calibration import save_calibration
+from armd.compensation.model.pose_factors import Harmonic
+from armd.compensation.model.slow_factors import Time
+from armd.compensation.model.terms import Term
+from support.drawn import drawn
+from support.running_daemon import Daemon, Heard, running_daemon
+from support.simulated_arm import simulated_arm
 
 EXTRA = "[commands]\nenabled = true\n"
 DAY_S = 86_400.0
@@ -49,17 +52,7 @@ def heard(daemon: Daemon) -> Iterator[Heard]:
 def write(path: Path, d_1_mm: float = 0.0, terms: list[Term] | None = None) -> int:
     """A calibration *d_1_mm* longer than the drawing, put in place atomically; its identity."""
     arm = load_arm(path.parent / "arm.toml")
-    constants = constants_of(arm.nominal(), arm.n_joints)
-    constants["d_1"] += d_1_mm
-    calibration = Calibration(
-        schema="armd.calibration/1",
-        arm=arm.serial_number,
-        created="2026-01-01T00:00:00+00:00",
-        reference_temperature_c=20.0,
-        constants=constants,
-        terms=terms or [],
-    )
-    return save_calibration(path, calibration).identity
+    return save_calibration(path, drawn(arm, d_1_mm, terms=terms or [])).identity
 
 
 @contextmanager

@@ -15,13 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from running_daemon import Daemon, Heard, free_endpoint, running_daemon, write_config
-from simulated_arm import SimulatedArm, simulated_arm
 
 import armd
 from armd import Flag
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.calibration import save_calibration
+from support.drawn import drawn
+from support.running_daemon import Daemon, Heard, free_endpoint, running_daemon, write_config
+from support.simulated_arm import SimulatedArm, simulated_arm
 
 ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "subscriber.py"
@@ -53,16 +54,7 @@ class Live:
 def write_calibration(folder: Path, d_1_mm: float = 0.0) -> str:
     """A calibration that differs from the nominal geometry by *d_1_mm*; its SHA-256."""
     arm = load_arm(folder / "arm.toml")
-    constants = constants_of(arm.nominal(), arm.n_joints)
-    constants["d_1"] += d_1_mm
-    calibration = Calibration(
-        schema="armd.calibration/1",
-        arm=arm.serial_number,
-        created="2026-01-01T00:00:00+00:00",
-        reference_temperature_c=20.0,
-        constants=constants,
-    )
-    return save_calibration(folder / "calibration.json", calibration).sha256
+    return save_calibration(folder / "calibration.json", drawn(arm, d_1_mm)).sha256
 
 
 @pytest.fixture(scope="module")

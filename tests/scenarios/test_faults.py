@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running_daemon import Heard, running_daemon
-from simulated_arm import SimulatedArm, simulated_arm
-from standstill import taken_while_it_ran
 
 from armd import Flag
+from support.running_daemon import Heard, running_daemon
+from support.simulated_arm import SimulatedArm, simulated_arm
+from support.standstill import taken_while_it_ran
 
 FIRST_S = 5.0  # clock mapped, temperatures known
 FAULTS = {

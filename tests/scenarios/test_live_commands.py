@@ -6,13 +6,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
-from running_daemon import Daemon, running_daemon
-from simulated_arm import SimulatedArm, simulated_arm
 
 import armd
 from armd import ArmdError
+from support.running_daemon import Daemon, running_daemon
+from support.simulated_arm import SimulatedArm, simulated_arm
 
 ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 CONFIG = "[commands]\nenabled = true\n[tips.ruby]\noffset_mm = [0.0, 0.0, 150.0]\n"
@@ -45,6 +46,58 @@ def test_a_tip_and_a_reload_by_command(live: tuple[SimulatedArm, Daemon]) -> Non
     assert refused.returncode == 2
     assert "no tip 'glass'; there are: ruby" in refused.stderr
     assert run(daemon, "reload").stdout == "SIM-0001: nominal geometry\n"
+
+
+def test_a_tip_calibrated_now_is_in_force_and_stays_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+    more = CONFIG + "[measurement]\nlog = false\n"
+    keep = {"name": "ruby", "offset_mm": "0.25,0.0,150.5", "radius_mm": "1.5"}
+    with simulated_arm(tmp_path) as simulated:
+        with (
+            running_daemon(tmp_path, simulated.port, more) as daemon,
+            armd.connect(endpoint=daemon.endpoint) as arm,
+            daemon.listen() as heard,
+        ):
+            assert arm.info()["configuration"]["tips"]["ruby"]["offset_mm"] == [0.0, 0.0, 150.0]
+            assert arm.command("keep_tip", **keep) == "tip ruby, as it was calibrated now"
+            info = arm.info()
+            assert info["tip"] == "ruby"
+            ruby = {"offset_mm": [0.25, 0.0, 150.5], "radius_mm": 1.5}
+            assert info["configuration"]["tips"] == {"ruby": ruby}
+            heard.wait_for(lambda: heard.events("tip") and heard.events("tip_moved"))
+            assert heard.events("tip")[0]["detail"] == {"tip": "ruby", **ruby}
+            warned = heard.events("tip_moved")[0]["text"]  # √(0.25² + 0.5²)
+            assert warned == "the tip 'ruby' moved by 0.559 mm, more than 0.1 mm"
+            n = len(heard.json("measurement"))
+            heard.wait_for(lambda: len(heard.json("measurement")) > n)
+            measured = heard.json("measurement")[-1]
+            told = measured["tip"], measured["tip_offset_mm"], measured["tip_radius_mm"]
+            assert told == ("ruby", [0.25, 0.0, 150.5], 1.5)
+            for wrong, said in (
+                ({"offset_mm": "1,2"}, "offset_mm"),
+                ({"offset_mm": "1,2,nan"}, "offset_mm"),
+                ({"offset_mm": "1,2,1e9"}, "offset_mm"),
+                ({"radius_mm": "-1"}, "radius_mm"),
+                ({"name": "-"}, "a name of 80 letters"),
+            ):
+                with pytest.raises(ArmdError, match=said):
+                    arm.command("keep_tip", **keep | wrong)
+            assert arm.info()["configuration"]["tips"] == {"ruby": ruby}
+        with (
+            running_daemon(tmp_path, simulated.port, more) as daemon,
+            armd.connect(endpoint=daemon.endpoint) as arm,
+        ):
+            assert arm.info()["configuration"]["tips"] == {"ruby": ruby}
+        # Who writes another offset into armd.toml means it.
+        edited = more.replace("150.0", "151.0")
+        with (
+            running_daemon(tmp_path, simulated.port, edited) as daemon,
+            armd.connect(endpoint=daemon.endpoint) as arm,
+        ):
+            tips = arm.info()["configuration"]["tips"]
+            assert tips["ruby"]["offset_mm"] == [0.0, 0.0, 151.0]
 
 
 def test_a_reader_that_has_seen_enough_ends_the_read_out(

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
+
+from support.pages import run_as_typed
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -33,12 +32,7 @@ def test_both_commands_are_targets() -> None:
 
 
 def test_the_metrology_commands_run_and_find_what_the_readme_says(tmp_path: Path) -> None:
-    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    done = subprocess.run(
-        ["bash", "-e", "-c", block("sh", "## For the metrology engineer")],
-        cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    run_as_typed(block("sh", "## For the metrology engineer"), tmp_path)
     first = json.loads((tmp_path / "diagnosis.json").read_text())["findings"][0]
     assert (first["cause"], first["location"]) == ("encoder_eccentricity", "joint 3")
     assert "1.5 µm off centre" in first["reading"]

@@ -9,10 +9,10 @@ import sys
 
 import numpy as np
 import pytest
-from fake_servos import Dynamixel, FakeServos, Feetech
 from test_servo_daemon import INVALID, measuring
 
 from armd import Flag
+from support.fake_servos import Dynamixel, FakeServos, Feetech
 
 ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 BUTTON = 20

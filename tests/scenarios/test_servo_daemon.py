@@ -9,10 +9,10 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 import zenoh
-from fake_servos import Dynamixel, FakeServos, Feetech
-from running_daemon import running_daemon
 
 from armd import Flag
+from support.fake_servos import Dynamixel, FakeServos, Feetech
+from support.running_daemon import running_daemon
 
 BOTH = pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 INVALID, WARNING, LOST = int(Flag.INVALID), int(Flag.JOINT_WARNING), int(Flag.SAMPLES_LOST)
@@ -78,6 +78,10 @@ def accept(folder):
             Dynamixel, (1, 2, 3, 4, 5, 7, 8, 9, 12), id="nine-dynamixel", marks=pytest.mark.slow
         ),
         pytest.param(Dynamixel, (1, 2, 3), id="three-dynamixel", marks=pytest.mark.slow),
+        pytest.param(Feetech, (1, 2, 3, 4, 5), id="five-feetech", marks=pytest.mark.slow),
+        pytest.param(
+            Dynamixel, (1, 2, 3, 4, 5, 6, 7), id="seven-dynamixel", marks=pytest.mark.slow
+        ),
         pytest.param(
             Feetech, (1, 2, 3, 4, 5, 7, 8, 9, 12), id="nine-feetech", marks=pytest.mark.slow
         ),
@@ -184,7 +188,7 @@ def test_a_missing_id_is_named_and_its_rows_are_invalid(tmp_path):
 @pytest.mark.parametrize(
     ("change", "where", "found"),
     [
-        ("ids = [1, 2]", "driver.ids", "[1, 2]"),
+        ("ids = [1, 2]", "driver.ids", "2 entries"),
         ("ids = [1, 2, 3, 4]", "driver.ids", "4 servos"),
         ("ids = [1, 2, 2]", "driver.ids", "[1, 2, 2]"),
         ("ids = [1, 2, 3]\nid = 3", "driver.id", "an unknown key"),

@@ -16,8 +16,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from running_daemon import PATIENCE_S, Daemon, free_endpoint, write_config
-from simulated_arm import SimulatedArm, simulated_arm
+
+from support.running_daemon import PATIENCE_S, Daemon, free_endpoint, write_config
+from support.simulated_arm import SimulatedArm, simulated_arm
 
 RUN = [sys.executable, "-m", "armd.daemon.cli", "run"]
 

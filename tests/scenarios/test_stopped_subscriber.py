@@ -8,8 +8,8 @@ import sys
 import time
 from pathlib import Path
 
-from running_daemon import running_daemon
-from simulated_arm import simulated_arm
+from support.running_daemon import running_daemon
+from support.simulated_arm import simulated_arm
 
 
 def test_the_end_does_not_wait_for_a_stopped_subscriber(tmp_path: Path) -> None:

@@ -6,12 +6,12 @@ import signal
 from itertools import groupby
 from pathlib import Path
 
-from running_daemon import Heard, running_daemon
-from simulated_arm import simulated_arm
-
 from armd import Flag
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.calibration import save_calibration
+from support.drawn import drawn
+from support.running_daemon import Heard, running_daemon
+from support.simulated_arm import simulated_arm
 
 CALIBRATED = 'calibration = "calibration.json"'
 #: 20 K in a minute: a drift that no default limit lets pass
@@ -20,15 +20,8 @@ WARMING = ["--warm-up-k", "20", "--warm-up-s", "60"]
 
 def calibrate(folder: Path, low_c: float, high_c: float) -> None:
     arm = load_arm(folder / "arm.toml")
-    calibration = Calibration(
-        schema="armd.calibration/1",
-        arm=arm.serial_number,
-        created="2026-01-01T00:00:00+00:00",
-        reference_temperature_c=20.0,
-        constants=constants_of(arm.nominal(), arm.n_joints),
-        temperature_range_c=dict.fromkeys(arm.sensors, (low_c, high_c)),
-    )
-    save_calibration(folder / "calibration.json", calibration)
+    ranges = dict.fromkeys(arm.sensors, (low_c, high_c))
+    save_calibration(folder / "calibration.json", drawn(arm, temperature_range_c=ranges))
 
 
 def states(heard: Heard) -> list[str]:

@@ -106,7 +106,8 @@ RIGHT = {
     "design": "design session --arm arm.toml --calibration cal.json -o poses.csv"
     " --json result.json --report r.html",
     "correct": "correct session/readings.csv --arm arm.toml --calibration cal.json -o points.csv",
-    "check": "check arm.toml armd.toml cal.json session mpe.toml",
+    "check": "check arm.toml armd.toml cal.json mpe.toml",
+    "check session": "check arm.toml session",
     "replay": "replay recording.mcap --check",
     "replayed": "replay recording.mcap --calibration cal.json -o points.csv",
     "run": "run armd.toml --allow-root",

@@ -12,12 +12,12 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
-from simulated_arm import SimulatedArm, simulated_arm
 
 from armd.drivers.can import objects
-from armd.simulator.electronics import COUNTS_PER_TURN
+from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.conditions import Conditions
+from support.simulated_arm import SimulatedArm, simulated_arm
 
 SYNC_HZ = 50
 SYNCS = 60

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from armd.drivers.can import objects as can
-from armd.simulator.canbus.node import Node
+from armd.simulator.canbus.node import SimulatedNode
 from armd.simulator.canbus.parts import Encoder, Thermometer
 from armd.simulator.canbus.wires import Frame
 
 EXPEDITED_WRITE = {1: 0x2F, 2: 0x2B, 4: 0x23}
 
 
-def said(node: Node) -> list[Frame]:
+def said(node: SimulatedNode) -> list[Frame]:
     frames = list(node.outbox)
     node.outbox.clear()
     return frames
 
 
-def read(node: Node, index: int, sub_index: int = 0) -> int:
+def read(node: SimulatedNode, index: int, sub_index: int = 0) -> int:
     """An expedited SDO upload; fails the test on an abort."""
     request = struct.pack("<BHB4x", 0x40, index, sub_index)
     node.hear(Frame(can.SDO_REQUEST_BASE + node.node_id, request))
@@ -31,7 +31,7 @@ def read(node: Node, index: int, sub_index: int = 0) -> int:
     return int.from_bytes(reply.data[4:], "little")
 
 
-def write(node: Node, index: int, sub_index: int, value: int, size: int) -> int:
+def write(node: SimulatedNode, index: int, sub_index: int, value: int, size: int) -> int:
     """An expedited SDO download; 0 or the abort code."""
     request = struct.pack("<BHBI", EXPEDITED_WRITE[size], index, sub_index, value)
     node.hear(Frame(can.SDO_REQUEST_BASE + node.node_id, request))
@@ -39,7 +39,7 @@ def write(node: Node, index: int, sub_index: int, value: int, size: int) -> int:
     return int.from_bytes(reply.data[4:], "little") if reply.data[0] == 0x80 else 0
 
 
-def command(node: Node, number: int) -> None:
+def command(node: SimulatedNode, number: int) -> None:
     node.hear(Frame(can.NMT_ID, bytes([number, node.node_id])))
 
 
@@ -50,7 +50,7 @@ def encoder() -> Encoder:
     return node
 
 
-def synchronous(node: Node, pdo: int = 0, every: int = 1) -> None:
+def synchronous(node: SimulatedNode, pdo: int = 0, every: int = 1) -> None:
     assert write(node, can.TPDO_COMMUNICATION + pdo, 2, every, 1) == 0
 
 

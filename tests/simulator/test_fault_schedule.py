@@ -7,7 +7,14 @@ from itertools import pairwise
 import pytest
 
 from armd.errors import BadInput
-from armd.simulator.faults import FAULTS, Fault, Schedule, check_wire, parse_fault, random_faults
+from armd.simulator.live.faults import (
+    FAULTS,
+    Fault,
+    Schedule,
+    check_wire,
+    parse_fault,
+    random_faults,
+)
 
 
 def test_name_at_seconds_and_duration() -> None:

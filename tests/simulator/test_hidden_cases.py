@@ -12,9 +12,9 @@ import pytest
 from armd.errors import BadInput
 from armd.simulator.campaigns.hidden import DESIGNS, NOISE, Design, campaigns
 from armd.simulator.hidden import HiddenCase, generate_case, measure_next
-from armd.simulator.measuring import Measured
-from armd.simulator.noise import Noise
-from armd.simulator.plan import Climate, warmed
+from armd.simulator.measured.measuring import Measured
+from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.plan import Climate, warmed
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import FOREIGN, FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, parse_plant

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from armd.errors import BadInput
-from armd.simulator.led import LedOperator, load_plan
-from armd.simulator.physics import STEP_S, STEPS, blocks
+from armd.simulator.__main__ import main
+from armd.simulator.live.led import LedOperator, load_plan
+from armd.simulator.live.physics import STEP_S, STEPS, blocks
 from armd.simulator.plants.live import planted
+from armd.simulator.servobus.arm import LIMITS_DEG, ServoArm
+from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.conditions import Conditions
 
@@ -77,6 +80,22 @@ def test_with_a_fault_the_tip_is_where_it_was_and_the_encoders_show_otherwise(tm
     assert np.linalg.norm(told - tips, axis=1).max() > 0.02
 
 
+@pytest.mark.parametrize("n", [3, 4, 5, 7, 9])
+def test_arms_of_any_joints_are_led_and_planted_in(n, tmp_path):
+    """Three joints reach a point in few postures: the hand comes back in one of them."""
+    text = PLAN.replace("[550.0, 0.0, 200.0]", "[500.0, 0.0, 200.0]").replace(
+        "2.0\nstart", "5.0\nstart"
+    )
+    arm = planted(TrueArm.default(3, joints=n), [f"joint_backlash@joint {n}=2.0"], 3)
+    low, high = nominal.limits_rad(n)
+    tips, shown = presses(arm, LedOperator(arm, written(tmp_path, text), 3), 20.0)
+    b1, b2 = np.array([500.0, 0.0, 200.0]), np.array([500.0, 120.0, 200.0])
+    assert len(tips) >= 4 and np.abs(tips[:4] - [b1, b2, b1, b2]).max() < 0.012
+    assert ((shown > low) & (shown < high)).all()
+    if n > 3:
+        assert np.ptp(shown[[0, 2]], axis=0).max() > 0.1  # another posture
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
@@ -96,3 +115,32 @@ def test_what_cannot_be_reached_or_planted_is_refused(tmp_path):
         LedOperator(TrueArm.default(), far, 1)
     with pytest.raises(BadInput, match="something beside the arm"):
         planted(TrueArm.default(), ["sensor_offset@sensor t2=1.0"], 1)
+
+
+def test_the_printed_arm_is_led_too_within_its_limits(tmp_path):
+    text = PLAN.replace("[550.0, 0.0, 200.0]", "[220.0, 0.0, 60.0]").replace("miss_um = 2.0", "")
+    led = written(tmp_path, text.partition('[[visit]]\nplacement = "P2"')[0])
+    arm = ServoArm(2, 20.0, led=led)
+    times = np.arange(0.0, 12.0, 0.01)
+    down = np.flatnonzero(np.diff([arm.motion.pressed(t) for t in times], prepend=False))[::2]
+    assert len(down) >= 4
+    # Turned by 90° about z, the second ball lies along y.
+    b1, b2 = np.array([220.0, 0.0, 60.0]), np.array([220.0, 120.0, 60.0])
+    tips = arm.tips_mm(times[down])
+    assert np.abs(tips[:4] - [b1, b2, b1, b2]).max() < 0.2  # its play, and the motors' warmth
+    assert np.ptp(arm.tips_mm(times[down[0]] - np.arange(0.0, 0.5, 0.1)), axis=0).max() < 1e-2
+    angles = np.degrees([[arm.motion.angle(k, t) for k in range(1, 6)] for t in times[down]])
+    low, high = LIMITS_DEG.T
+    assert ((angles > low) & (angles < high)).all() and np.ptp(angles, axis=0).max() > 20
+    assert [arm.motion.pressed(t) for t in times[down]] == [True] * len(down)  # asked again
+
+
+def test_a_microscribe_has_no_operator(tmp_path, capsys):
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN)
+    for options, words in (
+        (["--microscribe", "--operator", str(plan)], "found --microscribe, expected --serial"),
+        (["--servo", "feetech", "--plant", "encoder_slip@joint 1=1"], "expected --serial or --can"),
+    ):
+        assert main(options) == 2
+        assert words in capsys.readouterr().err

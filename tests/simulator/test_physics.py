@@ -6,9 +6,9 @@ from itertools import islice
 
 import numpy as np
 
-from armd.simulator.ahead import Ahead
-from armd.simulator.operator import Operator
-from armd.simulator.physics import STEP_S, STEPS, Block, WarmUp, blocks
+from armd.simulator.live.operator import Operator
+from armd.simulator.live.physics import STEP_S, STEPS, Block, WarmUp, blocks
+from armd.simulator.live.prefetch import Prefetch
 from armd.simulator.truth.arm import TrueArm
 
 RATE_HZ = 500
@@ -66,7 +66,7 @@ def test_one_seed_is_one_life() -> None:
 
 
 def test_another_process_computes_ahead() -> None:
-    ahead = Ahead(iter(range(1000)))
+    ahead = Prefetch(iter(range(1000)))
     assert list(islice(ahead, 5)) == [0, 1, 2, 3, 4]
     ahead.close()  # although nobody took the rest
-    assert list(Ahead(iter("ab"))) == ["a", "b"]
+    assert list(Prefetch(iter("ab"))) == ["a", "b"]

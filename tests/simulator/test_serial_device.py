@@ -1,4 +1,4 @@
-"""The simulated arm on its pty, read by a bare reader: what leaves is what its books say."""
+"""The simulated arm on its pty, read by a bare reader: what leaves is what its truth log says."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cobs import cobs
-from simulated_arm import SimulatedArm, simulated_arm
 
 from armd.drivers.serial import wire
-from armd.simulator.electronics import COUNTS_PER_TURN
-from armd.simulator.faults import FAULTS
+from armd.simulator.live.electronics import COUNTS_PER_TURN
+from armd.simulator.live.faults import FAULTS
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.conditions import Conditions
+from support.simulated_arm import SimulatedArm, simulated_arm
 
 SCENARIO = """
 schema = "armd.scenario/1"

@@ -14,10 +14,10 @@ import pytest
 
 from armd.errors import BadInput
 from armd.simulator.campaigns import calibration, paper, verification
-from armd.simulator.campaigns.campaign import Campaign
-from armd.simulator.measuring import Measured
-from armd.simulator.noise import Noise
-from armd.simulator.poses import MARGIN_RAD
+from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.measuring import Measured
+from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.poses import MARGIN_RAD
 from armd.simulator.sessions import KINDS, add_arguments, run
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import Materials, TrueArm
@@ -201,6 +201,8 @@ def test_the_truth_goes_where_it_is_told_and_nowhere_else(tmp_path: Path) -> Non
     for wrong, said in {
         "gremlins@joint 3=0.8": "an unknown cause",
         "encoder_slip@joint 7=15": "found location 'joint 7', expected joint 1, joint 2",
+        "encoder_slip@Joint2=15": "found location 'Joint2', expected 'joint 2'",
+        "encoder_slp@joint 2=15": "expected a cause: did you mean encoder_slip?",
         "sensor_offset@joint 2=1": "expected sensor t1",
         "artefact_length@target B99=5": "expected artefact, target B1",
         "tip_offset@joint 6=5": "expected tip",

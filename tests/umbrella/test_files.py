@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from armd import BadInput
-from armd.files import check_place, whole_file, write_whole
+from armd.files.writing import check_place, whole_file, write_whole
 
 
 def mode(path: Path) -> int:
@@ -145,7 +145,7 @@ def test_a_pipe_is_written_to(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"])
 def test_standard_output_goes_where_the_shell_sent_it(tmp_path: Path, name: str) -> None:
     script = (
-        "from armd.files import write_whole; print('first');"
+        "from armd.files.writing import write_whole; print('first');"
         f"write_whole({name!r}, 'second\\n'); print('third')"
     )
     out = tmp_path / "out"

@@ -12,8 +12,8 @@ from armd import BadInput
 from armd.compensation.data.readings import load_readings, read_header
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
-from armd.schema import MOST_FAULTS, MOST_VALUES, load_json, load_toml
+from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
+from armd.files.schema import MOST_FAULTS, MOST_VALUES, load_json, load_toml
 
 
 def test_a_file_is_read_as_it_stands(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_names_that_cannot_be_are_refused(tmp_path: Path, name: str, found: str)
         (b'{"terms":[' + b"1," * MOST_VALUES + b"1,1]}", f"{MOST_VALUES + 1} values"),
         (b" " * (MOST_JSON_BYTES + 1), f"{MOST_JSON_BYTES + 1} bytes"),
         (b'{"arm": "\xff"}', "not UTF-8"),
-        (b"", "Expecting value"),
+        (b"", "line 1 column 1: found the end, expected valid JSON"),
     ],
 )
 def test_hostile_json_is_refused(tmp_path: Path, content: bytes, found: str) -> None:

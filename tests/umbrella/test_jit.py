@@ -12,10 +12,10 @@ from pathlib import Path
 import platformdirs
 import pytest
 
-from armd import jit
+from armd.compiled import compiler, library
 
 PROGRAM = """
-from armd.jit import jit, FOLDER
+from armd.compiled.jit import jit
 
 @jit
 def double(x):
@@ -70,4 +70,4 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch: pytest.MonkeyPatch) -> 
     for name in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(platformdirs, "user_cache_dir", lambda name: f"~/.cache/{name}")
-    assert not jit._usable(jit.cache_folder())
+    assert not compiler.usable(library.cache_folder())

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from armd import BadInput
-from armd.outputs import (
+from armd.files.outputs import (
     ARM,
     CALIBRATION,
     FAULT_LOG,
@@ -20,14 +20,14 @@ from armd.outputs import (
     RESULT,
     SETTINGS,
     TRUTH,
-    Kind,
+    OutputKind,
     check_output_folder,
     check_outputs,
     check_same,
 )
 
 #: what commands write, by kind
-WRITTEN: dict[str, tuple[Kind, bytes]] = {
+WRITTEN: dict[str, tuple[OutputKind, bytes]] = {
     "calibration": (CALIBRATION, b'{\n "schema": "armd.calibration/1",\n "arm": "A"\n}\n'),
     "small calibration": (CALIBRATION, b'{"schema":"armd.calibration/1","arm":"A"}'),
     "result": (RESULT, json.dumps({"rms_um": 1.0, "n": 3}, indent=1).encode()),
@@ -58,7 +58,7 @@ def test_only_its_own_kind_is_written_over(tmp_path: Path, name: str, standing: 
     kind = WRITTEN[name][0]
     path = tmp_path / standing
     path.write_bytes(WRITTEN[standing][1] if standing in WRITTEN else OTHERS[standing])
-    outputs: dict[str, tuple[str | Path | None, Kind]] = {"-o": (path, kind)}
+    outputs: dict[str, tuple[str | Path | None, OutputKind]] = {"-o": (path, kind)}
     if standing in WRITTEN and WRITTEN[standing][0] is kind:
         check_outputs(outputs, [], force=False)
     else:
@@ -68,7 +68,7 @@ def test_only_its_own_kind_is_written_over(tmp_path: Path, name: str, standing: 
 
 
 @pytest.mark.parametrize("kind", [RECORDING, ARM])
-def test_what_cannot_be_had_again_is_kept(tmp_path: Path, kind: Kind) -> None:
+def test_what_cannot_be_had_again_is_kept(tmp_path: Path, kind: OutputKind) -> None:
     path = tmp_path / "file"
     path.touch()  # nothing is lost
     check_outputs({"-o": (path, kind)}, [], force=False)

@@ -18,6 +18,6 @@ def test_every_public_name_is_there() -> None:
 
 
 def test_a_command_without_network_does_not_load_one() -> None:
-    script = "import sys, armd.daemon.commands.check; print('zenoh' in sys.modules)"
+    script = "import sys, armd.daemon.commands.setup.check; print('zenoh' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert done.stdout == "False\n"

@@ -11,14 +11,14 @@ import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
-from running_daemon import free_endpoint
 
 import armd
 from armd import keys
 from armd.client import Arm
-from armd.daemon.screen import Screen
-from armd.printable import printable
+from armd.daemon.commands.screen import Screen
 from armd.received import KEPT_S, is_sound
+from armd.terminal.printable import printable
+from support.running_daemon import free_endpoint
 
 
 def session(mode, endpoint, **more):

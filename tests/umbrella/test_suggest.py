@@ -15,8 +15,8 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.daemon.catalogue.known import canonical
 from armd.daemon.cli import main
-from armd.schema import Strict, parse_json, parse_toml
-from armd.suggest import did_you_mean, few, hint, keys_at
+from armd.files.schema import Strict, parse_json, parse_toml
+from armd.terminal.suggest import did_you_mean, few, hint, keys_at
 
 
 class Cat(Strict):
@@ -60,6 +60,15 @@ def test_keys_of_a_table_wherever_it_is() -> None:
     assert keys_at(House, ["nothing"]) == []
     assert "alpha_deg" in keys_at(Arm, ["joint", 0])
     assert "coefficient" in keys_at(Calibration, ["terms", 2])
+
+
+def test_a_missing_key_with_its_misspelling_beside_it() -> None:
+    with pytest.raises(BadInput) as fault:
+        parse_toml("f", b'pet = {kind = "cat", purs = true}', House)
+    assert str(fault.value).splitlines()[0].endswith("found 'purs' instead, expected this key")
+    with pytest.raises(BadInput) as fault:
+        parse_toml("f", b'pet = {kind = "cat"}', House)
+    assert "found nothing, expected this key" in str(fault.value)
 
 
 def test_a_key_of_arm_toml() -> None:
@@ -135,3 +144,53 @@ def test_a_command_and_an_arm(capsys: pytest.CaptureFixture[str]) -> None:
     assert "did you mean calibrate?" in capsys.readouterr().err
     with pytest.raises(BadInput, match=r"did you mean so101\?"):
         canonical("so10")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("", "COMMAND: found nothing"),
+        ("--verson", "armd: found --verson, expected an option: did you mean --version?"),
+        ("check --quite a.toml", "armd check: found --quite, expected an option: did you mean --q"),
+        ("calibrate t --am x -o y", "armd calibrate: found --am, expected an option"),
+        ("calibrate t --arm x -o y --thermal of", "found 'of', expected one of auto, off, 1, 2"),
+        ("measure seat -o s", "did you mean seats?"),
+        ("interim ad t", "armd interim: argument ACTION: found 'ad', expected one of add, report"),
+        ("interim report", "--history, as in: armd interim report --history checks"),
+        ("schema arm foo", "found 'foo', expected nothing more"),
+        ("calibrate arm.tml --arm arm.tml -o y", "arm.tml: the file: found nothing, expected"),
+        ("check arm.tml", "did you mean arm.toml?"),
+        ("run sub", "sub: the file: found a folder (it has armd.toml), expected a regular file"),
+        ("run arm.toml", "schema: found an arm.toml ('armd.arm/1'), expected an armd.toml ('armd."),
+        ("calibrate sub --arm arm.toml -o y", "found a folder without session.toml (it has armd."),
+        ("calibrate t.csv --arm arm.toml -o y", "armd import makes one of a table"),
+        ("check t.csv", "found a table alone, expected session.toml beside it: armd import"),
+        ("correct sub --arm arm.toml -o y", "found a folder, expected .csv or .parquet (it has"),
+        ("evaluate t9 --arm arm.toml", "readings.csv: there is T1"),
+        ("evaluate t1x --arm arm.toml", "did you mean T1?"),
+        ("verify T1 --arm arm.toml --calibration arm.toml", "line 1 column 1: found 'schema ="),
+        ("watch --endpoint tcp://there:7447", "as Zenoh has it: tcp/there:7447"),
+        ("watch --endpoint tcp/there", "expected its port too: tcp/there:7447"),
+    ],
+)
+def test_mistakes_of_the_first_hour(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    line: str, said: str,
+) -> None:  # fmt: skip
+    """One line on standard error, exit code 2 (1 of `check`), nothing on standard output."""
+    monkeypatch.chdir(tmp_path)
+    joint = "[[joint]]\nd_mm = 1.0\na_mm = 1.0\nalpha_deg = 90.0\n"
+    Path("arm.toml").write_text(
+        'schema = "armd.arm/1"\nserial_number = "A"\n[tip]\noffset_mm = [0, 0, 1]\n' + 3 * joint
+    )
+    for folder, file in (("sub", "armd.toml"), ("T1", "session.toml")):
+        Path(folder).mkdir()
+        (Path(folder) / file).touch()
+    Path("t.csv").write_text("q1;q2;q3\n1;2;3\n")
+    try:
+        code = main(line.split())
+    except SystemExit as ended:
+        code = int(ended.code or 0)
+    told = capsys.readouterr()
+    assert said in told.err and told.err.count("\n") == 1 and told.out == ""
+    assert code == (1 if line == "check t.csv" else 2)

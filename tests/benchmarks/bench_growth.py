@@ -1,0 +1,160 @@
+"""`armd correct` and `armd evaluate` on long tables: time and memory for each reading.
+
+Readings at 1 kHz, a temperature every half second, as Parquet; once some and once eight times as
+many (ROWS=100000000 for another number: 30 GB of disk). `evaluate` gets what `correct` wrote, as a
+session whose every reading stands where it was corrected to: so its residuals must be nothing. The
+floor is Arrow reading the same file in the same pieces, and Polars as it likes, where installed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+
+from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.files.toml_text import toml_text
+from support.synthetic import STARTED
+from support.synthetic import arm as synthetic_arm
+
+SHORT = 500_000
+ROWS = int(os.environ.get("ROWS", 8 * SHORT))
+PIECE = 1 << 16
+
+ARROW = """
+import sys, pyarrow.parquet
+with pyarrow.parquet.ParquetFile(sys.argv[1], pre_buffer=False) as file:
+    for batch in file.iter_batches(1 << 16):
+        pass
+"""
+POLARS = """
+import sys, polars
+polars.scan_parquet(sys.argv[1]).sum().collect(engine="streaming")
+"""
+
+
+def run() -> dict[str, Any]:
+    """Seconds and processor seconds (all cores), µs a reading, peak MB; by number of readings."""
+    figures: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory(prefix="armd-bench-", dir=os.environ.get("TMPDIR")) as made:
+        folder = Path(made)
+        _write_model(folder)
+        # The length that nothing depends on is taken off: starting, loading, compiling.
+        _figures(folder, 1000)
+        for rows in (SHORT, ROWS):
+            figures[f"{rows}_rows"] = _figures(folder, rows)
+    short, long = (figures[f"{rows}_rows"] for rows in (SHORT, ROWS))
+    for name in ("correct", "evaluate", "arrow"):
+        more = long[name]["processor_s"] - short[name]["processor_s"]
+        figures[f"{name}_processor_us_a_reading"] = 1e6 * more / (ROWS - SHORT)
+        figures[f"{name}_peak_ratio"] = long[name]["peak_mb"] / short[name]["peak_mb"]
+    return figures
+
+
+def _figures(folder: Path, rows: int) -> dict[str, Any]:
+    table, corrected = folder / "table.parquet", folder / "session/readings.parquet"
+    _write_readings(table, rows)
+    model = ["--arm", str(folder / "arm.toml"), "--calibration", str(folder / "cal.json")]
+    armd, quiet = [sys.executable, "-m", "armd"], ["--force", "-q"]
+    result = str(folder / "result.json")
+    figures = {
+        "arrow": _measured([sys.executable, "-c", ARROW, str(table)]),
+        "correct": _measured([*armd, "correct", str(table), *model, "-o", str(corrected), *quiet]),
+        "evaluate": _measured(
+            [*armd, "evaluate", str(corrected.parent), *model, "--json", result, *quiet]
+        ),
+    }
+    found = json.loads(Path(result).read_text())
+    if found["n"] != rows or found["max_um"] > 1e-3:
+        raise AssertionError(f"{found['n']} of {rows} readings, one off by {found['max_um']} µm")
+    try:
+        import polars  # noqa: F401
+    except ModuleNotFoundError:
+        return figures
+    return figures | {"polars": _measured([sys.executable, "-c", POLARS, str(table)])}
+
+
+def _measured(command: list[str]) -> dict[str, float]:
+    began = time.perf_counter()
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    peak_kb = 0
+    while child.poll() is None:  # what wait4 tells as its peak may be ours, before it was it
+        with suppress(OSError, IndexError):
+            status = Path(f"/proc/{child.pid}/status").read_text()
+            peak_kb = max(peak_kb, int(status.split("VmHWM:")[1].split()[0]))
+        time.sleep(0.01)
+    if child.returncode:
+        raise RuntimeError(f"{' '.join(command[1:4])} … ended with {child.returncode}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return {
+        "seconds": time.perf_counter() - began,
+        "processor_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+        "peak_mb": 1.024e-3 * peak_kb,
+    }
+
+
+def _write_model(folder: Path) -> None:
+    arm = synthetic_arm()
+    (folder / "session").mkdir()
+    (folder / "arm.toml").write_text(toml_text(arm.model_dump(by_alias=True, exclude_none=True)))
+    names = [f"{letter}_{k}" for letter in "da" for k in range(1, 7)]
+    content = {
+        "schema": "armd.calibration/1",
+        "arm": arm.serial_number,
+        "created": "2026-01-01T00:00:00Z",
+        "reference_temperature_c": 20.0,
+        "temperature_range_c": {f"t{k}": [10.0, 40.0] for k in range(1, 7)},
+        "constants": constants_of(arm.nominal(), 6),
+        "terms": [_expansion(f"a_{k}", f"t{k}") for k in range(1, 7)],
+        "covariance_of": names,
+        "covariance": (1e-6 * np.eye(len(names))).tolist(),
+        "noise": {"encoder_rad": [2e-6] * 6, "temperature_c": 0.1},
+    }
+    save_calibration(folder / "cal.json", Calibration.model_validate(content))
+    session = {
+        "schema": "armd.session/1",
+        "arm": arm.serial_number,
+        "started": STARTED,
+        "angle_unit": "rad",
+        "artefact": {"name": "tracker", "target": [{"name": "reflector"}]},
+    }
+    (folder / "session/session.toml").write_text(toml_text(session))
+
+
+def _expansion(parameter: str, sensor: str) -> dict[str, Any]:
+    factor = {"kind": "temperature", "weights": {sensor: 1.0}}
+    return {"parameter": parameter, "basis": [factor], "coefficient": 1e-2}
+
+
+def _write_readings(path: Path, rows: int) -> None:
+    names = [f"q{k}" for k in range(1, 7)] + [f"t{k}" for k in range(1, 7)]
+    numbers = ["time_s", *names]
+    schema = pa.schema(
+        [("placement", pa.string()), ("target", pa.string()), *((n, pa.float64()) for n in numbers)]
+    )
+    speeds, phases = np.array([0.31, 0.23, 0.41, 0.53, 0.61, 0.7]), np.arange(6)
+    with pa.parquet.ParquetWriter(path, schema) as file:
+        for first in range(0, rows, PIECE):
+            time_s = np.arange(first, min(rows, first + PIECE)) * 1e-3
+            q = np.round(1.5 * np.sin(time_s[:, None] * speeds + phases), 9)
+            hour = np.floor(2 * time_s)[:, None] / 7200
+            celsius = np.round(22 + 3 * np.sin(hour + phases), 2)
+            texts = [pa.array([text] * len(q)) for text in ("P1", "reflector")]
+            columns = [*texts, *(pa.array(c) for c in (time_s, *q.T, *celsius.T))]
+            file.write_table(pa.Table.from_arrays(columns, schema=schema))
+
+
+if __name__ == "__main__":
+    print(json.dumps(run(), indent=1))

@@ -1,0 +1,54 @@
+"""The batch kernel compiled for any processor of this kind, with the least it may have: the same
+positions, and vectors all the same (an x86-64 without AVX has SSE2)."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+PROGRAM = """
+import sys
+import numpy as np
+from armd.compensation.kernel import kernel
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import Arm
+
+joint = {"d_mm": 120.0, "a_mm": 300.0, "alpha_deg": 90.0}
+arm = Arm.model_validate({
+    "schema": "armd.arm/1", "serial_number": "ANY", "joint": 6 * [joint],
+    "tip": {"offset_mm": [45.0, 0.0, 110.0]},
+})
+q = np.random.default_rng(1).uniform(-3, 3, (1000, 6))
+position = np.empty((1000, 3))
+nothing = np.zeros((1000, 6)), np.zeros((1000, 3))
+kernel.correct(q, *nothing, Model(arm, None).state.for_batches(), position, np.empty((0, 3)))
+(code,) = kernel.correct.inspect_asm().values()
+np.savez(sys.argv[1], position=position, ymm="ymm" in code, mulpd="mulpd\\t" in code)
+"""
+
+
+def run(folder: Path, name: str, **processor: str) -> dict[str, np.ndarray]:
+    subprocess.run(
+        [sys.executable, "-c", PROGRAM, folder / f"{name}.npz"],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(folder / name)} | processor,
+        check=True,
+        timeout=280,
+    )
+    return dict(np.load(folder / f"{name}.npz"))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)  # it compiles twice
+def test_without_avx_it_gives_the_same_positions(tmp_path: Path) -> None:
+    own = run(tmp_path, "own")
+    least = run(tmp_path, "least", NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="")
+    # Within the rounding of a few operations on lengths of 2 m, fused or not.
+    np.testing.assert_allclose(least["position"], own["position"], rtol=0, atol=5e-12)
+    if platform.machine() == "x86_64":
+        assert least["mulpd"] and not least["ymm"]

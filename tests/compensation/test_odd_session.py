@@ -1,0 +1,301 @@
+"""The one bad session of several is named by its effect: planted in files, told by the commands."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from armd.compensation.identify.admission.mistakes import joint_motion
+from armd.daemon.cli import main as armd
+
+NAMES = ("T14", "T20", "T26", "T32", "T38")
+
+
+def simulated(folder: Path, *more: str) -> Path:
+    command = [sys.executable, "-m", "armd.simulator", "--session", "calibration", "-o"]
+    subprocess.run([*command, str(folder), *more], check=True, stdout=subprocess.DEVNULL)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulated(tmp_path_factory.mktemp("good") / "measured")
+
+
+@pytest.fixture
+def measured(good: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(good, tmp_path / "measured"))
+
+
+def edited(file: Path, change: Callable[[str], str]) -> None:
+    file.write_text(change(file.read_text()))
+
+
+def numbers(line: str, by: float) -> str:
+    return re.sub(r"-?\d+\.\d+", lambda found: f"{float(found[0]) * by:.9f}", line)
+
+
+def in_inches(session: Path) -> None:
+    edited(
+        session / "session.toml",
+        lambda text: re.sub(r"position_mm = .*", lambda line: numbers(line[0], 1 / 25.4), text),
+    )
+
+
+def exchanged(session: Path, a: str, b: str, placement: str = "") -> None:
+    """Two targets' names, in all rows or in those of one placement."""
+
+    def change(text: str) -> str:
+        name = {f",{a},": f",{b},", f",{b},": f",{a},"}
+        lines = [
+            re.sub(r",B\d+,", lambda found: name.get(found[0], found[0]), line)
+            if f",{placement}" in line
+            else line
+            for line in text.splitlines()
+        ]
+        return "\n".join(lines) + "\n"
+
+    edited(session / "readings.csv", change)
+
+
+def columns(session: Path, change: Callable[[dict[str, str]], dict[str, str]]) -> None:
+    """Each row of the readings as a dictionary, changed."""
+    header, *rows = [line.split(",") for line in (session / "readings.csv").read_text().split()]
+    changed = [change(dict(zip(header, row, strict=True))) for row in rows]
+    lines = [header, *([row[name] for name in header] for row in changed)]
+    (session / "readings.csv").write_text("\n".join(map(",".join, lines)) + "\n")
+
+
+def in_fahrenheit(row: dict[str, str]) -> dict[str, str]:
+    for name in (f"t{k}" for k in range(1, 7)):
+        row[name] = f"{float(row[name]) * 1.8 + 32.0:.2f}"
+    return row
+
+
+def crossed(row: dict[str, str]) -> dict[str, str]:
+    return {**row, "q2": row["q3"], "q3": row["q2"]}
+
+
+def turned(row: dict[str, str]) -> dict[str, str]:
+    return {**row, "q4": row["q4"].removeprefix("-") if "-" in row["q4"] else "-" + row["q4"]}
+
+
+def angles(session: Path, by: float, unit: str = "rad", turns: int = 0) -> None:
+    """Each angle multiplied, and the unit that session.toml names; the wrist counts its turns."""
+
+    def change(row: dict[str, str]) -> dict[str, str]:
+        q = {f"q{k}": float(row[f"q{k}"]) + 2 * np.pi * turns * (k == 6) for k in range(1, 7)}
+        return row | {name: f"{by * angle:.12f}" for name, angle in q.items()}
+
+    columns(session, change)
+    edited(
+        session / "session.toml",
+        lambda text: text.replace('angle_unit = "rad"', f'angle_unit = "{unit}"'),
+    )
+
+
+def lengths_alone(session: Path, unit_mm: float) -> None:
+    """Seats that nobody has certified, with two lengths between them in a unit of one's own."""
+
+    def change(text: str) -> str:
+        found = re.findall(r'name = "(B\d+)"\nposition_mm = \[(.*)\]', text)
+        at = {name: np.array(list(map(float, numbers.split(",")))) for name, numbers in found}
+        text = re.sub(r"(position_mm|standard_uncertainty_mm) = .*\n", "", text)
+        for a, b in (("B1", "B7"), ("B8", "B10")):
+            length = np.linalg.norm(at[a] - at[b]) / unit_mm
+            text += f'\n[[artefact.distance]]\nbetween = ["{a}", "{b}"]\n'
+            text += f"length_mm = {length:.6f}\nstandard_uncertainty_mm = 0.001\n"
+        return text
+
+    edited(session / "session.toml", change)
+
+
+PLANTED = {
+    "radians": (
+        lambda s: angles(s, 1.0, "deg", turns=2), "if its angles are taken as radians, expected",
+    ),
+    "inches": (in_inches, "if its positions are taken as inches, expected positions in mm"),
+    "targets": (lambda s: exchanged(s, "B2", "B3"), "if its targets B2 and B3 are exchanged,"),
+    "targets in one placement": (
+        lambda s: exchanged(s, "B4", "B9", "P2,"), "if its targets B4 and B9 are exchanged in P2,",
+    ),
+    "columns": (lambda s: columns(s, crossed), "if its columns q2 and q3 are exchanged,"),
+    "sign": (lambda s: columns(s, turned), "if its column q4 has the other sign,"),
+}  # fmt: skip
+
+
+@pytest.fixture(params=PLANTED)
+def planted(request: pytest.FixtureRequest, measured: Path) -> Iterator[tuple[Path, str]]:
+    plant, words = PLANTED[request.param]
+    plant(measured / "T26")
+    yield measured, words
+
+
+def run(command: str, measured: Path, *more: str) -> int:
+    sessions = [str(measured / name) for name in NAMES]
+    if command == "check":
+        return armd(["check", str(measured / "arm.toml"), *sessions])
+    return armd([command, *sessions, "--arm", str(measured / "arm.toml"), *more])
+
+
+def test_what_is_wrong_with_one_session_is_said(
+    planted: tuple[Path, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    measured, words = planted
+    out = measured.parent / "calibration.json"
+    assert run("calibrate", measured, "-o", str(out)) == 2
+    told = capsys.readouterr().err
+    assert f"armd: {measured / 'T26'}: the session: found readings that miss by up to" in told
+    assert words in told and "mm under what the other 4 identify" in told
+    after_um = re.search(r", and by ([\d.]+) µm if", told)
+    assert after_um is not None and float(after_um[1]) < 10.0  # the encoders' noise
+    assert not out.exists()
+
+
+def test_check_and_diagnose_say_it_too(measured: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    exchanged(measured / "T26", "B2", "B3")
+    words = "if its targets B2 and B3 are exchanged, expected each target under its own name"
+    assert run("check", measured) == 1
+    told = capsys.readouterr()
+    assert words in told.err and f"{measured / 'T26'}: ok" not in told.out
+    assert f"{measured / 'T32'}: ok" in told.out
+    assert run("diagnose", measured, "--json", str(measured / "out.json")) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_two_bad_sessions_are_both_named(
+    measured: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    in_inches(measured / "T14")
+    exchanged(measured / "T38", "B1", "B8")
+    assert run("check", measured) == 1
+    told = capsys.readouterr().err.splitlines()
+    assert [line.split(": ")[1].rpartition("/")[2] for line in told] == ["T14", "T38"]
+    assert "inches" in told[0] and "B1 and B8" in told[1]
+
+
+@pytest.mark.parametrize(
+    ("by", "unit", "said"),
+    [(np.degrees(1.0), "rad", 'angle_unit = "deg" would fit'), (1.0, "deg", "like radians")],
+)
+def test_a_plain_unit_is_told_by_the_file_itself(
+    measured: Path, capsys: pytest.CaptureFixture[str], by: float, unit: str, said: str
+) -> None:
+    angles(measured / "T26", by, unit)
+    assert run("check", measured) == 1
+    told = capsys.readouterr()
+    assert f"{measured / 'T26'}/readings.csv: row 1 (line 2), column q1: found" in told.err
+    assert said in told.err and f"{measured / 'T32'}: ok" in told.out
+
+
+@pytest.mark.parametrize(("unit", "unit_mm"), [("inches", 25.4), ("centimetres", 10.0)])
+def test_lengths_between_seats_in_another_unit_are_told(
+    measured: Path, capsys: pytest.CaptureFixture[str], unit: str, unit_mm: float
+) -> None:
+    lengths_alone(measured / "T26", unit_mm)
+    assert run("check", measured) == 1
+    told = capsys.readouterr().err
+    assert f"armd: {measured / 'T26'}" in told and unit in told
+
+
+def test_lengths_between_seats_in_mm_are_not(
+    measured: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lengths_alone(measured / "T26", 1.0)
+    assert run("check", measured) == 0, capsys.readouterr().err
+
+
+def test_a_lone_session_is_held_against_the_drawing(
+    measured: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    in_inches(measured / "T20")
+    command = ["calibrate", str(measured / "T20"), "--arm", str(measured / "arm.toml")]
+    assert armd([*command, "-o", str(measured / "cal.json")]) == 2
+    told = capsys.readouterr().err
+    assert "under the drawing, and by" in told and "taken as inches" in told
+
+
+def test_fahrenheit_is_found_among_celsius(
+    measured: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    columns(measured / "T26", in_fahrenheit)
+    assert run("check", measured) == 1
+    assert "if its temperatures are taken as °F" in capsys.readouterr().err
+
+
+def test_another_arm_fits_none(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its own errors of manufacture, another arm's name."""
+    other = simulated(tmp_path / "other", "--seed", "99")
+    shutil.rmtree(measured / "T26")
+    shutil.copytree(other / "T26", measured / "T26")
+    name = re.search(r'"(SIM-\d+)"', (measured / "T14/session.toml").read_text())
+    assert name is not None
+    edited(
+        measured / "T26/session.toml",
+        lambda text: re.sub(r'arm = ".*"', f'arm = "{name[1]}"', text),
+    )
+    assert run("calibrate", measured, "-o", str(tmp_path / "cal.json")) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "session T26 does not fit the others: its readings miss by up to" in told
+    assert "Is it another arm's" in told
+    others = re.search(r"theirs by up to ([\d.]+) µm", told)
+    assert others is not None and float(others[1]) < 10.0
+
+
+def test_nothing_is_said_of_good_sessions(
+    measured: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("check", measured) == 0
+    told = capsys.readouterr()
+    assert not told.err and "does not fit" not in told.out
+
+
+def test_one_bad_reading_is_no_bad_session(
+    measured: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two readings of 160 under the wrong target's name are outliers, and told as such."""
+    lines = (measured / "T26/readings.csv").read_text().splitlines()
+    for i in (5, 40):
+        lines[i] = re.sub(r",B\d+,", ",B1,", lines[i])
+    (measured / "T26/readings.csv").write_text("\n".join(lines) + "\n")
+    assert run("calibrate", measured, "-o", str(measured / "cal.json")) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "outliers" in told and "does not fit" not in told
+
+
+def test_an_arm_that_hardly_moves_explains_nothing(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Angles that nobody measured miss least as degrees: that arm stands still."""
+    rng = np.random.default_rng(4)
+
+    def invented(row: dict[str, str]) -> dict[str, str]:
+        return {**row, **{f"q{j}": f"{rng.uniform(-1.5, 1.5):.6f}" for j in range(1, 7)}}
+
+    columns(measured / "T20", invented)
+    command = ["check", str(measured / "arm.toml"), str(measured / "T20")]
+    armd(command)
+    assert "taken as degrees" not in capsys.readouterr().err
+
+
+@given(st.floats(0.001, 0.05), st.integers(1, 9), st.integers(0, 2**32 - 1))
+def test_joint_motion_is_a_standard_deviation(spread: float, joints: int, seed: int) -> None:
+    """Of small motions, wherever on the circle they are, missing rows left out."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-9.0, 9.0, joints) + rng.normal(0.0, spread, (200, joints))
+    expected = np.sqrt(np.mean(np.var(q, axis=0)))
+    turned = np.where(rng.random(joints) < 0.5, q + 2 * np.pi, q)
+    with_gap = np.vstack([turned, np.full(joints, np.nan)])
+    assert joint_motion(with_gap) == pytest.approx(expected, rel=0.01)
+    assert joint_motion(rng.uniform(-np.pi, np.pi, (20_000, 1))) == pytest.approx(2**0.5, rel=0.02)

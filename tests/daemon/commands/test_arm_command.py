@@ -1,0 +1,278 @@
+"""`armd arm`: the catalogue against the arms' own descriptions, and LeRobot's calibrations."""
+
+from __future__ import annotations
+
+import json
+import math
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from urdf_numbers import DESCRIPTIONS, Description
+
+from armd.arrays import F64
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.kinematics import frames
+from armd.daemon import cli
+from armd.daemon.catalogue.known import KNOWN
+from armd.drivers.ports import serial_ports
+
+LEROBOT = {
+    "shoulder_pan": {
+        "id": 1,
+        "drive_mode": 0,
+        "homing_offset": -1234,
+        "range_min": 747,
+        "range_max": 3456,
+    },
+    "shoulder_lift": {
+        "id": 2,
+        "drive_mode": 0,
+        "homing_offset": 981,
+        "range_min": 880,
+        "range_max": 3200,
+    },
+    "elbow_flex": {
+        "id": 3,
+        "drive_mode": 0,
+        "homing_offset": 12,
+        "range_min": 900,
+        "range_max": 3100,
+    },
+    "wrist_flex": {
+        "id": 4,
+        "drive_mode": 1,
+        "homing_offset": -3,
+        "range_min": 850,
+        "range_max": 3250,
+    },
+    "wrist_roll": {
+        "id": 5,
+        "drive_mode": 0,
+        "homing_offset": 77,
+        "range_min": 0,
+        "range_max": 4095,
+    },
+    "gripper": {
+        "id": 6,
+        "drive_mode": 0,
+        "homing_offset": 5,
+        "range_min": 2020,
+        "range_max": 3500,
+    },
+}
+
+
+def _turn(axis: int, angle: float) -> F64:
+    """Homogeneous turn about x, y or z (0, 1, 2)."""
+    i, j = [(1, 2), (2, 0), (0, 1)][axis]
+    matrix = np.eye(4)
+    matrix[i, i] = matrix[j, j] = math.cos(angle)
+    matrix[j, i], matrix[i, j] = math.sin(angle), -math.sin(angle)
+    return matrix
+
+
+def _shift(xyz_mm: F64) -> F64:
+    matrix = np.eye(4)
+    matrix[:3, 3] = xyz_mm
+    return matrix
+
+
+def _quarter(angle: float) -> float:
+    """*angle*, or the quarter turns that it was printed for, to five decimals."""
+    turns = round(angle / (math.pi / 2)) * math.pi / 2
+    return turns if abs(angle - turns) < 1.1e-5 else angle
+
+
+def _chain(description: Description, q: F64, literal: bool) -> list[F64]:
+    """The frame of every joint's child link in the file's base frame, mm."""
+    frame, found = np.eye(4), []
+    for joint, angle in zip(description.joints, q, strict=True):
+        roll, pitch, yaw = joint.rpy if literal else map(_quarter, joint.rpy)
+        (axis,) = np.flatnonzero(joint.axis)
+        frame = frame @ _shift(1000 * np.array(joint.xyz))
+        frame = frame @ _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
+        frame = frame @ _turn(int(axis), angle * joint.axis[axis])
+        found.append(frame)
+    return found
+
+
+def _written(name: str, folder: Path) -> Path:
+    path = folder / "arm.toml"
+    assert cli.main(["arm", name, "-o", str(path)]) == 0
+    return path
+
+
+@pytest.mark.parametrize("name", DESCRIPTIONS)
+def test_the_geometry_is_the_descriptions(name: str, tmp_path: Path) -> None:
+    description = DESCRIPTIONS[name]
+    arm = load_arm(_written(name, tmp_path))
+    rng = np.random.default_rng(7)
+    q = rng.uniform(-np.pi, np.pi, (200, arm.n_joints))
+    directions = [joint.direction for joint in arm.joint]
+    assert directions == [joint.direction for joint in description.joints]
+    origins, rotations = frames(q * directions, arm.nominal())
+    tips = origins[:, -1] + rotations[:, -1] @ np.array(arm.tip.offset_mm)
+    for literal, tolerance_mm in ((False, 2e-9), (True, 5e-3)):
+        for pose, tip_mm in zip(q, tips, strict=True):
+            last = _chain(description, pose, literal)[-1]
+            truth = (last @ [*(1000 * np.array(description.tip)), 1])[:3] - description.base_mm
+            assert np.linalg.norm(truth - tip_mm) < tolerance_mm
+    kg = [joint.mass_kg for joint in arm.joint]
+    for k, link in enumerate(description.links):
+        assert kg[k] == pytest.approx(link.mass_kg, abs=1e-6)
+        for pose, origin, rotation in zip(q[:5], origins, rotations, strict=False):
+            frame = _chain(description, pose, False)[k]
+            truth = (frame @ [*(1000 * np.array(link.centre)), 1])[:3] - description.base_mm
+            centre = arm.joint[k].centre_of_mass_mm
+            assert centre is not None
+            found = origin[k + 1] + rotation[k + 1] @ np.array(centre)
+            assert np.linalg.norm(truth - found) < 1e-3
+    for joint, said in zip(arm.joint, description.joints, strict=True):
+        found_deg = (joint.min_deg, joint.max_deg)
+        if said.limits is None:
+            assert found_deg == (None, None)
+        else:
+            expected = sorted(math.degrees(joint.direction * limit) for limit in said.limits)
+            assert found_deg == pytest.approx(expected, abs=0.006)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_a_known_arm_is_valid_and_says_where_it_comes_from(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = _written(name, tmp_path)
+    assert cli.main(["check", str(path)]) == 0
+    text = path.read_text()
+    assert "# Source: " in text and "Licence: " in text
+    arm = load_arm(path)
+    assert len(set(arm.sensors)) == arm.n_joints  # each link has a servo's temperature of its own
+    assert all(joint.temperature == arm.sensors[k] for k, joint in enumerate(arm.joint))
+    bus = KNOWN[name]
+    if bus is not None:
+        assert [f"servo{i}" for i in bus.temperature_ids] == arm.sensors
+        assert all(joint.counts_per_turn == 4096 for joint in arm.joint)
+        assert len(bus.ids) == arm.n_joints
+    capsys.readouterr()
+    assert cli.main(["arm", name]) == 0
+    assert capsys.readouterr().out == text
+
+
+def test_the_list_names_every_arm(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["arm", "list"]) == 0
+    said = capsys.readouterr().out
+    assert all(f"{name} " in said for name in [*KNOWN, "microscribe"])
+    assert set(DESCRIPTIONS) == set(KNOWN)
+
+
+def test_a_port_makes_an_armd_toml_and_none_is_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arm.toml"
+    command = ["arm", "SO101", "-o", str(path), "--serial-number", "MINE-1"]
+    assert cli.main([*command, "--port", "/dev/ttyACM7"]) == 0
+    assert load_arm(path).serial_number == "MINE-1"
+    assert cli.main(["check", str(tmp_path / "armd.toml")]) == 0
+    daemon = tomllib.loads((tmp_path / "armd.toml").read_text())
+    assert daemon["arm"] == "arm.toml"
+    assert daemon["driver"] == {
+        "kind": "feetech",
+        "port": "/dev/ttyACM7",
+        "baud": 1_000_000,
+        "ids": [1, 2, 3, 4, 5],
+        "temperature_ids": [2, 3, 4, 5, 6],
+    }
+    (tmp_path / "armd.toml").write_text("mine\n")
+    assert cli.main([*command, "--port", "/dev/ttyACM8"]) == 0
+    assert (tmp_path / "armd.toml").read_text() == "mine\n"
+    assert 'port = "/dev/ttyACM8"' in capsys.readouterr().out  # told, not written
+
+
+def test_a_wrong_name_or_serial_number_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "arm.toml"
+    assert cli.main(["arm", "so100", "-o", str(path)]) == 2
+    assert "found 'so100', expected one of so101," in capsys.readouterr().err
+    assert cli.main(["arm", "so101", "-o", str(path), "--serial-number", "two words"]) == 2
+    assert "--serial-number: serial_number: found 'two words'" in capsys.readouterr().err
+    assert not path.exists()
+
+
+def test_ports_have_their_lasting_names(tmp_path: Path) -> None:
+    named = tmp_path / "serial/by-id"
+    named.mkdir(parents=True)
+    for device in ("ttyACM0", "ttyUSB3", "ttyS0"):
+        (tmp_path / device).touch()
+    (named / "usb-maker_adapter").symlink_to("../../ttyUSB3")
+    assert serial_ports(tmp_path) == [tmp_path / "ttyACM0", named / "usb-maker_adapter"]
+
+
+# --- LeRobot ---------------------------------------------------------------------------------
+
+
+def test_lerobots_degrees_and_ours_are_the_same_pose(tmp_path: Path) -> None:
+    """A raw position, by LeRobot's arithmetic and the drawing, and by the arm.toml made of it."""
+    source, path = tmp_path / "follower.json", tmp_path / "arm.toml"
+    source.write_text(json.dumps(LEROBOT))
+    assert cli.main(["arm", "import-lerobot", str(source), "-o", str(path)]) == 0
+    arm = load_arm(path)
+    drawing = load_arm(_written("so101", tmp_path / ".."))
+    for k, (motor, joint, nominal) in enumerate(
+        zip(LEROBOT.values(), arm.joint, drawing.joint, strict=False)
+    ):
+        low, high = motor["range_min"], motor["range_max"]
+        sign = nominal.direction * (-1 if motor["drive_mode"] else 1)
+        for raw in (low, (low + high) // 2, high):
+            lerobot_deg = (raw - (low + high) / 2) * 360 / 4095 * 4095 / 4096  # its scale mended
+            ours_deg = joint.direction * (raw - 2048) * 360 / 4096
+            assert ours_deg + joint.theta_deg == pytest.approx(
+                sign * lerobot_deg + nominal.theta_deg, abs=1e-9
+            ), k
+            assert joint.min_deg is not None and joint.max_deg is not None
+            assert joint.min_deg - 0.001 <= ours_deg <= joint.max_deg + 0.001
+    assert arm.joint[3].direction == -1  # drive_mode 1
+    assert [j.temperature for j in arm.joint] == [j.temperature for j in drawing.joint]
+    assert "1: -1234, 2: 981, 3: 12, 4: -3, 5: 77, 6: 5" in path.read_text()
+
+
+def test_lerobots_ids_are_taken_over(tmp_path: Path) -> None:
+    source, path = tmp_path / "follower.json", tmp_path / "arm.toml"
+    renamed = {key: {**motor, "id": int(motor["id"]) + 10} for key, motor in LEROBOT.items()}
+    source.write_text(json.dumps(renamed))
+    command = ["arm", "import-lerobot", str(source), "-o", str(path), "--port", "/dev/ttyACM0"]
+    assert cli.main(command) == 0
+    driver = tomllib.loads((tmp_path / "armd.toml").read_text())["driver"]
+    assert driver["ids"] == [11, 12, 13, 14, 15]
+    assert driver["temperature_ids"] == [12, 13, 14, 15, 16]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"elbow_flex": None}, "motors of joints: found 4 (shoulder_pan, shoulder_lift, "),
+        ({"elbow_flex": {"id": 2}}, "id: found 1, 2, 2, 4, 5, 6, expected ids that differ"),
+        ({"elbow_flex": {"range_max": 4096}}, "elbow_flex.range_max: found 4096, expected less"),
+        ({"elbow_flex": {"range_min": 3100}}, "elbow_flex.range_min: found 3100, expected less"),
+        ({"elbow_flex": {"homing_offset": "x"}}, "elbow_flex.homing_offset: found 'x'"),
+    ],
+)
+def test_what_is_no_calibration_of_this_arm_is_refused(
+    change: dict[str, dict[str, object] | None],
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    content: dict[str, object] = dict(LEROBOT)
+    for key, values in change.items():
+        if values is None:
+            del content[key]
+        else:
+            content[key] = LEROBOT[key] | values
+    source, path = tmp_path / "follower.json", tmp_path / "arm.toml"
+    source.write_text(json.dumps(content))
+    assert cli.main(["arm", "import-lerobot", str(source), "-o", str(path)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"armd: {source}: ") and said in error
+    assert not path.exists()

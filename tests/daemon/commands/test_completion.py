@@ -1,0 +1,78 @@
+"""`armd completion` and `armd man`: every command and option is there; shells and man take them."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+
+import pytest
+
+from armd.daemon.cli import COMMANDS, main, parsers
+
+
+def said(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    assert main(list(words)) == 0
+    return capsys.readouterr().out
+
+
+def completed(script: str, line: str) -> set[str]:
+    """What bash offers at the end of *line*."""
+    ask = f"""{script}
+COMP_LINE={line!r}; COMP_POINT=${{#COMP_LINE}}
+COMP_WORDS=({line}{" ''" if line.endswith(" ") else ""}); COMP_CWORD=$((${{#COMP_WORDS[@]}} - 1))
+function=$(complete -p armd | sed 's/.*-F \\([^ ]*\\).*/\\1/')
+$function armd "${{COMP_WORDS[COMP_CWORD]}}" "${{COMP_WORDS[COMP_CWORD - 1]}}"
+printf '%s\\n' "${{COMPREPLY[@]}}"
+"""
+    done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+def test_bash_completes_commands_options_and_choices(capsys: pytest.CaptureFixture[str]) -> None:
+    script = said(capsys, "completion", "bash")
+    assert completed(script, "armd ver") == {"verify"}
+    assert completed(script, "armd calibrate --the") == {"--thermal", "--thermal-method"}
+    assert completed(script, "armd calibrate --thermal-method ") == {
+        "polynomial", "zones", "components", "per-temperature",
+    }  # fmt: skip
+
+
+def test_every_shell_gets_every_command_and_option(capsys: pytest.CaptureFixture[str]) -> None:
+    _, commands = parsers(COMMANDS.keys() - {"simulate"})
+    options = {word for one in commands.values() for word in one._option_string_actions}
+    assert len(options) > 60
+    for shell in ("bash", "zsh", "fish"):
+        script = said(capsys, "completion", shell)
+        assert [name for name in COMMANDS if name not in script] == []
+        assert [word for word in options if word.lstrip("-") not in script] == []
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_shell_takes_its_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    if shutil.which(shell) is None:
+        pytest.skip(f"no {shell} here")
+    script = said(capsys, "completion", shell)
+    done = subprocess.run([shell, "-n"], input=script, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_man_page_has_what_help_has(capsys: pytest.CaptureFixture[str]) -> None:
+    page = said(capsys, "man").replace("\\-", "-")
+    _, commands = parsers(COMMANDS.keys() - {"simulate"})
+    for name, command in commands.items():
+        assert f".SS armd {name}\n" in page
+        if name != "simulate":
+            assert [word for word in command._option_string_actions if word not in page] == []
+    assert "  armd calibrate measured/T15 measured/T20 measured/T25 --arm arm.toml" in page
+    assert "bad usage or bad input" in page
+
+
+def test_man_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
+    if shutil.which("groff") is None:
+        pytest.skip("no groff here")
+    page = said(capsys, "man")
+    done = subprocess.run(
+        ["groff", "-k", "-man", "-Tutf8", "-ww"], input=page, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and "warning" not in done.stderr
+    assert "--thermal-method" in done.stdout

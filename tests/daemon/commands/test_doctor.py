@@ -1,0 +1,286 @@
+"""`armd doctor`: each thing that can stand in the way is told with what mends it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from armd.daemon import cli
+from armd.daemon.commands.setup import doctor
+from armd.daemon.config import load_config
+from armd.daemon.doctor.examine import examine_port
+from armd.daemon.doctor.expected import compare
+from armd.daemon.doctor.finding import Patient
+from armd.daemon.doctor.machine import ThisMachine, can_buses
+from armd.drivers.config import ServoConfig
+from armd.simulator.servobus.arm import arm_toml
+from support.simulated_arm import simulated_arm
+from support.standing_servos import FakeServos, sts3215, xl330
+
+
+def _doctor(port: str, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
+    capsys.readouterr()
+    code = cli.main(["doctor", "--port", port, "--json"])
+    said = json.loads(capsys.readouterr().out)
+    assert said["ok"] == (code == 0)
+    return code, said["ports"][0]
+
+
+def _kinds(patient: dict[str, Any]) -> set[str]:
+    return {finding["kind"] for finding in patient["findings"]}
+
+
+def test_six_good_servos_are_well(capsys: pytest.CaptureFixture[str]) -> None:
+    with FakeServos("feetech", {i: sts3215() for i in range(1, 7)}) as bus:
+        code, patient = _doctor(bus.port, capsys)
+    assert code == 0, patient["findings"]
+    assert patient["protocol"] == "feetech" and patient["baud"] == 1_000_000
+    assert [servo["id"] for servo in patient["servos"]] == [1, 2, 3, 4, 5, 6]
+    assert patient["servos"][0] == {
+        "id": 1,
+        "model": 777,
+        "firmware": "3.10",
+        "homing_offset": -85,
+        "reversed": False,
+        "mode": 0,
+        "torque": False,
+        "return_delay_us": 0,
+    }
+    assert patient["rate_hz"] > 20
+    assert bus.writes == []  # it changes nothing
+
+
+def test_what_is_wrong_with_servos_is_told_and_how_to_mend_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    tables = {i: sts3215() for i in (1, 2, 4, 6)}
+    tables[5] = sts3215(firmware=(3, 9), torque=1, delay=250)
+    with FakeServos("feetech", tables) as bus:
+        found = examine_port(bus.port, ThisMachine())
+    doctor._print([found], True)
+    patient = found.as_json()
+    assert bus.writes == []
+    assert _kinds(patient) == {"missing_id", "mixed_firmware", "torque_on", "return_delay"}
+    texts = {finding["kind"]: finding["text"] for finding in patient["findings"]}
+    assert texts["missing_id"] == "servo 3 does not answer, and 6 is the last that does"
+    assert texts["mixed_firmware"] == "mixed firmware: servo 5 has 3.9, the other STS3215 3.10"
+    assert texts["torque_on"].startswith("torque is on at servo 5")
+    assert texts["return_delay"] == "servo 5 waits 500 µs before each answer: 0.5 ms a cycle"
+    printed = capsys.readouterr().out
+    assert "mend: return_delay_us = 0 under [driver]" in printed
+    assert "mend: torque_off = true under [driver]" in printed
+
+
+def test_servos_are_held_against_armd_toml(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A missing id at the end of the row, which the line alone cannot tell, and one too many."""
+    (tmp_path / "arm.toml").write_text(arm_toml("SO-101"))
+    config = tmp_path / "armd.toml"
+    with FakeServos("feetech", {i: sts3215() for i in (1, 2, 3, 4, 6)}) as bus:
+        config.write_text(
+            'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "feetech"\n'
+            f'port = "{bus.port}"\nbaud = 500000\nids = [1, 2, 3, 4, 7]\n'
+            "temperature_ids = [2, 3, 4, 7, 9]\n"
+        )
+        capsys.readouterr()
+        code = cli.main(["doctor", "--config", str(config), "--json"])
+    (patient,) = json.loads(capsys.readouterr().out)["ports"]
+    assert code == 1
+    told = [finding["text"] for finding in patient["findings"]]
+    assert f"servo 7 (joint 5) of {config}: found no answer, expected one" in told
+    assert f"servo 9 (temperature_ids) of {config}: found no answer, expected one" in told
+    speaks = f"{config}: driver.baud: found 500000, and servos that speak at 1000000"
+    assert speaks in told
+    assert f"servo 6 answers, and {config} does not name it" in patient["facts"]
+    assert bus.writes == []
+
+
+def test_dynamixel_as_from_the_factory(capsys: pytest.CaptureFixture[str]) -> None:
+    with FakeServos("dynamixel", {i: xl330() for i in range(11, 17)}) as bus:
+        code, patient = _doctor(bus.port, capsys)
+    assert code == 1 and bus.writes == []
+    assert patient["protocol"] == "dynamixel"
+    assert [servo["id"] for servo in patient["servos"]] == [11, 12, 13, 14, 15, 16]
+    assert _kinds(patient) == {"return_delay"}  # and no id is missing before 11
+    assert "XL330-M288, firmware 52" in str(patient["facts"])
+    assert "3.0 ms a cycle" in str(patient["findings"])
+
+
+def test_servos_that_cannot_be_used_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    """One of the SCS series, one that answers pings alone, one that misses answers."""
+    tables = {i: sts3215() for i in range(1, 5)}
+    tables[2][3:5] = (1284).to_bytes(2, "little")
+    tables[3] = bytearray(20)  # too short for what it is asked
+    with FakeServos("feetech", tables, weak=4) as bus:
+        found = examine_port(bus.port, ThisMachine())
+    doctor._print([found], True)
+    assert bus.writes == []
+    told = [(finding.kind, finding.text) for finding in found.findings]
+    assert {kind for kind, _ in told} == {"servo_refused", "unreadable", "lost_answers"}
+    texts = [text for _, text in told]
+    assert any(text.startswith("servo 2: model (register 3): found 1284") for text in texts)
+    assert "servo 3 answers a ping, but not what it is" in texts
+    assert any(text.startswith("servo 4 answered ") for text in texts)
+    printed = capsys.readouterr().out
+    assert all(f"mend: {finding.mend}" in printed for finding in found.findings)
+
+
+def test_a_servo_that_speaks_at_another_rate_is_found(capsys: pytest.CaptureFixture[str]) -> None:
+    """In the gap of a row: it was new, and still has the factory's rate."""
+    tables = {i: sts3215() for i in (1, 2, 4, 3)}
+    with FakeServos("feetech", tables, baud=115_200, odd=3) as bus:
+        code, patient = _doctor(bus.port, capsys)
+    assert code == 1 and bus.writes == []
+    (finding,) = patient["findings"]
+    assert finding["kind"] == "other_baud"
+    assert finding["text"] == "servo 3 speaks at 115200 baud, the others at 1000000"
+    assert finding["mend"] == "set its rate to 1000000 with the maker's tool"
+
+
+@pytest.mark.parametrize("family", ["feetech", pytest.param("dynamixel", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("fault", ["echo", "stale_bytes", "servo_alert"])
+def test_a_line_with_a_fault_has_the_servos_that_it_has(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], family: str, fault: str
+) -> None:
+    with simulated_arm(
+        tmp_path, "--fault", f"{fault}@0:90", wire=("--servo", family), seconds=60
+    ) as arm:
+        code, patient = _doctor(arm.port, capsys)
+    assert [servo["id"] for servo in patient["servos"]] == [1, 2, 3, 4, 5, 6]
+    hears_itself = "the adapter hears what it says, and armd passes over that"
+    assert (hears_itself in patient["facts"]) == (fault == "echo")
+    assert code == (fault == "servo_alert")
+    assert _kinds(patient) == ({"servo_alert"} if fault == "servo_alert" else set())
+    if fault == "servo_alert":
+        assert patient["findings"][0]["text"] == "servo 2 complains of: overload"
+
+
+def test_several_that_are_missing_are_one_finding(capsys: pytest.CaptureFixture[str]) -> None:
+    with FakeServos("feetech", {i: sts3215() for i in (1, 3, 8)}) as bus:
+        _, patient = _doctor(bus.port, capsys)
+    (text,) = [f["text"] for f in patient["findings"] if f["kind"] == "missing_id"]
+    assert text == "servos 2, 4 to 7 do not answer, and 8 is the last that does"
+
+
+def test_another_kind_of_servo_than_the_files_is_told_with_the_key(tmp_path: Path) -> None:
+    (tmp_path / "arm.toml").write_text(arm_toml("SO-101"))
+    config = tmp_path / "armd.toml"
+    config.write_text(
+        'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "dynamixel"\n'
+        'port = "/dev/ttyACM0"\nids = [1, 2, 3, 4, 5]\n'
+    )
+    driver = load_config(config).file.driver
+    assert isinstance(driver, ServoConfig)
+    patient = Patient("/dev/ttyACM0", protocol="feetech", baud=1_000_000)
+    compare(patient, config, driver)
+    (finding,) = patient.findings
+    assert finding.kind == "other_kind"
+    assert finding.text == f"{config}: driver.kind: found dynamixel, and feetech servos on the line"
+    assert finding.mend == f'kind = "feetech" under [driver] of {config}'
+
+
+@pytest.mark.slow
+def test_a_port_where_nobody_answers_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with FakeServos("feetech", {}) as bus:
+        code, patient = _doctor(bus.port, capsys)
+    (finding,) = patient["findings"]
+    assert code == 1 and finding["kind"] == "no_answer"
+    assert finding["mend"].startswith("switch the arm's supply on, check the cable")
+
+
+def test_an_arm_of_our_own_wire_is_known(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with simulated_arm(tmp_path, seconds=20) as arm:
+        code, patient = _doctor(arm.port, capsys)
+        arm.stop()
+    assert code == 0 and patient["protocol"] == "serial"
+    assert "arm SIM-0001 at" in str(patient["facts"])
+
+
+@pytest.mark.slow
+def test_a_microscribe_is_known(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with simulated_arm(tmp_path, wire=("--microscribe",), seconds=60) as arm:
+        code, patient = _doctor(arm.port, capsys)
+        arm.stop()
+    assert code == 0 and patient["protocol"] == "microscribe"
+
+
+def test_a_port_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
+    code, patient = _doctor("/dev/ttyUSB_none", capsys)
+    assert code == 1 and _kinds(patient) == {"no_port"}
+
+
+# --- the machine ---------------------------------------------------------------------------------
+
+
+def _machine(tmp_path: Path, uid: int = 0) -> tuple[ThisMachine, Path]:
+    port = tmp_path / "dev/ttyUSB0"
+    port.parent.mkdir()
+    port.touch()
+    for name in ("sys", "proc"):
+        (tmp_path / name).mkdir()
+    return ThisMachine(tmp_path / "sys", tmp_path / "proc", uid, {uid}), port
+
+
+def _process(tmp_path: Path, number: int, name: str, holds: Path | None) -> None:
+    folder = tmp_path / "proc" / str(number)
+    (folder / "fd").mkdir(parents=True)
+    (folder / "comm").write_text(f"{name}\n")
+    if holds is not None:
+        (folder / "fd/7").symlink_to(holds)
+
+
+def test_a_latency_timer_of_16_ms_is_told(tmp_path: Path) -> None:
+    machine, port = _machine(tmp_path)
+    timer = tmp_path / "sys/bus/usb-serial/devices/ttyUSB0/latency_timer"
+    timer.parent.mkdir(parents=True)
+    timer.write_text("16\n")
+    patient = Patient(str(port))
+    assert machine.examine(port, patient)  # slow, but it works
+    (finding,) = patient.findings
+    assert finding.kind == "latency_timer" and f"echo 1 | sudo tee {timer}" in finding.mend
+    timer.write_text("1\n")
+    well = Patient(str(port))
+    assert machine.examine(port, well) and not well.findings
+
+
+def test_a_port_without_permission_names_its_group(tmp_path: Path) -> None:
+    machine, port = _machine(tmp_path, uid=54321)
+    port.chmod(0o660)
+    patient = Patient(str(port))
+    assert not machine.examine(port, patient)
+    (finding,) = patient.findings
+    assert finding.kind == "permission" and finding.mend.startswith("sudo usermod -aG root 54321")
+    ours = ThisMachine(machine.sys, machine.proc, 54321, {port.stat().st_gid})
+    assert ours.examine(port, Patient(str(port)))
+
+
+def test_modem_manager_and_others_that_hold_the_port_are_named(tmp_path: Path) -> None:
+    machine, port = _machine(tmp_path)
+    _process(tmp_path, 7, "ModemManager", None)
+    patient = Patient(str(port))
+    assert machine.examine(port, patient) and not patient.findings
+    assert "ModemManager runs" in str(patient.facts)
+    _process(tmp_path, 8, "ModemManager", port)
+    _process(tmp_path, 9, "lerobot", port)
+    patient = Patient(str(port))
+    assert not machine.examine(port, patient)
+    mend = {finding.kind: finding.mend for finding in patient.findings}
+    assert mend["modem_manager"] == "sudo systemctl disable --now ModemManager"
+    assert mend["port_held"] == "end it: kill 9"
+
+
+def test_a_can_bus_that_is_down_is_told(tmp_path: Path) -> None:
+    for name, kind, flags in (("can0", 280, 0x80), ("can1", 280, 0x81), ("eth0", 1, 0x81)):
+        folder = tmp_path / "class/net" / name
+        folder.mkdir(parents=True)
+        (folder / "type").write_text(f"{kind}\n")
+        (folder / "flags").write_text(f"{flags:#x}\n")
+    down, up = can_buses(tmp_path)
+    assert up.name == "can1" and not up.findings
+    assert down.findings[0].mend == "sudo ip link set can0 up type can bitrate 1000000"

@@ -1,0 +1,62 @@
+"""`armd --help` and `python -m armd`: examples that are taken, exit codes that are returned."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import inspect
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armd.daemon.cli import COMMANDS, main, module_of
+from armd.daemon.commands.usage import USAGE
+
+DOCS = Path(__file__).parents[3] / "docs"
+
+
+def test_every_command_has_its_usage() -> None:
+    assert set(COMMANDS) - {"simulate"} == set(USAGE)
+
+
+@pytest.mark.parametrize("name", USAGE)
+def test_the_examples_are_taken(name: str) -> None:
+    module = importlib.import_module(module_of(name))
+    for example in USAGE[name].examples:
+        program, command, *words = shlex.split(example)
+        assert (program, command) == ("armd", name)
+        parser = argparse.ArgumentParser(exit_on_error=False)
+        module.add_arguments(parser)
+        parser.parse_args(words)
+    assert (DOCS / USAGE[name].page).is_file()
+
+
+@pytest.mark.parametrize("name", USAGE)
+def test_who_may_answer_no_says_when(name: str) -> None:
+    module = importlib.import_module(module_of(name))
+    source = inspect.getsource(module)
+    answers_no = re.search(r"return (1|0) (if .* )?else (1|0)\b|return 1\b", source) is not None
+    assert answers_no == bool(USAGE[name].no)
+
+
+def test_help_ends_with_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["verify", "--help"])
+    assert ended.value.code == 0
+    told = capsys.readouterr().out
+    for words in (
+        "example:\n  armd verify verify",
+        "units:\n  mm",
+        "  1  the arm",
+        "docs/verify.md",
+    ):
+        assert words in told
+
+
+def test_python_dash_m() -> None:
+    told = subprocess.run([sys.executable, "-m", "armd", "--version"], capture_output=True)
+    assert told.stdout.startswith(b"armd ") and told.returncode == 0

@@ -1,0 +1,289 @@
+"""`armd record` and `armd replay`: what was published comes back, bit by bit."""
+
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import zstandard
+from mcap.writer import CompressionType, Writer
+
+from armd.daemon.cli import main
+from armd.daemon.files.recorder import Recorder
+from armd.drivers.replay import raw
+from armd.drivers.replay.mcap_file import MOST_BYTES
+from armd.drivers.replay.recording import INFO_ATTACHMENT, RAW_TOPIC, Recording
+from armd.drivers.sample import RawFrame
+from armd.errors import BadInput
+from armd.simulator.truth.nominal import arm_toml
+from support.running_daemon import free_endpoint, running_daemon
+from support.simulated_arm import simulated_arm
+
+PATIENCE_S = 60.0
+
+
+def start_recording(endpoint, path):
+    command = [sys.executable, "-m", "armd.daemon.cli", "record", "--endpoint", endpoint]
+    process = subprocess.Popen([*command, "-o", str(path)], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert "recording" in process.stdout.readline()
+    return process
+
+
+def wait_until_grown(path, n_bytes):
+    end_s = time.monotonic() + PATIENCE_S
+    while path.stat().st_size < n_bytes:
+        assert time.monotonic() < end_s, path.stat().st_size
+        time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A recording that ended well, one that was killed, and the points of the daemon's life."""
+    folder = tmp_path_factory.mktemp("recording")
+    whole, cut = folder / "whole.mcap", folder / "cut.mcap"
+    with (
+        simulated_arm(folder, rate_hz=500, link=True) as arm,
+        running_daemon(folder, arm.port) as daemon,
+    ):
+        first, second = (start_recording(daemon.endpoint, path) for path in (whole, cut))
+        wait_until_grown(whole, 220_000)
+        first.send_signal(signal.SIGINT)
+        wait_until_grown(cut, 220_000)
+        second.kill()
+        out, _ = first.communicate(timeout=PATIENCE_S)
+        second.communicate()
+        assert first.returncode == 0, out
+        assert "0 raw frames lost" in out
+    return whole, cut
+
+
+def topics(path):
+    counted = {}
+    for message in Recording(path).messages():
+        counted[message.topic] = counted.get(message.topic, 0) + 1
+    return counted
+
+
+def test_everything_is_in_it(recorded):
+    whole, _ = recorded
+    counted = topics(whole)
+    assert counted["/raw"] > 100 and counted["/point"] > 100 and counted["/health"] >= 1
+    recording = Recording(whole)
+    assert recording.info["arm"]["serial_number"] == "SIM-0001"
+    assert recording.info["configuration"]["driver"]["kind"] == "serial"
+
+
+def test_a_killed_recorder_leaves_a_readable_file(recorded):
+    _, cut = recorded
+    assert topics(cut)["/point"] > 100
+
+
+def test_any_beginning_of_a_file_can_be_read(recorded, tmp_path):
+    whole, _ = recorded
+    data = whole.read_bytes()
+    short = tmp_path / "short.mcap"
+    for part in (0.999, 0.8, 0.55, 0.31):
+        short.write_bytes(data[: int(part * len(data))])
+        assert topics(short).get("/raw", 0) > 0
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_replay_gives_the_recorded_points_again(recorded, which, capsys):
+    assert main(["replay", str(recorded[which]), "--check"]) == 0
+    identical = int(capsys.readouterr().out.split()[1])
+    assert identical > 100
+
+
+def test_a_replay_as_a_table(recorded, tmp_path):
+    table = tmp_path / "points.csv"
+    assert main(["replay", str(recorded[0]), "-o", str(table)]) == 0
+    lines = table.read_text().splitlines()
+    assert lines[0].startswith("seq,stamp_ns,x_mm") and len(lines) > 100
+
+
+def test_another_file_is_refused(tmp_path):
+    path = tmp_path / "no.mcap"
+    path.write_bytes(b"this is not a recording")
+    with pytest.raises(BadInput, match=r"expected a recording"):
+        Recording(path)
+    assert main(["replay", str(path), "--check"]) == 2
+    with pytest.raises(BadInput, match="found nothing"):
+        Recording(tmp_path / "nothing.mcap")
+
+
+def test_it_is_published_like_a_live_arm(recorded, tmp_path):
+    endpoint = free_endpoint()
+    command = [sys.executable, "-m", "armd.daemon.cli"]
+    with subprocess.Popen(
+        [*command, "replay", str(recorded[0]), "--listen", endpoint, "--speed", "0.1"],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ,
+    ) as replay:
+        assert replay.stdout is not None and "ready" in replay.stdout.readline()
+        watched = subprocess.run(
+            [*command, "watch", "--json", "--seconds", "3", "--endpoint", endpoint],
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+        )
+        replay.terminate()
+        assert replay.wait(PATIENCE_S) == 0
+    points = [json.loads(line) for line in watched.stdout.splitlines()]
+    assert len(points) > 10
+
+
+# --- damaged and forged files --------------------------------------------------------------------
+
+INFO = {"arm": {}, "configuration": {"driver": {"kind": "serial", "port": "x"}}}
+
+
+def frame(n):
+    return raw.pack(n, RawFrame(10**12 + n, 10**18 + n, "rx", bytes([n % 251]) * 200))
+
+
+def small_recording(info=None, n=1200):
+    """A recording of a few chunks, as bytes."""
+    file = io.BytesIO()
+    recorder = Recorder(file, info or INFO, None)
+    recorder.begin(0, [])
+    recorder.take_frames([frame(k) for k in range(n)])
+    recorder.close()
+    return file.getvalue()
+
+
+def read_all(path):
+    recording = Recording(path)
+    return recording, sum(1 for _ in recording.frames())
+
+
+def test_every_flipped_bit_is_noticed(tmp_path):
+    data, path = small_recording(), tmp_path / "flipped.mcap"
+    rng = np.random.default_rng(1)
+    path.write_bytes(data)
+    assert read_all(path)[1] == 1200
+    # All over the file, and densely where checksums are hard to come by: both ends.
+    at = [*rng.integers(0, len(data), 400), *range(60), *range(len(data) - 60, len(data))]
+    for byte in at:
+        flipped = bytearray(data)
+        flipped[byte] ^= 1 << rng.integers(8)
+        path.write_bytes(flipped)
+        with pytest.raises(BadInput, match=r"flipped\.mcap"):
+            read_all(path)
+            pytest.fail(f"byte {byte} of {len(data)}")
+
+
+def test_a_cut_recording_says_what_is_missing(tmp_path, capsys):
+    data, path = small_recording(), tmp_path / "cut.mcap"
+    seen = set()
+    for part in (0.99, 0.9, 0.7, 0.5):
+        path.write_bytes(data[: int(part * len(data))])
+        recording, n = read_all(path)
+        assert (
+            "found no end" in recording.missing
+            and f"{n} raw frames, until 2001-" in recording.missing
+        )
+        seen.add(n)
+    assert max(seen) <= 1200 and len(seen) >= 2
+
+
+def test_a_cut_in_the_index_is_told_as_such(tmp_path):
+    data, path = small_recording(), tmp_path / "cut.mcap"
+    path.write_bytes(data[:-20])
+    recording, n = read_all(path)
+    assert n == 1200 and "the index is missing" in recording.missing
+
+
+def test_a_chunk_that_would_fill_the_memory_is_not_unpacked(tmp_path):
+    file = io.BytesIO()
+    writer = Writer(file, chunk_size=1, compression=CompressionType.ZSTD)
+    writer.start()
+    writer.add_attachment(0, 0, INFO_ATTACHMENT, "application/json", json.dumps(INFO).encode())
+    channel = writer.register_channel(RAW_TOPIC, "x", schema_id=0)
+    writer.add_message(channel, 0, bytes(MOST_BYTES + 1), 0)
+    writer.finish()
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(file.getvalue())
+    assert path.stat().st_size < 10_000
+    with pytest.raises(BadInput, match="would fill the memory"):
+        Recording(path)
+
+
+def test_a_chunk_that_lies_about_its_size_is_not_unpacked_either(tmp_path):
+    bomb = zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 26))
+    data = small_recording()
+    at = data.index(zstandard.FRAME_HEADER)
+    length = int.from_bytes(data[at - 8 : at], "little")
+    path = tmp_path / "lies.mcap"
+    forged = data[: at - 8] + len(bomb).to_bytes(8, "little") + bomb
+    forged += bytes(max(0, length - len(bomb))) + data[at + length :]
+    path.write_bytes(forged)
+    with pytest.raises(BadInput, match="byte"):
+        Recording(path)
+
+
+@pytest.mark.parametrize(
+    ("driver", "message"),
+    [
+        ({"kind": "abacus"}, "driver.kind: found 'abacus', expected a kind"),
+        ({"kind": "replay", "file": "x"}, "driver.kind: found 'replay'"),
+        ({"kind": "serial", "port": "x", "baud": "fast"}, "baud"),
+    ],
+)
+def test_a_driver_that_has_no_decoder_here_is_not_decoded_by_another(tmp_path, driver, message):
+    from armd.drivers.config import ReplayConfig
+    from armd.drivers.identity import Expectation
+    from armd.drivers.replay.driver import ReplayDriver
+
+    path = tmp_path / "other.mcap"
+    path.write_bytes(small_recording({"arm": {}, "configuration": {"driver": driver}}))
+    with pytest.raises(BadInput, match=message):
+        ReplayDriver(ReplayConfig(kind="replay", file=str(path)), Expectation("A", 6, 6, (1,) * 6))
+
+
+def test_a_recording_on_can_replays_whatever_its_bus_was(tmp_path):
+    from armd.drivers.config import ReplayConfig
+    from armd.drivers.identity import Expectation
+    from armd.drivers.replay.driver import ReplayDriver
+
+    driver = {"kind": "can", "interface": "gone", "speciality": 1, "rate_hz": 250.0}
+    path = tmp_path / "can.mcap"
+    path.write_bytes(small_recording({"arm": {}, "configuration": {"driver": driver}}))
+    expected = Expectation("A", 6, 6, (1 << 20,) * 6)
+    replay = ReplayDriver(ReplayConfig(kind="replay", file=str(path), speed=0), expected)
+    with pytest.raises(BadInput, match="raw frame of"):  # its frames are no link notes
+        replay._decode(RawFrame(0, 0, "link", b"nonsense", "can"))
+
+
+@pytest.mark.parametrize("info", [[], {}, {"arm": {}}, {"arm": {}, "configuration": 3}])
+def test_info_that_is_none(tmp_path, info):
+    file = io.BytesIO()
+    writer = Writer(file)
+    writer.start()
+    writer.add_attachment(0, 0, INFO_ATTACHMENT, "application/json", json.dumps(info).encode())
+    writer.finish()
+    path = tmp_path / "info.mcap"
+    path.write_bytes(file.getvalue())
+    with pytest.raises(BadInput, match="info"):
+        Recording(path)
+
+
+def test_an_arm_that_says_nothing_is_told_at_once_and_at_the_end(tmp_path):
+    (tmp_path / "arm.toml").write_text(arm_toml())
+    silent, out = tmp_path / "unplugged", tmp_path / "silent.mcap"
+    with running_daemon(tmp_path, str(silent)) as daemon:
+        command = [sys.executable, "-m", "armd.daemon.cli", "record", "--endpoint", daemon.endpoint]
+        told = subprocess.run(
+            [*command, "--seconds", "2", "-o", str(out)],
+            capture_output=True, text=True, timeout=PATIENCE_S,
+        )  # fmt: skip
+    assert told.returncode == 1
+    assert "warning: SIM-0001 is NOT_READY: " in told.stderr and str(silent) in told.stderr
+    assert f"armd: {out}: raw frames: found none, expected some" in told.stderr
+    assert "/health" in topics(out)

@@ -1,0 +1,116 @@
+"""What is compiled ahead is what `armd run` needs: a start after it compiles nothing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armd.compiled import library
+from armd.daemon.ahead import can_link
+
+ARM = """\
+schema = "armd.arm/1"
+serial_number = "AHEAD"
+[[temperature_sensor]]
+name = "room"
+[tip]
+offset_mm = [45.0, 0.0, 110.0]
+"""
+JOINT = """\
+[[joint]]
+d_mm = 120.0
+a_mm = 300.0
+alpha_deg = 90.0
+counts_per_turn = 262144
+temperature = "room"
+"""
+
+
+def ahead(cache: Path, *files: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-I", "-m", "armd.daemon.ahead", *files],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
+    )
+
+
+def configured(folder: Path, joints: int) -> Path:
+    (folder / "arm.toml").write_text(ARM + joints * JOINT)
+    path = folder / "armd.toml"
+    path.write_text(
+        'schema = "armd.daemon/1"\narm = "arm.toml"\n'
+        '[driver]\nkind = "serial"\nport = "/dev/nowhere"\n'
+    )
+    return path
+
+
+#: A pipeline's points of made-up samples; prints whether numba was needed for them.
+PROGRAM = """
+import sys
+from pathlib import Path
+import numpy as np
+from armd.compiled import library
+from armd.daemon.config import load_config
+from armd.daemon.live.pipeline import Pipeline
+from armd.drivers.sample import Temperatures, sample_dtype
+
+if sys.argv[3:] == ["without"]:
+    library.do_without()
+config = load_config(Path(sys.argv[1]))
+pipeline = Pipeline(config.arm, None, config.file.limits)
+pipeline.take_temperatures(Temperatures(np.array([23.0]), 0, 0, 0))
+samples = np.zeros(500, sample_dtype(3))
+samples["seq"] = np.arange(500)
+samples["monotonic_ns"] = samples["stamp_ns"] = np.arange(500) * 1_000_000 + 1
+samples["count"] = np.random.default_rng(4).normal(scale=300.0, size=(500, 3)).cumsum(axis=0)
+points = [pipeline.correct(samples[k : k + 1])[0] for k in range(100)]
+np.save(sys.argv[2], np.concatenate([*points, pipeline.correct(samples[100:])[0]]))
+print("numba" in sys.modules)
+"""
+
+
+def points_of(cache: Path, config: Path, *without: str) -> tuple[bool, np.ndarray]:
+    place = cache / "points.npy"
+    ran = subprocess.run(
+        [sys.executable, "-c", PROGRAM, config, place, *without],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert ran.stdout in ("True\n", "False\n"), ran.stderr
+    return ran.stdout == "True\n", np.load(place)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)  # it compiles twice
+def test_the_library_gives_numbas_points_without_numba(tmp_path: Path) -> None:
+    """With the rounding of fused operations between them: the library is for any processor."""
+    if not can_link():
+        pytest.skip("no C++ compiler")
+    cache = tmp_path / "cache"
+    config = configured(tmp_path, 3)
+    done = ahead(cache, config)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert [path.name for path in cache.rglob("*") if path.is_file()] == [library.file_name()]
+    needed, points = points_of(cache, config)
+    assert not needed
+    needed, expected = points_of(cache, config, "without")
+    assert needed
+    for name in ("position_mm", "orientation"):
+        np.testing.assert_allclose(points[name], expected[name], rtol=0, atol=1e-11)
+    for name in ("seq", "flags", "monotonic_ns", "stamp_ns", "buttons", "calibration"):
+        np.testing.assert_array_equal(points[name], expected[name])
+    assert np.ptp(points["position_mm"], axis=0).min() > 1.0
+
+
+def test_a_bad_file_is_told_of_and_stops_nothing(tmp_path: Path) -> None:
+    bad = configured(tmp_path, 0)
+    done = ahead(tmp_path / "cache", bad)
+    assert done.returncode == 0
+    assert done.stderr.startswith(f"armd: not compiled ahead: {tmp_path / 'arm.toml'}: joint: ")

@@ -1,0 +1,87 @@
+"""Noise that lasts from rest to rest, against its whole covariance: sources in each posture times
+exp(−Δt/τ)."""
+
+import numpy as np
+import pytest
+
+from armd.compensation.diagnose.problem.whitening import Noise
+from armd.compensation.diagnose.scoring.memory import Sequence, memory_s, variance_of_sums
+
+N = 400
+PLACEMENT = np.repeat(np.arange(8), 50)
+TIP = np.broadcast_to(np.eye(3), (N, 3, 3))  # noise of the tip itself, whatever the posture
+
+
+def times(rng: np.random.Generator) -> np.ndarray:
+    """Rests 30 s apart on average, a quarter of an hour between placements."""
+    return np.cumsum(rng.uniform(20.0, 40.0, N)) + 900.0 * PLACEMENT
+
+
+def encoders(rng: np.random.Generator) -> np.ndarray:
+    """Sources of five encoders and the hand at random postures, of unit variance at the tip."""
+    joints = rng.normal(size=(N, 3, 5)) * np.array([300.0, 300.0, 200.0, 80.0, 30.0])
+    covariance = joints @ joints.transpose(0, 2, 1) * 1e-10 + 1e-6 * np.eye(3)
+    whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+    return Noise(1.0, 0.5, 0.0, 1e-5, 1e-3, whitener, np.zeros(0)).sources(joints)
+
+
+def dense(time_s: np.ndarray, tau_s: float) -> np.ndarray:
+    same = PLACEMENT[:, None] == PLACEMENT[None, :]
+    return same * np.exp(-np.abs(time_s[:, None] - time_s[None, :]) / tau_s)
+
+
+def noise_of(sources: np.ndarray, time_s: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(n, 3) of sources each of which remembers for 45 s."""
+    drawn = np.linalg.cholesky(dense(time_s, 45.0)) @ rng.normal(size=(N, sources.shape[2]))
+    return np.einsum("nis,ns->ni", sources, drawn)
+
+
+@pytest.mark.parametrize("tau_s", [15.0, 60.0, 120.0])
+@pytest.mark.parametrize("of_encoders", [False, True])
+def test_a_sum_varies_as_the_whole_covariance_says(tau_s: float, of_encoders: bool) -> None:
+    rng = np.random.default_rng(1)
+    time_s = times(rng)
+    sources = encoders(rng) if of_encoders else TIP
+    mixed = rng.permutation(N)  # the order of the rows does not matter
+    weights = np.empty((N, 3, 2))
+    weights[:, :, 0] = (np.arange(N) > 180)[:, None] * [1.0, -2.0, 0.5]  # a step
+    weights[:, :, 1] = rng.normal(size=(N, 3))
+    kept = dense(time_s, tau_s)
+    covariance = np.einsum("iax,jbx,ij->iajb", sources, sources, kept).reshape(3 * N, 3 * N)
+    flat = weights.reshape(3 * N, 2)
+    total = float(np.trace(flat.T @ covariance @ flat))
+    sequence = Sequence.of(PLACEMENT[mixed], time_s[mixed])
+    found = variance_of_sums(weights[mixed], sources[mixed], tau_s, sequence)
+    assert found == pytest.approx(total / (weights**2).sum(), rel=0.02)
+
+
+@pytest.mark.parametrize("of_encoders", [False, True])
+def test_the_time_constant_is_that_of_the_sources(of_encoders: bool) -> None:
+    found = []
+    for seed in range(40):
+        rng = np.random.default_rng([2, seed])
+        time_s = times(rng)
+        sources = encoders(rng) if of_encoders else TIP
+        noise = noise_of(sources, time_s, rng)
+        found.append(memory_s(noise, sources, Sequence.of(PLACEMENT, time_s)))
+    assert np.median(found) == pytest.approx(45.0, rel=0.1)
+
+
+def test_a_step_of_one_encoder_meets_all_of_its_memory() -> None:
+    """Of an encoder's errors the tip shows less that lasts than the encoder's own angle does."""
+    rng = np.random.default_rng(4)
+    sources, time_s = encoders(rng), times(rng)
+    sequence = Sequence.of(PLACEMENT, time_s)
+    step = (sources[:, :, :1].transpose(0, 2, 1) * (np.arange(N) % 50 > 25)[:, None, None]).copy()
+    weights = step.transpose(0, 2, 1)
+    whole = variance_of_sums(weights, sources, 45.0, sequence)
+    assert whole > 1.3 * variance_of_sums(weights, TIP, 45.0, sequence)
+
+
+def test_independent_noise_has_no_memory_nor_have_readings_without_times() -> None:
+    rng = np.random.default_rng(3)
+    for i in range(300):
+        noise = rng.standard_t(4, (N, 3))
+        sources = encoders(rng) if i % 2 else TIP
+        assert memory_s(noise, sources, Sequence.of(PLACEMENT, times(rng))) == 0.0
+    assert memory_s(np.ones((N, 3)), TIP, Sequence.of(PLACEMENT, np.full(N, np.nan))) == 0.0

@@ -1,0 +1,137 @@
+"""A name that accounts for too little: its share, the lower probability, the sentences."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armd.compensation.diagnose.diagnosis import ENOUGH, Explained, Finding
+from armd.compensation.diagnose.search import explains, findings
+from armd.compensation.diagnose.search.explains import explain
+from armd.compensation.diagnose.told import verdict
+from armd.compensation.effects import location
+from armd.compensation.effects.effect import Candidate, Column
+from support.small_fit import candidate, small_fit
+
+NAMED = candidate("encoder_scale", 3)  # depends on q3
+BESIDE = Candidate(
+    "unknown", location.parameter(2, "d_2(q3)"), (Column("d", "mm", 1.0),), ("q3", "q2")
+)
+ELSEWHERE = Candidate(
+    "unknown", location.parameter(5, "a_5(q5)"), (Column("a", "mm", 1.0),), ("q5",)
+)
+OVERWHELMING = -1e3
+
+
+def scores_of(*left_out: tuple[Candidate, float]) -> Any:
+    """Candidates that are in no finding, and what each explains of the rest (χ²)."""
+    return SimpleNamespace(
+        signatures=SimpleNamespace(candidates=[c for c, _ in left_out]),
+        statistic=np.array([square for _, square in left_out]),
+        freedom=np.ones(len(left_out)),
+        log_p=np.full(len(left_out), OVERWHELMING),
+    )
+
+
+@pytest.fixture
+def unparted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No look at parts of the readings: what stands beside a cause decides."""
+    monkeypatch.setattr(explains, "_checks", lambda *_: ())
+
+
+def fit_of(*found: Candidate) -> Any:
+    return SimpleNamespace(findings=found)
+
+
+def test_the_share_is_of_all_that_its_variables_show(unparted: None) -> None:
+    """χ² less one for its column: 100 of its own, 300 of an unknown finding in its variables, 100
+    of what was left out in them; what depends on other joints does not count."""
+    statistics, scores = [101.0, 301.0, 5001.0], scores_of((BESIDE, 101.0), (ELSEWHERE, 9001.0))
+    (own, *_) = explain(fit_of(NAMED, BESIDE, ELSEWHERE), statistics, scores, 100)
+    assert own.share == pytest.approx(100.0 / 500.0)
+    assert own.guess and own.variables == ("q3", "q2")
+    (alone,) = explain(fit_of(NAMED), [101.0], scores_of((ELSEWHERE, 9001.0)), 100)
+    assert alone.share == 1.0 and not alone.guess
+
+
+def test_an_amplitude_that_changes_half_way_accounts_for_less(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One half of the rests shows three times what the other does: (1 ± ½) of the mean, so that
+    the mean accounts for four fifths of the sum of squares."""
+    n = 60
+    own = np.zeros((3 * n, 1))
+    own[::3] = 1.0
+    half = np.repeat([0, 1], 30)
+    signal = 40.0 * own[:, 0] * np.repeat(np.where(half == 0, 1.5, 0.5), 3)
+    fit = small_fit(signal, np.zeros((3 * n, 0)), {NAMED: own})
+    parts = ("time_s", half, ["before", "after"])
+    monkeypatch.setattr(explains, "_partitions", lambda *_: iter([parts]))
+    statistic = float(fit.fitted @ fit.fitted)
+    (told,) = explain(fit, [statistic], scores_of(), 100)
+    (check,) = told.checks
+    assert check.ratio == pytest.approx([1.5, 0.5], rel=1e-2)
+    assert check.p_value < 1e-12
+    assert told.share == pytest.approx(0.8, abs=0.01)
+
+
+@pytest.mark.parametrize("share", [0.3, ENOUGH - 1e-6, ENOUGH, 1.0])
+def test_a_guess_is_no_surer_than_its_share(share: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [Finding(c, 1e-9, 90.0, 0.99, (), ()) for c in (NAMED, ELSEWHERE)]
+    own = Explained(share, ("q3",), ())
+    monkeypatch.setattr(findings, "explain", lambda *_: [own, replace(own, variables=("q5",))])
+    scored: Any = SimpleNamespace(fit=None, scores=None)
+    named, nameless = findings.judge(scored, found, 100)
+    assert named.probability == pytest.approx(0.99 * (share if share < ENOUGH else 1.0))
+    assert nameless.probability == 0.99  # it claims no name
+    assert named.explained == own
+
+
+def told_of(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> str:
+    """The verdict on one finding, written, that explains all, of a known size."""
+    for name, value in (("_refused", []), ("_moved", []), ("size_known", True)):
+        monkeypatch.setattr(verdict, name, lambda *_, value=value: value)
+    found = Finding(NAMED, 1e-9, 90.0, 0.99, (), (), Explained(1.0, ("q3",), ()))
+    usual = {
+        "gains": [SimpleNamespace(shown=True)],
+        "found": [found],
+        "written": (0,),
+        "unforeseen": (),
+        "written_rms_um": (12.0, 6.0),
+        "written_clear_um": None,
+        "by_target": False,
+        "heldout_rms_um": 12.0,
+        "significant_rest": False,
+        "outliers": (),
+        "remaining_rms_um": 6.0,
+        "noise_floor_um": 6.0,
+        "touched": (),
+        "told": (),
+    }
+    diagnosis: Any = SimpleNamespace(**{**usual, **changes})
+    return verdict.verdict(diagnosis)
+
+
+def test_the_verdict_calls_a_guess_a_guess(monkeypatch: pytest.MonkeyPatch) -> None:
+    sentence = "The name of 1 is a guess"
+    assert sentence not in told_of(monkeypatch)
+    found = Finding(NAMED, 1e-9, 90.0, 0.3, (), (), Explained(0.3, ("q3",), ()))
+    assert sentence in told_of(monkeypatch, found=[found])
+    assert sentence not in told_of(monkeypatch, found=[replace(found, candidate=BESIDE)])
+
+
+def test_the_verdict_tells_a_drift_that_foretells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    gains = [SimpleNamespace(shown=False)]
+    text = told_of(monkeypatch, gains=gains, written=(), unforeseen=(0,))
+    assert "What drifts, 1, is not in it: fitted to the earlier readings" in text
+    assert "none of them written" in text and "leads" not in text
+    assert "What drifts" not in told_of(monkeypatch)
+
+
+def test_the_verdict_tells_what_remains_beyond_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "remain under the extended calibration" not in told_of(monkeypatch)
+    text = told_of(monkeypatch, remaining_rms_um=30.0)
+    assert "Yet 30.0 µm remain under the extended calibration" in text
+    assert "the noise alone would leave 6.00 µm" in text

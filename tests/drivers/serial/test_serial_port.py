@@ -1,0 +1,202 @@
+"""The serial transport on a real pty: whatever is pulled, samples come back or are accounted for.
+
+Times are generous: what is tested is what happens, not how fast this machine is today.
+"""
+
+import time
+
+import numpy as np
+import pytest
+
+from armd.drivers.config import SerialConfig
+from armd.drivers.identity import Expectation
+from armd.drivers.sample import Event
+from armd.drivers.serial import wire
+from armd.drivers.serial.decoder import SerialDecoder
+from armd.drivers.table import open_driver
+from support.pty_arm import PtyArm
+
+EXPECTED = Expectation("SIM-0001", 3, 2, (1 << 20,) * 3)
+PATIENCE_S = 20
+
+
+class Reader:
+    """A driver and everything it has said."""
+
+    def __init__(self, driver):
+        self.driver = driver
+        self.items, self.raw = [], []
+
+    def until(self, done):
+        deadline = time.monotonic() + PATIENCE_S
+        while not done():
+            assert time.monotonic() < deadline, f"not in {PATIENCE_S} s; {self.events}"
+            self.items += self.driver.read(0.05)
+            self.raw += self.driver.take_raw()
+        return self
+
+    def more_samples(self, n=50):
+        have = len(self.seqs)
+        return self.until(lambda: len(self.seqs) >= have + n)
+
+    def event(self, kind):
+        return self.until(lambda: kind in self.events)
+
+    @property
+    def samples(self):
+        return np.concatenate([i for i in self.items if isinstance(i, np.ndarray)] or [np.zeros(0)])
+
+    @property
+    def seqs(self):
+        arrays = [i for i in self.items if isinstance(i, np.ndarray)]
+        return [int(seq) for array in arrays for seq in array["seq"]]
+
+    @property
+    def events(self):
+        return [i.kind for i in self.items if isinstance(i, Event)]
+
+
+@pytest.fixture
+def arm(tmp_path):
+    arm = PtyArm(tmp_path)
+    yield arm
+    arm.close()
+
+
+@pytest.fixture
+def reader(arm):
+    driver = open_driver(SerialConfig(kind="serial", port=str(arm.link)), EXPECTED)
+    yield Reader(driver)
+    driver.close()
+
+
+def test_every_sample_once_in_order_with_mapped_stamps(arm, reader):
+    reader.more_samples(900)  # up to 0.6 s of them before the clock is mapped
+    seqs = reader.seqs
+    assert seqs == list(range(seqs[0], seqs[0] + len(seqs)))
+    assert reader.driver.connected and not reader.driver.stale
+    mapped = reader.samples[reader.samples["clock_mapped"]]
+    assert len(mapped) > 500
+    error_ns = mapped["monotonic_ns"] - (arm.boot_ns + mapped["device_ns"])
+    assert np.median(np.abs(error_ns)) < 3_000_000
+
+
+def test_silence_is_told_once_and_so_is_the_recovery(arm, reader):
+    reader.more_samples()
+    arm.silent = True
+    reader.event("silence")
+    assert not reader.driver.connected and reader.driver.stale
+    reader.until(lambda: reader.driver.counters["reconnects"] >= 2)  # it opens the port afresh
+    before = len(reader.seqs)
+    arm.silent = False
+    reader.event("recovered").more_samples()
+    assert reader.events.count("silence") == reader.events.count("recovered") == 1
+    assert reader.samples["lost_before"][before] and reader.driver.connected
+    assert reader.samples["lost_before"].sum() == 1
+
+
+def test_unplug_and_replug_under_the_same_name(arm, reader):
+    reader.more_samples()
+    arm.unplug()
+    reader.event("unplugged")
+    assert not reader.driver.connected
+    arm.plug()
+    reader.event("recovered").more_samples()
+    seqs = reader.seqs
+    assert seqs == sorted(set(seqs)) and set(seqs) <= set(arm.sent)
+
+
+def test_a_reboot_begins_an_epoch(arm, reader):
+    reader.more_samples()
+    arm.reboot()
+    reader.event("reboot").more_samples()
+    assert reader.seqs[-1] >> 32 == 1
+    assert reader.samples["lost_before"].sum() == 1
+
+
+@pytest.mark.parametrize("says_hello", [True, False])
+def test_a_reboot_with_the_boot_id_it_had_is_seen_within_a_second_and_a_half(
+    arm, reader, says_hello
+):
+    """A device that draws no boot id: clock and counter run through the same numbers again."""
+    reader.more_samples(600)
+    assert reader.seqs[0] < 500  # it has been heard nearly since it booted
+    if says_hello:
+        arm.reboot(boot_id=arm.hello.boot_id)
+    else:
+        arm._boot()
+    since, lost = time.monotonic(), reader.driver.counters["lost"]
+    reader.event("reboot").until(lambda: reader.seqs[-1] >> 32 == 1)
+    assert time.monotonic() - since < 1.5
+    reader.more_samples(100)
+    later = [seq & 0xFFFFFFFF for seq in reader.seqs if seq >> 32 == 1]
+    assert later == list(range(len(later))) and reader.driver.counters["lost"] == lost
+    assert reader.driver.counters["repeated"] == 0
+
+
+def test_a_port_that_is_not_there_yet(tmp_path):
+    config = SerialConfig(kind="serial", port=str(tmp_path / "arm"))
+    reader = Reader(open_driver(config, EXPECTED)).event("port_missing")
+    arm = PtyArm(tmp_path)
+    try:
+        reader.event("recovered")
+        assert reader.events.count("port_missing") == 1
+    finally:
+        reader.driver.close()
+        arm.close()
+
+
+def test_a_foreign_arm_replaced_by_ours(tmp_path):
+    foreign = PtyArm(tmp_path, serial_number="OTHER")
+    config = SerialConfig(kind="serial", port=str(tmp_path / "arm"))
+    reader = Reader(open_driver(config, EXPECTED)).event("foreign_arm")
+    reader.until(lambda: reader.driver.counters["foreign"] > 50)
+    assert reader.seqs == [] and not reader.driver.connected
+    foreign.close()
+    reader.event("unplugged")
+    ours = PtyArm(tmp_path)
+    try:
+        reader.more_samples()
+        assert set(reader.seqs) <= set(ours.sent)
+    finally:
+        reader.driver.close()
+        ours.close()
+
+
+def test_an_arm_that_does_not_say_who_it_is(arm, reader):
+    arm.mute = True
+    reader.event("unidentified")
+    assert reader.seqs == [] and not reader.driver.connected
+    arm.mute = False
+    reader.more_samples()
+    assert reader.seqs == list(range(reader.seqs[0], reader.seqs[0] + len(reader.seqs)))
+
+
+def test_the_recorded_frames_give_the_same_samples_bit_by_bit(arm, reader):
+    reader.more_samples(200)
+    arm.unplug()
+    reader.event("unplugged")
+    arm.plug()
+    reader.event("recovered").more_samples(200)
+    arm.reboot()
+    reader.event("reboot").more_samples(200)
+    decoder = SerialDecoder(EXPECTED)
+    again = [item for frame in reader.raw for item in decoder.feed(frame)]
+    arrays = [item for item in again if isinstance(item, np.ndarray)]
+    assert np.concatenate(arrays).tobytes() == reader.samples.tobytes()
+
+
+def test_a_block_of_old_packets_played_again_is_published_once(arm, reader):
+    """Two hundred reads as they came, byte by byte: by a hub that hangs, or by somebody."""
+    reader.more_samples(300)
+    old = b"".join(frame.data for frame in reader.raw if frame.direction == "rx")
+    had = reader.driver.counters["samples"]
+    packets = [packet + b"\0" for packet in old.split(b"\0")[1:-1]]
+    samples = [p for p in packets if wire.unpack(p[:-1])[0] == wire.Type.SAMPLE]
+    assert len(samples) > 200
+    for _ in range(3):
+        arm.write(b"".join(samples[-120:]))
+        reader.more_samples(50)
+    assert reader.driver.counters["repeated"] > 200 and "reboot" not in reader.events
+    assert reader.seqs == sorted(set(reader.seqs)) and reader.seqs[-1] < 1 << 32
+    assert reader.driver.counters["samples"] >= had + 150

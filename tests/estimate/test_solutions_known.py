@@ -1,0 +1,98 @@
+"""One linear least-squares problem, known and leaning on the drawing: dense algebra, simulation."""
+
+import numpy as np
+import pytest
+
+from armd.compensation.estimate.solution import LEAST_KNOWN, solve
+
+SCALE = np.array([10.0, 0.02, 3.0, 1.0])
+
+
+def triangle(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    return np.asarray(np.linalg.qr(np.column_stack([columns * SCALE, residual]), mode="r"))
+
+
+def rows(strengths: list[float], seed: int = 1, n: int = 30) -> tuple[np.ndarray, np.ndarray]:
+    """Columns (n, 4), of which the scaled singular values are *strengths*, and a residual (n,)."""
+    rng = np.random.default_rng(seed)
+    u = np.linalg.qr(rng.normal(size=(n, 4)))[0]
+    v = np.linalg.qr(rng.normal(size=(4, 4)))[0]
+    return u @ np.diag(strengths) @ v.T / SCALE, 50.0 * rng.normal(size=n)
+
+
+def test_where_all_is_known_it_is_least_squares() -> None:
+    columns, residual = rows([900.0, 300.0, 70.0, 20.0])
+    pull = np.array([1.0, 0.01, -1.0, 0.3])  # the drawing has no say
+    found = solve(triangle(columns, residual), SCALE, pull)
+    wanted, rest, *_ = np.linalg.lstsq(columns, -residual, rcond=None)
+    np.testing.assert_allclose(found.step, wanted, rtol=1e-9)
+    assert found.rank == 4 and found.told == pytest.approx(4.0) and found.null.shape == (4, 0)
+    assert found.gain == pytest.approx(float(residual @ residual - rest[0]))
+    plain = np.linalg.inv(columns.T @ columns)
+    np.testing.assert_allclose(found.known_covariance(), plain, rtol=1e-9)
+    np.testing.assert_allclose(found.covariance(np.zeros((4, 0))), plain, rtol=1e-9)
+    np.testing.assert_allclose(found.root @ found.root.T, plain, rtol=1e-9)
+
+
+def test_along_what_is_not_known_the_drawing_is_one_more_reading() -> None:
+    columns, residual = rows([900.0, 300.0, 4.0, 0.0])
+    pull = np.array([1.0, 0.01, -1.0, 0.3])
+    found = solve(triangle(columns, residual), SCALE, pull)
+    assert found.rank == 2 and found.known.tolist() == [True, True, False, False]
+    # The same as rows for the drawing along these directions, of weight one each.
+    leaning = found.null.T / SCALE
+    wanted = np.linalg.lstsq(
+        np.vstack([columns, leaning]), np.concatenate([-residual, leaning @ pull]), rcond=None
+    )[0]
+    np.testing.assert_allclose(found.step, wanted, rtol=1e-9)
+    whole = np.linalg.inv(columns.T @ columns + leaning.T @ leaning)
+    np.testing.assert_allclose(found.covariance(np.zeros((4, 0))), whole, rtol=1e-8)
+    assert found.told == pytest.approx(2.0 + 16.0 / 17.0)
+    assert found.off_drawing(np.zeros(4)) == 0.0
+    assert found.off_drawing(pull) == pytest.approx(float(((leaning @ pull) ** 2).sum()))
+    # Nothing beside what is known is in the known step; a gauge is not uncertain.
+    np.testing.assert_allclose(leaning @ found.known_step, 0.0, atol=1e-12)
+    gauge = found.directions[:, 3:]
+    certain = found.covariance(gauge)
+    np.testing.assert_allclose(gauge.T @ (certain / np.outer(SCALE, SCALE)), 0.0, atol=1e-12)
+
+
+def test_held_all_lean_and_damping_shortens() -> None:
+    columns, residual = rows([900.0, 300.0, 70.0, 20.0])
+    found = solve(triangle(columns, residual), SCALE, np.zeros(4), held=True)
+    ridged = columns.T @ columns + np.diag(1.0 / SCALE**2)
+    np.testing.assert_allclose(found.step, np.linalg.solve(ridged, -columns.T @ residual))
+    lengths = [
+        float(
+            np.linalg.norm(solve(triangle(columns, residual), SCALE, np.zeros(4), d).step / SCALE)
+        )
+        for d in (0.0, 1e-4, 1e-2, 1.0)
+    ]
+    assert lengths == sorted(lengths, reverse=True) and lengths[-1] < lengths[0]
+
+
+@pytest.mark.parametrize("n", [2, 4])
+def test_fewer_rows_than_unknowns_are_solved_with_the_drawing(n: int) -> None:
+    columns, residual = rows([900.0, 300.0, 70.0, 20.0], n=30)
+    pull = np.array([1.0, 0.01, -1.0, 0.3])
+    found = solve(triangle(columns[:n], residual[:n]), SCALE, pull)
+    if n < 4:
+        np.testing.assert_allclose(
+            found.null.T @ (found.step / SCALE), found.null.T @ (pull / SCALE)
+        )
+    assert found.rank <= n
+    assert (found.singular_values[found.known] > LEAST_KNOWN).all()
+
+
+def test_what_it_says_of_its_errors_is_what_they_are() -> None:
+    columns, _ = rows([900.0, 300.0, 70.0, 20.0])
+    rng = np.random.default_rng(8)
+    steps = np.array(
+        [
+            solve(triangle(columns, rng.normal(size=30)), SCALE, np.zeros(4)).step
+            for _ in range(3000)
+        ]
+    )
+    stated = solve(triangle(columns, np.zeros(30)), SCALE, np.zeros(4)).covariance(np.zeros((4, 0)))
+    np.testing.assert_allclose(np.cov(steps.T) / stated, 1.0, atol=0.25)
+    np.testing.assert_allclose(steps.std(axis=0), np.sqrt(np.diag(stated)), rtol=0.05)

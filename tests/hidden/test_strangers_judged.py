@@ -1,0 +1,80 @@
+"""Strangers, crowds, third times, real arms: how a case is judged; and one case of each kind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from strangers import KINDS, Strange, Told, rows, run_strange
+
+CABLE = ("unknown", "-", "cable 6", 30.0)
+SLIP, WAVE = ("encoder_slip", "joint 3"), ("encoder_ellipticity", "joint 2")
+
+
+def case(kind: str, truths: list, told: list[Told], after_um: float = 6.0) -> Strange:
+    variables = ("q2", "q3") if kind == "stranger" else ()
+    return Strange(kind, 1, tuple(truths), variables, tuple(told), 12.0, after_um, 6.0, 1.0)
+
+
+def told(cause: str, where: str, probability: float, *on: str) -> Told:
+    return Told(cause, where, probability, on, 1.0)
+
+
+def test_a_stranger_is_right_without_a_name_in_its_variables_and_near_in_one_of_them() -> None:
+    nameless = told("unknown", "-", 0.99, "q2", "q3")
+    wide = told("unknown", "-", 0.99, "q2", "t2")
+    guess = told("encoder_scale", "joint 2", 0.3, "q2")
+    sure = told("encoder_scale", "joint 2", 0.99, "q2")
+    elsewhere = told("unknown", "-", 0.99, "q5")
+    judged = {
+        one: (found.right, found.near, found.sure_and_wrong)
+        for one, *_ in [[nameless], [wide], [guess], [sure], [elsewhere]]
+        for found in [case("stranger", [CABLE], [one])]
+    }
+    assert judged == {
+        nameless: (True, False, 0),
+        wide: (False, True, 0),
+        guess: (False, True, 0),
+        sure: (False, False, 1),
+        elsewhere: (False, False, 0),
+    }
+
+
+def test_of_a_crowd_only_what_shows_is_due_and_the_rest_is_extra() -> None:
+    truths = [(*SLIP, "", 20.0), (*WAVE, "", 9.0), ("joint_backlash", "joint 2", "", 4.0)]
+    found = case("crowd", truths, [told(*SLIP, 1.0), told("axis_wobble", "joint 2", 0.6, "q2")])
+    assert (len(found.due), found.named, len(found.foreign)) == (2, 1, 1)
+    assert not found.right
+    assert not found.sure_and_wrong
+    assert case("crowd", truths, [told(*SLIP, 1.0), told(*WAVE, 1.0)]).right
+
+
+def test_the_rows_count_cases_and_pool_gains() -> None:
+    good = case("again", [(*SLIP, "", np.inf)], [told(*SLIP, 1.0)])
+    bad = case("again", [(*SLIP, "", np.inf)], [told(*WAVE, 0.99)], after_um=12.3)
+    by_name = {name: reached for name, reached, _ in rows([good, bad])}
+    assert by_name["again: effects named"] == "1 of 2"
+    assert by_name["again: sure and wrong"] == "1 of 2"
+    assert by_name["again: extended worse by 2 %"] == "1 of 2"
+    # Of 12² − 6² twice, 12² − 6² and 12² − 12.3² were reached.
+    assert by_name["again: gain, of the oracle's"] == "0.47"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "seed"), [("crowd", 103), ("again", 12001)])
+def test_one_of_each_kind_is_told_right(kind: str, seed: int) -> None:
+    found = run_strange(kind, seed)
+    assert found.kind in KINDS
+    assert found.right, found
+    assert not found.worse
+    reached, possible = (found.before_um**2 - x**2 for x in (found.after_um, found.oracle_um))
+    assert reached > 0.9 * possible
+
+
+@pytest.mark.slow
+def test_a_base_that_steps_beside_others_is_no_slip_of_joint_1() -> None:
+    """The signature of the slip is within that of the base: at one instant, not at two, the base
+    is the likelier."""
+    judged = run_strange("crowd", 12002)
+    assert judged.named == len(judged.due) == 4
+    assert judged.sure_and_wrong == 0
+    assert judged.after_um < 1.02 * judged.oracle_um

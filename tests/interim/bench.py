@@ -1,0 +1,91 @@
+"""An arm of a seed with its calibration, and checks of it by the simulator's physics."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from drawn_changes import Case
+
+from armd.arrays import F64
+from armd.compensation.data.session import load_session
+from armd.compensation.identify.calibrate import Options, calibrate
+from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.checks.history import Check, Line
+from armd.compensation.interim.checks.reduce import Reduced, reduce
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.model.calibration import Calibration, save_calibration
+from armd.simulator.campaigns import interim
+from armd.simulator.campaigns.calibration import calibration as calibration_campaign
+from armd.simulator.measured.artefact import Artefact
+from armd.simulator.measured.measuring import Measured, take_readings, write_session
+from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.placement import Placement
+from armd.simulator.measured.plan import Climate, Plan
+from armd.simulator.truth import nominal
+from armd.simulator.truth.heat import SELF_HEATING_W
+
+#: A check that was advised is made so long after the day's usual one.
+LATER_H = 4.0
+
+
+class Bench:
+    """An arm of a seed, its arm.toml and its calibration."""
+
+    def __init__(self, seed: int, folder: Path) -> None:
+        self.seed, self.folder = seed, folder
+        folder.mkdir()
+        path = folder / "arm.toml"
+        path.write_text(nominal.arm_toml())
+        self.arm: Arm = load_arm(path)
+        campaign = calibration_campaign(seed, Noise())
+        sessions = []
+        for measured in campaign.carry_out(np.random.default_rng([seed, 0x5E55])):
+            write_session(folder / measured.plan.name, measured)
+            sessions.append(load_session(folder / measured.plan.name, self.arm))
+        found = calibrate(sessions, self.arm, Options()).calibration
+        self._loaded = save_calibration(folder / "calibration.json", found)
+        self.calibration: Calibration = self._loaded.content
+        self.causes = causes_of(self.arm, self.calibration)
+
+    def checks(self, history: interim.History, seed: int) -> Iterator[Reduced]:
+        for measured in interim.carry_out(history, self.seed, Noise(), seed):
+            yield self._reduced(measured)
+
+    def advised(self, case: Case, day: int, seats_mm: F64, q: F64) -> Reduced:
+        """A check on two seats, poses *q* (n, N) on one and the other in turn, after the usual one
+        of a *day*."""
+        rng = np.random.default_rng([case.seed, 0xADD, day])
+        names = [f"S{i}" for i in range(len(seats_mm))]
+        unknown = np.full((len(seats_mm), 3), np.nan)
+        artefact = Artefact("advised seats", names, unknown, seats_mm, 0.0, 0.0, 0.0)
+        arm = interim.arm_at(self.seed, (case.happening,), day, case.used, case.seed)
+        rig = replace(interim.campaign(self.seed, Noise()).rig, arm=arm, artefact=artefact)
+        power = SELF_HEATING_W * rng.uniform(0.7, 1.3, len(SELF_HEATING_W))
+        climate = Climate(20.0 + float(rng.normal(0.0, 1.5)), power_w=power)
+        start_h = interim.FIRST_H + 24.0 * (day - 1) + LATER_H
+        plan = Plan(f"day-{day:02}-advised", start_h, climate, interval_s=6.0)
+        where = Placement("P1", np.eye(3), np.zeros(3))
+        target = np.arange(len(q)) % len(seats_mm)
+        measured = take_readings(rig, plan, [where], np.zeros_like(target), target, q, rng)
+        return self._reduced(measured)
+
+    def _reduced(self, measured: Measured) -> Reduced:
+        where = Path(tempfile.mkdtemp(dir=self.folder)) / measured.plan.name
+        write_session(where, measured)
+        return reduce(load_session(where, self.arm), self.arm, self.calibration, self.causes)
+
+    def kept(self, checks: Sequence[Reduced]) -> list[Check]:
+        """*checks* as a history has them."""
+        return [
+            Check(
+                Line.model_construct(name=f"day-{i:02}", first_unix_s=check.first_unix_s),
+                self.arm,
+                self._loaded,
+                check,
+            )
+            for i, check in enumerate(checks, 1)
+        ]

@@ -1,0 +1,56 @@
+"""The blocks of docs/import.md run as they stand; the files of other programs are written first."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import openpyxl
+
+from armd.compensation.data.session import load_session
+from armd.compensation.model.arm import load_arm
+from support.pages import run_as_typed, shell_blocks
+
+PAGE = Path(__file__).parents[2] / "docs" / "import.md"
+ROBOT = """<robot name="three">
+{links}
+{joints}
+</robot>
+"""
+
+
+def workbook(path: Path) -> None:
+    book = openpyxl.Workbook()
+    book.active.append(["notes"])
+    sheet = book.create_sheet("Data")
+    sheet.append(["Ball", "Base axis", *(f"Joint {k}" for k in range(2, 6))])
+    sheet.append(["left", 12.5, -40.25, 61.75, 10.0, 0.5])
+    book.save(path)
+
+
+def robot() -> str:
+    """Three joints in a row."""
+    links = "".join(f'<link name="l{k}"/>' for k in range(4))
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        f'<origin xyz="{0.1 * k} 0 0.2"/><axis xyz="0 {k % 2} {1 - k % 2}"/>'
+        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+        for k in range(3)
+    )
+    return ROBOT.format(links=links, joints=joints)
+
+
+def test_the_page_runs_from_an_empty_folder(tmp_path: Path) -> None:
+    workbook(tmp_path / "readings.xlsx")
+    (tmp_path / "robot.urdf").write_text(robot())
+    text = PAGE.read_text(encoding="utf-8")
+    said = run_as_typed("".join(shell_blocks(text)), tmp_path).splitlines()
+    (output,) = re.findall(r"```\n(armd: .*?)```", text, re.DOTALL)
+    assert [line for line in output.splitlines() if line != "…" and line not in said] == []
+    arm = load_arm(tmp_path / "my-arm" / "arm.toml")
+    assert load_session(tmp_path / "measured", arm).n == 3
+    assert load_session(tmp_path / "from-excel", arm).n == 1
+    drawn = load_arm(tmp_path / "drawn-arm" / "arm.toml")
+    assert [joint.d_mm for joint in drawn.joint] == [292.1, 0.0, 0.0]
+    assert drawn.sensors == ["foot", "elbow"]
+    assert load_arm(tmp_path / "arm.toml").n_joints == 3

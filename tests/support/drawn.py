@@ -1,0 +1,21 @@
+"""A calibration that has identified nothing: the drawing, and what a test changes in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration, constants_of
+
+
+def drawn(arm: Arm, d_1_mm: float = 0.0, **more: Any) -> Calibration:
+    """The drawing's constants, the first link *d_1_mm* longer, and *more* keys of the file."""
+    constants = constants_of(arm.nominal(), arm.n_joints)
+    constants["d_1"] += d_1_mm
+    return Calibration(
+        arm=arm.serial_number,
+        created="2026-01-01T00:00:00+00:00",
+        reference_temperature_c=20.0,
+        constants=constants,
+        **more,
+    )

@@ -1,0 +1,83 @@
+"""A fit of a linear problem made up by hand: columns, priors and noise as a test wants them."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.layout import (
+    DRIFT,
+    IDENTIFIED,
+    MOUNT,
+    PLACEMENTS,
+    TARGETS,
+    Layout,
+    finding,
+)
+from armd.compensation.diagnose.problem.whitening import Noise, Nuisance
+from armd.compensation.effects import location
+from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.estimate import linear_model
+from armd.compensation.estimate.linear_model import LinearModel
+
+
+def unit_noise(n: int, distances: int = 0) -> Noise:
+    """A noise of one unit per component of *n* rests and per certified length."""
+    return Noise(1.0, 0.0, 0.0, 0.0, 1.0, np.tile(np.eye(3), (n, 1, 1)), np.ones(distances))
+
+
+def candidate(cause: str, joint: int, widths: int = 1, typical: float = 1.0) -> Candidate:
+    """A cause without terms: its columns are what a test says."""
+    columns = tuple(Column(f"c{i}", "1", typical) for i in range(widths))
+    return Candidate(cause, location.joint(joint), columns, (f"q{joint}",))
+
+
+def small_fit(
+    residual: np.ndarray,
+    placements: np.ndarray,
+    findings: dict[Candidate, np.ndarray] | None = None,
+    raw: np.ndarray | None = None,
+    identified: np.ndarray | None = None,
+) -> Fit:
+    """A fit to *residual* (3 n,) with *placements* (3 n, p) free, and *findings* by columns, each
+    amplitude a priori of variance 100; *identified* (3 n, c) of what a calibration identified."""
+    n = len(residual) // 3
+    findings = findings or {}
+    nothing_identified = np.zeros((3 * n, 0))
+    blocks = {
+        PLACEMENTS: placements,
+        IDENTIFIED: nothing_identified if identified is None else identified,
+    }
+    blocks |= {finding(i): columns for i, columns in enumerate(findings.values())}
+    blocks |= {name: np.zeros((3 * n, 0)) for name in (MOUNT, TARGETS, DRIFT)}
+    columns = np.hstack(list(blocks.values()))
+    layout = linear_model.Layout(tuple((k, v.shape[1]) for k, v in blocks.items()))
+    variance = np.full(layout.n, 100.0)
+    variance[layout[PLACEMENTS]] = np.inf
+    problem = LinearModel.of_products(layout, columns.T @ columns, variance)
+    solution, inverse = problem.solve(columns.T @ residual)
+    whole = Layout(layout, np.full(layout.n, np.inf))
+    untimed = SimpleNamespace(time_s=np.full(n, np.nan))
+    observations = SimpleNamespace(placement=np.zeros(n, dtype=np.int64), states=untimed)
+    rests = SimpleNamespace(n=n, observations=observations)
+    joints = np.zeros((n, 3, 1))  # the noise is the tip's own
+    linear: Any = SimpleNamespace(rests=rests, residual=residual, joints=joints)
+    nothing: Any = None
+    return Fit(
+        baseline=nothing,
+        linear=linear,
+        model=nothing,
+        findings=tuple(findings),
+        amplitudes=tuple(-solution[at] for at in whole.findings),
+        covariances=tuple(inverse[at, at] for at in whole.findings),
+        noise=unit_noise(n),
+        nuisance=Nuisance(columns, variance),
+        layout=whole,
+        residual=residual,
+        raw_residual=residual if raw is None else raw,
+        fitted=columns @ solution,
+        solution=solution,
+        inverse=inverse,
+        problem=problem,
+    )

@@ -1,0 +1,47 @@
+"""The simulated arm's own truth as arm.toml and calibration.json: points should then be true.
+
+For tests of the live path: what is left between point and truth is noise, or a fault.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
+from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.nominal import arm_toml, sensor_names
+
+
+def write_true_model(folder: Path, seed: int) -> None:
+    """arm.toml and calibration.json of the arm that the simulator has for this *seed*."""
+    true = TrueArm.default(seed)
+    arm_path = folder / "arm.toml"
+    arm_path.write_text(arm_toml(rows=true.rows, tip=true.tip_offset), encoding="utf-8")
+    arm = load_arm(arm_path)
+    constants = constants_of(arm.nominal(), arm.n_joints)
+    materials = true.materials
+    strains = {f"tip_{axis}": (materials.tip, arm.n_joints) for axis in "xyz"}
+    for k in range(1, arm.n_joints + 1):
+        strains[f"d_{k}"] = (materials.along_d[k - 1], k)
+        strains[f"a_{k}"] = (materials.along_a[k - 1], k)
+    terms = [
+        Term(
+            parameter=name,
+            basis=[Temperature(weights={sensor_names()[link - 1]: 1.0})],
+            coefficient=float(strain * constants[name]),
+        )
+        for name, (strain, link) in strains.items()
+    ]
+    calibration = Calibration(
+        arm=arm.serial_number,
+        created="2026-01-01T00:00:00+00:00",
+        reference_temperature_c=true.reference_c,
+        temperature_range_c=dict.fromkeys(arm.sensors, (10.0, 40.0)),
+        constants=constants,
+        terms=terms,
+        provenance={"method": "the simulated arm's own truth"},
+    )
+    save_calibration(folder / "calibration.json", calibration)

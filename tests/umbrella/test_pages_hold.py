@@ -1,0 +1,170 @@
+"""Every page of docs/ is reached from the README, its links lead somewhere, and the commands that
+its blocks show are commands that armd takes."""
+
+from __future__ import annotations
+
+import argparse
+import configparser
+import os
+import re
+import shlex
+import subprocess
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from armd.compensation.effects.catalogue import CATALOGUE
+from armd.daemon.cli import COMMANDS, parsers
+from armd.simulator import sessions
+from armd.simulator.__main__ import parser as simulated_arm
+
+ROOT = Path(__file__).parents[2]
+PAGES = ["README.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))]
+LINK = re.compile(r"\]\((?!https?:)([\w./-]+)(?:#[\w-]*)?\)")
+
+
+def links(page: str) -> set[str]:
+    """Relative to the project."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    return {os.path.normpath(Path(page).parent / target) for target in LINK.findall(text)}
+
+
+@dataclass(frozen=True)
+class Block:
+    language: str
+    """Empty: something to look at, what a program prints or a drawing."""
+    text: str
+
+
+def blocks(page: str) -> list[Block]:
+    """Between fences, one after the other."""
+    found, language, lines = [], None, list[str]()
+    for line in (ROOT / page).read_text(encoding="utf-8").splitlines():
+        fence = re.fullmatch(r" *```(\w*)", line)
+        if fence and language is None:
+            language = fence[1]
+        elif fence:
+            assert not fence[1], f"{page}: a block of {language} is not closed"
+            found.append(Block(str(language), "\n".join(lines) + "\n"))
+            language, lines = None, []
+        elif language is not None:
+            lines.append(line)
+    assert language is None
+    return found
+
+
+def simple_commands(text: str) -> Iterator[list[str]]:
+    """The words of each command of a shell's lines, its redirections left out."""
+    without_files = re.sub(r"<<'?(\w+)'?(.*)\n(?:.*\n)*?\1\n", r"\2\n", text)
+    for line in without_files.replace("\\\n", " ").splitlines():
+        lexer = shlex.shlex(line, posix=True, punctuation_chars=True)
+        lexer.whitespace_split = True
+        words: list[str] = []
+        to_file = False
+        for word in lexer:
+            if set(word) <= set("<>&|;()") and not set(word) <= set("<>"):
+                yield words
+                words = []
+            elif not to_file and word not in ("<", ">", ">>"):
+                words.append(word)
+            to_file = word in ("<", ">", ">>")
+        yield words
+
+
+def shown(page: str) -> list[list[str]]:
+    """The calls of armd in the blocks of a page, without what stands before them (sudo)."""
+    text = "".join(block.text for block in blocks(page) if block.language == "sh")
+    return [words[words.index("armd") :] for words in simple_commands(text) if "armd" in words[:2]]
+
+
+def test_every_page_is_reached_from_the_readme() -> None:
+    reached: set[str] = set()
+    waiting = {"README.md"}
+    while waiting:
+        page = waiting.pop()
+        reached.add(page)
+        waiting |= {target for target in links(page) if target.endswith(".md")} - reached
+    assert set(PAGES) - reached == set()
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_somewhere(page: str) -> None:
+    assert [target for target in links(page) if not (ROOT / target).exists()] == []
+
+
+def test_the_page_of_causes_says_what_the_catalogue_says() -> None:
+    text = (ROOT / "docs/causes.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| `")]
+    told = [
+        [f"`{effect.cause}`", effect.reason, effect.confounded_with, effect.experiment]
+        for effect in CATALOGUE.values()
+        if effect.cause != "unknown"
+    ]
+    assert rows == told
+
+
+@pytest.fixture(scope="module")
+def parser() -> argparse.ArgumentParser:
+    return parsers(COMMANDS.keys() - {"simulate"})[0]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if shown(page)])
+def test_the_commands_shown_are_taken(
+    page: str, parser: argparse.ArgumentParser, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for words in shown(page):
+        try:
+            if words[1] != "simulate":
+                parser.parse_args(words[1:])
+            elif "--session" in words:
+                command = argparse.ArgumentParser()
+                sessions.add_arguments(command)
+                command.parse_args(words[2:])
+            else:
+                simulated_arm().parse_args(words[2:])
+        except SystemExit as ended:
+            if ended.code == 0:  # --help
+                continue
+            pytest.fail(f"{page}: {shlex.join(words)}: {capsys.readouterr().err}")
+
+
+#: As a line that somebody could type begins; what armd prints begins with `armd:`.
+TYPED = re.compile(r"(\$ )?(sudo |armd [a-z]|make |pip |python3? |ip |cd |git )")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_block_is_what_it_says(page: str) -> None:
+    """A shell's can be typed and has no placeholder, a file's is one, and what has no language is
+    no command."""
+    for block in blocks(page):
+        match block.language:
+            case "":
+                assert [line for line in block.text.splitlines() if TYPED.match(line)] == []
+            case "sh":
+                done = subprocess.run(["bash", "-n"], input=block.text, text=True, check=False)
+                assert done.returncode == 0, block.text
+                placeholders = re.findall(r"\[--|…|<[a-z]+>|\b[A-Z]+\.(?:toml|json)\b", block.text)
+                assert placeholders == [], block.text
+            case "toml":
+                tomllib.loads(block.text)
+            case "python":
+                compile(block.text, page, "exec")
+            case "ini":
+                configparser.ConfigParser(strict=False).read_string(block.text)
+            case other:
+                assert other == "diff", f"{page}: nobody checks a block of {other}"
+
+
+def test_words_of_commands_are_found() -> None:
+    text = (
+        "sudo armd run a.toml && armd status | tee 'b c' # x\n"
+        "for i in 1 2; do armd a \\\n -b 'c;d' > e; done\n"
+        "cat > f <<'END'\narmd is not called here, it's text\nEND\narmd man\n"
+    )
+    assert [words for words in simple_commands(text) if "armd" in words] == [
+        ["sudo", "armd", "run", "a.toml"], ["armd", "status"],
+        ["do", "armd", "a", "-b", "c;d"], ["armd", "man"],
+    ]  # fmt: skip
