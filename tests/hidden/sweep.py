@@ -19,8 +19,9 @@ from pathlib import Path
 
 import montecarlo
 from drifts import Drifted
+from marks_table import Asked, Case
 from messy import MessOutcome
-from montecarlo import Asked, Case, Task
+from montecarlo import Task
 from strangers import Strange
 
 ROOM = "armd.compensation."
