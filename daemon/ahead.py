@@ -18,7 +18,6 @@ from contextlib import closing
 from pathlib import Path
 
 from armd.compiled import library
-from armd.daemon.commands.service.run import expectation
 from armd.daemon.config import load_config
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.rehearsal import rehearse
@@ -38,7 +37,7 @@ def call_everything(path: Path) -> None:
     config = load_config(path)
     rehearse(config, ArmInUse(config))
     if config.driver.kind != "replay":  # which opens its file; others open no port before they read
-        with closing(open_driver(config.driver, expectation(config))):
+        with closing(open_driver(config.driver, config.expectation)):
             pass
 
 

@@ -11,6 +11,7 @@ from pydantic import Field
 from armd import keys
 from armd.compensation.model.arm import Arm, Offset, load_arm
 from armd.drivers.config import DriverConfig, ReplayConfig, ServoConfig
+from armd.drivers.identity import Expectation
 from armd.drivers.poll.family import COUNTS_PER_TURN
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_toml
@@ -128,6 +129,16 @@ class Config:
     @property
     def calibration(self) -> Path | None:
         return None if self.file.calibration is None else self.beside(self.file.calibration)
+
+    @property
+    def expectation(self) -> Expectation:
+        """What the arm on the wire must say of itself."""
+        return Expectation(
+            self.arm.serial_number,
+            self.arm.n_joints,
+            len(self.arm.sensors),
+            tuple(joint.counts_per_turn for joint in self.arm.joint),
+        )
 
 
 def load_config(path: str | Path) -> Config:

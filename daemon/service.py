@@ -23,8 +23,9 @@ from armd.daemon.host.journal import Journal
 from armd.daemon.host.priority import sender_goes_first
 from armd.daemon.host.systemd import Systemd
 from armd.daemon.info import calibration_text, describe
+from armd.daemon.live.answer import Answer
 from armd.daemon.live.arm_in_use import ArmInUse
-from armd.daemon.live.changes import Answer, Changes
+from armd.daemon.live.changes import Changes
 from armd.daemon.live.measurement import Averager, Press, Trigger, known
 from armd.daemon.live.pipeline import Joints, PointArray
 from armd.daemon.network.publisher import Publisher

@@ -10,19 +10,16 @@ from __future__ import annotations
 import queue
 import threading
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from armd.daemon.config import Tip
+from armd.daemon.live.answer import Answer
 from armd.daemon.live.arm_in_use import ArmInUse, Takeover
 from armd.errors import ArmdError
 
 #: Whoever asks while so many changes wait is refused; the same change asked for twice is one.
 MOST_WAITING = 8
-
-Answer = Callable[[str, bool], None]
-"""Told what was done, and True; or why it was not, and False."""
 
 
 class Tell(Protocol):

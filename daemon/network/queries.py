@@ -20,7 +20,7 @@ import zenoh
 from zenoh import handlers
 
 from armd import keys
-from armd.daemon.live.changes import Answer
+from armd.daemon.live.answer import Answer
 from armd.daemon.network.publisher import JSON, KeptStream, Publisher
 from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame

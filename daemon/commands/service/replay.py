@@ -22,7 +22,7 @@ import numpy.typing as npt
 import armd
 from armd import Flag, keys
 from armd.compensation.model.arm import Arm
-from armd.daemon.commands.service.run import expectation, serve
+from armd.daemon.commands.service.run import serve
 from armd.daemon.config import Config, DaemonFile
 from armd.daemon.files.recorder import TOPICS, as_json
 from armd.daemon.live.arm_in_use import ArmInUse
@@ -104,7 +104,7 @@ def _config(recording: Recording, args: argparse.Namespace, folder: Path) -> Con
 def _points(config: Config) -> Iterator[Points]:
     """What the daemon would publish."""
     pipeline = ArmInUse(config).pipeline
-    with closing(open_driver(config.driver, expectation(config))) as driver:
+    with closing(open_driver(config.driver, config.expectation)) as driver:
         while True:
             for item in driver.read(0.0):
                 match item:

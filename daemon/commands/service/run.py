@@ -17,7 +17,6 @@ from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.network.session import zenoh_session
 from armd.daemon.rehearsal import rehearse
 from armd.daemon.service import Service
-from armd.drivers.identity import Expectation
 from armd.drivers.table import open_driver
 from armd.errors import BadInput
 
@@ -38,7 +37,7 @@ def serve(config: Config) -> int:
     asked = Asked()  # from here on a signal is heard, and done when there is something to do it
     arm = ArmInUse(config)
     rehearse(config, arm)  # compiles everything the stream needs, before ready is said
-    driver = open_driver(config.driver, expectation(config))
+    driver = open_driver(config.driver, config.expectation)
     with ExitStack() as stack:
         session = stack.enter_context(zenoh_session(config))
         stack.enter_context(closing(driver))
@@ -84,17 +83,6 @@ def _serve_metrics(config: Config, service: Service) -> MetricsServer:
     except OSError as error:
         found = f"{port}: {error.strerror}"
         raise BadInput(config.path, "metrics.port", found, "a free port") from error
-
-
-def expectation(config: Config) -> Expectation:
-    """What the arm on the wire must say of itself."""
-    arm = config.arm
-    return Expectation(
-        arm.serial_number,
-        arm.n_joints,
-        len(arm.sensors),
-        tuple(joint.counts_per_turn for joint in arm.joint),
-    )
 
 
 def _ready(config: Config, arm: ArmInUse) -> str:

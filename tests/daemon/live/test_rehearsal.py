@@ -12,7 +12,6 @@ import numpy as np
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
 from armd.compensation.model.known_expansion import known_expansion
-from armd.daemon.commands.service.run import expectation
 from armd.daemon.config import load_config
 from armd.daemon.health import Tally
 from armd.daemon.live.arm_in_use import ArmInUse
@@ -78,10 +77,10 @@ def main(config: Path) -> None:
     loaded = load_config(config)
     arm = ArmInUse(loaded)
     rehearse(loaded, arm)
-    driver = SerialDriver(loaded.file.driver, expectation(loaded))
+    driver = SerialDriver(loaded.file.driver, loaded.expectation)
     driver.open()
     before = compiled()
-    seen = stream(SerialDecoder(expectation(loaded)), arm)
+    seen = stream(SerialDecoder(loaded.expectation), arm)
     print(sorted(seen))
     late = {name for name, count in compiled().items() if count != before.get(name, 0)}
     assert before and not late, f"compiled while samples came: {sorted(late)}"

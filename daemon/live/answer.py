@@ -1,0 +1,8 @@
+"""What whoever asks the daemon for something is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+Answer = Callable[[str, bool], None]
+"""Told what was done, and True; or why it was not, and False."""
