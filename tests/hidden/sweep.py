@@ -48,6 +48,8 @@ CONSTANTS = (
     Constant("diagnose.scoring.shape", "OFF", "discs and bearings err by 10 to 30 % in form"),
     Constant("diagnose.scoring.unevenness", "OF_A_WALK", "what wanders does so between knots, too"),
     Constant("diagnose.scoring.unevenness", "OF_A_COURSE", "no creep is quite an exponential"),
+    Constant("diagnose.scoring.unevenness", "OF_A_LENGTH", "lengths are late by a third more"),
+    Constant("diagnose.scoring.scatter", "MOST_LEVERAGE", "such a rest has no residual", True),
     Constant("diagnose.scoring.evidence", "MOST_COUNTED", "χ² of more columns is mostly noise"),
     Constant("diagnose.scoring.memory", "BEYOND_DOUBT", "one in a million sets of even noise"),
     Constant("diagnose.scoring.robust_refit", "MOST_GAINED", "Huber's loss against the clipped"),
@@ -77,8 +79,12 @@ CONSTANTS = (
         "diagnose.search.findings", "CLEARLY", "Jeffreys' strong evidence: ten times likelier"
     ),
     Constant("diagnose.diagnosis", "ENOUGH", "a shape half off leaves a name with 0.8", True),
+    Constant("diagnose.search.findings", "INDISTINGUISHABLE_P", "nothing significant is left"),
+    Constant("diagnose.search.touched", "MOST_STEP", "mounts step by microns, hands by more"),
+    Constant("diagnose.search.touched", "MOST_TOUCHED", "more is not now and then"),
     Constant("diagnose.search.explains", "PARTS", "parts of a range with rests enough in each"),
     Constant("diagnose.diagnosis", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
+    Constant("diagnose.search.search", "MOST_STEPS", "ten findings, and some renamed or refused"),
     Constant("diagnose.search.search", "MOST_RENAMINGS", "a name that changes thrice is a circle"),
     Constant(
         "diagnose.heldout.borne_out", "SURE_P", "one that a search without the rows would find too"
@@ -87,7 +93,20 @@ CONSTANTS = (
         "diagnose.heldout.borne_out", "IN_ONE", "what one placement shows, others cannot teach"
     ),
     Constant("diagnose.heldout.gain", "SIGN_P", "most groups improve, beyond chance"),
+    Constant("diagnose.heldout.gain", "MOST_SQUARES", "a gross error must not decide by itself"),
+    Constant(
+        "diagnose.heldout.judge", "MOST_WORSE", "gross errors move the error over all by less"
+    ),
+    Constant("diagnose.extend", "GROWTH_KNOWN", "a growth known to a fifth of its size"),
+    Constant("diagnose.fitting.follow", "MOST_ROUNDS", "most cases settle in three to six"),
+    Constant("diagnose.fitting.follow", "STAYS", "a tenth of what the readings tell"),
     Constant("diagnose.fitting.fit", "CURVED_SHARE", "linear to a tenth of the noise"),
+    Constant("diagnose.fitting.fit", "CURVE_SCALE", "a curve's size before the data have it"),
+    Constant(
+        "diagnose.fitting.neighbourhood", "MOST_SIGMAS", "three deviations of the broadest prior"
+    ),
+    Constant("diagnose.fitting.neighbourhood", "LENGTH_OFF", "a certified length is lost"),
+    Constant("diagnose.fitting.target_steps", "STEP_P", "one in a thousand sets of noise"),
     Constant("diagnose.fitting.noise", "KNOT_S", "a base wanders in minutes, not in seconds"),
     Constant("diagnose.fitting.noise", "GROSS", "a gross error is four noise units off"),
     Constant("diagnose.problem.amplitudes", "MOST_FREE_COLUMNS", "more amplitudes share a size"),

@@ -135,7 +135,7 @@ def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> Bo
     ]
     able = [
         not found.candidate.told_only
-        and own.after_um <= (MOST_WORSE if _sure(found) else 1.0) * own.before_um
+        and own.after_um <= (1.0 + (MOST_WORSE if _sure(found) else 0.0)) * own.before_um
         for found, own in zip(result.found, stepwise, strict=True)
     ]
     deaf = [_in_one_fold(last, last.net_signature(i)) for i in range(len(result.found))]

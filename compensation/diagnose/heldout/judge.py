@@ -13,7 +13,7 @@ from armd.compensation.effects.courses import is_drift
 
 #: Gross errors have no voice in the decision, and they move the error over all readings by chance,
 #: of noise-sized findings by far less than this share: beyond it a finding does harm somewhere.
-MOST_WORSE = 1.02
+MOST_WORSE = 0.02
 
 
 @dataclass(frozen=True)
@@ -85,4 +85,4 @@ class Judge:
 
 
 def _harms(found: Gain) -> bool:
-    return found.after_um > MOST_WORSE * found.before_um
+    return found.after_um > (1.0 + MOST_WORSE) * found.before_um
