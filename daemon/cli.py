@@ -8,12 +8,14 @@ import io
 import keyword
 import signal
 import sys
+import traceback
 from collections.abc import Collection, Sequence
 
 from armd import __version__
 from armd.daemon.commands.terminal import hush
 from armd.daemon.commands.usage import USAGE
 from armd.errors import ArmdError, BadInput
+from armd.terminal.loudness import add_loudness, heard
 from armd.terminal.parser import Parser
 from armd.terminal.printable import printable
 from armd.terminal.suggest import did_you_mean
@@ -70,10 +72,14 @@ COMMANDS = {name: line for room in ROOMS.values() for name, line in room.items()
 OFFLINE = frozenset({"llvmlite", "matplotlib", "numba", "pyarrow", "scipy", "threadpoolctl"})
 #: Exit code where nobody reads what is written: that of a program which SIGPIPE has ended.
 CUT_OFF = 141
+#: Exit code where armd itself is at fault: never 1, which a script takes for an answer. EX_SOFTWARE
+#: of sysexits.h.
+OWN_FAULT = 70
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code (0 done, 1 the answer is no, 2 bad usage or input)."""
+    """Run one command; returns the exit code: 0 done, 1 the answer is no, 2 bad usage or input,
+    `OWN_FAULT`."""
     try:
         if argv is None and isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")  # a terminal that knows no µ
@@ -87,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in OFFLINE:
-            raise
+            return _own_fault(error)
         install = f"{sys.executable} -m pip install 'armd[offline]'"
         print(
             f"armd: {error.name}: found no such package; this needs it: {install}", file=sys.stderr
@@ -110,6 +116,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise
     except KeyboardInterrupt:
         return 130
+    except Exception as error:
+        return _own_fault(error)
+
+
+def _own_fault(error: Exception) -> int:
+    """What nobody foresaw: its traceback also without -v, for it may not come again."""
+    traceback.print_exception(error)
+    name = type(error).__name__
+    print(
+        f"armd: {name}: this is a fault of armd, not of your files; please report the lines above",
+        file=sys.stderr,
+    )
+    return OWN_FAULT
 
 
 def module_of(name: str) -> str:
@@ -143,8 +162,12 @@ def _run(arguments: list[str]) -> int:
     assert chosen is not None  # argparse has refused everything else
     if unknown:
         commands[chosen].refuse(unknown)
-    computes = chosen == "run" or not getattr(namespace, "quiet", True)
-    if computes and sys.stderr is not None and sys.stderr.isatty():
+    with heard(namespace):
+        return _work(chosen, namespace)
+
+
+def _work(chosen: str, namespace: argparse.Namespace) -> int:
+    if not namespace.quiet and sys.stderr is not None and sys.stderr.isatty():
         from armd.terminal.aside import tell_of_compiling  # rich takes long to load
 
         tell_of_compiling()
@@ -167,6 +190,8 @@ def parsers(whole: Collection[str]) -> tuple[Parser, dict[str, Parser]]:
         each[name] = command = commands.add_parser(name, help=help_line, description=description)
         if name in whole:
             importlib.import_module(module_of(name)).add_arguments(command)
+            if name != "simulate":  # a program of its own
+                add_loudness(command)
             if name in USAGE:
                 command.formatter_class = argparse.RawDescriptionHelpFormatter
                 own = f"{command.epilog}\n\n" if command.epilog else ""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 
 from armd.drivers.config import DriverConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Driver
+
+_log = logging.getLogger(__name__)
 
 DRIVERS = {
     "serial": "armd.drivers.serial.port:SerialDriver",
@@ -21,6 +24,7 @@ DRIVERS = {
 def open_driver(config: DriverConfig, expectation: Expectation) -> Driver:
     """The driver that *config* names, open. Missing hardware is waited for, in `Driver.read`."""
     module, name = DRIVERS[config.kind].split(":")
+    _log.info("opening the driver %s", config.kind)
     driver: Driver = getattr(import_module(module), name)(config, expectation)
     driver.open()
     return driver

@@ -34,6 +34,7 @@ from armd.simulator.servobus.arm import arm_toml as servo_arm_toml
 from armd.simulator.servobus.device import ServoBus
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import JOINTS, arm_toml
+from armd.terminal.loudness import heard
 from armd.terminal.parser import Parser
 
 
@@ -44,27 +45,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if any(word.partition("=")[0] == "--session" for word in arguments):
             return measured_sessions(arguments)
         options = parser().parse_args(arguments)
-        if options.check is not None:
-            load_toml(options.check, Scenario)
-            return 0
-        scenario = read_scenario(options)
-        check_places(options)
-        if options.operator and options.microscribe:
-            wires = "--serial, --can or --servo"
-            raise BadInput("command line", "--operator", "--microscribe", wires)
-        if scenario.joints is not None and options.microscribe:
-            raise BadInput("--microscribe", "--joints", str(scenario.joints), "none: it has five")
-        if options.plant and not (options.serial or options.can):
-            raise BadInput("command line", "--plant", "another wire", "--serial or --can")
-        if options.arm_out is not None:
-            number = scenario.serial_number
-            if options.servo:
-                text = servo_arm_toml(number, scenario.joints or SERVO_JOINTS)
-            else:
-                text = arm_toml(number, joints=scenario.joints or len(JOINTS))
-            check_same(options.arm_out, text, ARM, options.force, [options.scenario])
-            write_whole(options.arm_out, text)
-        return run(scenario, options)
+        with heard(options):
+            return wired(options)
     except ArmdError as error:
         for fault in (error, *getattr(error, "more", ())):
             print(f"armd: {fault}", file=sys.stderr)
@@ -77,6 +59,31 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 0
+
+
+def wired(options: argparse.Namespace) -> int:
+    """An arm on a wire, as *options* say; raises `BadInput`."""
+    if options.check is not None:
+        load_toml(options.check, Scenario)
+        return 0
+    scenario = read_scenario(options)
+    check_places(options)
+    if options.operator and options.microscribe:
+        wires = "--serial, --can or --servo"
+        raise BadInput("command line", "--operator", "--microscribe", wires)
+    if scenario.joints is not None and options.microscribe:
+        raise BadInput("--microscribe", "--joints", str(scenario.joints), "none: it has five")
+    if options.plant and not (options.serial or options.can):
+        raise BadInput("command line", "--plant", "another wire", "--serial or --can")
+    if options.arm_out is not None:
+        number = scenario.serial_number
+        if options.servo:
+            text = servo_arm_toml(number, scenario.joints or SERVO_JOINTS)
+        else:
+            text = arm_toml(number, joints=scenario.joints or len(JOINTS))
+        check_same(options.arm_out, text, ARM, options.force, [options.scenario])
+        write_whole(options.arm_out, text)
+    return run(scenario, options)
 
 
 def run(scenario: Scenario, options: argparse.Namespace) -> int:
@@ -165,7 +172,9 @@ def measured_sessions(arguments: Sequence[str]) -> int:
 
     command = Parser(prog=PROGRAM, description=sessions.__doc__)
     sessions.add_arguments(command)
-    return sessions.run(command.parse_args(arguments))
+    options = command.parse_args(arguments)
+    with heard(options):
+        return sessions.run(options)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from armd.files.writing import check_folder
 from armd.simulator.live.faults import FAULTS, check_wire, parse_fault, random_faults
 from armd.simulator.live.faults import Wire as WireName
 from armd.simulator.live.scenario import Scenario
+from armd.terminal.loudness import add_loudness
 from armd.terminal.parser import Parser
 
 PROGRAM = "armd simulate"
@@ -130,6 +131,7 @@ def parser() -> Parser:
         "--arm-out", metavar="FILE", type=Path, help="write the arm's nominal arm.toml"
     )
     add_force(command)
+    add_loudness(command)
     return command
 
 

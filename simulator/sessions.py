@@ -34,8 +34,9 @@ from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.printed import bench
 from armd.simulator.truth.answers import true_constants, true_expansion
 from armd.terminal.arguments import factor, seed, whole
-from armd.terminal.aside import add_quiet, aside, bar
+from armd.terminal.aside import aside, bar
 from armd.terminal.counted import counted
+from armd.terminal.loudness import add_loudness
 
 KINDS: dict[str, Callable[[int, Noise], Campaign]] = {
     "paper": paper.campaign,
@@ -99,7 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--truth-out", metavar="FILE", type=Path, help="write the true settings to a JSON file"
     )
     add_force(parser)
-    add_quiet(parser)
+    add_loudness(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import time
 from typing import Any
 
@@ -14,19 +15,25 @@ from armd.errors import ArmdError
 ENDPOINT = "tcp/127.0.0.1:7447"
 MOST_RECEIVED_BYTES = 32 << 20  # the answer that holds a calibration file of the largest kind
 
+_log = logging.getLogger(__name__)
+
 
 def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Session:
     """A Zenoh session with a daemon or a router, for a program that listens to many arms.
 
     Raises `ArmdError` if nobody answers there.
     """
+    settings = _settings(endpoint, timeout_s)
+    _log.info("connecting to %s", endpoint)
     try:
-        return zenoh.open(_settings(endpoint, timeout_s))
+        session = zenoh.open(settings)
     except zenoh.ZError as error:
         raise ArmdError(
             f"{endpoint}: no daemon answers within {timeout_s:g} s: is it running (armd run"
             " armd.toml), and does it listen there? (armd demo prints its endpoint)"
         ) from error
+    _log.info("connected to %s", endpoint)
+    return session
 
 
 def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
@@ -63,6 +70,7 @@ def find_arm(session: zenoh.Session, serial: str | None, endpoint: str, timeout_
         replies = session.liveliness().get(keys.key(serial or "*", keys.ALIVE))
         found = {str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None}
         if len(found) == 1:
+            _log.info("arm %s is there", *found)
             return found.pop()
         if found:
             raise ArmdError(f"{endpoint}: several arms, name one: {', '.join(sorted(found))}")

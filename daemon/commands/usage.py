@@ -10,7 +10,11 @@ import textwrap
 from dataclasses import dataclass
 
 #: What every command returns, unless its own entry says more.
-CODES = {0: "done", 2: "bad usage or bad input: one line on standard error says what and where"}
+CODES = {
+    0: "done",
+    2: "bad usage or bad input: one line on standard error says what and where (-v: more)",
+    70: "a fault of armd itself: please report what it printed",
+}
 LIVE_UNITS = "mm, °C, seconds; angles as the wire has them in rad; time stamps in Unix nanoseconds"
 FILE_UNITS = "mm, °C, seconds; angles in files in degrees, in readings as session.toml says"
 
@@ -28,7 +32,7 @@ class Usage:
 
     def text(self) -> str:
         """As it stands below the options."""
-        codes = {0: CODES[0]} | ({1: self.no} if self.no else {}) | {2: CODES[2]}
+        codes = {0: CODES[0]} | ({1: self.no} if self.no else {}) | {2: CODES[2], 70: CODES[70]}
         blocks = {
             "example" if len(self.examples) == 1 else "examples": self.examples,
             "units": (self.units,) if self.units else (),

@@ -87,7 +87,7 @@ def test_a_browser_that_prints_nothing_is_told(monkeypatch, tmp_path) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("chromium"), reason="no Chromium: make browser")
 def test_a_page_prints_whole(tmp_path) -> None:
-    asked = argparse.Namespace(report=None, pdf=tmp_path / "r.pdf", quiet=True)
+    asked = argparse.Namespace(report=None, pdf=tmp_path / "r.pdf", quiet=True, verbose=False)
     written.write_pages(asked, lambda: a_page().html())
     pdf = (tmp_path / "r.pdf").read_bytes()
     assert pdf.startswith(b"%PDF-") and b"/Count" in pdf and len(pdf) > 10_000

@@ -24,6 +24,7 @@ from armd.errors import BadInput
 from armd.simulator.sessions import add_arguments
 from armd.simulator.sessions import run as simulate
 from armd.simulator.truth.arm import Materials, TrueArm
+from armd.terminal.loudness import add_loudness
 
 DAYS = 8
 
@@ -78,6 +79,7 @@ def checks(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(*words: str | Path) -> int:
     parser = argparse.ArgumentParser()
     interim.add_arguments(parser)
+    add_loudness(parser)
     return interim.run(parser.parse_args([str(word) for word in words]))
 
 

@@ -12,14 +12,6 @@ import numpy as np
 import pytest
 
 from armd.compiled import compiler, jit
-from armd.daemon.cli import COMMANDS, parsers
-
-#: Those that never work for more than two seconds, that are live, or that ask a person.
-SHORT = {
-    "demo", "run", "accept", "watch", "status", "tip", "reload", "record", "view", "ippdme", "ros2",
-    "fleet", "stream", "measure", "feature", "init", "schema", "doctor", "arm", "completion", "man",
-    "simulate",
-}  # fmt: skip
 
 
 def on_a_terminal(*command: str, cwd: Path, **environment: str) -> tuple[str, str]:
@@ -42,20 +34,14 @@ def on_a_terminal(*command: str, cwd: Path, **environment: str) -> tuple[str, st
     return out.decode(), said.decode()
 
 
-def test_every_command_that_may_take_long_has_quiet() -> None:
-    _, commands = parsers(COMMANDS.keys() - {"simulate", *SHORT})
-    quiet = {name for name, one in commands.items() if "--quiet" in one.format_help()}
-    assert quiet == COMMANDS.keys() - SHORT - {"interim"}
-    actions = commands["interim"]._subparsers._group_actions[0].choices  # type: ignore[union-attr]
-    assert all("--quiet" in one.format_help() for one in actions.values())
-
-
 def test_a_bar_on_a_terminal_alone(tmp_path: Path) -> None:
     simulate = (sys.executable, "-m", "armd", "simulate", "--session", "interim", "--days", "3")
     out, said = on_a_terminal(*simulate, "-o", "loud", cwd=tmp_path)
     assert "measuring with the simulated arm" in said and out.startswith("3 sessions")
     out, said = on_a_terminal(*simulate, "-o", "quiet", "-q", cwd=tmp_path)
     assert said == "" and out.startswith("3 sessions")
+    out, said = on_a_terminal(*simulate, "-o", "verbose", "-v", cwd=tmp_path)
+    assert "wrote verbose/day-03/readings.csv" in said and "\x1b" not in said  # no bar beside it
     piped = subprocess.run([*simulate, "-o", "piped"], cwd=tmp_path, capture_output=True, text=True)
     assert piped.stderr == "" and piped.stdout.startswith("3 sessions")
 

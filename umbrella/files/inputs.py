@@ -7,6 +7,7 @@ memory; whatever the system refuses becomes a `BadInput` in words.
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import stat
 from io import BufferedReader
@@ -19,6 +20,8 @@ from armd.terminal.suggest import near, within
 MOST_JSON_BYTES = 8 << 20
 #: What a person writes by hand: a thousand targets of an artefact take 100 kB.
 MOST_TOML_BYTES = 1 << 18
+
+_log = logging.getLogger(__name__)
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -47,11 +50,13 @@ def open_input(path: str | Path) -> BufferedReader:
         raise _refused(path, error) from error
     except ValueError as error:
         raise BadInput(repr(str(path)), "the file", "a zero byte in its name", "a name") from error
-    kind = stat.S_IFMT(os.fstat(handle).st_mode)
+    found = os.fstat(handle)
+    kind = stat.S_IFMT(found.st_mode)
     if kind != stat.S_IFREG:
         os.close(handle)
         has = within(Path(path)) if kind == stat.S_IFDIR else ""
         raise BadInput(path, "the file", _KINDS.get(kind, "no file") + has, "a regular file")
+    _log.info("reading %s, %d bytes", path, found.st_size)
     return os.fdopen(handle, "rb")
 
 

@@ -7,6 +7,7 @@ one who made it may not be the one who names it; devices and pipes are written t
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import secrets
 import shutil
@@ -18,6 +19,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from armd.errors import BadInput
+
+_log = logging.getLogger(__name__)
 
 _MOST_LINKS = 8
 _ROOM = {errno.ENOSPC: "no space left on its disk", errno.EDQUOT: "the quota of its disk used up"}
@@ -59,7 +62,9 @@ def whole_file(path: str | Path) -> Iterator[Path]:
                 _give(part, earlier)
             with part.open("rb") as file:
                 os.fsync(file.fileno())
+                size = os.fstat(file.fileno()).st_size
             part.replace(target)
+            _log.info("wrote %s, %d bytes", target, size)
         except BaseException:
             part.unlink(missing_ok=True)
             raise

@@ -3,23 +3,62 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.status import Status
 
 from armd.compiled.jit import when_compiling
+from armd.terminal.loudness import LOG
 
 
-def add_quiet(parser: argparse.ArgumentParser) -> None:
-    """The option -q."""
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no remarks")
+class Aside(Console):
+    """Mute with -q. With -v there is nothing that moves: each step is a line of the log."""
+
+    def __init__(self, *, quiet: bool, verbose: bool) -> None:
+        super().__init__(stderr=True, quiet=quiet, force_terminal=False if verbose else None)
+
+    def status(self, status: RenderableType, **options: Any) -> Status:
+        """A step of the work, as rich shows it."""
+        return _Step(status, console=self, **options)
 
 
-def aside(args: argparse.Namespace) -> Console:
-    """Mute with -q. Errors are not said here."""
-    return Console(stderr=True, quiet=args.quiet)
+class _Step(Status):
+    """One whose text is told to the log, too."""
+
+    def __init__(self, status: RenderableType, **options: Any) -> None:
+        super().__init__(status, **options)
+        self._tell = _teller()
+        self._tell(str(status))
+
+    def update(self, status: RenderableType | None = None, **options: Any) -> None:
+        """As rich does."""
+        if status is not None:
+            self._tell(str(status))
+        super().update(status, **options)
+
+
+def _teller() -> Callable[[str], None]:
+    """What tells the log of a step, but not of each number that counts up within it."""
+    last: str | None = None
+
+    def tell(text: str) -> None:
+        nonlocal last
+        shape = re.sub(r"\d+", "", text)
+        if shape != last:
+            LOG.info("%s", text)
+        last = shape
+
+    return tell
+
+
+def aside(args: argparse.Namespace) -> Aside:
+    """As -q and -v say. Errors are not said here."""
+    return Aside(quiet=args.quiet, verbose=args.verbose)
 
 
 def tell_of_compiling() -> None:
@@ -32,6 +71,8 @@ def tell_of_compiling() -> None:
 def bar(console: Console, text: str) -> Iterator[Callable[[str, float], None]]:
     """A bar on a terminal, and nothing elsewhere; what it gives takes a text and a share."""
     columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    tell = _teller()
+    tell(text)
     with Progress(
         *columns,
         TimeRemainingColumn(),
@@ -40,4 +81,9 @@ def bar(console: Console, text: str) -> Iterator[Callable[[str, float], None]]:
         disable=console.quiet or not console.is_terminal,
     ) as progress:
         task = progress.add_task(text, total=1.0)
-        yield lambda said, share: progress.update(task, description=said, completed=share)
+
+        def told(said: str, share: float) -> None:
+            tell(said)
+            progress.update(task, description=said, completed=share)
+
+        yield told

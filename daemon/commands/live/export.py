@@ -17,7 +17,7 @@ from armd.drivers.replay.recording import Recording
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.aside import add_quiet, aside
+from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 
 #: Beside the texts, how a recording's file is known that was written before.
@@ -54,7 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="FILE", type=Path, required=True, help=" ".join(SUFFIXES)
     )
     add_force(parser)
-    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

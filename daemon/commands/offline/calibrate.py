@@ -21,7 +21,7 @@ from armd.daemon.commands.offline.given import add_arm
 from armd.errors import BadInput
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.aside import add_quiet, aside
+from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 
 ORDERS = {"auto": None, "off": 0, "1": 1, "2": 2, "3": 3, "4": 4}
@@ -52,7 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="per temperature: an offset C beside the value at the reference (default: C = 0)",
     )
     add_force(parser)
-    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

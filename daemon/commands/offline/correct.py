@@ -14,7 +14,7 @@ from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
 from armd.files.schema import load_toml
-from armd.terminal.aside import add_quiet, aside, bar
+from armd.terminal.aside import aside, bar
 from armd.terminal.counted import counted
 from armd.terminal.suggest import within
 
@@ -33,7 +33,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of q1 … qN; otherwise as session.toml beside the readings says, or rad",
     )
     add_force(parser)
-    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -24,7 +24,7 @@ from armd.daemon.commands.offline.given import add_arm, add_model_under_test, lo
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.aside import add_quiet, aside, bar
+from armd.terminal.aside import aside, bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="OUT.json")
     add_pages(parser, "the table with a picture")
     add_force(parser)
-    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -23,7 +23,7 @@ from armd.compensation.report.written import add_pages, page_outputs, write_page
 from armd.daemon.commands.offline.given import add_arm, add_model_under_test, load_given
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.aside import add_quiet, aside, bar
+from armd.terminal.aside import aside, bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +41,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_pages(parser)
     parser.add_argument("--extended", metavar="CAL2.json", help="the corrected calibration")
     add_force(parser)
-    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

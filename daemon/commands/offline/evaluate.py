@@ -13,7 +13,7 @@ from armd.compensation.identify.evaluate_files import evaluate_files
 from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.aside import add_quiet, aside
+from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 
 
@@ -25,7 +25,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--json", metavar="OUT.json", help="the figures for programs")
     add_force(parser)
-    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -25,7 +25,7 @@ from armd.daemon.commands.offline.given import add_arm
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.aside import add_quiet, aside, bar
+from armd.terminal.aside import aside, bar
 
 #: In a history's folder: the last result, for the daemon and for programs.
 REPORT = "report.json"
@@ -58,8 +58,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_pages(report)
     add_force(report)
-    for action in (add, report):
-        add_quiet(action)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -31,7 +31,7 @@ from armd.daemon.live.arm_in_use import with_offset
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.aside import add_quiet, aside
+from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 
 COLUMNS = (
@@ -75,7 +75,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.csv")
     add_pages(parser, "a page for the quality file")
     add_force(parser)
-    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

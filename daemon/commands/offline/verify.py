@@ -18,7 +18,7 @@ from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.errors import ArmdError
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.aside import add_quiet, aside
+from armd.terminal.aside import aside
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", metavar="RESULT.json", help="all figures and the verdict")
     add_pages(parser)
     add_force(parser)
-    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

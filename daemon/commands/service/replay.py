@@ -33,7 +33,7 @@ from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
 from armd.files.schema import validate
 from armd.files.writing import whole_file
-from armd.terminal.aside import add_quiet, aside
+from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 
 Points = npt.NDArray[np.void]
@@ -59,7 +59,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="POINTS.csv", type=Path, help="publish nothing; write a table"
     )
     add_force(parser)
-    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

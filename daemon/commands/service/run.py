@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import gc
+import logging
 import signal
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -49,6 +50,8 @@ def serve(config: Config) -> int:
         say(_ready(config, arm))
         if config.driver.kind != "replay":  # which may run as fast as it can
             go_first()
+        # From here on the journal speaks, which waits for nobody who reads it.
+        logging.getLogger("armd").setLevel(logging.WARNING)
         service.run()
     return 0
 

@@ -15,7 +15,7 @@ from armd.compensation.model.calibration import load_calibration
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.schema import json_data, load_toml, toml_data
-from armd.terminal.aside import add_quiet, aside
+from armd.terminal.aside import aside
 from armd.terminal.suggest import near
 
 
@@ -28,7 +28,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="arm.toml, armd.toml, a calibration, a session's folder, a scenario, MPE values; "
         "sessions and calibrations are held against their arm.toml, if that is among the files",
     )
-    add_quiet(parser)
 
 
 def run(args: argparse.Namespace) -> int:

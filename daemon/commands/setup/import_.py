@@ -16,7 +16,7 @@ from armd.compensation.model.arm import Arm, load_arm
 from armd.errors import BadInput
 from armd.files.outputs import ARM, add_force, check_output_folder, check_same
 from armd.files.writing import write_whole
-from armd.terminal.aside import add_quiet, aside
+from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 
 ALL = "1"
@@ -41,7 +41,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     urdf = parser.add_argument_group("a URDF")
     urdf.add_argument("--tip-link", metavar="LINK", help="the link that touches (the last one)")
     add_force(parser)
-    add_quiet(parser)
 
 
 def _column(text: str) -> tuple[str, str]:

@@ -1,0 +1,91 @@
+"""How much a command says beside its result: less with -q, more with -v, of every command alike.
+
+What -v says are the records of the logger "armd" from INFO on: whoever reads or writes a file,
+connects or begins a step tells it there. A program that uses armd as a library hears them with
+`logging.basicConfig(level=logging.INFO)`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import resource
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from armd.errors import ArmdError
+from armd.terminal.printable import printable
+
+LOG = logging.getLogger("armd")
+#: Errors that a command answers in one line; with -v their traceback stands before it.
+ANSWERED = (ArmdError, OSError, MemoryError, ModuleNotFoundError)
+
+
+def add_loudness(parser: argparse.ArgumentParser) -> None:
+    """The options -q and -v, of *parser* or of each of the commands below it."""
+    groups = [one for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
+    for below in (below for group in groups for below in group.choices.values()):
+        add_loudness(below)
+    if groups:
+        return
+    either = parser.add_mutually_exclusive_group()
+    either.add_argument("-q", "--quiet", action="store_true", help="no progress, no remarks")
+    either.add_argument(
+        "-v",
+        "--verbose",
+        action="store_true",
+        help="say on standard error, with the time, each step, file and connection; at an error,"
+        " where in armd it was found",
+    )
+
+
+@contextmanager
+def heard(args: argparse.Namespace) -> Iterator[None]:
+    """While a command runs: with -v, what `LOG` is told stands on standard error."""
+    if not args.verbose or sys.stderr is None:
+        yield
+        return
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(_Line())
+    handler.addFilter(_once())
+    before = LOG.level
+    LOG.addHandler(handler)
+    LOG.setLevel(logging.INFO)
+    try:
+        yield
+    except ANSWERED:
+        LOG.info("an error, found here:", exc_info=True)
+        raise
+    finally:
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        LOG.info(
+            "end: %.1f s of processor time, %.0f MB of memory",
+            used.ru_utime + used.ru_stime,
+            used.ru_maxrss / 1024,
+        )
+        LOG.removeHandler(handler)
+        LOG.setLevel(before)
+
+
+def _once() -> Callable[[logging.LogRecord], bool]:
+    """Of lines that are the same, the first: a file is looked into more often than once."""
+    said: set[str] = set()
+
+    def new(record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        is_new = text not in said
+        said.add(text)
+        return is_new
+
+    return new
+
+
+class _Line(logging.Formatter):
+    """`armd:    0.41 s  read arm.toml, 2143 bytes`: seconds since the program was loaded."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        line = f"armd: {record.relativeCreated / 1e3:7.2f} s  {printable(record.getMessage())}"
+        if record.exc_info:
+            line += "\n" + self.formatException(record.exc_info)
+        return line
