@@ -238,6 +238,6 @@ def _targets(readings: Readings, artefact: Artefact) -> I64:
     for code, name in enumerate(names):
         if name not in known:
             row = int(np.argmax(codes == code))
-            expected = f"a target of session.toml{hint(name, known)}"
+            expected = f"a target of the artefact{hint(name, known)}"
             raise readings.fault(row, "target", repr(name), expected)
     return np.array([known[name] for name in names], dtype=np.int64)[codes]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AwareDatetime, Field, model_validator
@@ -32,6 +32,13 @@ class Distance(Strict):
     standard_uncertainty_mm: Annotated[float, Field(ge=0)] = 0.0
 
 
+def _of_distances(artefact: dict[str, Any]) -> list[Target]:
+    """Targets that no list names: those that the distances of *artefact* are between."""
+    distances: list[Distance] = artefact.get("distances", [])
+    names = dict.fromkeys(name for distance in distances for name in distance.between)
+    return [Target(name=name) for name in names]
+
+
 class Artefact(Strict):
     """What the tip was put to. Positions hold at the artefact's reference temperature."""
 
@@ -39,12 +46,17 @@ class Artefact(Strict):
     certificate: Name | None = None  # number of the certificate its positions come from
     expansion_per_k: Annotated[float, Field(ge=-1e-3, le=1e-3)] = 0.0
     reference_temperature_c: float = 20.0
-    targets: Annotated[list[Target], Field(alias="target", min_length=1)]
     distances: Annotated[list[Distance], Field(alias="distance")] = []
+    targets: Annotated[list[Target], Field(alias="target", default_factory=_of_distances)]
 
     @model_validator(mode="after")
     def _consistent(self) -> Artefact:
         names = self.target_names
+        if not names:
+            raise ValueError(
+                "the points that were touched: a [[artefact.target]] with name (and position_mm,"
+                " where it is certified) for each, or [[artefact.distance]] between two of them"
+            )
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"target names that differ from each other, not two {name!r}")
@@ -65,6 +77,13 @@ class Artefact(Strict):
         """Certified positions (K, 3) mm; NaN where a target is an unknown seat."""
         unknown = (np.nan, np.nan, np.nan)
         return np.array([target.position_mm or unknown for target in self.targets], dtype=float)
+
+
+class ArtefactFile(Strict):
+    """The content of an artefact's file: the table `[artefact]` of session.toml, alone."""
+
+    schema_: Annotated[Literal["armd.artefact/1"], Field(alias="schema")] = "armd.artefact/1"
+    artefact: Artefact
 
 
 class SessionFile(Strict):

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from armd.compensation.data.session_format import SessionFile
+from armd.compensation.data.session_format import ArtefactFile, SessionFile
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.verify.limits import Limits
@@ -17,6 +17,7 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 FORMATS: dict[str, tuple[type[BaseModel], str]] = {
     "arm": (Arm, "arm.toml: what the arm is"),
     "session": (SessionFile, "session.toml: an arm measured on an artefact"),
+    "artefact": (ArtefactFile, "artefact.toml: what is touched, for several sessions"),
     "daemon": (DaemonFile, "armd.toml: the daemon's configuration"),
     "mpe": (Limits, "mpe.toml: what the arm must meet"),
     "calibration": (Calibration, "calibration.json: constants and terms of an arm"),

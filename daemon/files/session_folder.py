@@ -12,20 +12,14 @@ from typing import Any
 from armd import Flag
 from armd.compensation.data.session import READINGS
 from armd.compensation.data.session_columns import APPROACH
-from armd.compensation.data.session_format import Artefact
+from armd.compensation.data.session_format import Artefact, ArtefactFile
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
-from armd.files.schema import Strict, load_toml, validate
+from armd.files.schema import load_toml, validate
 from armd.terminal.counted import counted
 
 SEAT = "seat"
-
-
-class ArtefactFile(Strict):
-    """The content of an artefact's file: the table `[artefact]` of session.toml."""
-
-    artefact: Artefact
 
 
 class SessionFolder:

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from armd.compensation.data.session import load_session
+from armd.compensation.data.session_format import ArtefactFile
 from armd.compensation.model.arm import Arm
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.guided import Guided
 from armd.daemon.bridges.view.http import NotServed, Request
-from armd.daemon.files.session_folder import ArtefactFile
 from armd.daemon.measure.plan.kinds import plan_of
 from armd.daemon.measure.plan.stations import KINDS, Wishes
 from armd.errors import ArmdError, BadInput

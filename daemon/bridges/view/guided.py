@@ -12,12 +12,12 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any, cast
 
+from armd.compensation.data.session_format import ArtefactFile
 from armd.daemon.bridges.process import in_thread
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.feed import Feed
 from armd.daemon.bridges.view.http import NotServed, Request
 from armd.daemon.bridges.view.sessions import A_NAME, results
-from armd.daemon.files.session_folder import ArtefactFile
 from armd.daemon.measure.ending import EndOptions, commands, run
 from armd.daemon.measure.estimate import identified
 from armd.daemon.measure.in_use import in_use_of

@@ -9,7 +9,7 @@ from typing import get_args
 
 import armd
 from armd.client import Arm
-from armd.daemon.files.session_folder import ArtefactFile
+from armd.compensation.data.session_format import ArtefactFile
 from armd.daemon.measure.ending import EndOptions, Then, commands
 from armd.daemon.measure.ending import run as run_command
 from armd.daemon.measure.in_use import in_use_of

@@ -16,6 +16,7 @@ from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.schema import json_data, load_toml, toml_data
 from armd.terminal.aside import aside
+from armd.terminal.counted import counted
 from armd.terminal.suggest import near
 
 
@@ -120,7 +121,11 @@ def _schema(path: Path) -> str:
     """What a TOML or JSON file says it is; empty if it does not say."""
     content = read_input(path)
     data = json_data(path, content) if path.suffix == ".json" else toml_data(path, content)
-    return str(data.get("schema", "")) if isinstance(data, dict) else ""
+    if not isinstance(data, dict):
+        return ""
+    if "schema" not in data and "arm" not in data:  # two kinds of file need not say it
+        return next((f"armd.{kind}/1" for kind in ("artefact", "mpe") if kind in data), "")
+    return str(data.get("schema", ""))
 
 
 def _arms(paths: Sequence[Path]) -> Arms:
@@ -175,6 +180,15 @@ def _session(path: Path, arms: Arms) -> str:
     return f" (columns not used: {', '.join(unused)})" if unused else ""
 
 
+def _artefact(path: Path, _: Arms) -> str:
+    from armd.compensation.data.session_format import ArtefactFile
+
+    found = load_toml(path, ArtefactFile).artefact
+    unknown = sum(target.position_mm is None for target in found.targets)
+    lengths = counted(len(found.distances), "certified length")
+    return f" ({counted(len(found.targets), 'target')}, {unknown} without position; {lengths})"
+
+
 def _mpe(path: Path, _: Arms) -> str:
     from armd.compensation.verify.limits import load_limits
 
@@ -204,6 +218,7 @@ CHECKERS: dict[str, Checker] = {
     "armd.calibration/1": _calibration,
     "armd.daemon/1": _daemon,
     "armd.session/1": _session,
+    "armd.artefact/1": _artefact,
     "armd.scenario/1": _scenario,
     "armd.mpe/1": _mpe,
 }

@@ -38,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     table.add_argument(
         "--artefact", type=Path, metavar="FILE.toml", help="its [artefact] (unknown fixed points)"
     )
+    table.add_argument("--operator", metavar="NAME", help="who measured; reports name him or her")
     urdf = parser.add_argument_group("a URDF")
     urdf.add_argument("--tip-link", metavar="LINK", help="the link that touches (the last one)")
     add_force(parser)
@@ -122,7 +123,7 @@ def _content(
         "started": started,
         "angle_unit": angle_unit,
         "artefact": artefact,
-    }
+    } | ({"operator": args.operator} if args.operator else {})
 
 
 def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns: Any) -> None:

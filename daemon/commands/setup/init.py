@@ -122,7 +122,7 @@ def _arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
         text = arm_toml(source, args.tip_link)
     elif source.suffix:
         text, said = from_rows(source)
-        for sentence in said:
+        for sentence in () if args.quiet else said:
             print(f"armd: {sentence}")
     else:
         name = args.start_from.lower().replace("_", "-")

@@ -77,6 +77,46 @@ def test_what_is_right_is_ok(folder: Path, capsys: pytest.CaptureFixture[str]) -
     assert output.err == ""
 
 
+BAR = """[artefact]
+name = "bar"
+[[artefact.distance]]
+between = ["left", "right"]
+length_mm = 500.0
+"""
+
+
+def test_files_that_need_not_say_what_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bar, mpe = tmp_path / "bar.toml", tmp_path / "mpe.toml"
+    bar.write_text(BAR)
+    mpe.write_text("[mpe]\ne_uni_mm = 0.03\n")
+    assert check(bar, mpe) == 0
+    words = "2 targets, 2 without position; 1 certified length"
+    assert capsys.readouterr().out.splitlines() == [f"{bar}: ok ({words})", f"{mpe}: ok"]
+
+
+@pytest.mark.parametrize(
+    ("content", "faults"),
+    [
+        ('[artefact]\nname = "bar"\n', ["expected the points that were touched: a [[artefact"]),
+        (BAR.replace('"left", ', ""), ["artefact.distance[1].between[2]: found nothing"]),
+        (
+            BAR.replace("[[", '[[artefact.target]]\nname = "lefd"\n[[', 1),
+            ["expected a target's name in distance[1], not 'left': did you mean lefd?"],
+        ),
+    ],
+)
+def test_an_artefact_that_is_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, faults: list[str]
+) -> None:
+    (tmp_path / "bar.toml").write_text(content)
+    assert check(tmp_path / "bar.toml") == 1
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == len(faults)
+    assert all(words in line for words, line in zip(faults, told, strict=True))
+
+
 def damage(folder: Path, name: str, old: str, new: str) -> Path:
     path = folder / name
     text = path.read_text()

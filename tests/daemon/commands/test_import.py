@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -139,6 +140,26 @@ def test_named_columns_and_an_artefact(bench: Bench) -> None:
     assert code == 0 and "angles are in deg: the largest is 400" in told
     assert bench.session().artefact.positions_mm().tolist() == [[1.0, 2.0, 3.0]]
     assert "not empty" in bench.run("r.txt", *beam, "--column", "q1=base")[1]
+
+
+def test_an_artefact_of_which_only_a_length_is_known(bench: Bench) -> None:
+    (bench.folder / "r.csv").write_text("q1,q2,q3,ball\n1,2,40,left\n1,3,50,right\n")
+    (bench.folder / "bar.toml").write_text(
+        "[artefact]\nname = 'bar'\n[[artefact.distance]]\n"
+        "between = ['left', 'right']\nlength_mm = 500.0\n"
+    )
+    bar = ("--artefact", str(bench.folder / "bar.toml"), "--operator", "A. Smith")
+    assert bench.run("r.csv", *bar)[0] == 0
+    session = bench.session()
+    assert session.artefact.target_names == ["left", "right"]
+    assert session.artefact.distances[0].length_mm == 500.0
+    written = tomllib.loads((bench.folder / "out" / "session.toml").read_text())
+    assert written["operator"] == "A. Smith"
+    # What reads the folder need not know that they may be left out.
+    assert [target["name"] for target in written["artefact"]["target"]] == ["left", "right"]
+    (bench.folder / "r.csv").write_text("q1,q2,q3,ball\n1,2,40,left\n1,3,50,rihgt\n")
+    said = "found 'rihgt', expected a target of the artefact: did you mean right?"
+    assert said in bench.run("r.csv", *bar, "--force")[1]
 
 
 @pytest.mark.parametrize(
@@ -311,6 +332,9 @@ def test_a_folder_to_start_from(
         (["--from", "u.csv"], "column d [ft]: found the unit 'ft', expected one of mm, cm, m,"),
         (["--from", "n.csv"], "row 2, column d_mm: found 'long', expected a number"),
         (["--from", "l.csv"], "expected a column d_mm or a_mm: an arm without lengths"),
+        (["--from", "a.csv"], "the header: found theta, d, a, expected a column alpha_deg too"),
+        (["--from", "r.csv"], "column alpha: found angles of 1.5708 degrees at most, expected"),
+        (["--from", "m.csv"], "the lengths: found 0.75 mm, all of d and a together, expected mm"),
         (["--from", "d.csv"], "d_mm: found two columns, 'd_mm' and 'd (in)', expected one"),
     ],
 )
@@ -322,12 +346,36 @@ def test_init_without_sense(
     monkeypatch.setattr("sys.stdin", io.StringIO())
     (tmp_path / "t.csv").write_text("tetha_deg,d_mm\n1,2\n")
     (tmp_path / "u.csv").write_text("theta,d [ft]\n1,2\n")
-    (tmp_path / "n.csv").write_text("theta,d_mm\n1,2\n3,long\n")
+    (tmp_path / "n.csv").write_text("theta,d_mm,alpha\n1,2,0\n3,long,0\n")
     (tmp_path / "l.csv").write_text("theta,alpha\n1,2\n")
+    (tmp_path / "a.csv").write_text("theta,d,a\n0,200,0\n0,0,300\n0,0,250\n")
+    (tmp_path / "r.csv").write_text("d,a,alpha\n200,0,1.5708\n0,300,0\n0,250,-1.5708\n")
+    (tmp_path / "m.csv").write_text("d,a,alpha\n0.2,0,90\n0,0.3,0\n0,0.25,0\n")
     (tmp_path / "d.csv").write_text("d_mm,d (in)\n1,2\n")
     assert main(["init", "mine", *words]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "mine").exists()
+
+
+def test_what_a_drawing_does_not_say_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "dh.csv").write_text("d;a (mm);alpha\n200;0;90\n0;300;\n0;250;0\n")
+    words = ["init", str(tmp_path / "mine"), "--from", str(tmp_path / "dh.csv")]
+    words += ["--serial-number", "A", "--port", "/dev/none"]
+    assert main(words) == 0
+    told = capsys.readouterr().out.splitlines()
+    for sentence in (
+        "d_mm is the column 'd', in mm: its header says no unit",
+        "a_mm is the column 'a (mm)'",
+        "alpha_deg is the column 'alpha', in degrees: its header says no unit",
+        "theta_deg: there is no such column, it is 0 in each joint",
+        "alpha_deg: empty for joint 2, which makes it 0",
+        "the lengths d and a add up to 750 mm",
+    ):
+        assert f"armd: {sentence}" in told
+    assert main([*words, "-q"]) == 0
+    assert "is the column" not in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
