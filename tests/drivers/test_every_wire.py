@@ -22,7 +22,7 @@ from armd.simulator.servobus.arm import ServoArm
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.conditions import Conditions
 from support.simulated_arm import simulated_arm
-from support.standstill import taken_while_it_ran
+from support.standstill import LONG_S, SERVO_LONG_S, taken_while_it_ran
 
 EXPECTED = Expectation("SIM-0001", 6, 6, (COUNTS_PER_TURN,) * 6)
 FIRST_S = 5.0  # by then the driver listens, also on a busy machine
@@ -39,6 +39,8 @@ FAULTS = {
     "reboot": (4.8, 0.3, 1),
 }
 LAST_S = 7.0
+LOST = 0.1  # the share of rows in which a busy machine may lose a servo's answer
+BUSY = 100  # cycles left out, of some five thousand, and the machine is one
 
 
 @dataclass
@@ -75,6 +77,7 @@ class EveryWire:
     """What must hold whatever carries the samples."""
 
     wire: tuple[str, ...]
+    long_s = LONG_S
     rate_hz = 500
     faults = FAULTS
     last_s = LAST_S
@@ -99,7 +102,8 @@ class EveryWire:
     @pytest.fixture(scope="class")
     @classmethod
     def run(cls, tmp_path_factory):
-        return taken_while_it_ran(lambda: cls.take(tmp_path_factory.mktemp(cls.__name__)))
+        folder = tmp_path_factory.mktemp
+        return taken_while_it_ran(lambda: cls.take(folder(cls.__name__)), cls.long_s)
 
     @classmethod
     def take(cls, folder):
@@ -323,8 +327,14 @@ class TestVcan(EveryCan):
 class EveryServoBus(EveryWire):
     """Servos: the same contract less the device clock. A joint is invalid by its servo's silence,
     a thermometer by the same; the arm is a printed one of five joints, and one count of it is half
-    a millimetre."""
+    a millimetre.
 
+    Servos are waited for by the millisecond, so a busy machine loses answers, and leaves cycles of
+    a moving arm out. What must never be holds for each row here, whatever was lost; what a fault
+    may cost besides, `mostly` and `came` say. To the row, test_servo_driver has it.
+    """
+
+    long_s = SERVO_LONG_S
     kind: str
     faults = {
         "joint_invalid": (0.0, 0.4, 2),
@@ -376,36 +386,85 @@ class EveryServoBus(EveryWire):
         assert error.max() < 60  # no neighbour's, no late, no damaged answer among them
         assert run.samples["clock_mapped"].all()
 
+    @staticmethod
+    def came(rows, run):
+        """Whether there are rows; else this machine was too slow for them, and the driver said
+        so."""
+        return len(rows) > 20 or (run.counters["untimed"] > BUSY and run.told("untimed"))
+
+    @staticmethod
+    def mostly(good):
+        """But for the rows that a busy machine may cost."""
+        return np.count_nonzero(~good) <= 2 + LOST * len(good)
+
+    def test_an_invalid_joint_is_invalid_for_as_long_as_it_says(self, run):
+        during = run.during("joint_invalid", margin_s=-0.05)
+        assert (during["joint_invalid"] & 0b10 != 0).all() and self.came(during, run)
+        assert run.told("joint_invalid") and run.told("joint_valid")
+
+    def test_a_jump_costs_its_sample_and_at_most_five_more(self, run):
+        """That no valid row has it, the test of the points says."""
+        near = run.during("count_jump", margin_s=0.2)
+        marked = np.count_nonzero(near["joint_invalid"] & 0b01)
+        told = run.told("count_jump")
+        if not told:  # nobody heard the one answer that jumped
+            at = run.during("count_jump", margin_s=0.06)
+            assert len(at) == 0 or (at["lost_before"] | (at["joint_invalid"] & 0b01 != 0)).any()
+        assert len(told) <= 1 and len(told) <= marked <= 6 + LOST * len(near)
+
     def test_an_open_sensor_is_nan_and_the_others_are_not(self, run):
         begin, end = run.windows["servo_silent"]
-        inside = [t for t in run.temperatures if begin + S * 0.1 < t.monotonic_ns < end - S * 0.1]
+        begin, end = begin + S * 0.1, end - S * 0.1
+        inside = [t for t in run.temperatures if begin < t.monotonic_ns < end]
         assert inside
-        for reading in inside:
-            assert np.isnan(reading.celsius[1]) and np.isfinite(np.delete(reading.celsius, 1)).all()
+        assert all(np.isnan(reading.celsius[1]) for reading in inside)
+        stands_s = np.diff([t.monotonic_ns for t in inside] + [end]) / S  # until the next one
+        others = np.array([np.isfinite(np.delete(t.celsius, 1)).all() for t in inside])
+        assert stands_s[others].sum() > (1 - LOST) * stands_s.sum()
 
     def test_a_servo_that_starts_anew_is_taken_back(self, run):
         begin, end = run.windows["servo_silent"]
         instant = run.samples["monotonic_ns"]
         while_away = run.samples[(instant > begin + S * 0.05) & (instant < end - S * 0.05)]
-        assert len(while_away) > 50 and (while_away["joint_invalid"] == 0b100).all()
+        assert (while_away["joint_invalid"] & 0b100 != 0).all()
+        assert self.mostly(while_away["joint_invalid"] == 0b100) and self.came(while_away, run)
         after = run.samples[(instant > end + S * 0.3) & (instant < end + S * 0.6)]
-        assert (after["joint_invalid"] == 0).all()
+        assert self.mostly(after["joint_invalid"] == 0) and self.came(after, run)
+
+    def test_after_a_reboot_the_samples_go_on(self, run):
+        _, end = run.windows["reboot"]
+        after = run.samples[run.samples["monotonic_ns"] > end + S]
+        assert self.mostly(after["joint_invalid"] == 0) and self.came(after, run)
+
+    def test_silence_is_told_and_so_is_the_recovery(self, run):
+        _, end = run.windows["silence"]
+        assert run.told("silence") and run.told("recovered")
+        assert self.came(run.samples[run.samples["monotonic_ns"] > end], run)
+
+    def test_every_sample_is_accounted_for(self, run):
+        """A late answer to a cycle may come while one servo is asked who it is: a foreign one."""
+        assert run.counters["samples"] == len(run.samples)
+        assert run.counters["foreign"] < LOST * len(run.samples)
 
     def test_damaged_late_and_foreign_bytes_cost_their_joint_one_cycle(self, run):
-        for fault, joints in (("flipped_bit", 0b1000), ("late_answer", 0b10), ("stale_bytes", 0)):
-            near = run.during(fault, margin_s=0.06)
-            bad = near[near["joint_invalid"] != 0]
-            assert len(bad) <= 2 and (bad["joint_invalid"] & (joints ^ 0xFFFF) == 0).all(), fault
+        for fault, joint in (("flipped_bit", 0b1000), ("late_answer", 0b10), ("stale_bytes", 0)):
+            invalid = run.during(fault, margin_s=0.06)["joint_invalid"]
+            others = np.count_nonzero(invalid & ~np.uint16(joint))
+            assert np.count_nonzero(invalid) <= 4 + LOST * len(invalid), fault
+            assert others <= 2 + LOST * len(invalid), fault
         assert run.counters["bad_sum"] >= 1 and run.counters["late"] >= 1
-        assert run.counters["echoes"] > 20
+        assert run.counters["echoes"] > 5
 
     def test_positions_beyond_a_turn_are_the_same_positions(self, run):
         during = run.during("multi_turn", margin_s=-0.05)
-        assert len(during) > 20 and (during["joint_invalid"] == 0).all()
+        assert self.mostly(during["joint_invalid"] == 0) and self.came(during, run)
 
     def test_an_alert_warns_of_its_joint_while_it_stands(self, run):
         during = run.during("servo_alert", margin_s=-0.05)
-        assert len(during) > 20 and (during["joint_warning"] == 0b10000).all()
+        assert (during["joint_warning"] & ~np.uint16(0b10000) == 0).all()
+        heard = during["joint_invalid"] & 0b10000 == 0
+        assert self.mostly(heard) and (during["joint_warning"][heard] == 0b10000).all()
+        assert self.came(during, run)
         assert any("servo 5 (joint 5)" in event.text for event in run.told("servo_warning"))
         assert not run.samples["joint_warning"][-20:].any()
 
