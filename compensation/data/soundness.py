@@ -106,8 +106,8 @@ def _clocks(sessions: Sequence[Session]) -> list[str]:
             if over > BACK_S:
                 told.append(
                     f"{later.name} begins {_duration(over)} before {earlier.name} ends: one arm "
-                    "cannot do that, and the clock of one is wrong. What is told of instants and "
-                    "of drift between sessions rests on these clocks."
+                    "cannot do that, and the clock of one is wrong. The instants, and "
+                    "the drift between sessions, depend on these clocks."
                 )
     counted = [(n, s) for s in timed if (n := _number(s)) is not None]
     numbered = sorted(counted, key=lambda pair: pair[0])
@@ -116,8 +116,8 @@ def _clocks(sessions: Sequence[Session]) -> list[str]:
         for (_, one), (_, next_) in itertools.pairwise(numbered):
             if next_.states.time_s.min() < one.states.time_s.min():
                 told.append(
-                    f"By their clocks {next_.name} was measured before {one.name}: if that is not "
-                    "so, what is told of instants and of drift is not either."
+                    f"By their clocks {next_.name} was measured before {one.name}: if that is "
+                    "wrong, the instants and the drift in the result are wrong, too."
                 )
     return told
 

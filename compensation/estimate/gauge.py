@@ -115,7 +115,7 @@ def _reason(vector: F64, names: Sequence[str], together: Sequence[str], arm: Arm
     if all(name in ("theta_1", "d_1") for name in together):
         return "moving the whole arm about its first axis moves every placement alike"
     if _is_size(vector, names, arm):
-        return "no certified length tells the scale of the arm well enough"
+        return "no certified length determines the scale of the arm well enough"
     if any("ΔT" in name for name in together):
         return "these temperatures and poses do not tell them apart"
     return "these poses do not tell them apart"

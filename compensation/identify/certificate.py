@@ -20,8 +20,8 @@ from armd.terminal.counted import counted
 KIND = "identification record, not an ISO 17025 certificate"
 #: A smaller arm scatters less: no scatter shows a wrong size.
 NO_SCALE = (
-    "no certified length tells the arm's size well enough: lengths are only as good as the drawing,"
-    " and all of them may be wrong by the same share"
+    "no certified length determines the arm's size well enough: lengths are only as good as the"
+    " drawing, and all of them may be wrong by the same share"
 )
 #: Readings left out must lose at least half of the error they have under the drawing.
 MOST_LEFT = 0.5
@@ -37,6 +37,17 @@ LEAST_TIMES = 3
 POSSIBLE_C = (-10.0, 60.0)
 #: Nor do one arm's readings, or one reading's sensors, lie farther apart: 20 °C and 68 °F do.
 MOST_APART_K = 30.0
+#: As a report states it.
+RULE = (
+    f"granted if the fit settled; readings left out miss by {100 * MOST_LEFT:g} % at most of what"
+    " they miss by with the dimensions of the drawing, and by"
+    f" {MOST_HELDOUT_MM:g} mm RMS at most; {100 * LEAST_RANK:g} % of what ideal readings would"
+    f" determine is known; there are {LEAST_PLACEMENTS} placements and {LEAST_TIMES} times the"
+    f" readings needed; the temperatures are possible ({POSSIBLE_C[0]:g} to {POSSIBLE_C[1]:g} °C,"
+    f" {MOST_APART_K:g} K apart at most); and no certified length is off by more than"
+    f" {MOST_OFF:g} standard uncertainties. For lengths only if certified lengths or positions"
+    " determine the size of the arm"
+)
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,22 @@ from matplotlib.ticker import LogFormatter
 from armd.arrays import I64
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.unknowns import in_words
+from armd.compensation.identify.certificate import RULE
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Fit
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.comparison import temperature_groups
 from armd.compensation.model import parameters
 from armd.compensation.model.calibration import LoadedCalibration
+from armd.compensation.model.terms import Term
 from armd.compensation.report.drawing import MOST_POINTS, cloud, drawing, one_drawing, views
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import origin
+from armd.compensation.report.sessions import NOT_STATED, origin
 
 #: Correlations stronger than this are worth knowing.
 WORTH_KNOWING = 0.9
+#: Outliers in a table; the result's JSON has all.
+MOST_LISTED = 50
 #: A constant with less than this share in every direction not identifiable stands alone.
 ALONE = 1e-3
 
@@ -49,6 +53,7 @@ def _summary(page: Page, result: Result) -> None:
     found, noise, record = result.fit, result.fit.noise, result.certificate
     good = (True if record.scale_known else None) if record.granted else False
     page.verdict(record.word.upper(), f"{record.kind}: {record.reason}", good)
+    page.text(f"Decision rule: {RULE}.")
     page.table(
         ["", "value", "unit"],
         [
@@ -197,12 +202,17 @@ def _parameters(page: Page, result: Result) -> None:
             [
                 [
                     in_words(term), f"{term.coefficient:.4g}",
-                    f"{term.standard_uncertainty or 0.0:.2g}",
+                    _uncertainty(term),
                     f"{parameters.unit(term.parameter)} per unit of its basis",
                 ]
                 for term in found.terms
             ],
         )  # fmt: skip
+
+
+def _uncertainty(term: Term) -> str:
+    known = term.standard_uncertainty
+    return NOT_STATED if known is None else f"{known:.2g}"
 
 
 def _correlations(page: Page, found: Fit) -> None:
@@ -244,13 +254,15 @@ def _outliers(page: Page, result: Result) -> None:
         "Readings farther off than one Gaussian reading in 10 000 count with a weight that falls"
         f" with the square of their distance: {len(result.fit.weighed_down)}. Outliers are those"
         f" that the tails of the noise do not explain: {len(listed)}."
+        + f" The first {MOST_LISTED} are listed."
+        * (len(listed) > MOST_LISTED)
     )
     if listed:
         page.table(
             ["session", "row", "residual µm", "standard deviations"],
             [
                 [o["session"], o["row"], f"{o['error_um']:.1f}", f"{o['sigma']:.1f}"]
-                for o in listed[:50]
+                for o in listed[:MOST_LISTED]
             ],
         )
 

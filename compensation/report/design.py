@@ -41,12 +41,14 @@ def design_report(
         f"{experiment.before:.2f} {criterion.unit} with the sessions there are, "
         f"{experiment.after:.2f} with {with_these} on one new placement of "
         "the artefact too. Put a target near each tip position, turn the joints as shown, and come "
-        "to rest from the side given."
+        "to rest from the side given. Both figures are forecasts; nothing is judged by them, so"
+        " there is no decision rule."
     )
     page.figure(_picture(experiment), "The arm in each pose, joint by joint; its number at the tip")
     narrow = [_narrow(row) for row in rows]
     page.table(list(narrow[0]), [list(row.values()) for row in narrow])
     origin(page, arm, sessions, files)
+    page.signatures("Planned by", "Checked by")
     return page.html()
 
 

@@ -13,7 +13,7 @@ from armd.compensation.diagnose.told.verdict import um
 from armd.compensation.effects.effect import ARC_SECOND, clock
 from armd.compensation.report.drawing import one_drawing
 from armd.compensation.report.page import Page
-from armd.compensation.report.sessions import origin
+from armd.compensation.report.sessions import NOT_STATED, origin
 from armd.compensation.report.signature_plot import signature_plot
 from armd.terminal.counted import counted
 
@@ -23,6 +23,13 @@ SMALL = {"rad": (1.0 / ARC_SECOND, "″"), "mm": (1e3, "µm")}
 
 #: What may be found without a cause that has a name and is in the arm or its setting-up.
 NO_CAUSES = ("artefact_moved", "outliers", "unknown")
+#: As docs/diagnosis-how.md has it at length.
+RULE = (
+    "Decision rule: a cause is reported where noise alone would reach its score, anywhere among the"
+    " candidates, once in a hundred data sets at most. It is confirmed where it improves the"
+    " prediction of readings that had no part in finding it: the 95 % interval of the gain is above"
+    " zero, or most placements and targets improve (sign test)."
+)
 
 
 def diagnosis_report(
@@ -31,6 +38,7 @@ def diagnosis_report(
     """The page; *result* is the diagnosis as its JSON has it, *files* arm and calibration."""
     page = Page(f"Diagnosis of {diagnosis.arm.serial_number}")
     page.verdict(*headline(result), None)  # a cause is no limit that was kept or not
+    page.text(RULE)
     _at_a_glance(page, diagnosis, result)
     touched = len(diagnosis.touched)  # they stand first among the findings
     for number, finding in enumerate(result["findings"][:touched], 1):
@@ -218,13 +226,13 @@ def _amplitudes(page: Page, finding: dict[str, Any]) -> None:
 def _in_small_units(parameter: dict[str, Any]) -> list[str]:
     """Angles in seconds of arc, lengths in µm; no uncertainty where none is stated."""
     if parameter["unit"] == "s (Unix)":
-        return [parameter["name"], clock(parameter["value"]), "–", ""]
+        return [parameter["name"], clock(parameter["value"]), NOT_STATED, ""]
     scale, unit = SMALL.get(parameter["unit"].split(" ")[0].split("/")[0], (1.0, ""))
     rest = parameter["unit"].removeprefix(parameter["unit"].split(" ")[0].split("/")[0])
     value, sigma = scale * parameter["value"], scale * parameter["standard_uncertainty"]
     shown = unit + rest if unit else parameter["unit"]
     if not sigma:
-        return [parameter["name"], f"{value:.10g}", "–", shown]
+        return [parameter["name"], f"{value:.10g}", NOT_STATED, shown]
     digits = max(0, 1 - int(np.floor(np.log10(sigma))))
     fine = f"{value:.{digits}f}" if digits < 6 else f"{value:.4g}"
     return [parameter["name"], fine, f"{sigma:.2g}", shown]

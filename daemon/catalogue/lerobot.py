@@ -76,8 +76,8 @@ def take_over(path: Path, name: str) -> Taken:
     offsets = ", ".join(f"{motor.id}: {motor.homing_offset}" for motor in motors.values())
     note = (
         f"# Zeros, limits and directions are of the LeRobot calibration {path.name}, whose zero\n"
-        f"# (the middle of the sweep) is taken for the drawing's. It holds while the servos have\n"
-        f"# these homing offsets: {offsets}.\n"
+        "# (the middle of the sweep) is assumed to be the drawing's. It holds while the servos\n"
+        f"# have these homing offsets: {offsets}.\n"
     )
     ids = [motor.id for motor in chain.values()]
     return Taken(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors)

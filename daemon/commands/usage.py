@@ -158,7 +158,7 @@ USAGE = {
     ),
     "check": Usage(
         ("armd check arm.toml armd.toml measured/T20",), "configure.md", "",
-        "a file has faults, each told in a line",
+        "a file has faults, each reported in a line",
     ),
     "init": Usage(
         (

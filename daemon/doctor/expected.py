@@ -27,7 +27,7 @@ def compare(patient: Patient, file: Path, driver: ServoConfig) -> None:
             patient.find(
                 "missing_id",
                 f"servo {servo} ({what}) of {file}: found no answer, expected one",
-                "check the cable before it, its power and its id; or mend [driver] of armd.toml",
+                "check the cable before it, its power and its id; or correct [driver] in armd.toml",
             )
     for servo in sorted(answering - named(driver).keys()):
         patient.say(f"servo {servo} answers, and {file} does not name it")

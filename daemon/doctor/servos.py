@@ -102,7 +102,7 @@ def _missing(line: Line, family: Family, ids: Sequence[int], patient: Patient) -
             continue
         for servo in _answering(line, family, missing, ANSWER_S):
             missing.remove(servo)
-            text = f"servo {servo} speaks at {other} baud, the others at {baud}"
+            text = f"servo {servo} answers at {other} baud, the others at {baud}"
             patient.find("other_baud", text, f"set its rate to {baud} with the maker's tool")
     line.set_baud(baud)
     if missing:
@@ -189,7 +189,7 @@ def _rate(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> N
         if family.alarm is not None:
             bits = read(line, family, servo, family.alarm, 1)
         words = family.complaints(bits[0]) if bits else "something that it does not name"
-        mend = "mend its cause (load, heat, supply), then switch the supply off and on"
+        mend = "remove its cause (load, heat, supply), then switch the supply off and on"
         patient.find("servo_alert", f"servo {servo} complains of: {words}", mend)
 
 

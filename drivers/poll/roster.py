@@ -92,7 +92,7 @@ class Roster:
         if not why:
             del self.refused[servo]
             return []
-        text = f"{self.name(servo)}: {why}; nothing it tells is valid"
+        text = f"{self.name(servo)}: {why}; none of its values is valid"
         return [Event("servo_refused", text, now_ns, "error", {"servo": servo})]
 
     def _torque_events(self, servo: int, on: bool, now_ns: int) -> list[Event]:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
+from armd import __version__
 from armd.daemon.cli import main as armd
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -155,6 +156,27 @@ def test_every_input_is_named_by_its_hash(reports: Path, report: str) -> None:
     if report == "verify":
         limits = hashlib.sha256((reports / "mpe.toml").read_bytes()).hexdigest()
         assert inputs["limits mpe.toml"] == limits
+
+
+#: Of the sessions or measurements that a report is of.
+FACTS = {
+    "recorrect": ("operator", "temperatures of the arm while measuring", "tolerance"),
+    "calibration": ("operator", "its certificate", "arm, °C", "artefact, °C", "uncertainty"),
+    "verify": ("operator", "its certificate", "arm, °C", "artefact, °C", "U (k = 2), µm"),
+    "diagnosis": ("operator", "its certificate", "arm, °C", "artefact, °C", "uncertainty"),
+    "design": ("operator", "its certificate", "arm, °C", "artefact, °C"),
+    "interim": ("operator", "its certificate", "arm, °C", "artefact, °C"),
+}
+
+
+@pytest.mark.parametrize("report", REPORTS)
+def test_what_an_auditor_asks(reports: Path, report: str) -> None:
+    text = (reports / f"{report}.html").read_text(encoding="utf-8")
+    assert re.search(r"[\w-]+-[0-9a-f]{8}, \d{4}-\d\d-\d\d \d\d:\d\d UTC", text)  # number, date
+    assert f"armd {__version__}, Python" in text
+    assert [fact for fact in FACTS[report] if fact not in text] == []
+    assert "ecision rule" in text  # or that there is none, and why
+    assert len(re.findall("date, signature", text)) == (1 if report == "interim" else 2)
 
 
 @pytest.mark.parametrize("report", REPORTS)

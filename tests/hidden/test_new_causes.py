@@ -67,7 +67,7 @@ def test_what_no_calibration_can_hold_is_told_and_not_written(
     assert [f.candidate.place for f in found.found] == [(plant.cause, plant.location)]
     assert found.written == ()
     assert found.gains[0].shown
-    assert "No calibration can hold 1: told, and not written." in verdict(found)
+    assert "No calibration can contain 1: reported, and not written." in verdict(found)
     given, written = found.baseline.calibration, found.extended
     assert (written.constants, written.terms) == (given.constants, given.terms)
     (value,) = found.search.last.amplitudes[0]

@@ -56,7 +56,7 @@ def verdict(diagnosis: Diagnosis) -> str:
             )
         if told_only:
             numbers = _numbers(told_only)
-            sentences.append(f"No calibration can hold {numbers}: told, and not written.")
+            sentences.append(f"No calibration can contain {numbers}: reported, and not written.")
         guesses = _numbers(
             i
             for i, found in enumerate(diagnosis.found)

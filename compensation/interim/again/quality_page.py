@@ -90,10 +90,14 @@ class Change:
 
 
 def quality_page(
-    change: Change, inputs: Mapping[str, str], left_out: Sequence[str], operator: str | None
+    change: Change,
+    inputs: Mapping[str, str],
+    left_out: Sequence[str],
+    operator: str | None,
+    celsius: Sequence[float],
 ) -> str:
     """The page; *inputs* are names and their SHA-256, *left_out* sentences; *operator* is who
-    corrects again, None: not stated."""
+    corrects again, None: not stated; *celsius* are the arm's temperatures in the measurements."""
     page = Page(f"Measurements corrected again: {change.serial}")
     word, good = change.headline()
     page.verdict(word, f"{change.in_words()}.", good)
@@ -103,6 +107,7 @@ def quality_page(
         "its new position, in space; with a probability of 95 % its old position was no farther "
         "off, as far as the calibration states its uncertainty."
     )
+    page.text(f"Decision rule: {_rule(change.tolerance_mm)}.")
     figure, panel = one_drawing()
     instants = np.array(change.stamp_ns, dtype="datetime64[ns]")
     panel.plot(instants, change.distance_mm, "o", markersize=3, rasterized=True, label="moved by")
@@ -121,6 +126,9 @@ def quality_page(
     facts = {
         "arm": change.serial,
         "operator": operator or NOT_STATED,
+        "temperatures of the arm while measuring": (
+            f"{min(celsius):.1f} to {max(celsius):.1f} °C" if celsius else "not measured"
+        ),
         "calibration": change.calibration_sha256,
         "measured under (calibration's first digits)": ", ".join(before) or "nothing",
         "tolerance": NOT_STATED if tolerance is None else f"{tolerance:g} mm",
@@ -128,6 +136,15 @@ def quality_page(
     page.origin(report_number(change.serial, *inputs.values()), inputs, facts)
     page.signatures("Corrected again by", "Checked by")
     return page.html()
+
+
+def _rule(tolerance_mm: float | None) -> str:
+    if tolerance_mm is None:
+        return "none, as no tolerance was given (--tolerance)"
+    return (
+        f"a measurement is affected if it moves by more than the tolerance, {tolerance_mm:g} mm,"
+        " and possibly affected if it may have been off by more"
+    )
 
 
 def _affected(page: Page, change: Change) -> None:

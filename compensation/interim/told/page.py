@@ -50,8 +50,8 @@ def interim_page(judgement: Judgement, result: dict[str, Any], sessions: Sequenc
         page.text(f"Next: {result['next_check']['sentence']}")
     page.heading("Checks")
     page.text(
-        "A change is told where the statistic reaches its limit: without one, about once "
-        f"in {RUN_LENGTH:.0f} checks. It is Shiryaev's and Roberts's: how "
+        "Decision rule: a change is reported where the statistic reaches its limit: without one,"
+        f" about once in {RUN_LENGTH:.0f} checks. It is Shiryaev's and Roberts's: how "
         "much likelier the readings are with a change than without, over all instants and causes."
     )
     checks = result["checks"]
@@ -66,8 +66,8 @@ def interim_page(judgement: Judgement, result: dict[str, Any], sessions: Sequenc
             page.text(f"{CATALOGUE[candidate.cause].reason}.".capitalize())
             page.figure(
                 _over_time(epoch, told),
-                "Amplitude in each check alone (bars: two standard uncertainties), the course as"
-                " told, and the interval that holds the change",
+                "Amplitude in each check alone (bars: two standard uncertainties), the course that"
+                " is reported, and the interval that holds the change",
             )
             page.table(
                 ["what", "at the last check", "standard uncertainty", "unit"],
@@ -177,7 +177,7 @@ def _over_time(epoch: Epoch, told: Told) -> Figure:
         )  # fmt: skip
         panel.plot(
             instants, factor * told.values[j] * grown, color=colour, drawstyle=drawstyle,
-            label=f"{column.name}, {unit}, as told",
+            label=f"{column.name}, {unit}, as reported",
         )  # fmt: skip
     first, last = (np.datetime64(round(1e6 * s), "us") for s in told.between_unix_s)
     panel.fill_between(

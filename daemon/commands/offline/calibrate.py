@@ -118,7 +118,7 @@ def _print(result: Result, written: str) -> None:
         console.print(f"not identifiable: {line}")
     if len(found.weighed_down):
         console.print(
-            f"{counted(len(found.weighed_down), 'reading')} far off weighed down,"
+            f"{counted(len(found.weighed_down), 'reading')} far off have less weight,"
             f" {len(found.outliers)} of them outliers"
         )
     for note in result.notes:

@@ -116,7 +116,8 @@ def run(args: argparse.Namespace) -> int:
         none = counted(len(without), "measurement")
         left_out.insert(0, f"{none} without angles left out (pressed while invalid)")
     write_whole(args.output, _table(chosen, old, new, change, calibration))
-    write_pages(args, lambda: quality_page(change, _inputs(args), left_out, args.operator))
+    celsius = [c for m in chosen for c in m.temperatures_c.values() if c is not None]
+    write_pages(args, lambda: quality_page(change, _inputs(args), left_out, args.operator, celsius))
     print(f"armd: {args.output}: {change.in_words()}")
     for sentence in left_out:
         print(f"armd: {sentence}")

@@ -74,6 +74,6 @@ def _print(patients: list[Patient], troubled: bool) -> None:
             console.print(f"  {escape(fact)}")
         for finding in patient.findings:
             console.print(f"  [red]✗[/red] {escape(finding.text)}")
-            console.print(f"    mend: {escape(finding.mend)}")
+            console.print(f"    do: {escape(finding.mend)}")
     if not troubled:
         console.print("nothing stands in the way")

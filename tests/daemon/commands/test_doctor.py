@@ -70,8 +70,8 @@ def test_what_is_wrong_with_servos_is_told_and_how_to_mend_it(
     assert texts["torque_on"].startswith("torque is on at servo 5")
     assert texts["return_delay"] == "servo 5 waits 500 µs before each answer: 0.5 ms a cycle"
     printed = capsys.readouterr().out
-    assert "mend: return_delay_us = 0 under [driver]" in printed
-    assert "mend: torque_off = true under [driver]" in printed
+    assert "do: return_delay_us = 0 under [driver]" in printed
+    assert "do: torque_off = true under [driver]" in printed
 
 
 def test_servos_are_held_against_armd_toml(
@@ -126,7 +126,7 @@ def test_servos_that_cannot_be_used_are_named(capsys: pytest.CaptureFixture[str]
     assert "servo 3 answers a ping, but not what it is" in texts
     assert any(text.startswith("servo 4 answered ") for text in texts)
     printed = capsys.readouterr().out
-    assert all(f"mend: {finding.mend}" in printed for finding in found.findings)
+    assert all(f"do: {finding.mend}" in printed for finding in found.findings)
 
 
 def test_a_servo_that_speaks_at_another_rate_is_found(capsys: pytest.CaptureFixture[str]) -> None:
@@ -137,7 +137,7 @@ def test_a_servo_that_speaks_at_another_rate_is_found(capsys: pytest.CaptureFixt
     assert code == 1 and bus.writes == []
     (finding,) = patient["findings"]
     assert finding["kind"] == "other_baud"
-    assert finding["text"] == "servo 3 speaks at 115200 baud, the others at 1000000"
+    assert finding["text"] == "servo 3 answers at 115200 baud, the others at 1000000"
     assert finding["mend"] == "set its rate to 1000000 with the maker's tool"
 
 
