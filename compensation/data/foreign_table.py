@@ -45,7 +45,7 @@ def read_table(path: Path, sheet: str | None = None) -> ForeignTable:
         raise BadInput(path, "the file", "Excel's format of before 2007", "it saved as .xlsx")
     else:
         cells, assumed = _text(path)
-    begin = next((i for i, row in enumerate(cells) if sum(map(bool, row)) > 1), None)
+    begin = _header(cells)
     if begin is None or begin + 1 == len(cells):
         raise BadInput(path, "the table", "no rows", "a header and one row per reading")
     header = [cell.strip() for cell in cells[begin]]
@@ -61,6 +61,23 @@ def read_table(path: Path, sheet: str | None = None) -> ForeignTable:
             raise BadInput(path, f"line {number}", f"{len(row)} columns", f"{len(header)}")
         rows.append([*row, *[""] * (len(header) - len(row))][: len(header)])
     return ForeignTable(path, header, rows, begin + 2, assumed)
+
+
+def _header(cells: Sequence[Sequence[str]]) -> int | None:
+    """The line, from 0, of the header: above the first line of numbers the one with most cells, for
+    a program may write its name or a date above it; without such a line the first of several."""
+    lines = {i: row for i, row in enumerate(cells) if sum(map(bool, row)) > 1}
+    numbers = next((i for i, row in lines.items() if sum(map(_is_number, row)) > 1), None)
+    above = {i: row for i, row in lines.items() if numbers is not None and i < numbers}
+    return max(above, key=lambda i: sum(map(bool, above[i])), default=next(iter(lines), None))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def _text(path: Path) -> tuple[list[list[str]], list[str]]:
@@ -79,7 +96,7 @@ def _text(path: Path) -> tuple[list[list[str]], list[str]]:
         raise BadInput(path, "the file", "no text", "a table as text, or .xlsx")
     lines = [line for line in text.splitlines() if line.strip()]
     separator = max(SEPARATORS, key=lambda mark: _columns(lines, mark))
-    assumed.append(f"columns are parted by {SEPARATORS[separator]}")
+    assumed.append(f"columns are separated by {SEPARATORS[separator]}")
     try:
         cells = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator))
     except csv.Error as error:

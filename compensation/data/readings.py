@@ -151,7 +151,7 @@ def _csv_header(path: Path) -> list[str]:
     for mark, name in SEPARATORS.items():
         if len(header) == 1 and header[0].count(mark) > 1:
             expected = "commas, and points in numbers: `armd import` reads such tables"
-            raise BadInput(path, "the header", f"columns parted by {name}", expected)
+            raise BadInput(path, "the header", f"columns separated by {name}", expected)
     return header
 
 

@@ -168,7 +168,7 @@ def _finding(
     )
     page.figure(
         signature_plot(diagnosis, index),
-        f"What the readings show of {_name(finding)}, all else taken off, and the fitted effect",
+        f"What the readings show of {_name(finding)}, without everything else, and the fit",
     )
     _evidence(page, finding)
     _explains(page, finding)
@@ -209,7 +209,7 @@ def _explains(page: Page, finding: dict[str, Any]) -> None:
             for p in check["parts"]
         ]
         rows.append([check["by"], "; ".join(parts), f"{check['p_value']:.2g}"])
-    page.table(["parted by", "amplitude", "p that it is the same"], rows)
+    page.table(["separated by", "amplitude", "p that it is the same"], rows)
 
 
 def _cause(row: dict[str, Any]) -> str:

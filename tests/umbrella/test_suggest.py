@@ -98,9 +98,9 @@ def test_tables_of_excel(tmp_path: Path) -> None:
         return str(caught.value)
 
     path.write_text("time_s;q1;target\n0;0,5;S1\n")
-    assert "the header: found columns parted by semicolons, expected commas" in refused()
+    assert "the header: found columns separated by semicolons, expected commas" in refused()
     path.write_text("time_s\tq1\ttarget\n0\t0.5\tS1\n")
-    assert "found columns parted by tabs" in refused()
+    assert "found columns separated by tabs" in refused()
     path.write_bytes("time_s,q1\n0,0\n".encode("utf-16"))
     assert "byte 0: found UTF-16 text" in refused()
     path.write_text("time_s,Q1,target\n0,0.5,S1\n")
@@ -170,6 +170,10 @@ def test_a_command_and_an_arm(capsys: pytest.CaptureFixture[str]) -> None:
         ("evaluate t1x --arm arm.toml", "did you mean T1?"),
         ("verify T1 --arm arm.toml --calibration arm.toml", "line 1 column 1: found 'schema ="),
         ("watch --endpoint tcp://there:7447", "as Zenoh has it: tcp/there:7447"),
+        (
+            "design T1 --arm arm.toml -o y --poses tw",
+            "--poses: found 'tw', expected a whole number",
+        ),
         ("watch --endpoint tcp/there", "expected its port too: tcp/there:7447"),
     ],
 )

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from armd.terminal.suggest import did_you_mean
+
+#: argparse's own words for a number that is none.
+_NO_NUMBER = re.compile(r"invalid (int|float) value: (.*)")
+
+
+def _expected_number(found: re.Match[str]) -> str:
+    return f"found {found[2]}, expected a {'whole ' * (found[1] == 'int')}number"
 
 
 class Parser(argparse.ArgumentParser):
@@ -42,7 +50,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """In one line: argparse would print all options before it."""
-        told = " ".join(message.split())
+        told = _NO_NUMBER.sub(_expected_number, " ".join(message.split()))
         if "required" in told:  # misspelt, it is not missing
             known = _options(self)
             names = [word.partition("=")[0] for word in self._words if word.startswith("--")]

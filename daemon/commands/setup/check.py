@@ -17,7 +17,7 @@ from armd.files.inputs import read_input
 from armd.files.schema import json_data, load_toml, toml_data
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
-from armd.terminal.suggest import near
+from armd.terminal.suggest import did_you_mean, near
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -152,7 +152,8 @@ def _arm(path: Path, _: Arms) -> str:
 def _calibration(path: Path, arms: Arms) -> str:
     serial = load_calibration(path).content.arm
     if serial not in arms:
-        return f" (on its own: the arm.toml of {serial!r} is not among the files)"
+        meant = did_you_mean(serial, arms)
+        return f" (on its own: the arm.toml of {serial!r} is not among the files{meant})"
     load_calibration(path, arms[serial])
     return ""
 
@@ -175,7 +176,10 @@ def _session(path: Path, arms: Arms) -> str:
     check_is_session(folder)
     serial = load_toml(folder / "session.toml", SessionFile).arm
     if serial not in arms:
-        return f" (session.toml; the readings want the arm.toml of {serial!r} among the files)"
+        meant = did_you_mean(serial, arms)
+        return (
+            f" (session.toml; the readings want the arm.toml of {serial!r} among the files{meant})"
+        )
     unused = load_session(folder, arms[serial]).unused_columns
     return f" (columns not used: {', '.join(unused)})" if unused else ""
 

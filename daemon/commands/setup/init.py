@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"  armd check {args.folder}/arm.toml {args.folder}/armd.toml")
     print(f"  armd run {args.folder}/armd.toml")
     if bus is None:
-        print("yours to say in arm.toml: the tip's offset and radius, directions, sensors")
+        print("still to be written into arm.toml: the tip's offset and radius, encoder directions")
     return 0
 
 
@@ -131,9 +131,15 @@ def _arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
             raise BadInput("the command line", "--from", args.start_from, expected)
         text, bus = arm_text(name), KNOWN[name]
     joints = tomllib.loads(text)["joint"]
-    for k, joint in enumerate(joints, 1):
-        if "counts_per_turn" not in joint:
-            text = with_joint(text, k, {"counts_per_turn": args.counts_per_turn})
+    unsaid = [k for k, joint in enumerate(joints, 1) if "counts_per_turn" not in joint]
+    for k in unsaid:
+        text = with_joint(text, k, {"counts_per_turn": args.counts_per_turn})
+    if unsaid and not args.quiet:
+        of = ", ".join(map(str, unsaid))
+        print(
+            f"armd: counts_per_turn of joint {of} is taken as {args.counts_per_turn}"
+            " (--counts-per-turn); it matters on a live arm and for readings in counts"
+        )
     if not text.startswith("#"):
         text = ABOUT + text
     return with_serial_number(text, args.serial_number), bus

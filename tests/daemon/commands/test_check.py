@@ -77,6 +77,13 @@ def test_what_is_right_is_ok(folder: Path, capsys: pytest.CaptureFixture[str]) -
     assert output.err == ""
 
 
+def test_a_serial_number_may_be_misspelt(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    damage(folder, "session/session.toml", '"TEST"', '"TSET"')
+    assert check(folder / "arm.toml", folder / "session") == 0
+    said = "want the arm.toml of 'TSET' among the files: did you mean TEST?)"
+    assert said in capsys.readouterr().out
+
+
 BAR = """[artefact]
 name = "bar"
 [[artefact.distance]]

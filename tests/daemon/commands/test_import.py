@@ -77,7 +77,7 @@ def test_what_a_german_excel_writes(bench: Bench) -> None:
     assert np.isnan(session.states.temperature_c[1, 1])
     assert session.artefact.target_names == ["K1", "K2"]
     for sentence in (
-        "cp1252", "parted by semicolons", "decimal comma", "line 2 is the header",
+        "cp1252", "separated by semicolons", "decimal comma", "line 2 is the header",
         "q1 is the column 'Achse 1 [°]', in deg", "left out: Bemerkung", "wrist is the column",
         "no column for the placement", "fixed points at unknown places", "2 readings, 2 targets",
     ):  # fmt: skip
@@ -140,6 +140,17 @@ def test_named_columns_and_an_artefact(bench: Bench) -> None:
     assert code == 0 and "angles are in deg: the largest is 400" in told
     assert bench.session().artefact.positions_mm().tolist() == [[1.0, 2.0, 3.0]]
     assert "not empty" in bench.run("r.txt", *beam, "--column", "q1=base")[1]
+
+
+@pytest.mark.parametrize("above", ["Arm;7\n", "Made by;lab\nDate;2. March;2026\n\n", ""])
+def test_the_header_is_found_below_what_a_program_says_of_itself(bench: Bench, above: str) -> None:
+    table = "q1;q2;q3;ball;note\n1,5;2;40;left;first\n1,5;3;50;right;\n"
+    (bench.folder / "r.csv").write_text(above + table)
+    code, told = bench.run("r.csv", "--angle-unit", "deg")
+    assert code == 0
+    assert bench.session().n == 2
+    line = above.count("\n") + 1
+    assert (f"line {line} is the header; what stands above it is left out" in told) == bool(above)
 
 
 def test_an_artefact_of_which_only_a_length_is_known(bench: Bench) -> None:
