@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import beta
 
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -143,6 +144,12 @@ def _judged(
 def _error(case: HiddenCase, effect: object) -> np.ndarray:
     error = effect.error_mm  # type: ignore[attr-defined]
     return np.concatenate([error[path.name] for path in case.sessions])
+
+
+def at_most(count: int, of: int) -> str:
+    """A count, and the share that it stays below with 95 % (Clopper and Pearson's upper bound)."""
+    bound = beta.ppf(0.95, count + 1, of - count) if count < of else 1.0
+    return f"{count} of {of} (< {bound:.2f})"
 
 
 def projected_snr(

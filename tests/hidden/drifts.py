@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cases import NOISES, projected_snr
+from cases import NOISES, at_most, projected_snr
 
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -171,7 +171,7 @@ def rows(outcomes: list[Drifted]) -> list[tuple[str, str, str]]:
             most = 100 * max([0.0, *(o.worse for o in of)])
             table += [
                 (f"{label}: right", f"{right} of {len(of)}", "0.90" if of is seen else "0.98"),
-                (f"{label}: sure and wrong", f"{wrong} of {len(of)}", "0.02"),
+                (f"{label}: sure and wrong", at_most(wrong, len(of)), "0.02"),
                 (
                     f"{label}: extended model worse",
                     f"{len(worse)} of {len(of)}, by {most:.1f} %",

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from cases import at_most
 
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -157,14 +158,15 @@ def table_of_mess(outcomes: list[MessOutcome]) -> None:
     """One line per kind; the marks: 90 % right, at most 2 % sure and wrong, false or worse."""
     if not outcomes:
         return
-    print(f"{'':12s} {'right':>8s} {'sure+wrong':>10s} {'false':>9s} {'worse':>6s} {'floor':>12s}")
+    print(f"{'':12s} {'right':>8s} {'sure+wrong':>16s} {'false':>9s} {'worse':>6s} {'floor':>12s}")
     for kind in dict.fromkeys(o.kind for o in outcomes):
         own = [o for o in outcomes if o.kind == kind]
         clean = [o for o in own if o.truth is None]
         alarms = sum(bool(o.foreign) for o in clean)
         floors = [o.floor for o in own]
+        sure = at_most(sum(o.sure_and_wrong for o in own), len(own))
         print(
             f"{kind or 'tidy':12s} {sum(o.right for o in own):3d}/{len(own):<4d} "
-            f"{sum(o.sure_and_wrong for o in own):10d} {alarms:4d}/{len(clean):<4d} "
+            f"{sure:>16s} {alarms:4d}/{len(clean):<4d} "
             f"{sum(o.worse for o in own):6d} {min(floors):5.2f}–{max(floors):5.2f}"
         )

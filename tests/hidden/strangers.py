@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from cases import HELD, projected_snr
+from cases import HELD, at_most, projected_snr
 from real.convert import ball_in_socket, ur10
 
 from armd.compensation.data.session import Session, load_session
@@ -394,7 +394,7 @@ def rows(outcomes: Sequence[Strange]) -> list[tuple[str, str, str]]:
             extra = sum(len(o.foreign) for o in own)
             share(f"{kind}: extra findings, in sets", extra, len(own), "at most 0.1")
         sure = sum(bool(o.sure_and_wrong) for o in own)
-        share(f"{kind}: sure and wrong", sure, len(own), "at most 0.02")
+        found.append((f"{kind}: sure and wrong", at_most(sure, len(own)), "at most 0.02"))
         share(f"{kind}: extended worse by 2 %", sum(o.worse for o in own), len(own), "0.01")
         possible = sum(o.before_um**2 - o.oracle_um**2 for o in own)
         reached = sum(o.before_um**2 - o.after_um**2 for o in own)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cases import at_most
 from strangers import KINDS, Strange, Told, rows, run_strange
 
 CABLE = ("unknown", "-", "cable 6", 30.0)
@@ -53,10 +54,16 @@ def test_the_rows_count_cases_and_pool_gains() -> None:
     bad = case("again", [(*SLIP, "", np.inf)], [told(*WAVE, 0.99)], after_um=12.3)
     by_name = {name: reached for name, reached, _ in rows([good, bad])}
     assert by_name["again: effects named"] == "1 of 2"
-    assert by_name["again: sure and wrong"] == "1 of 2"
+    assert by_name["again: sure and wrong"] == "1 of 2 (< 0.97)"  # √0.95
     assert by_name["again: extended worse by 2 %"] == "1 of 2"
     # Of 12² − 6² twice, 12² − 6² and 12² − 12.3² were reached.
     assert by_name["again: gain, of the oracle's"] == "0.47"
+
+
+def test_a_count_of_few_is_told_with_what_it_may_be() -> None:
+    """Where nothing was seen in n cases, a share p is as likely as (1 − p)ⁿ: 0.05 at the bound."""
+    assert at_most(0, 32) == f"0 of 32 (< {1 - 0.05 ** (1 / 32):.2f})" == "0 of 32 (< 0.09)"
+    assert at_most(4, 4) == "4 of 4 (< 1.00)"
 
 
 @pytest.mark.slow
