@@ -52,6 +52,9 @@ COLUMNS = ["x_mm", "y_mm", "z_mm", "u_x_mm", "u_y_mm", "u_z_mm", "flags"]
 END_STOP_RAD = np.radians(0.5)
 #: nanometres and below are the encoders' rounding, many times over
 DECIMALS = 9
+#: Rows that are written together, as one group of a Parquet file: the file's end describes every
+#: group, and that is in memory until then.
+GROUP_ROWS = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -269,10 +272,16 @@ def _parquet_pieces(
             return pa.Table.from_arrays(columns, schema=schema)
 
         with writer(part, schema) as out:
+            group: list[pa.Table] = []
             for table in in_order(corrected, taken()):
-                out.write_table(table)
+                group.append(table)
+                if sum(map(len, group)) >= GROUP_ROWS:
+                    out.write_table(pa.concat_tables(group))
+                    group.clear()
                 done += len(table)
                 yield done, done / file.metadata.num_rows
+            if group:
+                out.write_table(pa.concat_tables(group))
 
 
 def _table(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:

@@ -24,9 +24,10 @@ from armd.compensation.data.readings import (
 )
 from armd.errors import BadInput
 
-#: What is read at once.
+#: What is read at once. Several pieces are in work or wait at a time, and what the allocator keeps
+#: of those that are done is as large again: small ones make the whole small.
 PIECE_BYTES = 8 << 20
-PIECE_ROWS = 1 << 16
+PIECE_ROWS = 1 << 14
 
 
 def reading_pieces(path: Path, numbers: list[str], texts: list[str]) -> Iterator[Readings]:

@@ -38,8 +38,9 @@ from armd.compensation.model.terms import Term
 
 Progress = Callable[[str], None]
 
-#: Bytes of readings that are read at once: some 300 000 of them, and well below a gigabyte.
-MOST_AT_ONCE = 64 << 20
+#: Bytes of readings that are read at once: some 100 000 of them, which take no more memory than
+#: what goes by in pieces does.
+MOST_AT_ONCE = 16 << 20
 
 
 class _BackInTime(Exception):

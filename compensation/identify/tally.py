@@ -35,7 +35,9 @@ class Tally:
         self._squares += float((distance_um**2).sum())
         self._most = max(self._most, float(distance_um.max()))
         octave = np.log2(np.clip(distance_um / LEAST_UM, 1.0, 2.0**OCTAVES))
-        self._join(np.bincount((octave * BINS).astype(np.int64)))
+        bins, counts = np.unique((octave * BINS).astype(np.int64), return_counts=True)
+        self._reach(int(bins[-1]) + 1)
+        self._bins[bins] += counts  # not all of them: they are more than the distances
 
     @classmethod
     def of(cls, parts: Sequence[Tally]) -> Tally:
@@ -45,7 +47,8 @@ class Tally:
             whole._sum += part._sum
             whole._squares += part._squares
             whole._most = max(whole._most, part._most)
-            whole._join(part._bins)
+            whole._reach(len(part._bins))
+            whole._bins[: len(part._bins)] += part._bins
         return whole
 
     def as_json(self) -> dict[str, Any]:
@@ -60,10 +63,10 @@ class Tally:
             "n": self.n,
         }
 
-    def _join(self, bins: I64) -> None:
-        longer, shorter = sorted((self._bins, bins), key=len, reverse=True)
-        self._bins = longer.copy()
-        self._bins[: len(shorter)] += shorter
+    def _reach(self, bins: int) -> None:
+        """Have so many bins at least."""
+        if bins > len(self._bins):
+            self._bins = np.append(self._bins, np.zeros(bins - len(self._bins), np.int64))
 
     def _median_um(self) -> float:
         """Between the two in the middle, each where it stands if those of its bin stand evenly."""

@@ -238,7 +238,9 @@ def test_pieces_do_not_show(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> No
     assert again[:, :3] == pytest.approx(first[:, :3], abs=1e-8)
     assert again[:, 3:] == pytest.approx(first[:, 3:], rel=1e-3)
     assert bench.calibrated(source="readings.parquet", target="points.parquet") == 0
-    points = pa.parquet.read_table(bench.folder / "points.parquet")
+    written = pa.parquet.ParquetFile(bench.folder / "points.parquet")
+    assert written.num_row_groups == 1
+    points = written.read()
     assert points.column_names == [*table.column_names, *offline.COLUMNS]
     assert points["x_mm"].to_numpy() == pytest.approx(expected[:, 0], abs=1e-8)
 
@@ -283,6 +285,7 @@ def test_a_fault_in_a_later_piece_names_its_row(
 
 def test_a_long_parquet_file_is_not_kept(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pieces, "PIECE_ROWS", 5000)
+    monkeypatch.setattr(offline, "GROUP_ROWS", 5000)
     rng = np.random.default_rng(1)
     columns = {name: rng.uniform(0, 1, 100_000) for name in ("q1", "q2", "q3", "t1", "note")}
     source, target = bench.folder / "long.parquet", bench.folder / "points.parquet"
