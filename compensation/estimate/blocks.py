@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,14 +51,15 @@ class Blocks:
         return owner
 
 
-def in_blocks(columns: F64, placement: I64) -> Blocks:
-    """Columns (3 n + D, m) by the *placement* (n,) of each rest."""
+def in_blocks(columns: Sequence[F64], placement: I64) -> Blocks:
+    """Columns (3 n + D, …), m in all, by the *placement* (n,) of each rest."""
     n = len(placement)
-    at_rests = columns[: 3 * n].reshape(n, 3, -1)
+    at_rests = [some[: 3 * n].reshape(n, 3, some.shape[1]) for some in columns]
     pieces = []
     for number in np.unique(placement):
         rests = np.flatnonzero(placement == number)
-        values = at_rests[rests]
+        values = np.concatenate([some[rests] for some in at_rests], axis=2)
         here = np.flatnonzero(values.any(axis=(0, 1)))
         pieces.append((rests, here, np.ascontiguousarray(values[:, :, here])))
-    return Blocks(columns.shape[1], tuple(pieces), columns[3 * n :])
+    distances = np.hstack([some[3 * n :] for some in columns])
+    return Blocks(distances.shape[1], tuple(pieces), distances)

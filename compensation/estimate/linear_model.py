@@ -183,15 +183,29 @@ class LinearModel:
 
         What neither rows, prior nor drawing say anything of stays 0.
         """
-        return self.covariance @ side, self.covariance
+        return self.amplitudes(side), self.covariance
+
+    def amplitudes(self, side: F64) -> F64:
+        """What `solve` finds (b,), without its covariance, which takes three times as long."""
+        found: F64 = self._root @ (self._root.T @ side)
+        return found
 
     @cached_property
     def covariance(self) -> F64:
         """(b, b) of the amplitudes that `solve` finds."""
-        factor = pseudo_inverse_factor(self._unit(np.minimum(self.variance, self.drawing)))
-        factor = factor / self.length[:, None]
-        covariance: F64 = factor @ factor.T
+        return self.covariance_of(slice(None))
+
+    def covariance_of(self, columns: slice) -> F64:
+        """The same of some columns (m, m)."""
+        root = self._root[columns]
+        covariance: F64 = root @ root.T
         return covariance
+
+    @cached_property
+    def _root(self) -> F64:
+        """(b, r), times its transpose the covariance."""
+        factor = pseudo_inverse_factor(self._unit(np.minimum(self.variance, self.drawing)))
+        return factor / self.length[:, None]
 
     def information(self, *names: str) -> F64:
         """(m, m) of some blocks, in the order of *names*, their own priors included, all other

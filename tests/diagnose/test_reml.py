@@ -42,10 +42,10 @@ def test_a_column_belongs_to_the_only_session_in_which_it_stands() -> None:
     problem = linear()
     observations = problem.rests.observations
     columns = columns_of(problem)
-    of = in_blocks(columns, observations.placement).owners(observations.session)
+    of = in_blocks([columns], observations.placement).owners(observations.session)
     assert of.tolist() == [0, 0, -1, -1, -1, 0, 1]
     columns[-1, 0] = 1.0  # a distance between two sessions' seats belongs to neither
-    of = in_blocks(columns, observations.placement).owners(observations.session)
+    of = in_blocks([columns], observations.placement).owners(observations.session)
     assert of.tolist() == [-1, 0, -1, -1, -1, 0, -1]
 
 
@@ -55,7 +55,7 @@ def test_products_by_placement_are_those_of_all_rows() -> None:
     residual = np.random.default_rng(3).normal(size=len(columns))
     whitener = np.random.default_rng(4).normal(size=(N, 3, 3))
     distance = np.array([0.5, 2.0])
-    found = in_blocks(columns, problem.rests.observations.placement).products(
+    found = in_blocks([columns], problem.rests.observations.placement).products(
         whitener, distance, residual
     )
     both = np.column_stack([columns, residual])
@@ -80,7 +80,7 @@ def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float) -> No
     distance = problem.rests.observations.distances.standard_uncertainty_mm
     # A scale is common to all rows: the lengths' own is taken along by it.
     whitener = noise_model._unit_whitener(problem, share)
-    blocks = in_blocks(columns, problem.rests.observations.placement)
+    blocks = in_blocks([columns], problem.rests.observations.placement)
     products = blocks.products(whitener, distance, residual)
     owner = blocks.owners(problem.rests.observations.session)
     log_det = -2.0 * np.log(np.einsum("nii->ni", whitener)).sum()
@@ -111,7 +111,7 @@ def test_the_noise_of_many_rests_is_found() -> None:
     rng = np.random.default_rng(8)
     root = np.linalg.cholesky(noise_model._covariance(problem, share))
     residual = scale * (root @ rng.normal(size=(n, 3, 1))).ravel()
-    nothing = in_blocks(np.zeros((3 * n, 0)), problem.rests.observations.placement)
+    nothing = in_blocks([np.zeros((3 * n, 0))], problem.rests.observations.placement)
     found = noise_model.estimate(problem, residual, nothing, np.zeros(0))
     assert found.scale_mm == pytest.approx(scale, rel=0.05)
     assert found.encoder_share == pytest.approx(share, abs=0.05)

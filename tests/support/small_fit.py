@@ -78,6 +78,5 @@ def small_fit(
         raw_residual=residual if raw is None else raw,
         fitted=columns @ solution,
         solution=solution,
-        inverse=inverse,
         problem=problem,
     )

@@ -64,15 +64,15 @@ def fit(
         residual = linear.residual - kinematic_part(findings, columns, amplitudes)
         nuisance, layout = gather_nuisance(linear, arm, baseline, findings, columns, sizes)
         extra = finding_columns(linear, noise_extra, arm)
-        noisy = for_noise(nuisance, layout, extra)
-        blocks = in_blocks(noisy.columns, rests.observations.placement)
+        variance = for_noise(nuisance, layout, extra)
+        blocks = in_blocks([nuisance.columns, *extra], rests.observations.placement)
         if noise is None:
-            noise = noise_model.estimate(linear, residual, blocks, noisy.variance)
-        clipped, noise = _clipped(linear, residual, blocks, noisy.variance, nuisance, layout, noise)
+            noise = noise_model.estimate(linear, residual, blocks, variance)
+        clipped, noise = _clipped(linear, residual, blocks, variance, nuisance, layout, noise)
         problem, side = normal_equations(blocks, nuisance.ridged(noise), layout, noise, clipped)
         problem, sizes = sized(problem, side, layout, findings, sizes)
         nuisance = Nuisance(nuisance.columns, problem.variance)
-        solution, inverse = problem.solve(side)
+        solution = problem.amplitudes(side)
         fitted = nuisance.columns @ solution
         before = amplitudes
         amplitudes = [-solution[at] for at in layout.findings]
@@ -95,7 +95,7 @@ def fit(
         model,
         tuple(findings),
         tuple(amplitudes),
-        tuple(inverse[at, at] for at in layout.findings),
+        tuple(problem.covariance_of(at) for at in layout.findings),
         noise,
         nuisance,
         layout,
@@ -103,7 +103,6 @@ def fit(
         residual,
         fitted,
         solution,
-        inverse,
         problem,
     )
 
@@ -176,7 +175,7 @@ def sized(
 def _solve(blocks: Blocks, nuisance: Nuisance, layout: Layout, noise: Noise, residual: F64) -> F64:
     """Generalised least squares: solution (b,) with B x ≈ residual."""
     problem, side = normal_equations(blocks, nuisance.ridged(noise), layout, noise, residual)
-    return problem.solve(side)[0]
+    return problem.amplitudes(side)
 
 
 def normal_equations(

@@ -100,7 +100,7 @@ def _about_its_solution(last: Fit, arm: Arm) -> Fit:
     raw = linear.residual - kinematic_part(last.findings, columns, last.amplitudes)
     raw = raw - nuisance.columns[:, at] @ own
     clipped = raw - (last.raw_residual - last.residual)
-    blocks = in_blocks(nuisance.columns, linear.rests.observations.placement)
+    blocks = in_blocks([nuisance.columns], linear.rests.observations.placement)
     problem, side = normal_equations(blocks, nuisance, layout, last.noise, clipped)
     moved_to = replace(last, linear=linear, residual=clipped, raw_residual=raw)
     return solved(moved_to, last.findings, nuisance.columns, layout, problem, side, last.noise)

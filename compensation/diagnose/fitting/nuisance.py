@@ -108,13 +108,14 @@ def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> Nuisan
     return Nuisance(column[:, None], np.array([np.inf]))
 
 
-def for_noise(nuisance: Nuisance, layout: Layout, extra: Sequence[F64]) -> Nuisance:
-    """What absorbs while the noise is estimated: findings freely, curves too."""
+def for_noise(nuisance: Nuisance, layout: Layout, extra: Sequence[F64]) -> F64:
+    """Variances while the noise is estimated, of what absorbs and then of *extra* columns: findings
+    absorb freely, curves too."""
     variance = nuisance.variance.copy()
     for at in layout.findings:
         variance[at] = np.inf
     free = [np.full(block.shape[1], np.inf) for block in extra]
-    return Nuisance(np.hstack([nuisance.columns, *extra]), np.concatenate([variance, *free]))
+    return np.concatenate([variance, *free])
 
 
 def _gauge(baseline: Baseline, arm: Arm) -> F64:

@@ -23,7 +23,7 @@ def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Ar
     columns = finding_columns(known.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
     nuisance, layout = with_other_findings(known.nuisance, known.layout, findings, columns, sizes)
-    blocks = in_blocks(nuisance.columns, known.linear.rests.observations.placement)
+    blocks = in_blocks([nuisance.columns], known.linear.rests.observations.placement)
     problem, side = normal_equations(blocks, nuisance, layout, noise, known.residual)
     problem, _ = sized(problem, side, layout, findings, sizes)
     return solved(known, findings, nuisance.columns, layout, problem, side, noise)
@@ -35,7 +35,7 @@ class Refits:
 
     def __init__(self, known: Fit, noise: Noise) -> None:
         self._known, self._noise = known, noise
-        blocks = in_blocks(known.nuisance.columns, known.linear.rests.observations.placement)
+        blocks = in_blocks([known.nuisance.columns], known.linear.rests.observations.placement)
         self._problem, self._side = normal_equations(
             blocks, known.nuisance, known.layout, noise, known.residual
         )
@@ -61,17 +61,16 @@ def solved(
     noise: Noise,
 ) -> Fit:
     """A fit about the same point, solved anew with other nuisance columns (N, b)."""
-    solution, inverse = problem.solve(side)
+    solution = problem.amplitudes(side)
     return replace(
         known,
         findings=tuple(findings),
         amplitudes=tuple(-solution[at] for at in layout.findings),
-        covariances=tuple(inverse[at, at] for at in layout.findings),
+        covariances=tuple(problem.covariance_of(at) for at in layout.findings),
         noise=noise,
         nuisance=Nuisance(columns, problem.variance),
         layout=layout,
         fitted=columns @ solution,
         solution=solution,
-        inverse=inverse,
         problem=problem,
     )

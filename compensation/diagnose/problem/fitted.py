@@ -30,8 +30,12 @@ class Fit:
     raw_residual: F64  # (N,) the same as measured
     fitted: F64  # (N,) of it what the nuisance columns explain
     solution: F64  # (b,)
-    inverse: F64  # (b, b) covariance of the solution
     problem: LinearModel  # of the nuisance columns
+
+    @property
+    def inverse(self) -> F64:
+        """(b, b) covariance of the solution."""
+        return self.problem.covariance
 
     def across(self, columns: F64) -> F64:
         """Products (b, …) of the nuisance columns with others (N, …), both whitened."""
@@ -58,7 +62,7 @@ class Fit:
 
     def _net(self, block: str, moves: F64) -> F64:
         keep = self.layout.blocks.but([block])
-        taken, _ = self.problem.only(keep).solve(self.across(moves)[keep])
+        taken = self.problem.only(keep).amplitudes(self.across(moves)[keep])
         model = keep < self.layout.shared
         other = self.nuisance.columns[:, keep[model]] @ taken[model]
         net: F64 = (moves - other)[: 3 * self.linear.rests.n].reshape(-1, 3)
