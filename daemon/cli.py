@@ -8,14 +8,13 @@ import io
 import keyword
 import signal
 import sys
-import traceback
 from collections.abc import Collection, Sequence
 
 from armd import __version__
 from armd.daemon.commands.terminal import hush
 from armd.daemon.commands.usage import USAGE
 from armd.errors import ArmdError, BadInput
-from armd.terminal.loudness import add_loudness, heard
+from armd.terminal.loudness import add_loudness, heard, own_fault
 from armd.terminal.parser import Parser
 from armd.terminal.printable import printable
 from armd.terminal.suggest import did_you_mean
@@ -72,14 +71,11 @@ COMMANDS = {name: line for room in ROOMS.values() for name, line in room.items()
 OFFLINE = frozenset({"llvmlite", "matplotlib", "numba", "pyarrow", "scipy", "threadpoolctl"})
 #: Exit code where nobody reads what is written: that of a program which SIGPIPE has ended.
 CUT_OFF = 141
-#: Exit code where armd itself is at fault: never 1, which a script takes for an answer. EX_SOFTWARE
-#: of sysexits.h.
-OWN_FAULT = 70
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code: 0 done, 1 the answer is no, 2 bad usage or input,
-    `OWN_FAULT`."""
+    70 a fault of armd."""
     try:
         if argv is None and isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(errors="backslashreplace")  # a terminal that knows no µ
@@ -93,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in OFFLINE:
-            return _own_fault(error)
+            return own_fault(error)
         install = f"{sys.executable} -m pip install 'armd[offline]'"
         print(
             f"armd: {error.name}: found no such package; this needs it: {install}", file=sys.stderr
@@ -117,18 +113,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except Exception as error:
-        return _own_fault(error)
-
-
-def _own_fault(error: Exception) -> int:
-    """What nobody foresaw: its traceback also without -v, for it may not come again."""
-    traceback.print_exception(error)
-    name = type(error).__name__
-    print(
-        f"armd: {name}: this is a fault of armd, not of your files; please report the lines above",
-        file=sys.stderr,
-    )
-    return OWN_FAULT
+        return own_fault(error)
 
 
 def module_of(name: str) -> str:

@@ -27,14 +27,14 @@ from armd.simulator.live.pty_port import PtyPort
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.live.truth_log import FaultLog, TruthFile
 from armd.simulator.microscribe.device import MicroScribeDevice
-from armd.simulator.options import CAN_WIRES, PROGRAM, check_places, parser, read_scenario
+from armd.simulator.options import CAN_WIRES, PROGRAM, USAGE, check_places, parser, read_scenario
 from armd.simulator.serial.device import SerialDevice
 from armd.simulator.servobus.arm import N as SERVO_JOINTS
 from armd.simulator.servobus.arm import arm_toml as servo_arm_toml
 from armd.simulator.servobus.device import ServoBus
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.nominal import JOINTS, arm_toml
-from armd.terminal.loudness import heard
+from armd.terminal.loudness import heard, own_fault
 from armd.terminal.parser import Parser
 
 
@@ -59,6 +59,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         return 0
+    except Exception as error:
+        return own_fault(error)
 
 
 def wired(options: argparse.Namespace) -> int:
@@ -166,13 +168,25 @@ def life(scenario: Scenario, rate_hz: int, options: argparse.Namespace) -> Itera
     return blocks(arm, hand, rate_hz, scenario.ambient_c, warm_up)
 
 
+def sessions_parser() -> Parser:
+    """The command line of `--session KIND`."""
+    from armd.simulator import sessions  # as there
+
+    command = Parser(
+        prog=PROGRAM,
+        description=sessions.__doc__,
+        epilog=USAGE.text(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    sessions.add_arguments(command)
+    return command
+
+
 def measured_sessions(arguments: Sequence[str]) -> int:
     """`--session KIND`: no wire, but session folders."""
     from armd.simulator import sessions  # the wire must not wait for it
 
-    command = Parser(prog=PROGRAM, description=sessions.__doc__)
-    sessions.add_arguments(command)
-    options = command.parse_args(arguments)
+    options = sessions_parser().parse_args(arguments)
     with heard(options):
         return sessions.run(options)
 

@@ -14,7 +14,7 @@ from armd.simulator.live.faults import FAULTS, check_wire, parse_fault, random_f
 from armd.simulator.live.faults import Wire as WireName
 from armd.simulator.live.scenario import Scenario
 from armd.terminal.loudness import add_loudness
-from armd.terminal.parser import Parser
+from armd.terminal.parser import Parser, Usage
 
 PROGRAM = "armd simulate"
 #: python-can's name of a CAN interface → its usual channel
@@ -28,12 +28,18 @@ FAULT_HELP = "faults, their usual duration in seconds and what they do:\n" + "\n
     f"  {name:17}{kind.duration_s:6g}  {kind.text}" for name, kind in FAULTS.items()
 )
 
+USAGE = Usage(
+    ("armd simulate --serial --seconds 60 --arm-out arm.toml",
+     "armd simulate --session calibration -o measured"),
+    "simulator.md", "mm, °C, seconds; angles on the wire in counts, in sessions in rad",
+)  # fmt: skip
+
 
 def parser() -> Parser:
     command = Parser(
         prog=PROGRAM,
         description="A simulated arm as a device on the wire, in a process of its own.",
-        epilog=FAULT_HELP,
+        epilog=f"{FAULT_HELP}\n\n{USAGE.text()}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )

@@ -1,4 +1,4 @@
-"""`python -m armd.simulator --session KIND -o DIR`: measured sessions of an arm that is not there.
+"""`armd simulate --session KIND -o DIR`: measured sessions of an arm that is not there.
 
 DIR gets arm.toml and one folder per session. True settings go to `--truth-out` alone, which must
 lie outside the session folders.

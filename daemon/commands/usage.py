@@ -1,50 +1,15 @@
 """What `armd COMMAND --help` says below the options: examples, units, exit codes, the page.
 
-One entry per command but `simulate`, which is a program of its own; the examples are held to the
-options, and the exit codes to the commands, by a test.
+One entry per command but `simulate`, a program of its own (`simulator/options.py`); the examples
+are held to the options, and the exit codes to the commands, by a test.
 """
 
 from __future__ import annotations
 
-import textwrap
-from dataclasses import dataclass
+from armd.terminal.parser import Usage
 
-#: What every command returns, unless its own entry says more.
-CODES = {
-    0: "done",
-    2: "bad usage or bad input: one line on standard error says what and where (-v: more)",
-    70: "a fault of armd itself: please report what it printed",
-}
 LIVE_UNITS = "mm, °C, seconds; angles as the wire has them in rad; time stamps in Unix nanoseconds"
 FILE_UNITS = "mm, °C, seconds; angles in files in degrees, in readings as session.toml says"
-
-
-@dataclass(frozen=True)
-class Usage:
-    """Of one command."""
-
-    examples: tuple[str, ...]
-    page: str
-    """In docs/."""
-    units: str = ""
-    no: str = ""
-    """When the exit code is 1: the work ran, and the answer is no."""
-
-    def text(self) -> str:
-        """As it stands below the options."""
-        codes = {0: CODES[0]} | ({1: self.no} if self.no else {}) | {2: CODES[2], 70: CODES[70]}
-        blocks = {
-            "example" if len(self.examples) == 1 else "examples": self.examples,
-            "units": (self.units,) if self.units else (),
-            "exit code": tuple(f"{number}  {words}" for number, words in codes.items()),
-            "more": (f"docs/{self.page}",),
-        }
-        return "\n\n".join(
-            f"{title}:\n{textwrap.indent(chr(10).join(lines), '  ')}"
-            for title, lines in blocks.items()
-            if lines
-        )
-
 
 USAGE = {
     "demo": Usage(

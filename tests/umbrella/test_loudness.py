@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from armd.daemon import cli
 from armd.daemon.cli import COMMANDS, main, parsers
 from armd.simulator import options, sessions
+from armd.terminal.loudness import OWN_FAULT
 
 ARM = """schema = "armd.arm/1"
 serial_number = "A"
@@ -115,7 +115,7 @@ def test_a_fault_of_armd_is_no_answer(
         raise KeyError("nobody foresaw this")
 
     monkeypatch.setattr("armd.daemon.commands.setup.man.run", broken)
-    assert main(["man", *more]) == cli.OWN_FAULT  # not 1: "verified, and the answer is no"
+    assert main(["man", *more]) == OWN_FAULT  # not 1: "verified, and the answer is no"
     told = capsys.readouterr().err
     assert told.count("Traceback") == 1 and "in broken" in told
     assert told.splitlines()[-1].startswith("armd: KeyError: this is a fault of armd")

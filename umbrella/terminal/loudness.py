@@ -11,6 +11,7 @@ import argparse
 import logging
 import resource
 import sys
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -20,6 +21,10 @@ from armd.terminal.printable import printable
 LOG = logging.getLogger("armd")
 #: Errors that a command answers in one line; with -v their traceback stands before it.
 ANSWERED = (ArmdError, OSError, MemoryError, ModuleNotFoundError)
+
+#: Exit code where armd itself is at fault: never 1, which a script takes for an answer. EX_SOFTWARE
+#: of sysexits.h.
+OWN_FAULT = 70
 
 
 def add_loudness(parser: argparse.ArgumentParser) -> None:
@@ -79,6 +84,17 @@ def _once() -> Callable[[logging.LogRecord], bool]:
         return is_new
 
     return new
+
+
+def own_fault(error: Exception) -> int:
+    """For what nobody foresaw: its traceback, without -v too, for it may not come again."""
+    traceback.print_exception(error)
+    name = type(error).__name__
+    print(
+        f"armd: {name}: this is a fault of armd, not of your files; please report the lines above",
+        file=sys.stderr,
+    )
+    return OWN_FAULT
 
 
 class _Line(logging.Formatter):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import re
 import sys
+import textwrap
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from armd.terminal.suggest import did_you_mean
@@ -82,3 +84,38 @@ def _options(parser: argparse.ArgumentParser) -> list[str]:
             for below in action.choices.values():
                 found += _options(below)
     return found
+
+
+#: What every command returns, unless its own entry says more.
+CODES = {
+    0: "done",
+    2: "bad usage or bad input: one line on standard error says what and where (-v: more)",
+    70: "a fault of armd itself: please report what it printed",
+}
+
+
+@dataclass(frozen=True)
+class Usage:
+    """Of one command."""
+
+    examples: tuple[str, ...]
+    page: str
+    """In docs/."""
+    units: str = ""
+    no: str = ""
+    """When the exit code is 1: the work ran, and the answer is no."""
+
+    def text(self) -> str:
+        """As it stands below the options."""
+        codes = {0: CODES[0]} | ({1: self.no} if self.no else {}) | {2: CODES[2], 70: CODES[70]}
+        blocks = {
+            "example" if len(self.examples) == 1 else "examples": self.examples,
+            "units": (self.units,) if self.units else (),
+            "exit code": tuple(f"{number}  {words}" for number, words in codes.items()),
+            "more": (f"docs/{self.page}",),
+        }
+        return "\n\n".join(
+            f"{title}:\n{textwrap.indent(chr(10).join(lines), '  ')}"
+            for title, lines in blocks.items()
+            if lines
+        )

@@ -9,12 +9,15 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from armd.daemon.cli import COMMANDS, main, module_of
 from armd.daemon.commands.usage import USAGE
+from armd.simulator import options
+from armd.simulator.__main__ import sessions_parser
 
 DOCS = Path(__file__).parents[3] / "docs"
 
@@ -55,6 +58,17 @@ def test_help_ends_with_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
         "docs/verify.md",
     ):
         assert words in told
+
+
+@pytest.mark.parametrize("parser", [options.parser, sessions_parser])
+def test_the_simulators_help_has_it_too(parser: Callable[[], argparse.ArgumentParser]) -> None:
+    told = parser().format_help()
+    for words in ("examples:\n  armd simulate", "units:\n  mm", "exit code:\n  0", "docs/sim"):
+        assert words in told
+    live, measured = (shlex.split(example)[2:] for example in options.USAGE.examples)
+    options.parser().parse_args(live)
+    sessions_parser().parse_args(measured)
+    assert (DOCS / options.USAGE.page).is_file()
 
 
 def test_python_dash_m() -> None:
