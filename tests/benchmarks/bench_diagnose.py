@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -76,9 +77,12 @@ def growth() -> dict[str, Any]:
     for n in JOINTS:
         arm, rng = synthetic.arm(n), np.random.default_rng(n)
         truth = synthetic.disturbed(arm, rng, 0.1)
+        followed = [synthetic.tracked(arm, truth, rng, readings=400) for _ in range(4)]
         sessions = [
-            synthetic.session(arm, truth, rng, readings=400, encoder_rad=5e-6, name=f"s{i}")
-            for i in range(4)
+            replace(
+                session, name=f"s{i}", truth_mm=session.truth_mm + rng.normal(0, 5e-3, (400, 3))
+            )
+            for i, session in enumerate(followed)
         ]
         seconds[f"{n}_joints"] = _by_stage(sessions, arm, time.process_time)[1]
     few, many = (f"{n}_joints" for n in JOINTS)

@@ -16,6 +16,9 @@ from scipy.linalg import cholesky, solve_triangular
 from armd.arrays import F64, I64, Mask
 
 _TINY = 1e-10
+#: Seats that are not known turn with their artefact, nearly: whether such a direction is free is
+#: then a matter of the yardstick, which is that of all columns together.
+_DOUBTFUL = (1e-12, 1e-6)
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,9 @@ class Restricted:
     ) -> Restricted:
         """Of whitened columns and, last, the residual (b + 1, b + 1), of so many *rows*; which
         absorb *free*ly (b,), and the *owner* (b,): the group in whose rows alone one stands, or
-        −1. The variances to come are those of the others, in their order."""
+        −1. The variances to come are those of the others, in their order. Where a group cannot
+        tell for sure what is a gauge, there are no groups."""
+        together = np.full_like(owner, -1)
         variance = np.where(free, -1, np.cumsum(~free) - 1)
         everywhere = owner < 0
         mine = np.flatnonzero(free & everywhere)
@@ -50,7 +55,10 @@ class Restricted:
         for group in np.unique(owner[~everywhere]):
             absorbs = np.flatnonzero(free & (owner == group))
             own = np.flatnonzero(~free & (owner == group))
-            root = _root(products[np.ix_(absorbs, absorbs)], products.diagonal()[absorbs])
+            own_gram = products[np.ix_(absorbs, absorbs)]
+            root, sure = _root(own_gram, products.diagonal()[absorbs])
+            if not sure:
+                return cls.of_products(products, free, together, log_det, rows)
             rank += root.shape[1]
             to_all = np.concatenate([own, beside])
             taken = root.T @ products[np.ix_(absorbs, to_all)]
@@ -58,7 +66,9 @@ class Restricted:
             rest -= taken[:, len(own) :].T @ taken[:, len(own) :]
             groups.append((variance[own], clear))
         g = len(mine)
-        root = _root(rest[:g, :g], products.diagonal()[mine])
+        root, sure = _root(rest[:g, :g], products.diagonal()[mine])
+        if groups and not sure:
+            return cls.of_products(products, free, together, log_det, rows)
         turn = np.eye(len(rest))[:, g - root.shape[1] :]
         turn[:, : root.shape[1]] = 0.0
         turn[:g, : root.shape[1]] = root
@@ -110,15 +120,16 @@ class Restricted:
         return float(self.freedom * 2.0 * np.log(scale) + log_det + square / scale**2)
 
 
-def _root(gram: F64, square: F64) -> F64:
-    """R (f, r) by which columns of these products become orthonormal; a gauge among them leaves no
-    trace. *square* (f,): the products of each with itself, before anything was projected out."""
+def _root(gram: F64, square: F64) -> tuple[F64, bool]:
+    """R (f, r) by which columns of these products become orthonormal, a gauge among them leaving no
+    trace, and whether it is sure what is one. *square* (f,): the products of each with itself,
+    before anything was projected out."""
     size = np.sqrt(square)
     size[size == 0.0] = 1.0
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
     kept = values > _TINY * max(float(values.max(initial=0.0)), 1.0)
     root: F64 = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
-    return root
+    return root, not ((values > _DOUBTFUL[0]) & (values < _DOUBTFUL[1])).any()
 
 
 def _not_negative(gram: F64) -> F64:
