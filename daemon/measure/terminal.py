@@ -21,6 +21,7 @@ from armd import keys
 from armd.client import Arm
 from armd.daemon.measure.ending import Done
 from armd.daemon.measure.estimate import identified
+from armd.daemon.measure.hearing import SILENT_S, Hearing
 from armd.daemon.measure.measuring import Measuring
 from armd.errors import ArmdError
 from armd.terminal.counted import counted
@@ -56,7 +57,9 @@ class Terminal:
     def run(self, seconds: float | None) -> bool:
         """Whether the measurement is to be finished; False: it was interrupted."""
         end_s = time.monotonic() + (seconds or float("inf"))
+        hearing = Hearing(self._arm)
         with ExitStack() as opened:
+            opened.enter_context(hearing.listening())
             # New ones only: those of the past were not asked for.
             opened.enter_context(self._arm.calling(keys.MEASUREMENT, self._heard.append))
             show = self._live(opened)
@@ -65,7 +68,9 @@ class Terminal:
             shown_s = 0.0
             while not self._over() and time.monotonic() < end_s:
                 while self._heard and not self._over():
-                    self._take(self._heard.popleft())
+                    self._take(self._heard.popleft(), hearing)
+                if hearing.changed():
+                    self._tell_of(hearing)
                 for word in self._words():
                     self._obey(word)
                 now_s = time.monotonic()
@@ -107,12 +112,30 @@ class Terminal:
     def _over(self) -> bool:
         return self._stop or self._finish or self._measuring.complete
 
-    def _take(self, payload: bytes) -> None:
+    def _take(self, payload: bytes, hearing: Hearing) -> None:
         try:
             measurement = json.loads(payload)
         except (ValueError, RecursionError):
             return
-        if not isinstance(measurement, dict) or measurement.get("trigger") != self._trigger:
+        if isinstance(measurement, dict) and not hearing.knows(measurement):
+            self._offer(measurement)
+            hearing.offered(measurement)
+
+    def _tell_of(self, hearing: Hearing) -> None:
+        """That the arm is silent; or that it is heard again, and what it measured meanwhile."""
+        if hearing.silent:
+            text = f"nothing heard of the arm for {SILENT_S:g} s: is armd running, is it reachable?"
+            self._say({"event": "silent", "text": text})
+            return
+        missed = hearing.missed()
+        text = f"the arm is heard again; {counted(len(missed), 'measurement')} meanwhile"
+        self._say({"event": "heard", "missed": len(missed), "text": text})
+        for measurement in missed:
+            if not self._over():
+                self._offer(measurement)
+
+    def _offer(self, measurement: Mapping[str, Any]) -> None:
+        if measurement.get("trigger") != self._trigger:
             return  # a press in a rest that counts by itself: not a second reading
         told = self._measuring.offer(measurement)
         self._say(told)
@@ -176,7 +199,7 @@ class Terminal:
             case _:
                 text = f"   {told['text']}"
         print(printable(text), flush=True)
-        if not self._measuring.complete and told["event"] != "refused":
+        if not self._measuring.complete and told["event"] not in ("refused", "silent"):
             self._print_next(self._measuring.state()["next"])
 
     def _print_next(self, following: Mapping[str, Any] | None) -> None:

@@ -13,13 +13,15 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import queue
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import combinations
 from pathlib import Path
@@ -40,6 +42,10 @@ start_s = 4.0
 miss_um = 20.0
 again = true
 """
+#: A hand presses every three seconds: after so long without a word something is wrong. It may
+#: begin anew, but not for ever.
+SILENT_S, SILENCES = 60.0, 3
+LOG_LINES = 8
 PLACES = {"calibrate": 4, "check": 3}
 ROUNDS = {"calibrate": 4, "check": 2}
 
@@ -156,16 +162,23 @@ class Bench:
         began_s = time.monotonic()
         command = [*ARMD, "measure", kind, "--endpoint", self._endpoint, "--json"]
         command += ["-o", str(self._folder / name), *options]
-        refused = taken = 0
+        refused = taken = silences = 0
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as guide:
             try:
-                assert guide.stdout is not None
-                guide.stdout.readline()  # it listens
+                lines = Lines(guide)
+                said = lines.next(SILENT_S)  # it listens
                 complete = False
                 while not complete:
-                    with self._moving(name, taken):
-                        for line in guide.stdout:
-                            told = json.loads(line)
+                    with self._moving(name, taken) as hand:
+                        while True:
+                            line = lines.next(SILENT_S)
+                            if line == "":  # a hand that begins anew measures what remains
+                                silences += 1
+                                print(self._silence(name, taken, hand, guide, said), flush=True)
+                                if silences == SILENCES or guide.poll() is not None:
+                                    raise SystemExit(f"{name}: no reading and no refusal")
+                                break
+                            said, told = line, json.loads(line)
                             taken += told["event"] == "reading"
                             if complete := bool(told.get("complete")):
                                 break
@@ -174,13 +187,46 @@ class Bench:
                                 print(f"{name}: refused: {told['reason']}", flush=True)
                                 if told["reason"] != "unmoved":  # else the next posture is due
                                     break  # the hand is told, and does it again
-                guide.stdout.read()
+                guide.wait()
             except BaseException:
                 guide.send_signal(signal.SIGTERM)  # whose end is waited for
                 raise
         seconds = time.monotonic() - began_s
         print(f"{name}: {taken} readings, {refused} refused, {seconds:.0f} s", flush=True)
         return guide.returncode
+
+    def _silence(
+        self, name: str, taken: int, hand: subprocess.Popen[str], guide: subprocess.Popen[str],
+        said: str,
+    ) -> str:  # fmt: skip
+        """What there is to know where nothing was said of a press."""
+        text = f"{name}: nothing said for {SILENT_S:.0f} s, after {taken} readings; exit codes: "
+        text += f"hand {hand.poll()}, guide {guide.poll()}; the guide's last line: {said.strip()}"
+        for log in ("daemon.log", "arm.log"):
+            path = self._folder / log
+            last = path.read_text().splitlines()[-LOG_LINES:] if path.exists() else []
+            text += "".join(f"\n  {log}: {line}" for line in last)
+        return text
+
+
+class Lines:
+    """What a program says, line by line, waited for no longer than one wants to."""
+
+    def __init__(self, program: subprocess.Popen[str]) -> None:
+        self._said: queue.Queue[str] = queue.Queue()
+        threading.Thread(target=self._listen, args=(program.stdout,), daemon=True).start()
+
+    def _listen(self, stream: Iterable[str]) -> None:
+        for line in stream:
+            self._said.put(line)
+        self._said.put("")  # its end
+
+    def next(self, within_s: float) -> str:
+        """A line; "" where none comes any more, or none in this time."""
+        try:
+            return self._said.get(timeout=within_s)
+        except queue.Empty:
+            return ""
 
 
 def run(folder: Path, seed: int) -> dict[str, float]:

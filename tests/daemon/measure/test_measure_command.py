@@ -7,6 +7,7 @@ import json
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -15,10 +16,12 @@ import pytest
 from test_measuring import ARM, BALLS, BEAM, IN_USE, at, press
 
 import armd
+from armd import keys
 from armd.compensation.data.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.daemon.cli import main, module_of
+from armd.daemon.measure import hearing
 from armd.daemon.measure.ending import EndOptions, commands
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.log import NAME
@@ -58,10 +61,33 @@ class StandIn:
     def calibration_file(self):
         return None
 
+    def past(self, _what):
+        return []
+
     @contextlib.contextmanager
-    def calling(self, _what, callback):
-        for measurement in self._measurements:
+    def calling(self, what, callback):
+        for measurement in self._measurements if what == keys.MEASUREMENT else ():
             callback(json.dumps(measurement).encode())
+        yield
+
+
+class Unheard(StandIn):
+    """Its connection is gone from the begin on; there is one from the second look at its past on.
+    What is pressed meanwhile, only its past has."""
+
+    def __init__(self, before, measurements):
+        super().__init__(())
+        self._before, self._meanwhile = before, measurements
+        self._asked = 0
+
+    def past(self, _what):
+        self._asked += 1
+        return self._before if self._asked == 1 else [*self._before, *self._meanwhile]
+
+    @contextlib.contextmanager
+    def calling(self, what, callback):
+        if what == keys.HEALTH:
+            threading.Timer(0.6, callback, [b"{}"]).start()
         yield
 
 
@@ -71,8 +97,9 @@ def command(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     (tmp_path / "beam.toml").write_text(BEAM_TOML)
 
-    def run(*arguments, measurements=(), trigger="button"):
-        monkeypatch.setattr(armd, "connect", lambda *_, **__: StandIn(measurements, trigger))
+    def run(*arguments, measurements=(), trigger="button", arm=None):
+        arm = arm or StandIn(measurements, trigger)
+        monkeypatch.setattr(armd, "connect", lambda *_, **__: arm)
         code = main(["measure", *arguments, "-o", str(tmp_path / "session")])
         said = capsys.readouterr()
         return code, said.out.splitlines(), said.err
@@ -124,6 +151,23 @@ def test_only_what_was_taken_at_the_trigger_counts(command):
     code, lines, _ = command(*seats, measurements=[press(2), at_rest], trigger="rest")
     assert code == 0
     assert [json.loads(line)["event"] for line in lines] == ["begin", "reading", "end"]
+
+
+def test_what_was_pressed_unheard_is_taken_or_refused_when_the_arm_is_heard_again(
+    command, monkeypatch
+):
+    """Three presses, the second as the arm has not moved; one of before the begin is no reading."""
+    monkeypatch.setattr(hearing, "SILENT_S", 0.3)
+    here, there = [400.0, 0.0, 50.0], [0.0, 400.0, 50.0]
+    again = press(2, here) | {"seq": 2001, "stamp_ns": press(2)["stamp_ns"] + 1}
+    arm = Unheard([press(1, here)], [press(2, here), again, press(3, there)])
+    seats = ["seats", "--targets", "S1,S2", "--repeats", "1", "--then", "none", "--json"]
+    code, lines, _ = command(*seats, arm=arm)
+    assert code == 0
+    told = [json.loads(line) for line in lines]
+    events = ["begin", "silent", "heard", "reading", "refused", "reading", "end"]
+    assert [line["event"] for line in told] == events
+    assert told[2]["missed"] == 3 and told[4]["reason"] == "unmoved"
 
 
 @pytest.mark.parametrize(
