@@ -121,7 +121,11 @@ def _elsewhere(
     if expected is not None and math.dist(point, expected) <= near_mm:
         return None
     if other := whereabouts.at(point, near_mm, but=target):
-        return Refusal("too_far", f"this is {other}, and {target} is asked for")
+        text = f"this is {other}, and {target} is asked for"
+        if whereabouts.seen(other) and _pressed_twice(measurement, plan, progress):
+            text += f"; pressed there twice now: if it is {target}, a press was not heard and this"
+            text += f" place was taken for {other}: delete the reading of {other}"
+        return Refusal("too_far", text)
     worst = whereabouts.contradiction_mm(target, point)
     if expected is not None:
         away_mm = math.dist(point, expected)
@@ -144,20 +148,25 @@ def _whose_fault(
     whereabouts: Whereabouts,
 ) -> str:
     """What to do about it: the earlier reading that may be the wrong one, or is."""
-    point, stray = np.array(measurement["position_mm"], dtype=float), progress.stray
+    point = np.array(measurement["position_mm"], dtype=float)
     suspects = whereabouts.culprits(target, point, plan.near_mm)
     if not suspects and whereabouts.seen(target):
         suspects = [target]  # a seat, or a ball of rounds before
     if not suspects:
         return ""
     names = " or ".join(suspects)
-    twice = stray is not None and (
-        math.dist(point, stray["position_mm"]) <= plan.near_mm
-        and _turned_rad(measurement, stray) >= UNMOVED_RAD
-    )
-    if twice:
+    if _pressed_twice(measurement, plan, progress):
         return f"; pressed there twice now: the reading of {names} is the wrong one, delete it"
     return f"; this press, or the reading of {names}, is not where it should be"
+
+
+def _pressed_twice(measurement: Mapping[str, Any], plan: Plan, progress: Progress) -> bool:
+    """Whether the press before was refused at the same place, and the arm moved between them."""
+    stray = progress.stray
+    return stray is not None and (
+        math.dist(measurement["position_mm"], stray["position_mm"]) <= plan.near_mm
+        and _turned_rad(measurement, stray) >= UNMOVED_RAD
+    )
 
 
 def _turned_rad(one: Mapping[str, Any], other: Mapping[str, Any]) -> float:

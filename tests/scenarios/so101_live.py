@@ -46,6 +46,7 @@ again = true
 #: begin anew, but not for ever.
 SILENT_S, SILENCES = 60.0, 3
 LOG_LINES = 8
+REFUSALS = 60  # a busy machine does not hear each press, and takes the next one for it
 PLACES = {"calibrate": 4, "check": 3}
 ROUNDS = {"calibrate": 4, "check": 2}
 
@@ -163,8 +164,11 @@ class Bench:
         command = [*ARMD, "measure", kind, "--endpoint", self._endpoint, "--json"]
         command += ["-o", str(self._folder / name), *options]
         refused = taken = silences = 0
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as guide:
+        with subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as guide:
             try:
+                assert guide.stdin is not None
                 lines = Lines(guide)
                 said = lines.next(SILENT_S)  # it listens
                 complete = False
@@ -180,13 +184,22 @@ class Bench:
                                 break
                             said, told = line, json.loads(line)
                             taken += told["event"] == "reading"
+                            taken -= told["event"] == "deleted"
                             if complete := bool(told.get("complete")):
                                 break
                             if told["event"] == "refused":
                                 refused += 1
-                                print(f"{name}: refused: {told['reason']}", flush=True)
+                                print(f"{name}: refused: {told['text']}", flush=True)
+                                if refused > REFUSALS:
+                                    raise SystemExit(f"{name}: {refused} refusals")
+                                if "delete" in told["text"]:  # a person does what is advised
+                                    guide.stdin.write("d\n")
+                                    guide.stdin.flush()
+                                    continue
                                 if told["reason"] != "unmoved":  # else the next posture is due
                                     break  # the hand is told, and does it again
+                            if told["event"] == "deleted":
+                                break
                 guide.wait()
             except BaseException:
                 guide.send_signal(signal.SIGTERM)  # whose end is waited for

@@ -105,6 +105,21 @@ def test_where_the_next_ball_is_becomes_known_and_how_far_it_is(tmp_path):
         assert following["distance_mm"] == pytest.approx(5.0)
 
 
+def test_a_press_that_was_not_heard_shifts_the_next_one_and_the_way_out_is_told(tmp_path):
+    """B1 and B2 were pressed, B2 unheard; then B3, which is taken for B2 by a coarse arm."""
+    with Measuring(tmp_path / "beam", beam_plan(placements=["P1"], near_mm=40.0), IN_USE) as it:
+        it.offer(at("B1", 1))
+        assert it.offer(at("B3", 2))["target"] == "B2"
+        first, second = it.offer(at("B3", 3)), it.offer(at("B3", 4))
+        assert first["text"] == "this is B2, and B3 is asked for"
+        assert "if it is B3, a press was not heard" in second["text"]
+        assert second["text"].endswith("delete the reading of B2")
+        it.delete_last()
+        assert [it.offer(at(ball, n))["event"] for n, ball in ((5, "B2"), (6, "B3"))] == (
+            ["reading", "reading"]
+        )
+
+
 @pytest.mark.parametrize(
     ("wrong", "reason", "words"),
     [
