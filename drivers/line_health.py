@@ -34,11 +34,6 @@ class LineHealth:
         return max(0, self._times_opened - 1)
 
     @property
-    def quiet_ns(self) -> int:
-        """Time without a word from the arm."""
-        return time.monotonic_ns() - self._quiet_since_ns
-
-    @property
     def act_ns(self) -> int:
         """When to report the silence, or to open a line afresh that is known to be silent."""
         return self._quiet_since_ns + (self._renew_ns if self._trouble else SILENCE_NS)

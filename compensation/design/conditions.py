@@ -12,7 +12,7 @@ from armd.arrays import F64
 from armd.compensation.design.clearance import from_the_column_mm, height_mm
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.whitening import Noise
+from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.model.arm import Arm
@@ -181,7 +181,7 @@ def _target_mm(last: Fit) -> float:
     return float(np.sqrt(np.mean(uncertainty**2))) if len(uncertainty) else 0.0
 
 
-def _whitener(joints: F64, noise: Noise, target_mm: float) -> F64:
+def _whitener(joints: F64, noise: RestNoise, target_mm: float) -> F64:
     """(n, 3, 3): the noise of the sessions, as it would be in poses of Jacobian (n, 3, joints),
     each at a target of its own."""
     of_point = math.hypot(noise.repeat_mm, target_mm)

@@ -63,17 +63,6 @@ class Observations:
         """(K,) seats: targets without a certified position."""
         return np.isnan(self.position_mm[:, 0])
 
-    @property
-    def has_certified_length(self) -> bool:
-        """Whether anything certified tells a size: two known points in a placement, or a distance
-        between targets that were touched."""
-        known = self.has_truth | ~self.unknown[self.target]
-        # Rows with truth of their own are points of their own; others are their target.
-        point = np.where(self.has_truth, len(self.target_names) + np.arange(self.n), self.target)
-        pairs = np.unique(np.stack([self.placement[known], point[known]]), axis=1)
-        touched = np.isin(self.distances.between, self.target).all(axis=1)
-        return bool(touched.any() or (np.bincount(pairs[0]) > 1).any())
-
     def known_mm(self, target_mm: F64) -> F64:
         """Where the tip stood (n, 3), in the placement's frame, given target positions (K, 3)."""
         points = self.stretch[:, None] * target_mm[self.target]

@@ -26,7 +26,7 @@ from armd.compensation.identify.admission.requirements import (
 )
 from armd.compensation.identify.certificate import judge
 from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.fit import Fit, fit
+from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
 from armd.compensation.identify.heldout import HeldOut, placement_folds
 from armd.compensation.identify.result import Result
@@ -162,7 +162,7 @@ def _calibrate(
     )
 
 
-def as_calibration(found: Fit, provenance: dict[str, Any]) -> Calibration:
+def as_calibration(found: Identification, provenance: dict[str, Any]) -> Calibration:
     """A fit as the file the daemon runs."""
     arm, states = found.observations.arm, found.observations.states
     ranges = {}
@@ -193,8 +193,8 @@ def _fit(
     unknown: Sequence[str],
     terms: Sequence[Term],
     progress: Progress | None,
-    start: Fit | None = None,
-) -> Fit:
+    start: Identification | None = None,
+) -> Identification:
     unknowns = Unknowns(unknown, range(len(terms)))
     return fit(
         observations,

@@ -11,7 +11,7 @@ from armd.compensation.estimate.gauge import PLAUSIBLE, scale_is_free
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.solution import LEAST_KNOWN
 from armd.compensation.identify.admission.requirements import readings_needed
-from armd.compensation.identify.fit import Fit
+from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors
 from armd.compensation.identify.lengths import MOST_OFF, Length
 from armd.terminal.counted import counted
@@ -71,7 +71,7 @@ class Certificate:
 
 
 def judge(
-    found: Fit,
+    found: Identification,
     converged: bool,
     drawn_rms_um: float,
     heldout: Errors,

@@ -23,9 +23,9 @@ from armd.compensation.data.session import (
     load_sessions,
     session_pieces,
 )
-from armd.compensation.estimate.condensed import Sums, sums_by
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
+from armd.compensation.identify.condensed import Sums, sums_by
 from armd.compensation.identify.evaluate import evaluate, without_temperatures
 from armd.compensation.identify.lengths import Length, certified_lengths
 from armd.compensation.identify.tally import Tally

@@ -17,8 +17,6 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.descent import Descent
-from armd.compensation.estimate.elimination import Elimination
 from armd.compensation.estimate.gauge import gauge
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import LEAST_MM, ReadingNoise, Weighting, estimate
@@ -34,6 +32,8 @@ from armd.compensation.estimate.robust import (
 )
 from armd.compensation.estimate.solution import Solution
 from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.descent import Descent
+from armd.compensation.identify.elimination import Elimination
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.parameters import ParameterLayout
@@ -47,7 +47,7 @@ GAUGE_POSTURES = 200
 
 
 @dataclass(frozen=True)
-class Fit:
+class Identification:
     """What a fit found."""
 
     observations: Observations
@@ -100,7 +100,7 @@ def fit(
     begin: F64 | None = None,
     rounds: int = MOST_ROUNDS,
     progress: Progress | None = None,
-) -> Fit:
+) -> Identification:
     """Fit *unknowns*; *constants* (P,) and the terms' coefficients are the drawing to stay near.
 
     *begin* (P,): constants to begin at instead, where an earlier fit knows them better.
@@ -166,7 +166,7 @@ def fit(
     deviation = np.sqrt(np.diag(covariance))[len(unknowns.constants) :]
     for i, u in zip(unknowns.terms, deviation, strict=True):
         terms[i] = terms[i].model_copy(update={"standard_uncertainty": float(u)})
-    return Fit(
+    return Identification(
         observations, reference_c, constants, terms, unknowns, end.solution, end.at,
         end.elimination, weighing, distance2, region, x - start, covariance, factor,
         steps, end.converged,

@@ -14,14 +14,14 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.elimination import Elimination
 from armd.compensation.estimate.folds import whole_groups
 from armd.compensation.estimate.linearise import Linearisation
 from armd.compensation.estimate.noise import whitening
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.robust import redescending_weights
 from armd.compensation.estimate.solution import Solution, solve
-from armd.compensation.identify.fit import Fit, rms_um
+from armd.compensation.identify.elimination import Elimination
+from armd.compensation.identify.fit import Identification, rms_um
 
 MOST_FOLDS = 8
 
@@ -36,7 +36,7 @@ class HeldOut:
 
     def __init__(
         self,
-        fit: Fit,
+        fit: Identification,
         columns: F64,
         scale: F64,
         residual: F64,

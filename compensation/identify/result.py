@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.identify.certificate import Certificate
-from armd.compensation.identify.fit import Fit
+from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors
 from armd.compensation.identify.lengths import Length
 from armd.compensation.identify.thermal.comparison import Trial
@@ -20,7 +20,7 @@ class Result:
     """A calibration, and what a report tells of how it came about."""
 
     calibration: Calibration
-    fit: Fit
+    fit: Identification
     rms_um: float  # 3-D RMS of all readings at their best placements, as `armd evaluate` has it
     heldout: Errors
     heldout_by: str  # "placement", "reading" or "temperature"

@@ -39,8 +39,8 @@ class Parts(NamedTuple):
     scale: F64  # (n,) mm at the tip per unit of each row, roughly
 
 
-class Work(NamedTuple):
-    """Scratch."""
+class Scratch(NamedTuple):
+    """Room for one factor."""
 
     matrix: F64  # (n, n)
     columns: F64  # (n, n) of the factor, one per row
@@ -72,7 +72,7 @@ class Uncertainty:
         n = len(self.rows)
         #: (n, r) L L' is the covariance of parameters and pose terms' coefficients
         self.factor = np.zeros((n, 0))
-        self._work = Work(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n))
+        self._work = Scratch(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n))
         self._numbers = np.zeros(n * n)  # of the factor, whose rank differs from fold to fold
 
     def fold(self, values: F64, changes: F64) -> None:
@@ -136,7 +136,7 @@ def _parts(
 
 
 @jit
-def _factor(values: F64, changes: F64, parts: Parts, work: Work, numbers: F64) -> int:
+def _factor(values: F64, changes: F64, parts: Parts, work: Scratch, numbers: F64) -> int:
     """The factor (n, r) into the first n · r of *numbers*; returns r."""
     identified, row, scaled_by, encoder, warm, warm_row, warm_amount, scale = parts
     matrix, columns, left = work

@@ -24,7 +24,7 @@ KINDS = ("power", "zone", "rate", "time", "after", "relaxation", "day")
 POWER, ZONE, RATE, TIME, AFTER, RELAXATION, DAY = range(7)
 
 
-class Program(NamedTuple):
+class SlowProgram(NamedTuple):
     """The slow factors of T terms of an arm with S sensors."""
 
     weights: F64  # (D, S) of distinct mean temperatures, each delayed by a lag of its own
@@ -54,7 +54,7 @@ class SlowFactors:
         self._mean_of = {name: d for d, name in enumerate(means)}
         rows = [_row(factor, self._mean_of, reference_c) for factor in distinct.values()]
         self._n_terms, self._n_sensors = len(terms), len(arm.sensors)
-        self._program = Program(
+        self._program = SlowProgram(
             weights=np.array(
                 [[weights.get(name, 0.0) for name in arm.sensors] for weights, _ in means.values()]
             ).reshape(len(means), self._n_sensors),
@@ -92,14 +92,14 @@ class SlowFactors:
 
 
 def _row(factor: SlowFactor, mean_of: dict[str, int], reference_c: float) -> tuple[list[int], F64]:
-    """Rows of `Program.factors` and `Program.numbers`."""
+    """Rows of `SlowProgram.factors` and `SlowProgram.numbers`."""
     means = [mean_of[delay_name(*mean)] for mean in factor.means]
     kind, first, second, numbers = factor.slow_code(means, reference_c)
     return [KINDS.index(kind), first, second], np.pad(numbers, (0, 3 - len(numbers)))
 
 
 @jit
-def _evaluate(celsius: F64, unix_s: float, more_c: float, program: Program, rows: F64) -> None:
+def _evaluate(celsius: F64, unix_s: float, more_c: float, program: SlowProgram, rows: F64) -> None:
     """Row 0 as it is, row 1 with settled lags, row 2 + s what sensor s changes in that."""
     weights, lag_s, memory, factors, numbers, factor_first, term_factors, means, known = program
     for row in range(len(rows)):

@@ -13,7 +13,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.estimate.unknowns import in_words
 from armd.compensation.identify.certificate import RULE
 from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.fit import Fit
+from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.comparison import temperature_groups
 from armd.compensation.model import parameters
@@ -125,7 +125,7 @@ def _before_and_after(page: Page, result: Result) -> None:
     page.table(["model", "temperature", "RMS µm", "median µm", "maximum µm"], rows)
 
 
-def _residual_vectors(page: Page, found: Fit) -> None:
+def _residual_vectors(page: Page, found: Identification) -> None:
     rows = _some(found.observations.n)
     tip, residual = found.at.position_mm[rows], found.at.residual_mm[rows]
     size = float(np.median(np.linalg.norm(residual, axis=1))) or 1.0
@@ -143,7 +143,7 @@ def _residual_vectors(page: Page, found: Fit) -> None:
     )
 
 
-def _residuals_by_column(page: Page, found: Fit) -> None:
+def _residuals_by_column(page: Page, found: Identification) -> None:
     observations = found.observations
     states, arm = observations.states, observations.arm
     columns = [(f"q{k + 1}, °", np.degrees(states.q[:, k])) for k in range(arm.n_joints)]
@@ -215,7 +215,7 @@ def _uncertainty(term: Term) -> str:
     return NOT_STATED if known is None else f"{known:.2g}"
 
 
-def _correlations(page: Page, found: Fit) -> None:
+def _correlations(page: Page, found: Identification) -> None:
     deviation = np.sqrt(np.diag(found.covariance))
     safe = np.where(deviation > 0, deviation, np.inf)
     correlation = found.covariance / np.outer(safe, safe)

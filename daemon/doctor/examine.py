@@ -45,7 +45,7 @@ def _own(line: Line, patient: Patient) -> bool:
     for baud in OWN_BAUDS:
         if not line.set_baud(baud):
             continue
-        splitter, deadline = serial_wire.Splitter(), time.monotonic() + HELLO_S
+        splitter, deadline = serial_wire.CobsSplitter(), time.monotonic() + HELLO_S
         line.send(serial_wire.encode_identify())
         while heard := line.hear(deadline - time.monotonic()):
             for packet in splitter.push(heard):

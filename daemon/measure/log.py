@@ -60,10 +60,6 @@ class Log:
             self.close()
             raise BadInput(path, "line 1", repr(self.header.get("schema")), repr(SCHEMA))
 
-    @property
-    def is_new(self) -> bool:
-        return not self.past
-
     def append(self, entry: Mapping[str, Any]) -> None:
         """On the disk when this returns; raises `BadInput` where it cannot be, and then nothing of
         it is there."""

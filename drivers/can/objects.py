@@ -12,7 +12,6 @@ from dataclasses import dataclass
 # --- nodes ---------------------------------------------------------------------------------
 
 TEMPERATURE_NODES = (0x20, 0x21)  # joints 1…N are nodes 1…N
-JOINT_NODES_MOST = 9
 CHANNELS_PER_MODULE = 6
 CHANNELS_PER_PDO = 2
 

@@ -44,7 +44,7 @@ class SerialDecoder:
         self.last_sample_ns: int | None = None  # arrival of the last good SAMPLE, host monotonic
         self._expected = expectation
         self._assembler = SampleAssembler(expectation.n_joints, self.clock, max_joint_rate_deg_s)
-        self._splitter = wire.Splitter()
+        self._splitter = wire.CobsSplitter()
         self._synchronised = False  # a first 0x00 has been seen on this connection
         self._sequence = SequenceExtender()
         self._boot_id: int | None = None

@@ -249,7 +249,7 @@ def decode_ping(data: bytes) -> int | None:
     return int(np.frombuffer(data[:-4], PING_LAYOUT)[0]["nonce"])
 
 
-class Splitter:
+class CobsSplitter:
     """Cuts bytes, however they come, into packets at 0x00.
 
     `push` returns complete packets without their 0x00. What exceeds `PACKET_LIMIT` is junk: it

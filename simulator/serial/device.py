@@ -58,7 +58,7 @@ class SerialDevice:
         self._clock = DeviceClock(scenario.rate_hz, scenario.clock_ppm)
         self._early_ns = EARLY_NS if scenario.rate_hz <= SPIN_HZ else 0
         self._most = max(1, round(AT_ONCE_S * scenario.rate_hz))
-        self._commands = wire.Splitter()
+        self._commands = wire.CobsSplitter()
         self._line = SpoiltLine(self._schedule, self._rng)
         self._mute = ""  # the fault that keeps the arm silent
         self._k = 0

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from armd.compensation.estimate.elimination import _Range
+from armd.compensation.identify.elimination import _Range
 
 #: Upper triangle, row by row, of what 20 targets measured alike came to in one calibration:
 #: 54 singular values agree to 1e-7, and gesdd (OpenBLAS 0.3.31) gives up on it.

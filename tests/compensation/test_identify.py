@@ -13,7 +13,7 @@ from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.fit import Fit, fit
+from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
@@ -28,14 +28,16 @@ ARM = synthetic.arm()
 ARCSEC = np.pi / 180 / 3600
 
 
-def identify(arm: Arm, observations: Observations, terms: list[Term] | None = None) -> Fit:
+def identify(
+    arm: Arm, observations: Observations, terms: list[Term] | None = None
+) -> Identification:
     terms = terms or []
     unknowns = Unknowns(free_constants(arm), range(len(terms)))
     with threadpool_limits(limits=1, user_api="blas"):
         return fit(observations, arm.nominal(), terms, unknowns, arm.reference_temperature_c)
 
 
-def known_directions(found: Fit) -> np.ndarray:
+def known_directions(found: Identification) -> np.ndarray:
     return found.solution.directions[:, found.solution.known]
 
 

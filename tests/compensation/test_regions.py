@@ -14,7 +14,7 @@ from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify import fit as fitting
 from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.fit import Fit, fit
+from armd.compensation.identify.fit import Identification, fit
 from support import synthetic
 
 ARM = synthetic.arm()
@@ -29,7 +29,7 @@ def half(truth: np.ndarray, rng: np.random.Generator, bump_rad: float) -> Observ
     return gather([replace(seen, states=replace(seen.states, q=q))], ARM)
 
 
-def fitted(observations: Observations) -> Fit:
+def fitted(observations: Observations) -> Identification:
     with threadpool_limits(limits=1, user_api="blas"):
         return fit(observations, ARM.nominal(), [], Unknowns(free_constants(ARM)), 20.0)
 
@@ -42,7 +42,7 @@ def test_a_region_serves_the_other_half_as_plain_least_squares_does(
     truth = synthetic.disturbed(ARM, rng)
     one, other = (half(truth, rng, 6e-4) for _ in range(2))
 
-    def elsewhere_um(found: Fit) -> float:
+    def elsewhere_um(found: Identification) -> float:
         distance = evaluate_model(other, found.constants, [], 20.0).distance_um
         return float(np.sqrt(np.mean(distance**2)))
 

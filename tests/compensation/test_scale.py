@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.fit import Fit, fit
+from armd.compensation.identify.fit import Identification, fit
 from support import synthetic
 
 ARM = synthetic.arm()
@@ -44,7 +44,7 @@ def disturbed(clean: Observations, encoder_rad: float, rng: np.random.Generator)
     return replace(clean, states=replace(clean.states, q=q), distances=lengths)
 
 
-def size_of(found: Fit, truth: np.ndarray) -> tuple[float, float]:
+def size_of(found: Identification, truth: np.ndarray) -> tuple[float, float]:
     """By how much all lengths together are off, as a share, and its standard uncertainty."""
     true = np.where(SIZED, UNKNOWNS.values(truth, []), 0.0)
     along = true / (true @ true)

@@ -10,9 +10,8 @@ import pytest
 from armd.compensation.data.session import Session
 from armd.compensation.data.soundness import make_sound
 from armd.compensation.diagnose.fitting.noise import without_gross
-from armd.compensation.diagnose.heldout.gain import gain
-from armd.compensation.diagnose.heldout.gain import without_gross as decided_on
-from armd.compensation.diagnose.problem.whitening import Noise
+from armd.compensation.diagnose.heldout.gain import capped, gain
+from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.model.arm import Arm
 from support import synthetic
 
@@ -139,11 +138,11 @@ def test_gross_errors_neither_pull_the_fit_nor_count_as_noise() -> None:
     gross = rng.choice(n, 6, replace=False)
     residual.reshape(n, 3)[gross] += 100.0 * rng.choice([-1.0, 1.0], (6, 3))
 
-    def fit(some: np.ndarray, _: Noise) -> np.ndarray:
+    def fit(some: np.ndarray, _: RestNoise) -> np.ndarray:
         return columns @ np.linalg.lstsq(columns, some, rcond=None)[0]
 
     # As a first estimate makes of it: ten times too wide.
-    noise = Noise(17.0, 0.0, 0.0, 0.0, 17.0, np.tile(np.eye(3) / 17.0, (n, 1, 1)), np.empty(0))
+    noise = RestNoise(17.0, 0.0, 0.0, 0.0, 17.0, np.tile(np.eye(3) / 17.0, (n, 1, 1)), np.empty(0))
     clipped = without_gross(residual, noise, fit)
     assert np.std(clipped - columns @ truth) < 1.1
     assert np.abs(fit(clipped, noise) - columns @ truth).max() < 1.0
@@ -156,5 +155,5 @@ def test_gross_errors_do_not_outvote_all_other_readings() -> None:
     after = before / 1.5
     after[::40] = before[::40] = 1e4 * rng.uniform(0.5, 1.5, 8)
     after[::40] *= 1.0 + 0.01 * rng.normal(size=8)
-    assert gain(*decided_on(before, after), groups).shown
-    assert not gain(*decided_on(before, before[::-1]), groups).shown
+    assert gain(*capped(before, after), groups).shown
+    assert not gain(*capped(before, before[::-1]), groups).shown

@@ -4,7 +4,7 @@ exp(−Δt/τ)."""
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.problem.whitening import Noise
+from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.diagnose.scoring.memory import Sequence, memory_s, variance_of_sums
 
 N = 400
@@ -22,7 +22,7 @@ def encoders(rng: np.random.Generator) -> np.ndarray:
     joints = rng.normal(size=(N, 3, 5)) * np.array([300.0, 300.0, 200.0, 80.0, 30.0])
     covariance = joints @ joints.transpose(0, 2, 1) * 1e-10 + 1e-6 * np.eye(3)
     whitener = np.linalg.inv(np.linalg.cholesky(covariance))
-    return Noise(1.0, 0.5, 0.0, 1e-5, 1e-3, whitener, np.zeros(0)).sources(joints)
+    return RestNoise(1.0, 0.5, 0.0, 1e-5, 1e-3, whitener, np.zeros(0)).sources(joints)
 
 
 def dense(time_s: np.ndarray, tau_s: float) -> np.ndarray:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from armd.compensation.estimate.elimination import Elimination
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import ReadingNoise, estimate, whitening
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.poses import fit_poses
+from armd.compensation.identify.elimination import Elimination
 from armd.compensation.model.kinematics import forward
 from support import synthetic
 

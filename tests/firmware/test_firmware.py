@@ -38,7 +38,7 @@ def say(tmp_path_factory: pytest.TempPathFactory) -> Say:
 
 def _unpack(line: str) -> bytes:
     """The one packet that the line is, as the daemon cuts and checks it."""
-    (packet,) = wire.Splitter().push(bytes.fromhex(line))
+    (packet,) = wire.CobsSplitter().push(bytes.fromhex(line))
     data = wire.unpack(packet)
     assert data is not None
     return data

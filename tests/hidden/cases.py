@@ -15,7 +15,7 @@ from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.whitening import Noise as Whitening
+from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.estimate.linear_model import LinearModel
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluate import evaluate
@@ -153,7 +153,7 @@ def at_most(count: int, of: int) -> str:
 
 
 def projected_snr(
-    first: Fit, error_mm: np.ndarray, noise: Whitening, beside: Sequence[np.ndarray] = ()
+    first: Fit, error_mm: np.ndarray, noise: RestNoise, beside: Sequence[np.ndarray] = ()
 ) -> float:
     """Norm of an effect's error (readings, 3) in noise units, clear of what absorbs, and of what
     the errors *beside* it do.

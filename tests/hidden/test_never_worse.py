@@ -16,7 +16,7 @@ from cases import NOISES
 
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
-from armd.compensation.diagnose.heldout.gain import without_gross
+from armd.compensation.diagnose.heldout.gain import capped
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.model.arm import load_arm
@@ -54,7 +54,7 @@ def before_and_after(seed: int) -> tuple[bool, float, float]:
     )
     if not found.written:
         assert (old == new).all()
-    old, new = without_gross(old, new)
+    old, new = capped(old, new)
     return bool(found.written), 1e3 * float(np.sqrt(old.mean())), 1e3 * float(np.sqrt(new.mean()))
 
 

@@ -77,7 +77,7 @@ class Heard:
 def listen(arm: SimulatedArm, ask: bytes = b"", ask_every_s: float = 0.1) -> Heard:
     """Read until the simulator has ended, opening the port again whenever it is gone."""
     heard = Heard()
-    splitter = wire.Splitter()
+    splitter = wire.CobsSplitter()
     port = -1
     next_ask = 0.0
     while True:

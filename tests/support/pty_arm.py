@@ -56,7 +56,7 @@ class PtyArm(PtyLink):
         return (time.monotonic_ns() - self.boot_ns) // 1000
 
     def _run(self):
-        splitter = wire.Splitter()
+        splitter = wire.CobsSplitter()
         due = time.monotonic()
         while not self._stop.wait(0.0005):
             with suppress(OSError):

@@ -12,19 +12,19 @@ from armd.compensation.diagnose.problem.layout import (
     MOUNT,
     PLACEMENTS,
     TARGETS,
-    Layout,
+    FitLayout,
     finding,
 )
-from armd.compensation.diagnose.problem.whitening import Noise, Nuisance
+from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate import linear_model
 from armd.compensation.estimate.linear_model import LinearModel
 
 
-def unit_noise(n: int, distances: int = 0) -> Noise:
+def unit_noise(n: int, distances: int = 0) -> RestNoise:
     """A noise of one unit per component of *n* rests and per certified length."""
-    return Noise(1.0, 0.0, 0.0, 0.0, 1.0, np.tile(np.eye(3), (n, 1, 1)), np.ones(distances))
+    return RestNoise(1.0, 0.0, 0.0, 0.0, 1.0, np.tile(np.eye(3), (n, 1, 1)), np.ones(distances))
 
 
 def candidate(cause: str, joint: int, widths: int = 1, typical: float = 1.0) -> Candidate:
@@ -57,7 +57,7 @@ def small_fit(
     variance[layout[PLACEMENTS]] = np.inf
     problem = LinearModel.of_products(layout, columns.T @ columns, variance)
     solution, inverse = problem.solve(columns.T @ residual)
-    whole = Layout(layout, np.full(layout.n, np.inf))
+    whole = FitLayout(layout, np.full(layout.n, np.inf))
     untimed = SimpleNamespace(time_s=np.full(n, np.nan))
     observations = SimpleNamespace(placement=np.zeros(n, dtype=np.int64), states=untimed)
     rests = SimpleNamespace(n=n, observations=observations)

@@ -12,11 +12,11 @@ from armd.compensation.diagnose.fitting.nuisance import for_noise, gather_nuisan
 from armd.compensation.diagnose.problem.amplitudes import amplitude_variance, is_sized
 from armd.compensation.diagnose.problem.baseline import moved, with_findings
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.layout import Layout
+from armd.compensation.diagnose.problem.layout import FitLayout
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState, Rests
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.problem.whitening import Noise, Nuisance
+from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.blocks import Blocks, in_blocks
 from armd.compensation.estimate.linear_model import LinearModel
@@ -46,7 +46,7 @@ def fit(
     findings: Sequence[Candidate] = (),
     amplitudes: Sequence[F64] = (),
     noise_extra: Sequence[Candidate] = (),
-    noise: Noise | None = None,
+    noise: RestNoise | None = None,
 ) -> Fit:
     """Gauss–Newton with the noise estimated along the way (from *noise*, where it is known).
 
@@ -113,13 +113,13 @@ def _clipped(
     blocks: Blocks,
     variance: F64,
     nuisance: Nuisance,
-    layout: Layout,
-    noise: Noise,
-) -> tuple[F64, Noise]:
+    layout: FitLayout,
+    noise: RestNoise,
+) -> tuple[F64, RestNoise]:
     """The residual (N,) winsorised about its fit, and the noise that is left then; *variance*: of
     the amplitudes while the noise is estimated."""
 
-    def fitted_to(some: F64, own: Noise) -> F64:
+    def fitted_to(some: F64, own: RestNoise) -> F64:
         fitted: F64 = nuisance.columns @ _solve(blocks, nuisance, layout, own, some)
         return fitted
 
@@ -150,7 +150,7 @@ def kinematic_part(
 def sized(
     problem: LinearModel,
     side: F64,
-    layout: Layout,
+    layout: FitLayout,
     findings: Sequence[Candidate],
     sizes: Sequence[float],
 ) -> tuple[LinearModel, list[float]]:
@@ -172,14 +172,16 @@ def sized(
     return problem, sizes
 
 
-def _solve(blocks: Blocks, nuisance: Nuisance, layout: Layout, noise: Noise, residual: F64) -> F64:
+def _solve(
+    blocks: Blocks, nuisance: Nuisance, layout: FitLayout, noise: RestNoise, residual: F64
+) -> F64:
     """Generalised least squares: solution (b,) with B x ≈ residual."""
     problem, side = normal_equations(blocks, nuisance.ridged(noise), layout, noise, residual)
     return problem.amplitudes(side)
 
 
 def normal_equations(
-    blocks: Blocks, nuisance: Nuisance, layout: Layout, noise: Noise, residual: F64
+    blocks: Blocks, nuisance: Nuisance, layout: FitLayout, noise: RestNoise, residual: F64
 ) -> tuple[LinearModel, F64]:
     """The linear problem of the nuisance columns, the first of *blocks*, and its right side."""
     b = layout.blocks.n

@@ -17,7 +17,7 @@ from scipy.optimize import minimize, minimize_scalar
 from armd.arrays import F64
 from armd.compensation.diagnose.fitting.likelihood import Restricted
 from armd.compensation.diagnose.problem.linear import Linear
-from armd.compensation.diagnose.problem.whitening import Noise, Nuisance
+from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.estimate.blocks import Blocks
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights
@@ -35,7 +35,7 @@ LEAST_MM = 1e-6  # no reading is better than a nanometre, even where everything 
 MOST_RELATIVE = 1e6  # variance of a shared column over that of one rest
 
 
-def target_columns(linear: Linear) -> Nuisance:
+def target_nuisance(linear: Linear) -> Nuisance:
     """What certified positions do not know: three columns per target, shared by its rests."""
     observations = linear.rests.observations
     uncertainty = observations.uncertainty_mm
@@ -92,8 +92,8 @@ def _covariance(linear: Linear, share: float) -> F64:
 
 
 def estimate(
-    linear: Linear, residual: F64, nuisance: Blocks, variance: F64, before: Noise | None = None
-) -> Noise:
+    linear: Linear, residual: F64, nuisance: Blocks, variance: F64, before: RestNoise | None = None
+) -> RestNoise:
     """Variances by REML from *residual* (N,), given what absorbs and each amplitude's *variance*.
 
     A winsorised residual keeps heavy tails from widening the noise of all the others. An estimate
@@ -123,7 +123,7 @@ def estimate(
     )
     share = float(found.x)
     _, scale, drift = at_share(share)
-    return Noise(
+    return RestNoise(
         scale_mm=scale,
         encoder_share=share,
         drift_mm=drift,
@@ -159,7 +159,7 @@ def _best_scale(sums: Restricted, variance: F64) -> tuple[float, float, float]:
     return float(best.fun), max(scale, LEAST_MM), drift if drifts else 0.0
 
 
-def without_gross(residual: F64, noise: Noise, fit: Callable[[F64, Noise], F64]) -> F64:
+def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], F64]) -> F64:
     """Residual (N,), clipped about *fit* of it as `winsorise` does.
 
     One reading 100 times off pulls a fit so far that all others stand off it, and makes a noise
@@ -181,7 +181,7 @@ def without_gross(residual: F64, noise: Noise, fit: Callable[[F64, Noise], F64])
     return winsorise(residual, fitted, noise, WINSOR_AT * float(np.sqrt(usual / 3.0)))
 
 
-def _squares(residual: F64, fitted: F64, noise: Noise) -> F64:
+def _squares(residual: F64, fitted: F64, noise: RestNoise) -> F64:
     """(n,) squared distance of each rest from *fitted*, in units of its noise."""
     n = len(noise.whitener)
     apart = (residual - fitted)[: 3 * n].reshape(n, 3)
@@ -190,7 +190,7 @@ def _squares(residual: F64, fitted: F64, noise: Noise) -> F64:
     return square
 
 
-def winsorise(residual: F64, fitted: F64, noise: Noise, at: float = WINSOR_AT) -> F64:
+def winsorise(residual: F64, fitted: F64, noise: RestNoise, at: float = WINSOR_AT) -> F64:
     """Residual (N,) with every rest's distance from *fitted* at most *at* standard deviations."""
     n = len(noise.whitener)
     apart = (residual - fitted)[: 3 * n].reshape(n, 3)

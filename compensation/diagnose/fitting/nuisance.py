@@ -15,7 +15,7 @@ from armd.compensation.diagnose.problem.layout import (
     MOUNT,
     PLACEMENTS,
     TARGETS,
-    Layout,
+    FitLayout,
     finding,
 )
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
@@ -40,7 +40,7 @@ def gather_nuisance(
     findings: Sequence[Candidate],
     columns: Sequence[F64],
     sizes: Sequence[float],
-) -> tuple[Nuisance, Layout]:
+) -> tuple[Nuisance, FitLayout]:
     """What the fit of *findings*, by their *columns* (N, m) in mm, lets absorb."""
     own = baseline.columns(linear, arm)
     if baseline.held:
@@ -52,7 +52,7 @@ def gather_nuisance(
     for i, (candidate, block, size) in enumerate(zip(findings, columns, sizes, strict=True)):
         blocks[finding(i)] = Nuisance(block, amplitude_variance(candidate, size))
     blocks[MOUNT] = _column_of_the_mount(linear, baseline, arm)
-    blocks[TARGETS] = noise_model.target_columns(linear)
+    blocks[TARGETS] = noise_model.target_nuisance(linear)
     blocks[DRIFT] = noise_model.drift_columns(linear)
     joined = Nuisance(
         np.hstack([block.columns for block in blocks.values()]),
@@ -63,16 +63,16 @@ def gather_nuisance(
     )
     drawing = np.full(layout.n, np.inf)
     drawing[layout[IDENTIFIED]] = _gauge(baseline, arm)
-    return joined, Layout(layout, drawing)
+    return joined, FitLayout(layout, drawing)
 
 
 def with_other_findings(
     nuisance: Nuisance,
-    layout: Layout,
+    layout: FitLayout,
     findings: Sequence[Candidate],
     columns: Sequence[F64],
     sizes: Sequence[float],
-) -> tuple[Nuisance, Layout]:
+) -> tuple[Nuisance, FitLayout]:
     """The same with other findings in the place of those that it has."""
     first, stop = layout.identified.stop, layout.mount.start
     variances = map(amplitude_variance, findings, sizes)
@@ -108,7 +108,7 @@ def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> Nuisan
     return Nuisance(column[:, None], np.array([np.inf]))
 
 
-def for_noise(nuisance: Nuisance, layout: Layout, extra: Sequence[F64]) -> F64:
+def for_noise(nuisance: Nuisance, layout: FitLayout, extra: Sequence[F64]) -> F64:
     """Variances while the noise is estimated, of what absorbs and then of *extra* columns: findings
     absorb freely, curves too."""
     variance = nuisance.variance.copy()

@@ -9,16 +9,16 @@ from armd.arrays import F64
 from armd.compensation.diagnose.fitting.fit import CURVE_SCALE, normal_equations, sized
 from armd.compensation.diagnose.fitting.nuisance import with_other_findings
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.layout import Layout, with_some_findings
+from armd.compensation.diagnose.problem.layout import FitLayout, with_some_findings
 from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.problem.whitening import Noise, Nuisance
+from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.blocks import in_blocks
 from armd.compensation.estimate.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 
 
-def solve_again(known: Fit, findings: Sequence[Candidate], noise: Noise, arm: Arm) -> Fit:
+def solve_again(known: Fit, findings: Sequence[Candidate], noise: RestNoise, arm: Arm) -> Fit:
     """The linear problem of a fit with other findings and another whitener; nothing else moves."""
     columns = finding_columns(known.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
@@ -33,7 +33,7 @@ class Refits:
     """One fit's linear problem with some of its findings only, for one whitener: the rows are
     summed once."""
 
-    def __init__(self, known: Fit, noise: Noise) -> None:
+    def __init__(self, known: Fit, noise: RestNoise) -> None:
         self._known, self._noise = known, noise
         blocks = in_blocks([known.nuisance.columns], known.linear.rests.observations.placement)
         self._problem, self._side = normal_equations(
@@ -55,10 +55,10 @@ def solved(
     known: Fit,
     findings: Sequence[Candidate],
     columns: F64,
-    layout: Layout,
+    layout: FitLayout,
     problem: LinearModel,
     side: F64,
-    noise: Noise,
+    noise: RestNoise,
 ) -> Fit:
     """A fit about the same point, solved anew with other nuisance columns (N, b)."""
     solution = problem.amplitudes(side)

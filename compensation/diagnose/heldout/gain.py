@@ -64,7 +64,7 @@ def gain(before: F64, after: F64, groups: I64, use: Mask | None = None, seed: in
     return Gain(*rms, (float(low), float(high)), bool(shown))
 
 
-def without_gross(before: F64, after: F64) -> tuple[F64, F64]:
+def capped(before: F64, after: F64) -> tuple[F64, F64]:
     """Squared residuals with single readings counting at most `MOST_SQUARES` of the usual one's:
     a decision that gross errors cannot outvote."""
     most = MOST_SQUARES * min(float(np.median(before)), float(np.median(after)))

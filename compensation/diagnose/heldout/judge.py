@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.diagnosis import Gain
-from armd.compensation.diagnose.heldout.gain import gain, without_gross
+from armd.compensation.diagnose.heldout.gain import capped, gain
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.effects.courses import is_drift
 
@@ -53,7 +53,7 @@ class Judge:
         new = {*after[0]} - {*before[0]}
         if self._later is None or not any(is_drift(self._last.findings[i]) for i in new):
             return True
-        old_mm2, new_mm2 = without_gross(self._later(*before), self._later(*after))
+        old_mm2, new_mm2 = capped(self._later(*before), self._later(*after))
         return float(new_mm2.sum()) <= float(old_mm2.sum())
 
     def shown_by(self, before: Model, after: Model) -> tuple[int, Gain] | None:
@@ -64,7 +64,7 @@ class Judge:
                 self.errors(before), self.errors(after), self._looks, strict=True
             )
         ]
-        decided = [gain(*without_gross(old, new), groups) for old, new, groups in pairs]
+        decided = [gain(*capped(old, new), groups) for old, new, groups in pairs]
         of_all = [gain(*pair) for pair in pairs]
         new = {*after[0]} - {*before[0]}
         heard = not (self._deaf and new) or not all(self._deaf[i] for i in new)
@@ -79,7 +79,7 @@ class Judge:
         """Whether the last look predicts better where the first link grows beside *some*, all
         readings together no worse."""
         old, new = (self.errors((some, growth))[-1] for growth in (False, True))
-        some_old, some_new = without_gross(old, new)
+        some_old, some_new = capped(old, new)
         better = float(some_new.sum()) < float(some_old.sum())
         return better and not _harms(gain(old, new, self._looks[-1].groups))
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from armd.arrays import F64
-from armd.compensation.diagnose.problem.layout import MOUNT, Layout, finding
+from armd.compensation.diagnose.problem.layout import MOUNT, FitLayout, finding
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
-from armd.compensation.diagnose.problem.whitening import Noise, Nuisance
+from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear_model import LinearModel
 
@@ -23,9 +23,9 @@ class Fit:
     findings: tuple[Candidate, ...]
     amplitudes: tuple[F64, ...]  # per finding
     covariances: tuple[F64, ...]
-    noise: Noise
+    noise: RestNoise
     nuisance: Nuisance
-    layout: Layout
+    layout: FitLayout
     residual: F64  # (N,) before anything absorbs, winsorised about the fit
     raw_residual: F64  # (N,) the same as measured
     fitted: F64  # (N,) of it what the nuisance columns explain

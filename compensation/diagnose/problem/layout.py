@@ -20,7 +20,7 @@ PLACEMENTS, IDENTIFIED, MOUNT, TARGETS, DRIFT = (
 
 
 @dataclass(frozen=True)
-class Layout:
+class FitLayout:
     """Which of the nuisance columns belong to whom."""
 
     blocks: linear_model.Layout
@@ -55,14 +55,14 @@ class Layout:
     def _n_findings(self) -> int:
         return len(self.blocks.sizes) - 5  # the blocks that are always there
 
-    def with_findings(self, counts: Sequence[int]) -> Layout:
+    def with_findings(self, counts: Sequence[int]) -> FitLayout:
         """With findings of so many columns each in the place of those that it has."""
         first, stop = self.identified.stop, self.mount.start
         open_ = np.full(sum(counts), np.inf)
         drawing = np.concatenate([self.drawing[:first], open_, self.drawing[stop:]])
         sizes = self.blocks.sizes
         own = tuple((finding(i), int(count)) for i, count in enumerate(counts))
-        return Layout(linear_model.Layout((*sizes[:2], *own, *sizes[-3:])), drawing)
+        return FitLayout(linear_model.Layout((*sizes[:2], *own, *sizes[-3:])), drawing)
 
 
 def finding(index: int) -> str:
@@ -70,7 +70,7 @@ def finding(index: int) -> str:
     return f"finding {index + 1}"
 
 
-def with_some_findings(layout: Layout, some: Sequence[int]) -> tuple[I64, Layout]:
+def with_some_findings(layout: FitLayout, some: Sequence[int]) -> tuple[I64, FitLayout]:
     """Which nuisance columns stay with *some* of the findings, and their layout."""
     names = [name for name, _ in layout.blocks.sizes]
     own = [finding(i) for i in some]

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.use import warmth
-from armd.compensation.diagnose.problem.whitening import Noise
+from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Use
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
@@ -45,7 +45,9 @@ class Signatures:
         """Column numbers of a candidate."""
         return range(self.first[candidate], self.first[candidate] + self.count[candidate])
 
-    def rows(self, linear: Linear, jacobian: F64, columns: I64, noise: Noise | None = None) -> F64:
+    def rows(
+        self, linear: Linear, jacobian: F64, columns: I64, noise: RestNoise | None = None
+    ) -> F64:
         """Columns as rows (len(columns), N), from a Jacobian (P, N): plain, or whitened with its
         noise."""
         n = 3 * linear.rests.n

@@ -19,14 +19,14 @@ class Nuisance:
     columns: F64
     variance: F64
 
-    def ridged(self, noise: Noise) -> Nuisance:
+    def ridged(self, noise: RestNoise) -> Nuisance:
         """With the drift's variance filled in."""
         variance = np.where(np.isnan(self.variance), noise.drift_mm**2, self.variance)
         return Nuisance(self.columns, np.maximum(variance, 1e-14))
 
 
 @dataclass(frozen=True)
-class Noise:
+class RestNoise:
     """Estimated variances, and a whitening of the part that is independent between rests."""
 
     scale_mm: float  # s

@@ -35,7 +35,7 @@ LEAST_READINGS = 3
 
 
 @dataclass(frozen=True)
-class Model:
+class AssumedModel:
     """What readings are held against."""
 
     constants: F64  # (P,)
@@ -59,7 +59,7 @@ class Guess:
     observations: Observations
 
 
-def misses_mm(observations: Observations, model: Model) -> F64:
+def misses_mm(observations: Observations, model: AssumedModel) -> F64:
     """(P,) how far readings miss, at the target of each placement where they miss most.
 
     At a target the median counts: one reading gone wrong says nothing of the session. NaN for a
@@ -68,12 +68,12 @@ def misses_mm(observations: Observations, model: Model) -> F64:
     return _largest(observations, model.tip_mm(observations))
 
 
-def miss_mm(observations: Observations, model: Model) -> float:
+def miss_mm(observations: Observations, model: AssumedModel) -> float:
     """The same in the placement where it is largest; 0 where no placement has enough readings."""
     return float(np.nanmax(misses_mm(observations, model), initial=0.0))
 
 
-def best_guess(observations: Observations, model: Model) -> tuple[Guess, float] | None:
+def best_guess(observations: Observations, model: AssumedModel) -> tuple[Guess, float] | None:
     """The guess under which the readings of one session miss least, in mm, if it explains them.
 
     It must explain them for what the joints move too: an arm that hardly moves misses little
@@ -103,7 +103,7 @@ def joint_motion(q: F64) -> float:
     return float(np.sqrt(np.mean(2.0 * (1.0 - resultant))))
 
 
-def wrong_length_unit(observations: Observations, model: Model) -> str:
+def wrong_length_unit(observations: Observations, model: AssumedModel) -> str:
     """The unit that all certified distances of a session seem to have instead of mm, if any."""
     position = model.tip_mm(observations)
     kept = np.isfinite(position[:, 0])
@@ -147,7 +147,7 @@ def _distances_mm(observations: Observations, position_mm: F64) -> F64:
     return distance
 
 
-def _guesses(observations: Observations, model: Model) -> Iterator[Guess]:
+def _guesses(observations: Observations, model: AssumedModel) -> Iterator[Guess]:
     yield from _other_lengths(observations)
     yield from _other_angles(observations)
     yield from _other_temperatures(observations)
@@ -204,7 +204,7 @@ def celsius(fahrenheit: F64) -> F64:
     return (fahrenheit - 32.0) / 1.8
 
 
-def _other_targets(observations: Observations, model: Model) -> Iterator[Guess]:
+def _other_targets(observations: Observations, model: AssumedModel) -> Iterator[Guess]:
     """Two targets exchanged, where that makes a placement's readings fit."""
     touched = np.unique(observations.target[~observations.has_truth])
     placements = np.unique(observations.placement)

@@ -21,7 +21,7 @@ from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.mistakes import (
     LEAST_FAHRENHEIT,
     LEAST_READINGS,
-    Model,
+    AssumedModel,
     best_guess,
     celsius,
     miss_mm,
@@ -30,7 +30,7 @@ from armd.compensation.identify.admission.mistakes import (
 )
 from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.fit import Fit, fit, rms_um
+from armd.compensation.identify.fit import Identification, fit, rms_um
 from armd.compensation.identify.thermal.comparison import temperature_groups
 from armd.compensation.identify.thermal.terms import length_terms
 from armd.errors import BadInput
@@ -66,7 +66,7 @@ class Odd:
 
 
 def refuse_mistakes(
-    sessions: Sequence[Session], observations: Observations, given: Model | None = None
+    sessions: Sequence[Session], observations: Observations, given: AssumedModel | None = None
 ) -> None:
     """Raise `BadInput` for sessions whose unit, names or columns are plainly others than they say.
 
@@ -74,7 +74,7 @@ def refuse_mistakes(
     are of *sessions*, some rows of them left out or none.
     """
     arm = observations.arm
-    model = given or Model(arm.nominal(), [], arm.reference_temperature_c)
+    model = given or AssumedModel(arm.nominal(), [], arm.reference_temperature_c)
     parts = [observations.rows(observations.session == k) for k in range(len(sessions))]
     misses = np.array([miss_mm(part, model) for part in parts])
     told = misses > 0  # others have no placement with enough readings
@@ -92,7 +92,7 @@ def refuse_mistakes(
     by = "under the calibration given" if given else "under the drawing"
     others = ~suspects & told
     if not given and (better := _identified(observations, others[observations.session])):
-        model = Model(better.constants, better.terms, better.reference_c)
+        model = AssumedModel(better.constants, better.terms, better.reference_c)
         by = f"under what the other {int(others.sum())} identify"
     _raise(
         [
@@ -103,13 +103,15 @@ def refuse_mistakes(
     )
 
 
-def odd_session(sessions: Sequence[Session], found: Fit, drawn_rms_um: float) -> Odd | None:
+def odd_session(
+    sessions: Sequence[Session], found: Identification, drawn_rms_um: float
+) -> Odd | None:
     """The session without which the others fit, asked where the fit to all of them is poor.
 
     Raises `BadInput` where it is plain what is wrong with it.
     """
     observations = found.observations
-    model = Model(found.constants, found.terms, found.reference_c)
+    model = AssumedModel(found.constants, found.terms, found.reference_c)
     misses = _by_session(observations, model, len(sessions))
     if len(sessions) < 3 or not np.isfinite(misses).all():
         return None
@@ -117,7 +119,7 @@ def odd_session(sessions: Sequence[Session], found: Fit, drawn_rms_um: float) ->
     hot = (observations.states.temperature_c > LEAST_FAHRENHEIT).any()
     if not apart and not hot and found.rms_um < SUSPICIOUS_SHARE * drawn_rms_um:
         return None
-    best: tuple[float, int, Model] | None = None
+    best: tuple[float, int, AssumedModel] | None = None
     for k in map(int, np.argsort(-misses)[:MOST_LEFT_OUT]):
         rest = observations.session != k
         if not _reached(observations, rest):
@@ -125,7 +127,7 @@ def odd_session(sessions: Sequence[Session], found: Fit, drawn_rms_um: float) ->
         without = _identified(observations, rest)
         if without is None:
             continue
-        model = Model(without.constants, without.terms, without.reference_c)
+        model = AssumedModel(without.constants, without.terms, without.reference_c)
         level = float(np.nanmax(_by_session(observations.rows(rest), model, len(sessions))))
         if best is None or level < best[0]:
             best = (level, k, model)
@@ -169,7 +171,7 @@ def _raise(faults: list[BadInput]) -> None:
         raise faults[0]
 
 
-def _mistake(session: Session, part: Observations, model: Model, by: str) -> BadInput | None:
+def _mistake(session: Session, part: Observations, model: AssumedModel, by: str) -> BadInput | None:
     guess = best_guess(part, model)
     if guess is None or guess[1] > ABSURD_MM:
         return None
@@ -181,7 +183,7 @@ def _mistake(session: Session, part: Observations, model: Model, by: str) -> Bad
     return BadInput(session.path, "the session", found, guess[0].expected)
 
 
-def _identified(observations: Observations, rows: Mask) -> Fit | None:
+def _identified(observations: Observations, rows: Mask) -> Identification | None:
     """Constants, and lengths that grow with temperature where these rows' temperatures tell."""
     chosen = observations.rows(rows)
     if not rows.any() or chosen.n < readings_needed(chosen):
@@ -193,7 +195,7 @@ def _identified(observations: Observations, rows: Mask) -> Fit | None:
     return fit(chosen, arm.nominal(), terms, unknowns, arm.reference_temperature_c)
 
 
-def _by_session(observations: Observations, model: Model, sessions: int) -> F64:
+def _by_session(observations: Observations, model: AssumedModel, sessions: int) -> F64:
     """(S,) the largest miss of each session's placements; NaN where none is told."""
     misses = misses_mm(observations, model)
     counts = np.bincount(observations.placement, minlength=len(misses))

@@ -9,7 +9,7 @@ import numpy as np
 from armd.arrays import Mask
 from armd.compensation.estimate.gauge import unidentifiable
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.identify.fit import Fit
+from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.thermal.comparison import temperature_groups
 from armd.errors import BadInput
 from armd.terminal.counted import counted
@@ -69,7 +69,7 @@ def require_some(observations: Observations, files: str) -> None:
         raise BadInput(files, "readings", f"{observations.n} poses", expected)
 
 
-def require_help(found: Fit, share: float, files: str, notes: list[str]) -> None:
+def require_help(found: Identification, share: float, files: str, notes: list[str]) -> None:
     """Of readings that cannot tell the arm apart from its drawing, refuse those that do not help.
 
     *share*: what readings left out miss by, of what they miss by under the drawing. The drawing
@@ -132,7 +132,7 @@ def _seats(observations: Observations) -> int:
     return int(observations.unknown[touched].sum())
 
 
-def require_plausible(found: Fit, files: str) -> None:
+def require_plausible(found: Identification, files: str) -> None:
     """Refuse a fit that is none: residuals beyond any arm's, or another arm than was drawn."""
     if found.rms_um > 1e3 * ABSURD_RMS_MM:
         raise BadInput(
@@ -161,7 +161,7 @@ def require_plausible(found: Fit, files: str) -> None:
         )
 
 
-def not_known(found: Fit) -> list[str]:
+def not_known(found: Identification) -> list[str]:
     """What the readings cannot tell apart, in words."""
     names = found.unknowns.words(found.terms)
     return unidentifiable(found.solution.null, names, found.observations.arm)

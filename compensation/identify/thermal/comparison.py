@@ -18,7 +18,7 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.solution import Solution
-from armd.compensation.identify.fit import Fit
+from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, HeldOut, placement_folds
 from armd.compensation.identify.thermal.per_temperature import regressed, regression
 from armd.compensation.identify.thermal.terms import (
@@ -77,7 +77,7 @@ def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
 class Comparison:
     """Tries thermal models on temperatures left out, around one fit."""
 
-    def __init__(self, fit: Fit, groups: Sequence[tuple[float, Mask]]) -> None:
+    def __init__(self, fit: Identification, groups: Sequence[tuple[float, Mask]]) -> None:
         observations, arm = fit.observations, fit.observations.arm
         self.fit = fit
         self.groups = groups
@@ -163,7 +163,7 @@ class Comparison:
 
     def regressed(
         self, trials: Sequence[Trial], wanted: int | None, offset: bool
-    ) -> tuple[int, Fit, Errors]:
+    ) -> tuple[int, Identification, Errors]:
         """The paper's way: order, fit, and its errors at temperatures left out.
 
         Raises `ArmdError` where the temperatures are too few for the order.

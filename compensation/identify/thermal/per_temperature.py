@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.estimate.elimination import Elimination
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise import estimate, whitening
 from armd.compensation.estimate.robust import mahalanobis2, redescending_weights
 from armd.compensation.estimate.solution import Solution, solve
 from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.elimination import Elimination
 from armd.compensation.identify.evaluate import evaluate_model
-from armd.compensation.identify.fit import Fit
+from armd.compensation.identify.fit import Identification
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 
@@ -39,13 +39,13 @@ def regression(
 
 
 def regressed(
-    around: Fit,
+    around: Identification,
     identified: Sequence[Solution],
     temperature_c: F64,
     weights: dict[str, float],
     order: int,
     offset: bool,
-) -> Fit:
+) -> Identification:
     """The calibration that regression gives.
 
     *identified*: changes of the constants of *around*, one solution per temperature (G,), which
@@ -80,7 +80,7 @@ def regressed(
     return _standing(replace(around, covariance=covariance), constants, terms)
 
 
-def _standing(around: Fit, constants: F64, terms: list[Term]) -> Fit:
+def _standing(around: Identification, constants: F64, terms: list[Term]) -> Identification:
     """A fit whose constants (P,) and terms stand where they are; only poses are fitted."""
     observations, reference_c = around.observations, around.reference_c
     poses = evaluate_model(observations, constants, terms, reference_c).poses

@@ -34,10 +34,6 @@ class Access:
         self._secure = "; Secure" if secure else ""
         self._token = token
 
-    @property
-    def wants_token(self) -> bool:
-        return self._token is not None
-
     def check_host(self, request: Request) -> None:
         """Raises `NotServed`. Any port is right: a tunnel has one of its own."""
         host = request.headers.get("host", "")

@@ -16,7 +16,7 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.estimate.observations import gather
-from armd.compensation.identify.admission.mistakes import Model
+from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.odd_session import refuse_mistakes
 from armd.compensation.model.calibration import save_calibration
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
@@ -58,7 +58,9 @@ def run(args: argparse.Namespace) -> int:
     held_against = None
     if calibration:
         constants = calibration.vector(arm.n_joints)
-        held_against = Model(constants, calibration.terms, calibration.reference_temperature_c)
+        held_against = AssumedModel(
+            constants, calibration.terms, calibration.reference_temperature_c
+        )
     every = [*sessions, *holdout]
     artefact = calibration.artefact if calibration else None
     refuse_mistakes(every, gather(every, arm, artefact), held_against)

@@ -134,7 +134,7 @@ packets = st.lists(st.binary(min_size=1, max_size=60).map(lambda b: b.replace(b"
 def test_packets_are_cut_alike_however_the_bytes_come(packets, cuts):
     stream = b"".join(p + b"\0" for p in packets)
     cuts = sorted({0, *[min(cut, len(stream)) for cut in cuts], len(stream)})
-    splitter = wire.Splitter()
+    splitter = wire.CobsSplitter()
     got = [p for a, b in itertools.pairwise(cuts) for p in splitter.push(stream[a:b])]
     assert got == packets and splitter.junk == 0
 
@@ -142,7 +142,7 @@ def test_packets_are_cut_alike_however_the_bytes_come(packets, cuts):
 @pytest.mark.parametrize("chunk", [1, 100, 4095, 4096, 4097, 20000])
 def test_junk_beyond_four_kilobytes_is_dropped_up_to_the_next_zero(chunk):
     stream = b"ok\0" + b"x" * 4096 + b"\0" + b"x" * 4097 + b"\0" + b"x" * 9999 + b"\0ok\0"
-    splitter = wire.Splitter()
+    splitter = wire.CobsSplitter()
     got = []
     for i in range(0, len(stream), chunk):
         got += splitter.push(stream[i : i + chunk])
@@ -151,7 +151,7 @@ def test_junk_beyond_four_kilobytes_is_dropped_up_to_the_next_zero(chunk):
 
 
 def test_endless_junk_takes_no_memory():
-    splitter = wire.Splitter()
+    splitter = wire.CobsSplitter()
     for _ in range(1000):
         assert splitter.push(b"x" * 1000) == []
     assert len(splitter._tail) <= wire.PACKET_LIMIT

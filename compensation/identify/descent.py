@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.estimate.elimination import Elimination
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import Weighting
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import Poses, fit_poses
 from armd.compensation.estimate.solution import Solution, solve
 from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.elimination import Elimination
 from armd.compensation.model.basis import parameter_rows
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.terms import Term

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import solve_triangular, svd
 
-from armd.arrays import F64, I64, Mask
+from armd.arrays import F64, I64
 from armd.compensation.estimate.linearise import Linearisation
 
 #: A direction of the nuisances shorter than this, relative to the longest column, says nothing.
@@ -62,15 +62,6 @@ class Elimination:
             own = piece.project(whitened[piece.rows], own_residual=False)
             left[piece.rows] -= _products_by_reading(own, len(piece.rows)) + piece.pulls()
         return left
-
-    @property
-    def reading_rows(self) -> Mask:
-        """(m,) which rows belong to readings."""
-        kinds = [
-            (np.ones(3 * len(piece.rows), dtype=bool), np.zeros(len(piece.extra_residual), bool))
-            for piece in self._pieces
-        ]
-        return np.concatenate([part for pair in kinds for part in pair])
 
     @property
     def n_certified(self) -> int:
