@@ -15,7 +15,7 @@ from pathlib import Path
 
 from playwright.sync_api import Page, sync_playwright
 
-from armd.daemon.commands.service.stage import SERIAL, Phase
+from armd.daemon.commands.service.stage import SERIAL, Stage
 from support.running_bridge import running_bridge
 
 SIZE = {"width": 1280, "height": 800}
@@ -37,7 +37,7 @@ def main() -> int:
         print("found no browser, expected one: make browser", file=sys.stderr)
         return 2
     output.parent.mkdir(parents=True, exist_ok=True)
-    with Phase(SERIAL, seed=1, warm_up_k=WARM_UP_K, warm_up_s=WARM_UP_S) as stage:
+    with Stage(SERIAL, seed=1, warm_up_k=WARM_UP_K, warm_up_s=WARM_UP_S) as stage:
         stage.calibrate()
         stage.start()
         options = ("--endpoint", stage.endpoint, "--listen", "127.0.0.1:0")
