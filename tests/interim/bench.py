@@ -24,7 +24,7 @@ from armd.simulator.measured.artefact import Artefact
 from armd.simulator.measured.measuring import Measured, take_readings, write_session
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.placement import Placement
-from armd.simulator.measured.plan import Climate, Plan
+from armd.simulator.measured.plan import Climate, SessionPlan
 from armd.simulator.truth import nominal
 from armd.simulator.truth.heat import SELF_HEATING_W
 
@@ -67,7 +67,7 @@ class Bench:
         power = SELF_HEATING_W * rng.uniform(0.7, 1.3, len(SELF_HEATING_W))
         climate = Climate(20.0 + float(rng.normal(0.0, 1.5)), power_w=power)
         start_h = interim.FIRST_H + 24.0 * (day - 1) + LATER_H
-        plan = Plan(f"day-{day:02}-advised", start_h, climate, interval_s=6.0)
+        plan = SessionPlan(f"day-{day:02}-advised", start_h, climate, interval_s=6.0)
         where = Placement("P1", np.eye(3), np.zeros(3))
         target = np.arange(len(q)) % len(seats_mm)
         measured = take_readings(rig, plan, [where], np.zeros_like(target), target, q, rng)
