@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from test_interim_evidence import a_stack
 
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
+from armd.compensation.interim.changes.change import Change, with_changes
 from armd.compensation.interim.changes.find import find
+from armd.compensation.interim.changes.growth import log_marginals
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.stack import Stack
+from armd.compensation.interim.evidence.likelihood import log_marginal
+from armd.compensation.interim.evidence.stack import Stack, Sums
 
 CHECKS, ROWS, FIRST = 40, 8, 8
 
@@ -46,3 +50,17 @@ def test_an_alarm_that_later_checks_refute_is_withdrawn(seed: int) -> None:
     assert later.alarm == alarm  # it was told, and the statistic says so
     # Another one by chance, later on, is within the rate that is stated.
     assert all(change.first > alarm for change in later.changes)
+
+
+@pytest.mark.parametrize("cause", [0, 1])
+def test_a_growths_likelihood_is_that_of_a_stack_that_knows_it(cause: int) -> None:
+    rng = np.random.default_rng(3)
+    of, causes = a_stack(rng)
+    p = of.blocks[cause].stop - of.blocks[cause].start
+    courses = [
+        Change(cause, True, first, first, first, at, 1.0, bends_d=bends,
+               rate_size=rng.uniform(0.1, 3.0, p))
+        for first, at, bends in ((1, 0.2, ()), (2, 1.1, (2.5, 4.0)), (4, 3.0, (5.5,)))
+    ]  # fmt: skip
+    expected = [log_marginal(Sums(with_changes(of, causes, [course])), of.n) for course in courses]
+    assert log_marginals(of, cause, courses) == pytest.approx(expected, abs=1e-9)

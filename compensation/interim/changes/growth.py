@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, ramp, with_changes
+from armd.compensation.interim.changes.change import Change, amplitude_sizes, ramp, shapes
 from armd.compensation.interim.changes.held import held
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import log_marginal
-from armd.compensation.interim.evidence.stack import Stack, Sums
+from armd.compensation.interim.evidence.likelihood import log_student
+from armd.compensation.interim.evidence.stack import Stack
 
 #: Bends lie so many checks apart, and no more of them than this.
 CHECKS_APART, MOST_BENDS = 3, 14
@@ -35,7 +36,7 @@ def growths(
     onsets are as likely beforehand."""
     assert change.cause is not None
     some = of.only(kept)
-    rate = _rate(some, replace(change, first=kept.index(change.first)))
+    rate = _rate(some, change)
     # A rate that differs from column to column bends in its own proportion.
     size = np.maximum(np.abs(rate), 0.1 * np.abs(rate).max())
     apart = max(CHECKS_APART, -(-len(kept) // MOST_BENDS))
@@ -45,29 +46,61 @@ def growths(
         origin = origin_d(of, kept, kept.index(first))
         bends = tuple(at for at in knots if at > float(of.time_d[first]))
         courses.append(replace(change, first=first, origin_d=origin, bends_d=bends, rate_size=size))
-    plausible = np.array([_marginal(with_changes(some, causes, [course])) for course in courses])
+    plausible = log_marginals(some, change.cause, courses)
     share = np.exp(plausible - plausible.max())
     return list(zip((share / share.sum()).tolist(), courses, strict=True))
 
 
 def _rate(of: Stack, change: Change) -> F64:
-    """(p,) of a growth at one rate throughout, in typical sizes; *first* counts in *of*."""
+    """(p,) of a growth at one rate throughout, in typical sizes."""
     assert change.cause is not None
-    block, sums = of.blocks[change.cause], Sums(of)
-    factor, side, _ = sums.without_change(of.n)
-    cross, towards, _ = sums.begun(np.array([change.first]), of.n, ramp=True)
-    cleared = np.linalg.solve(factor, cross[0][:, block])
-    grown = ramp(of, change.origin_d)
-    own = [weight * columns[:, block] for weight, columns in zip(grown, of.columns, strict=True)]
-    gram = sum((one.T @ one for one in own), np.zeros((block.stop - block.start,) * 2))
-    gram = gram - cleared.T @ cleared + np.eye(len(gram)) / change.size**2
-    rate: F64 = np.linalg.solve(gram, towards[0][block] - cleared.T @ side)
+    block, grown = of.blocks[change.cause], ramp(of, change.origin_d)
+    own = np.concatenate([w * x[:, block] for w, x in zip(grown, of.columns, strict=True)])
+    known, residual = np.concatenate(of.known), np.concatenate(of.residual)
+    cross = known.T @ own
+    cleared = np.linalg.solve(known.T @ known + np.eye(known.shape[1]), cross)
+    gram = own.T @ own - cross.T @ cleared + np.eye(own.shape[1]) / change.size**2
+    rate: F64 = np.linalg.solve(gram, own.T @ residual - cleared.T @ (known.T @ residual))
     return rate
 
 
-def _marginal(of: Stack) -> float:
-    """Log of how likely all readings are, everything known integrated out."""
-    return log_marginal(Sums(of), of.n)
+def log_marginals(of: Stack, cause: int, courses: Sequence[Change]) -> F64:
+    """(courses,) log of how likely all readings are with each of *courses* of a *cause*, everything
+    known and the course's amplitudes integrated out.
+
+    The same as of a stack that knows the course (`with_changes`); but what all courses have in
+    common is summed up once.
+    """
+    own = [columns[:, of.blocks[cause]] for columns in of.columns]
+    gram = sum((k.T @ k for k in of.known), np.eye(of.known[0].shape[1]))
+    factor = cholesky(gram, lower=True, check_finite=False)
+
+    def cleared(side: F64) -> F64:
+        found: F64 = solve_triangular(factor, side, lower=True, check_finite=False)
+        return found
+
+    pairs = list(zip(of.known, own, of.residual, strict=True))
+    cross = np.stack([known.T @ x for known, x, _ in pairs])  # (n, q, p)
+    products = np.stack([x.T @ x for x in own])  # (n, p, p)
+    towards = np.stack([x.T @ z for _, x, z in pairs])  # (n, p)
+    side = cleared(np.sum([known.T @ z for known, _, z in pairs], axis=0))
+    square = sum(float(z @ z) for z in of.residual) - float(side @ side)
+    spread = float(np.log(np.diag(factor)).sum())
+    numbers = float(sum(len(z) for z in of.residual))
+    p = own[0].shape[1]
+    found = []
+    for course in courses:
+        shape, sizes = shapes(of, course), amplitude_sizes(course, p).ravel()
+        wide = len(sizes)
+        along = cleared(np.tensordot(cross, shape, (0, 0)).swapaxes(1, 2).reshape(-1, wide) * sizes)
+        inner = np.einsum("nb,npr,nc->bpcr", shape, products, shape, optimize=True)
+        inner = inner.reshape(wide, wide) * np.outer(sizes, sizes) - along.T @ along
+        root = cholesky(inner + np.eye(wide), lower=True, check_finite=False)
+        left = (shape.T @ towards).ravel() * sizes - along.T @ side
+        left = solve_triangular(root, left, lower=True, check_finite=False)
+        more = float(np.log(np.diag(root)).sum())
+        found.append(log_student(numbers, spread + more, square - float(left @ left)))
+    return np.array(found)
 
 
 def origin_d(of: Stack, kept: Sequence[int], first: int) -> float:

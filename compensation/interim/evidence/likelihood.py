@@ -80,9 +80,13 @@ def log_marginal(sums: Sums, n: int) -> float:
     """Log of Student's density of the first *n* checks' readings without a change, everything
     known integrated out."""
     factor, _, square = sums.without_change(n)
-    numbers = float(sums.numbers[n])
+    return log_student(float(sums.numbers[n]), float(np.log(np.diag(factor)).sum()), square)
+
+
+def log_student(numbers: float, spread: float, square: float) -> float:
+    """The same of so many *numbers* whose covariance has a root of log determinant *spread*, and of
+    their *square* by it."""
     freedom = NOISE_WORD + numbers
-    spread = float(np.log(np.diag(factor)).sum())
     scale = float(gammaln(freedom / 2) - gammaln(NOISE_WORD / 2)) - numbers / 2 * np.log(np.pi)
     shape = NOISE_WORD * np.log(NOISE_WORD) - freedom * np.log(NOISE_WORD + square)
     return float(scale - spread + shape / 2)
