@@ -20,6 +20,8 @@ from armd.files.inputs import read_input
 #: How often the folder is looked at, s.
 LOOK_S = 5.0
 HOUR_S = 3600.0
+#: A check dated farther ahead than this was dated by a clock that is wrong, or ours is.
+CLOCKS_APART_H = 1.0
 REPORT = "report.json"
 #: A history of ten years is a few megabytes.
 MOST_BYTES = 1 << 26
@@ -124,4 +126,9 @@ def complaint(
     due = ""
     if at_most_h is not None and hours > at_most_h:
         due = f"interim check overdue: the last, {last.name}, is {hours:.0f} h old ({at_most_h:g})"
+    elif at_most_h is not None and hours < -CLOCKS_APART_H:
+        due = (
+            f"no age of the last interim check: {last.name} is dated {-hours:.0f} h after now "
+            "by this computer's clock"
+        )
     return changed, due

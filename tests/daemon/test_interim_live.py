@@ -59,6 +59,15 @@ def test_an_old_check_is_due(tmp_path: Path) -> None:
     assert complaint(last, {}, NOON + 1e6, None) == ("", "")
 
 
+def test_a_check_dated_after_now_has_no_age(tmp_path: Path) -> None:
+    """It would never become old: a clock is wrong, and that is told."""
+    last = read(tmp_path, json.dumps(result())).last
+    _, due = complaint(last, {}, NOON - 48 * 3600, 26.0)
+    assert "day-04 is dated 24 h after now" in due
+    assert complaint(last, {}, NOON - 48 * 3600, None) == ("", "")
+    assert complaint(last, {}, NOON - 24.5 * 3600, 26.0) == ("", "")
+
+
 def test_a_change_is_told_until_the_calibration_has_it(tmp_path: Path) -> None:
     last = read(tmp_path, json.dumps(CHANGED)).last
     changed, _ = complaint(last, {}, NOON, None)

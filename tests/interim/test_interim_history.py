@@ -172,6 +172,30 @@ def test_a_clock_set_back_is_told(checks: Path, copy: Path, tmp_path: Path) -> N
     refused(copy, "clock set back", lambda: run("add", again, *files, "--history", copy))
 
 
+def test_a_check_dated_after_now_is_refused_unless_it_is_wanted(
+    checks: Path, copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The clock of this computer, or the one that dated the check, is wrong; a day is too much, and
+    a few minutes are what clocks are apart."""
+    late = Path(shutil.copytree(checks / "day-05", tmp_path / "late"))
+    file = late / "session.toml"
+    text = file.read_text()
+    at = tomllib.loads(text)["started"]
+    file.write_text(text.replace(f"{at:%Y-%m-%dT%H:%M:%S}", "2026-04-01T09:00:00"))
+    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
+    now = datetime.datetime(2026, 3, 31, 9, tzinfo=datetime.UTC).timestamp()
+    monkeypatch.setattr(interim.time, "time", lambda: now)
+    refused(
+        copy,
+        "late/session.toml: started: found readings until 2026-04-01.*clock says 2026-03-31T09:00",
+        lambda: run("add", late, *files, "--history", copy),
+    )
+    assert run("add", late, *files, "--history", copy, "--future") == 1
+    assert reported(copy)["last_check"] == "2026-04-01T09:00:00Z"
+    monkeypatch.setattr(interim.time, "time", lambda: now + 86400.0 - 120.0)
+    assert run("add", late, *files, "--history", tmp_path / "new") == 0
+
+
 def test_a_torn_session_is_refused_and_nothing_begun(
     checks: Path, copy: Path, tmp_path: Path
 ) -> None:

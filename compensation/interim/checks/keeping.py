@@ -23,6 +23,9 @@ from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.writing import told, write_whole
 
+#: Two computers' clocks may be so far apart, s.
+CLOCKS_APART_S = 600.0
+
 
 @dataclass(frozen=True)
 class New:
@@ -43,6 +46,20 @@ def locked(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
+
+
+def check_past(sessions: Sequence[Session], now_unix_s: float) -> None:
+    """Raise `BadInput` for a check that is dated after now. A history gives nothing back: such a
+    check would stay the latest, and every check until its date would be taken for one before it."""
+    for session in sessions:
+        ended = float(session.states.time_s.max())
+        if ended > now_unix_s + CLOCKS_APART_S:
+            found = f"readings until {iso(ended)}; this computer's clock says {iso(now_unix_s)}"
+            expected = (
+                "a check that has been made: set the clock that is wrong, or take it as it is "
+                "with --future"
+            )
+            raise BadInput(session.path / "session.toml", "started", found, expected)
 
 
 def check_new(folder: Path, lines: Sequence[Line], sessions: Sequence[Session]) -> None:
