@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test test-slow lint bench clean hidden hidden-sweep interim soak fuzz system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-slow lint bench clean hidden hidden-sweep interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -55,6 +55,10 @@ hidden: install
 # Interim checks against an oracle, the table of docs/interim.md: make interim CASES=40 SEED=2
 interim: install
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/interim/montecarlo.py --cases $(CASES) --seed $(SEED)
+
+# Whether the probabilities of interim checks hold: make interim-reliability CASES=200 SEED=2
+interim-reliability: install
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/interim/reliability.py --changes $(CASES) --seed $(SEED)
 
 # How the marks move when each constant of the search is halved and doubled:
 # make hidden-sweep CASES=4 SEED=7 SWEEP_ARGS="--only OFF ALPHA"

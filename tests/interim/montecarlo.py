@@ -17,20 +17,19 @@ import numpy as np
 from bench import Bench
 from drawn_changes import DAYS, Case, draw, true_cause
 from oracle import oracle_delay
-from outcomes import SURE, Asked, Outcome, by_advice, by_kind, table
+from outcomes import SURE, Asked, Outcome, by_advice, by_kind, reliability, table
 from remeasured import as_told, by_the_oracle, errors_um
 from run_length import alarms_and_watched, noise_alone
 from threadpoolctl import threadpool_limits
+from whole_path import whole_path
 
 from armd.compensation.interim.checks.reduce import Reduced
 from armd.compensation.interim.evidence import likelihood
-from armd.compensation.interim.evidence.stack import stack
-from armd.compensation.interim.evidence.watch import watch
 from armd.compensation.interim.told.judge import Epoch, Judgement, judge
 from armd.compensation.interim.told.tomorrow import Advised, tomorrow
 from armd.simulator.campaigns import interim
 
-#: Of each history without a change that is measured, reduced and watched.
+#: Of each history without a change that is measured and added.
 PATH_CHECKS = 100
 #: So many checks after the one that told a change, what is advised then is tried.
 SETTLED = 2
@@ -115,7 +114,7 @@ def _asked(
             _judged(bench, [*checks[:day], more]),
         )
     ]
-    return Asked(*said, advised.after_usual, advised.after_this)
+    return Asked(*said, advised.now, advised.after_usual, advised.after_this)
 
 
 def _probability(epoch: Epoch, place: tuple[str, str]) -> tuple[float, bool]:
@@ -133,26 +132,6 @@ def in_control(bench: Bench, seed: int, checks: int, draws: int) -> tuple[int, i
     statistics = noise_alone(list(bench.checks(interim.History(24), seed)), bench.causes,
                              checks, draws, seed)  # fmt: skip
     return alarms_and_watched(statistics, likelihood.LIMIT)
-
-
-def whole_path(
-    benches: Sequence[Bench], seed: int, checks: int, histories: int
-) -> tuple[int, int, int]:
-    """Alarms, checks watched and good checks called bad in *histories* of *checks* checks without
-    a change: measured by the simulator's physics, reduced and watched as any other."""
-    alarms = watched = bad = 0
-    for number in range(histories):
-        bench = benches[number % len(benches)]
-        artefact = list(interim.ARTEFACTS)[number % len(interim.ARTEFACTS)]
-        history = interim.History(checks, artefact=artefact)
-        found = watch(stack(list(bench.checks(history, 1000 * seed + 500 + number)), bench.causes),
-                      bench.causes)  # fmt: skip
-        alarms += found.alarm is not None
-        watched += checks if found.alarm is None else found.alarm + 1
-        bad += len(found.bad)
-        print(f"history {number}, {artefact}: alarm {found.alarm}, bad {found.bad}; "
-              f"{alarms} in {watched}", file=sys.stderr, flush=True)  # fmt: skip
-    return alarms, watched, bad
 
 
 def main() -> int:
@@ -188,6 +167,8 @@ def main() -> int:
     print(by_kind(outcomes))
     print()
     print(by_advice(outcomes))
+    print()
+    print(reliability(outcomes))
     return 0
 
 

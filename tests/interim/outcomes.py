@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from drawn_changes import Case
+from whole_path import interval
 
 from armd.simulator.plants.causes import CAUSES
 
@@ -13,6 +15,8 @@ from armd.simulator.plants.causes import CAUSES
 SIZE_CLASSES = (("a tenth", 0.18), ("a third", 0.55), ("the typical size", np.inf))
 #: A cause less likely than this is not among the alternatives: it counts as so likely.
 NAMED = 0.01
+#: Chances to be wrong are told apart at these.
+CHANCES = (0.0, 0.1, 0.3, 1.0)
 #: A name this sure or surer is held to be right.
 SURE = 0.95
 
@@ -27,7 +31,8 @@ class Asked:
     before: tuple[float, bool]
     usual: tuple[float, bool]
     advised: tuple[float, bool]
-    foretold_usual: float  # chance to be wrong after it
+    wrong_now: float  # the chance of it, as told
+    foretold_usual: float  # … after it, as foretold
     foretold_advised: float
 
 
@@ -74,6 +79,13 @@ def share(of: list[bool]) -> str:
     return f"{sum(of)} of {len(of)}" + (f" ({100 * np.mean(of):.0f} %)" if of else "")
 
 
+def _interval(alarms: int, watched: int) -> str:
+    if not watched:
+        return ""
+    often, seldom = interval(alarms, watched)
+    return f" (95 %: 1 in {often:.0f} to 1 in {seldom:.0f})"
+
+
 def table(
     outcomes: list[Outcome], simulated: tuple[int, int], measured: tuple[int, int, int]
 ) -> str:
@@ -95,7 +107,7 @@ def table(
         ("false alarms, the statistic alone, noise drawn anew",
          f"{simulated[0]} in {simulated[1]} checks", "1 in 300"),
         ("false alarms without a change, the whole path",
-         f"{measured[0]} in {measured[1]} checks", "1 in 300"),
+         f"{measured[0]} in {measured[1]} checks{_interval(*measured[:2])}", "1 in 300"),
         ("good checks called bad there", str(measured[2]), ""),
         ("false alarms before an onset", f"{early} in {before} checks", "1 in 300"),
         ("changes that the oracle sees, told", f"{len(both) - missed} of {len(both)}", ""),
@@ -172,4 +184,29 @@ def by_advice(outcomes: list[Outcome]) -> str:
         f"| likeliest cause right | {' | '.join(str(v) for v in right)} |",
         f"| chance to be wrong, as foretold, mean | | {foretold[0]:.2f} | {foretold[1]:.2f} |",
     ]
+    return "\n".join(lines)
+
+
+def reliability(outcomes: list[Outcome]) -> str:
+    """Chances to be wrong as foretold, against how often the likeliest cause was wrong."""
+    asked = [o.asked for o in outcomes if o.asked is not None]
+    pairs = {
+        "now": [(one.wrong_now, one.before[1]) for one in asked],
+        "after the usual check": [(one.foretold_usual, one.usual[1]) for one in asked],
+        "after the advised check": [(one.foretold_advised, one.advised[1]) for one in asked],
+    }
+    lines = [
+        "| Chance to be wrong | foretold | causes | wrong | expected |",
+        "|---|---|---|---|---|",
+    ]
+    for when, own in pairs.items():
+        for low, high in [*pairwise(CHANCES), (CHANCES[0], CHANCES[-1])]:
+            here = [(chance, right) for chance, right in own if low <= chance < high]
+            chances = np.array([chance for chance, _ in here])
+            wrong = sum(not right for _, right in here)
+            spread = float(np.sqrt((chances * (1.0 - chances)).sum()))
+            lines.append(
+                f"| {when} | {low:g} to {high:g} | {len(here)} | {wrong} | "
+                f"{chances.sum():.1f} ± {spread:.1f} |"
+            )
     return "\n".join(lines)

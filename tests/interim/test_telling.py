@@ -10,9 +10,11 @@ from scipy.stats import multivariate_normal
 from test_interim_evidence import a_stack
 
 from armd.compensation.interim.changes.change import Change
+from armd.compensation.interim.evidence.likelihood import NOISE_WORD
 from armd.compensation.interim.told.telling import (
     SEAT_MM,
     Foretold,
+    all_of,
     best_poses,
     chance_wrong,
     foretold,
@@ -43,11 +45,14 @@ def test_a_check_is_foretold_as_all_numbers_together_say(seed: int) -> None:
         together = np.concatenate(factors)
         covariance = np.eye(len(together)) + together @ together.T
         n = len(together) - len(of.residual[4])
-        covariance[n:, n:] += SEAT_MM**2 * seat @ seat.T
         gain = covariance[n:, :n] @ np.linalg.inv(covariance[:n, :n])
         readings = np.concatenate([of.residual[i] for i in measured])
         assert told.mean[number] == pytest.approx(gain @ readings, abs=1e-9)
         left = covariance[n:, n:] - gain @ covariance[:n, n:]
+        # All variances share a scale, which the readings tell with the calibration's own word.
+        squares = readings @ np.linalg.solve(covariance[:n, :n], readings)
+        left *= (NOISE_WORD + squares) / (NOISE_WORD + n)
+        left += SEAT_MM**2 * seat @ seat.T
         assert told.covariance[number] == pytest.approx(left, rel=1e-9, abs=1e-9)
 
 
@@ -58,24 +63,55 @@ def some(rng: np.random.Generator, ways: int, numbers: int) -> Foretold:
     )
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_chance_to_be_wrong_is_the_integral_and_below_the_overlap(seed: int) -> None:
-    """Two numbers a check: the integral over a grid."""
-    rng = np.random.default_rng(seed)
-    told, share = some(rng, 3, 2), np.array([0.5, 0.3, 0.2])
+def densities(told: Foretold, share: np.ndarray) -> tuple[np.ndarray, float]:
+    """Share × density (W, m, m) of checks of two numbers over a grid, and its cells' size."""
     axis = np.linspace(-9.0, 9.0, 361)
     grid = np.stack(np.meshgrid(axis, axis), axis=-1)
     pairs = zip(share, told.mean, told.covariance, strict=True)
     density = np.array([p * multivariate_normal(m, c).pdf(grid) for p, m, c in pairs])
-    cell = (axis[1] - axis[0]) ** 2
+    return density, (axis[1] - axis[0]) ** 2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_chance_to_be_wrong_is_the_integral_and_below_the_overlap(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    told, share = some(rng, 3, 2), np.array([0.5, 0.3, 0.2])
+    density, cell = densities(told, share)
     wrong = 1.0 - float(density.max(axis=0).sum() * cell)
-    # A thousand checks are drawn of each way: 0.016 is one standard deviation at most.
-    assert chance_wrong(share, told) == pytest.approx(wrong, abs=0.05)
+    # Of some 4000 checks drawn: 0.008 is one standard deviation at most.
+    assert chance_wrong(share, np.arange(3), told) == pytest.approx(wrong, abs=0.03)
     overlaps = sum(
         float(np.sqrt(density[i] * density[j]).sum() * cell) for i, j in ((0, 1), (0, 2), (1, 2))
     )
     assert float(overlap(share, told)) == pytest.approx(overlaps, rel=1e-3)
     assert wrong <= overlaps
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_cause_is_all_its_ways_and_what_is_left_out_is_wrong(seed: int) -> None:
+    """Two causes of two ways each, which the likeliest ways alone tell better; a fifth of all is
+    of causes without a way."""
+    rng = np.random.default_rng(seed)
+    told, share = some(rng, 4, 2), np.array([0.3, 0.2, 0.2, 0.1])
+    of_way = np.array([3, 5, 3, 5])  # numbers of causes, as they come
+    density, cell = densities(told, share)
+    by_cause = np.array([density[of_way == 3].sum(axis=0), density[of_way == 5].sum(axis=0)])
+    wrong = 1.0 - float(by_cause.max(axis=0).sum() * cell)
+    assert wrong >= 0.2
+    assert chance_wrong(share, of_way, told) == pytest.approx(wrong, abs=0.03)
+
+
+def test_ways_share_what_their_cause_is_told_with() -> None:
+    """Of a doubtful change the ways that are kept are half of it, of one cause more than of
+    another; and some causes have none."""
+    _, causes = a_stack(np.random.default_rng(1))
+    ways = [(0.6, (change(0, 2),)), (0.2, (change(0, 3),)), (0.2, (change(1, 2),))]
+    told = {causes[0].place: 0.4, causes[1].place: 0.3, ("other", "place"): 0.2}
+    share, of_way, kept = all_of(ways, causes, 0, told)
+    assert share == pytest.approx([0.3, 0.1, 0.3])
+    assert of_way.tolist() == [0, 0, 1] and kept == [way for _, way in ways]
+    share, of_way, kept = all_of(ways, causes, 0, {causes[0].place: 0.9})
+    assert share == pytest.approx([0.675, 0.225]) and len(kept) == 2
 
 
 def test_poses_are_chosen_from_the_seats_in_turn_and_the_best_of_each_first() -> None:
@@ -91,4 +127,7 @@ def test_poses_are_chosen_from_the_seats_in_turn_and_the_best_of_each_first() ->
 
 def test_a_stack_of_one_way_leaves_no_doubt() -> None:
     told = some(np.random.default_rng(2), 1, 4)
-    assert chance_wrong(np.ones(1), told) == 0.0 and float(overlap(np.ones(1), told)) == 0.0
+    assert (
+        chance_wrong(np.ones(1), np.zeros(1, int), told) == 0.0
+        and float(overlap(np.ones(1), told)) == 0.0
+    )

@@ -111,3 +111,14 @@ def as_check(plan: Planned, arm: Arm, calibration: Calibration, causes: Sequence
         rms_um=0.0,
         catalogue=digest(causes),
     )
+
+
+def rows(check: Reduced, chosen: I64) -> Reduced:
+    """Some of a check's numbers."""
+    return replace(
+        check,
+        residual=check.residual[chosen],
+        causes=check.causes[chosen],
+        known=check.known[chosen],
+        targets=check.targets[chosen],
+    )

@@ -1,36 +1,40 @@
 """How well a check that is not made yet would tell what a change was.
 
 Each way in which the arm may have changed foretells the check's numbers, by all checks so far: a
-mean, and a covariance of what they leave open. Two of them overlap by Bhattacharyya's coefficient
-exp(−B). Poses are chosen by the sum of it over all pairs, above which the chance cannot be that the
-likeliest is the wrong one afterwards:
+mean, and a covariance of what they leave open, in units of the noise as they found it. Poses are
+chosen by the likeliest way of each cause: two of them overlap by Bhattacharyya's coefficient
+exp(−B), and the sum of it over all pairs is never below the chance that of these ways the likeliest
+is the wrong one afterwards:
 
     Σ √(pᵢ·pⱼ)·exp(−Bᵢⱼ),   B = Δᵀ S⁻¹ Δ / 8 + ½ ln(|S| / √(|Sᵢ|·|Sⱼ|)),   S = (Sᵢ + Sⱼ) / 2
 
 (T. Kailath, IEEE Trans. Commun. Technol. 15, 1967), the criterion of a diagnosis' design
-(`design/criterion.py`) where the covariances differ, too.
+(`design/criterion.py`) where the covariances differ, too. The chance that is told is of all ways,
+not of these alone: a cause that began on another day, at another size, is still that cause.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from scipy.special import logsumexp
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.changes.change import Change, with_changes
 from armd.compensation.interim.changes.ways import Way
 from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.likelihood import NOISE_WORD
 from armd.compensation.interim.evidence.stack import Stack
 
 #: Where a new seat stands is not known, mm: farther off than any change moves it.
 SEAT_MM = 1.0
 #: Causes less likely than this play no part, nor do any but so many.
 LEAST_SHARE, MOST = 0.01, 6
-#: Checks drawn of each way, for the chance to be wrong.
-DRAWS = 1000
+#: Checks drawn for the chance to be wrong: of all ways together, and of each at least.
+DRAWS, LEAST_DRAWS = 4000, 10
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,35 @@ def by_place(
     return kept / kept.sum(), [likeliest[place][1] for place in order]
 
 
+def all_of(
+    ways: Sequence[Way],
+    causes: Sequence[Cause],
+    index: int,
+    told: Mapping[tuple[str, str], float],
+) -> tuple[F64, I64, list[tuple[Change, ...]]]:
+    """Every way: its share (W,), which cause and place of change number *index* it has (W,), and
+    the way.
+
+    Only the likeliest ways are kept, of a doubtful change perhaps half. So those of each cause
+    share the probability with which it is *told*; what they leave of 1 is of causes without a way.
+    """
+    places = list(told)
+    kept: dict[tuple[str, str], float] = {}
+    found = []
+    for share, way in ways:
+        cause = way[index].cause
+        assert cause is not None
+        place = causes[cause].place
+        if place in told:
+            kept[place] = kept.get(place, 0.0) + share
+            found.append((share, place, way))
+    return (
+        np.array([share / kept[place] * told[place] for share, place, _ in found]),
+        np.array([places.index(place) for _, place, _ in found]),
+        [way for _, _, way in found],
+    )
+
+
 def foretold(
     of: Stack,
     causes: Sequence[Cause],
@@ -79,14 +112,19 @@ def foretold(
     for way in ways:
         known = with_changes(of, causes, way).known
         curvature, side = np.eye(known[0].shape[1]), np.zeros(known[0].shape[1])
+        left, freedom = NOISE_WORD, NOISE_WORD
         for i in measured:
             curvature += known[i].T @ known[i]
             side += known[i].T @ of.residual[i]
+            left += float(of.residual[i] @ of.residual[i])
+            freedom += len(of.residual[i])
+        # The likelihood integrates the scale of all variances out; here it is at its mean.
+        scale = (left - float(side @ np.linalg.solve(curvature, side))) / freedom
         for number, check in enumerate(ahead):
             here, seat = known[check], SEAT_MM * of.targets[check]
             spread = np.linalg.solve(curvature, here.T)
             means[number].append(spread.T @ side)
-            covariances[number].append(np.eye(len(here)) + here @ spread + seat @ seat.T)
+            covariances[number].append(scale * (np.eye(len(here)) + here @ spread) + seat @ seat.T)
     pairs = zip(means, covariances, strict=True)
     return [Foretold(np.array(mean), np.array(covariance)) for mean, covariance in pairs]
 
@@ -104,18 +142,24 @@ def overlap(share: F64, told: Foretold) -> F64:
     return total
 
 
-def chance_wrong(share: F64, told: Foretold) -> float:
-    """The chance that the likeliest cause is the wrong one after a check, from checks drawn."""
+def chance_wrong(share: F64, of_way: I64, told: Foretold) -> float:
+    """The chance that the likeliest cause is the wrong one after a check, from checks drawn: ways
+    of *share* (W,), each of the cause that *of_way* (W,) numbers. Where the shares leave some of 1,
+    the likeliest of them is wrong."""
     rng = np.random.default_rng(0)
     factors = np.linalg.cholesky(told.covariance)
     spread = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
-    wrong = 0.0
+    numbers = np.unique(of_way)
+    members = [of_way == number for number in numbers]
+    wrong = max(1.0 - float(share.sum()), 0.0)
     for true, probability in enumerate(share):
-        drawn = factors[true] @ rng.normal(size=(told.mean.shape[1], DRAWS))
-        off = told.mean[true][:, None] + drawn - told.mean[:, :, None]  # (H, r, draws)
+        draws = LEAST_DRAWS + round(DRAWS * float(probability))
+        drawn = factors[true] @ rng.normal(size=(told.mean.shape[1], draws))
+        off = told.mean[true][:, None] + drawn - told.mean[:, :, None]  # (W, r, draws)
         quad = (np.linalg.solve(factors, off) ** 2).sum(axis=1)
         likelihood = np.log(share)[:, None] - spread[:, None] - quad / 2
-        wrong += probability * float((likelihood.argmax(axis=0) != true).mean())
+        by_cause = np.array([logsumexp(likelihood[its], axis=0) for its in members])
+        wrong += probability * float((numbers[by_cause.argmax(axis=0)] != of_way[true]).mean())
     return wrong
 
 

@@ -15,9 +15,10 @@ from armd.compensation.effects.effect import plain
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.evidence.stack import DAY_S, stack
 from armd.compensation.interim.told.judge import Epoch, Judgement
-from armd.compensation.interim.told.planned import as_check, planned
+from armd.compensation.interim.told.planned import as_check, planned, rows
 from armd.compensation.interim.told.result import named
 from armd.compensation.interim.told.telling import (
+    all_of,
     best_poses,
     by_place,
     chance_wrong,
@@ -103,20 +104,30 @@ def telling(epoch: Epoch, index: int) -> Tomorrow | None:
     measured = [i for i in range(until) if i not in epoch.found.bad]
     again = checks[measured[-1]]  # its seats are projected out already
     usual = replace(again, mean_unix_s=at, targets=np.zeros((len(again.residual), 0)))
-    of = stack([*checks, usual, as_check(plan, arm, calibration, epoch.causes)], epoch.causes)
-    after_usual, ahead = foretold(of, epoch.causes, ways, measured, range(len(checks), of.n))
+    every_pose = as_check(plan, arm, calibration, epoch.causes)
+    of = stack([*checks, every_pose], epoch.causes)
+    (ahead,) = foretold(of, epoch.causes, ways, measured, [len(checks)])
     pairs = list(combinations(range(len(plan.seats_mm)), SEATS))
     pools = [[plan.poses_on(seat) for seat in pair] for pair in pairs]
     whole = [float(overlap(share, ahead.rows(numbers_of(np.concatenate(p))))) for p in pools]
     tried = [(*best_poses(share, ahead, pools[k], POSES), k) for k in np.argsort(whole)[:TRIED]]
     chosen, _, best = min(tried, key=lambda found: found[1])
     poses = np.array(chosen)
+    this = rows(every_pose, numbers_of(poses))
+    of = stack([*checks, usual, this], epoch.causes)
+    told = epoch.told[index]
+    assert told.cause is not None
+    each = {told.cause.place: told.change.probability}
+    each |= {rival.place: probability for rival, probability in told.rivals}
+    shares, of_way, all_ways = all_of(epoch.ways, epoch.causes, index, each)
+    next_ones = foretold(of, epoch.causes, all_ways, measured, range(len(checks), of.n))
+    after_usual, after_this = (chance_wrong(shares, of_way, one) for one in next_ones)
     advised = Advised(
         seats_mm=plan.seats_mm[list(pairs[best])],
         states=plan.states.rows(poses),
-        now=1.0 - float(share[0]),
-        after_usual=chance_wrong(share, after_usual),
-        after_this=chance_wrong(share, ahead.rows(numbers_of(poses))),
+        now=1.0 - told.change.probability,
+        after_usual=after_usual,
+        after_this=after_this,
     )
     if advised.after_this > LEFT * advised.after_usual:
         return None
