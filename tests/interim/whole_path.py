@@ -16,7 +16,8 @@ from bench import Bench
 from scipy.stats import beta
 from threadpoolctl import threadpool_limits
 
-from armd.daemon.commands.offline import interim as command
+from armd.daemon.cli import main as main_command
+from armd.daemon.commands.offline.interim import REPORT
 from armd.simulator.campaigns import interim
 from armd.simulator.measured.measuring import write_session
 from armd.simulator.measured.noise import Noise
@@ -57,13 +58,11 @@ def _added(bench: Bench, history: interim.History, seed: int) -> dict:
     for measured in interim.carry_out(history, bench.seed, Noise(), seed):
         sessions.append(folder / measured.plan.name)
         write_session(sessions[-1], measured)
-    parser = argparse.ArgumentParser()
-    command.add_arguments(parser)
     files = ("--arm", bench.folder / "arm.toml", "--calibration", bench.folder / "calibration.json")
-    words = ["add", *sessions, *files, "--history", folder / "kept", "--quiet"]
+    words = ["interim", "add", *sessions, *files, "--history", folder / "kept"]
     with redirect_stdout(sys.stderr):
-        command.run(parser.parse_args([str(word) for word in words]))
-    found: dict = json.loads((folder / "kept" / command.REPORT).read_text())
+        main_command([str(word) for word in words])
+    found: dict = json.loads((folder / "kept" / REPORT).read_text())
     shutil.rmtree(folder)
     return found
 
