@@ -10,6 +10,8 @@ numba compiles what is missing into its cache. A file that is no good is told of
 from __future__ import annotations
 
 import argparse
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -30,6 +32,9 @@ CONFIGURATION = 'schema = "armd.daemon/1"\narm = "arm.toml"\n[driver]\nkind = "{
 SERIAL, MICROSCRIBE = (
     CONFIGURATION.format(kind=kind) + 'port = "none"\n' for kind in ("serial", "microscribe")
 )
+
+#: What armd names after a state of its sources: a folder for numba, a library.
+OF_A_VERSION = re.compile(r"[0-9a-f]{12}|kernel_[0-9a-f]{12}\..*")
 
 
 def call_everything(path: Path) -> None:
@@ -62,6 +67,17 @@ def call(files: Iterable[Path], numbers: Iterable[int]) -> None:
             print(f"armd: not compiled ahead: {error}", file=sys.stderr)
 
 
+def tidy() -> None:
+    """Remove what other versions of armd, or for another Python, compiled into this cache."""
+    folder = library.cache_folder()
+    for path in folder.iterdir() if folder.is_dir() else ():
+        if OF_A_VERSION.fullmatch(path.name):
+            if path.is_dir() and path.name != library.sources():
+                shutil.rmtree(path)
+            elif path.is_file() and path.name != library.file_name():
+                path.unlink()
+
+
 def can_link() -> bool:
     try:
         from armd.compiled import link
@@ -75,7 +91,11 @@ def main() -> int:
     parser.add_argument("files", nargs="*", type=Path)
     parser.add_argument("--joints", nargs="+", type=int, help="for arms with so many")
     parser.add_argument("--into", type=Path, metavar="FOLDER", help="make the library there, anew")
+    parser.add_argument("--tidy", action="store_true", help="remove other versions'; nothing else")
     args = parser.parse_args()
+    if args.tidy:
+        tidy()
+        return 0
     numbers = args.joints or (() if args.files else (6,))
     if args.into is not None:
         from armd.compiled import compiler, link

@@ -54,12 +54,9 @@ uninstall() {
     systemctl disable --quiet armd.service 2>/dev/null || true
     system_files | while read -r file; do rm -f "$file"; done
     rm -f /usr/local/bin/armd
+    remove_folders "$venv/made"
     rm -rf "$venv" "$a" "$b" "$venv.before" /var/cache/armd \
         /var/cache/armd-bridge /var/cache/private/armd-bridge
-    for folder in "$rules" "${rules%/*}" "$networks" "$units" "${units%/*}" "$users" \
-        "$bash" "${bash%/*}" "$zsh" "${zsh%/*}" "$fish" "${fish%/*}" "$man"; do
-        rmdir "$folder" 2>/dev/null || true # only if nobody else has anything there
-    done
     # Instances enabled by hand leave links that lead nowhere now.
     find /etc/systemd/system \( -name 'armd@*.service' -o -name 'armd-bridge@*.service' \) \
         -type l -delete
@@ -136,7 +133,25 @@ system_files() {
         "$users/armd.conf" "$bash/armd" "$zsh/_armd" "$fish/armd.fish" "$man/armd.1"
 }
 
+# Their folders that this machine has not got yet are ours to remove: noted beside the program.
+note_folders() {
+    if [ -e "$venv/made" ]; then cat "$venv/made"; fi
+    system_files | while read -r file; do
+        folder=${file%/*}
+        while [ ! -d "$folder" ]; do echo "$folder"; folder=${folder%/*}; done
+    done
+}
+
+remove_folders() {
+    if [ -e "$1" ]; then
+        sort -ru "$1" | while read -r folder; do # inner ones first
+            rmdir "$folder" 2>/dev/null || true  # only if nobody else has anything there
+        done
+    fi
+}
+
 save() {
+    note_folders >"$new/made"
     saved=$(mktemp -d) old=$(readlink "$venv" || true)
     system_files | while read -r file; do
         if [ -e "$file" ]; then cp -p "$file" "$saved/${file##*/}"; fi
@@ -152,6 +167,7 @@ put_back() {
             rm -f "$file"
         fi
     done
+    remove_folders "$new/made"
     half_way=no
     reload
 }
@@ -188,17 +204,21 @@ install_system() {
     systemctl enable --quiet armd.service
 }
 
-# As the service's user, for this processor and the arms that are configured, while the old one still
-# runs: the first start then finds everything compiled.
+# As the service's user, whose the cache is.
+ahead() {
+    CACHE_DIRECTORY=/var/cache/armd setpriv --reuid=armd --regid=armd --clear-groups \
+        env -u NUMBA_CACHE_DIR "$new/bin/python" -I -m armd.daemon.ahead "$@"
+}
+
+# For this processor and the arms that are configured, while the old one still runs: the first start
+# then finds everything compiled.
 compile_ahead() {
     install -d -m 750 -o armd -g armd /var/cache/armd
     set --
     for file in /etc/armd/armd.toml /etc/armd/*/armd.toml; do
         if [ -e "$file" ]; then set -- "$@" "$file"; fi
     done
-    CACHE_DIRECTORY=/var/cache/armd setpriv --reuid=armd --regid=armd --clear-groups \
-        env -u NUMBA_CACHE_DIR "$new/bin/python" -I -m armd.daemon.ahead "$@" ||
-        say "not compiled ahead: the first start takes longer"
+    ahead "$@" || say "not compiled ahead: the first start takes longer"
 }
 
 roll_back() {
@@ -256,6 +276,7 @@ compile_ahead
 point_to "$new"
 half_way=no
 start
+ahead --tidy || true # the old one, had it come back, would have needed what it had compiled
 unfinished=''
 for spare in "$a" "$b" "$venv.before"; do
     if [ "$spare" != "$new" ]; then rm -rf "$spare"; fi

@@ -23,7 +23,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -137,9 +137,11 @@ def undisturbed(series: list[Second]) -> list[Second]:
     return [second for second in series if second.stolen_s <= UNDISTURBED_S]
 
 
-def daemon(rate_hz: int, seconds: float) -> tuple[Latencies, I64, dict[str, float]]:
-    """Latencies from the true latch; samples missing before each point; CPU seconds of `armd run`
-    meanwhile."""
+def daemon(
+    rate_hz: int, seconds: float, through: Sequence[str] = ()
+) -> tuple[Latencies, I64, dict[str, float]]:
+    """Latencies from the true latch; samples missing before each point; CPU seconds of `armd run`,
+    started by the program *through* if given, meanwhile."""
     with (
         tempfile.TemporaryDirectory() as folder,
         simulated_arm(Path(folder), rate_hz=rate_hz, seconds=seconds + 60) as arm,
@@ -147,7 +149,7 @@ def daemon(rate_hz: int, seconds: float) -> tuple[Latencies, I64, dict[str, floa
         on_time = on_hardware_of_its_own(arm)
         calibrate(arm.folder)
         with (
-            running_daemon(arm.folder, arm.port, top=CALIBRATION) as armd,
+            running_daemon(arm.folder, arm.port, top=CALIBRATION, through=through) as armd,
             armd.session() as session,
         ):
             arrivals = Arrivals()

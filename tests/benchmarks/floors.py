@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -24,6 +26,7 @@ class Latencies(NamedTuple):
 
     latency_us: F64
     arrived_ns: I64
+    cpu_s: float = math.nan  # of the sender, while it sent
 
 
 class Arrivals:
@@ -38,21 +41,23 @@ class Arrivals:
         self.payloads.append(sample.payload.to_bytes())
 
 
-def zenoh_alone(rate_hz: int, seconds: float) -> Latencies:
-    """From put to callback of 136 bytes; one latency for each, the first second left out."""
+def zenoh_alone(rate_hz: int, seconds: float, through: Sequence[str] = ()) -> Latencies:
+    """From put to callback of 136 bytes; one latency for each, the first second left out. The
+    sender is started by the program *through* if given."""
     endpoint, key = free_endpoint(), "bare/point"
     script = Path(__file__).with_name("bare_put.py")
-    command = [sys.executable, str(script), endpoint, key, str(rate_hz), str(seconds + 1)]
+    command = [*through, sys.executable, str(script), endpoint, key, str(rate_hz), str(seconds + 1)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as sender:
         assert sender.stdout is not None
         sender.stdout.readline()
         arrivals = Arrivals()
         with session_with(endpoint) as session:
             session.declare_subscriber(key, arrivals.take)
-            sender.wait(seconds + 60)
+            cpu_s = float(sender.stdout.readline())
+            sender.wait(60)
     put_ns = np.frombuffer(b"".join(arrivals.payloads), np.int64).reshape(-1, 17)[:, 0]
     arrived_ns = np.array(arrivals.arrived_ns)
-    return Latencies((arrived_ns - put_ns)[rate_hz:] / 1000, arrived_ns[rate_hz:])
+    return Latencies((arrived_ns - put_ns)[rate_hz:] / 1000, arrived_ns[rate_hz:], cpu_s)
 
 
 def line_alone(rate_hz: int, seconds: float) -> Latencies:

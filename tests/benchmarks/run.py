@@ -19,7 +19,8 @@ from armd.files.writing import write_whole
 
 #: Modules bench_NAME beside this file, each with run() → (nested) figures.
 NAMES = [
-    "kernel", "wire", "daemon", "rate", "identify", "diagnose", "growth", "timing", "servo", "view",
+    "kernel", "wire", "daemon", "controller", "rate", "identify", "diagnose", "growth", "timing",
+    "servo", "view",
 ]  # fmt: skip
 
 #: figure → (least, most) that was aimed at
@@ -34,6 +35,9 @@ MARKS: dict[str, tuple[float | None, float | None]] = {
     "daemon.1000_hz.undisturbed.p99_ratio_awake": (None, 2.5),
     "daemon.1000_hz.cpu_percent_of_a_core": (None, 12.0),
     "daemon.1000_hz.rss_mb": (None, 120.0),
+    "controller.1000_hz.cpu_percent_of_a_core": (None, 12.0),
+    "controller.1000_hz.rss_mb": (None, 120.0),
+    "controller.5000_hz.cpu_percent_of_a_core": (None, 10.0),
     "daemon.5000_hz.lost": (None, 0.0),
     "daemon.5000_hz.undisturbed.lost": (None, 0.0),
     "daemon.5000_hz.cpu_percent_of_a_core": (None, 10.0),

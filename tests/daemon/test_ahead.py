@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from armd.compiled import library
-from armd.daemon.ahead import can_link
+from armd.daemon.ahead import can_link, tidy
 
 ARM = """\
 schema = "armd.arm/1"
@@ -114,3 +114,21 @@ def test_a_bad_file_is_told_of_and_stops_nothing(tmp_path: Path) -> None:
     done = ahead(tmp_path / "cache", bad)
     assert done.returncode == 0
     assert done.stderr.startswith(f"armd: not compiled ahead: {tmp_path / 'arm.toml'}: joint: ")
+
+
+def test_other_versions_leave_the_cache_and_nothing_else_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    own = {library.sources(), library.file_name(), "notes.txt", "0123456789abcdef"}
+    others = {"0123456789ab", "kernel_0123456789ab.cpython-311-x86_64-linux-gnu.so"}
+    others.add(f"kernel_{library.sources()}.cpython-39-x86_64-linux-gnu.so")
+    for name in own | others:
+        if "." in name:
+            (tmp_path / name).write_text("machine code")
+        else:
+            (tmp_path / name / "kernel").mkdir(parents=True)
+    tidy()
+    assert {path.name for path in tmp_path.iterdir()} == own
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "none"))
+    tidy()

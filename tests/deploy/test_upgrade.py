@@ -16,10 +16,12 @@ for folder in opt usr/local etc/systemd; do
     mkdir -p "/$folder" 2>/dev/null || true
     mount --bind "$1/root/$folder" "/$folder"
 done
+mount -t tmpfs tmpfs /var/cache
 mount -t tmpfs tmpfs /run; mkdir -p /run/systemd/system
 mount --bind "$1/root/armd" /etc/armd 2>/dev/null || true
 cd "$1/here"
-PATH="$1/bin:$PATH" PYTHON="$1/bin/python3" exec sh "$2/deploy/install.sh" --wheelhouse "$1/wheels"
+folder=$1 project=$2; shift 2
+PATH="$folder/bin:$PATH" PYTHON="$folder/bin/python3" exec sh "$project/deploy/install.sh" "$@"
 """
 PYTHON = """\
 #!/bin/sh
@@ -50,11 +52,12 @@ QUIET = "#!/bin/sh\nexit 0\n"
 class Machine:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        for name in ("bin", "wheels", "here", "root/opt", "root/usr/local", "root/etc/systemd"):
+        for name in ("bin", "wheels", "here", "root/opt", "root/usr/local"):
             (folder / name).mkdir(parents=True)
         (folder / "root/armd").mkdir()
+        (folder / "root/etc/systemd/system").mkdir(parents=True)
         programs = {"python3": PYTHON, "systemctl": SYSTEMCTL}
-        programs |= dict.fromkeys(["systemd-sysusers", "udevadm", "chown"], QUIET)
+        programs |= dict.fromkeys(["systemd-sysusers", "udevadm", "chown", "chmod"], QUIET)
         programs["setpriv"] = '#!/bin/sh\necho "setpriv $*" >>{folder}/asked\n'
         # The group armd is not this machine's.
         programs["install"] = (
@@ -68,9 +71,17 @@ class Machine:
 
     def install(self, version: str) -> subprocess.CompletedProcess[str]:
         (self.folder / "version").write_text(version)
+        return self.run("--wheelhouse", str(self.folder / "wheels"))
+
+    def run(self, *options: str) -> subprocess.CompletedProcess[str]:
         (self.folder / "asked").write_text("")
-        enter = ["unshare", "-Urm", "sh", "-euc", ENTER, "sh", self.folder, PROJECT]
+        enter = ["unshare", "-Urm", "sh", "-euc", ENTER, "sh", self.folder, PROJECT, *options]
         return subprocess.run(enter, capture_output=True, text=True, timeout=60, check=False)
+
+    def local(self) -> list[str]:
+        """Files and folders below /usr/local."""
+        root = self.folder / "root/usr/local"
+        return sorted(str(path.relative_to(root)) for path in root.rglob("*"))
 
     @property
     def asked(self) -> str:
@@ -111,11 +122,16 @@ def help_of(version: str) -> dict[str, str]:
     }
 
 
+#: Shells make it for completions of this machine's own, as Debian's zsh does.
+OF_ZSH = "share/zsh/site-functions"
+
+
 @pytest.fixture
 def machine(tmp_path: Path) -> Machine:
     if subprocess.run(["unshare", "-Urm", "true"], check=False).returncode:
         pytest.skip("this machine lets nobody have mounts of its own")
     made = Machine(tmp_path)
+    (tmp_path / "root/usr/local" / OF_ZSH).mkdir(parents=True)
     done = made.install("1")
     assert done.returncode == 0, done.stderr
     (tmp_path / "running").touch()
@@ -132,6 +148,7 @@ def test_an_upgrade_is_built_beside_and_leaves_nothing_of_the_old(machine: Machi
     (ahead,) = (line for line in asked if line.endswith("-m armd.daemon.ahead"))
     assert ahead.startswith("setpriv --reuid=armd ") and "/opt/armd.b/bin/python -I" in ahead
     assert asked.index(ahead) < asked.index("restart 2")
+    assert asked[-1].endswith("-m armd.daemon.ahead --tidy")  # the old one's are not needed now
     assert machine.unit().read_text() != "unit of 1"
     assert machine.help_files() == help_of("2")
 
@@ -161,6 +178,7 @@ def test_one_that_does_not_start_is_taken_back(machine: Machine) -> None:
     assert done.returncode == 2
     assert "found a service that does not start (armd.service)" in done.stderr
     assert machine.version() == "1" and machine.asked.endswith("restart broken\nrestart 1\n")
+    assert "--tidy" not in machine.asked
     assert sorted(path.name for path in machine.opt.iterdir()) == ["armd", "armd.a"]
     assert machine.unit().read_text() == "unit of 1"
 
@@ -181,3 +199,16 @@ def test_root_runs_no_python_of_the_present_folder(machine: Machine) -> None:
     assert machine.install("2").returncode == 0
     lines = [line for line in machine.asked.splitlines() if "python" in line]
     assert len(lines) >= 6 and all(" -I " in line for line in lines)
+
+
+def test_only_folders_that_it_made_go_with_it(machine: Machine) -> None:
+    machine.fail("pip")
+    assert machine.install("2").returncode != 0
+    (machine.folder / "fail-pip").unlink()
+    assert machine.install("broken").returncode != 0  # and put back
+    assert machine.install("3").returncode == 0
+    assert "lib/udev/rules.d/70-armd.rules" in machine.local()
+    done = machine.run("--uninstall")
+    assert done.returncode == 0, done.stderr
+    assert machine.local() == ["bin", "share", "share/zsh", OF_ZSH]
+    assert list(machine.opt.iterdir()) == []

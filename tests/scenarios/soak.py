@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import signal
 import subprocess
 import sys
@@ -18,9 +19,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mcap.reader import make_reader
 
 import armd
+from armd.arrays import F64
 from support.audit import Audit
 from support.running_daemon import running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm
@@ -30,24 +33,54 @@ ARMD = [sys.executable, "-m", "armd.daemon.cli"]
 RATE_HZ = 1000
 FAULTS_PER_MINUTE = 12
 STOP_AND_START_S = 7.0  # how long the second subscriber stands still, then runs
-WARM_S = 20.0  # memory growth counts from here
+WARM_S = 20.0  # memory counts from here
+BLOCKS = 10  # of the run, for the slope of memory
 
 
 class Memory:
-    """Resident memory of a process over time."""
+    """Resident memory of a process, looked at once a second."""
 
     def __init__(self, pid: int) -> None:
         self._status = Path(f"/proc/{pid}/status")
         self._start_s = time.monotonic()
-        self._first_mb: float | None = None
-        self.growth_mb = 0.0
+        self._seen: list[tuple[float, float]] = []
 
     def look(self) -> None:
         line = next(x for x in self._status.read_text().splitlines() if x.startswith("VmRSS"))
-        now_mb = int(line.split()[1]) / 1024
-        if time.monotonic() - self._start_s > WARM_S:
-            self._first_mb = now_mb if self._first_mb is None else self._first_mb
-            self.growth_mb = now_mb - self._first_mb
+        if (age_s := time.monotonic() - self._start_s) > WARM_S:
+            self._seen.append((age_s, int(line.split()[1]) / 1024))
+
+    def report(self) -> dict[str, float | None]:
+        """Where it ended, what it grew by, and the slope over the run with its uncertainty."""
+        slope, uncertainty = slope_per_hour(*np.array(self._seen, float).reshape(-1, 2).T)
+        resident = [mb for _, mb in self._seen] or [math.nan]
+        figures = {
+            "memory_mb": resident[-1],
+            "memory_growth_mb": resident[-1] - resident[0],
+            "memory_slope_mb_per_hour": slope,
+            "memory_slope_standard_uncertainty_mb_per_hour": uncertainty,
+        }
+        return {name: round(x, 2) if math.isfinite(x) else None for name, x in figures.items()}
+
+
+def slope_per_hour(time_s: F64, mb: F64) -> tuple[float, float]:
+    """Of a straight line through MB over seconds (N,), in MB an hour, and its standard uncertainty;
+    NaN for too few to say.
+
+    Memory grows in steps that last: what is left beside the line is no noise from second to second.
+    So the line goes through the means of BLOCKS equal stretches, and their scatter about it counts.
+    """
+    if len(mb) < 2 * BLOCKS:
+        return math.nan, math.nan
+    hours, level = (
+        np.array([part.mean() for part in np.array_split(values, BLOCKS)])
+        for values in (time_s / 3600, mb)
+    )
+    from_middle = hours - hours.mean()
+    slope = float(from_middle @ level / (from_middle @ from_middle))
+    left = level - level.mean() - slope * from_middle
+    variance = float(left @ left) / (BLOCKS - 2) / float(from_middle @ from_middle)
+    return slope, math.sqrt(variance)
 
 
 @contextlib.contextmanager
@@ -116,7 +149,7 @@ def soak(minutes: float, seed: int, folder: Path) -> dict[str, Any]:
         **report,
         "recorded": recorded_points(folder / "soak.mcap"),
         "recorder_exit_code": recorder_code,
-        "memory_growth_mb": round(memory.growth_mb, 2),
+        **memory.report(),
         "daemon_exit_code": code,
         "daemon_stop_s": round(stop_s, 2),
     }

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,15 +143,16 @@ def running_daemon(
     endpoint: str | None = None,
     driver: str = "",
     kind: str = "serial",
+    through: Sequence[str] = (),
 ) -> Iterator[Daemon]:
-    """Started and ready; killed at the end if it still runs."""
+    """Started, by the program *through* if given, and ready; killed at the end if it still runs."""
     endpoint = endpoint or free_endpoint()
     config = write_config(folder, port, endpoint, extra, top, driver, kind)
     log = folder / "daemon.log"
     with (
         log.open("w") as errors,
         subprocess.Popen(
-            [sys.executable, "-m", "armd.daemon.cli", "run", str(config)],
+            [*through, sys.executable, "-m", "armd.daemon.cli", "run", str(config)],
             stdout=subprocess.PIPE,
             stderr=errors,
             text=True,

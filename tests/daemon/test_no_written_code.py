@@ -1,0 +1,44 @@
+"""With its library of compiled functions the daemon executes nothing that was written to memory, as
+systemd's MemoryDenyWriteExecute asks (decision 57)."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from armd.compiled import library
+from support.running_daemon import running_daemon
+from support.simulated_arm import simulated_arm
+
+FORBIDDING = (sys.executable, str(Path(__file__).parents[1] / "support/no_written_code.py"))
+EXECUTABLE = "import mmap; mmap.mmap(-1, 4096, prot={prot})"
+
+
+@pytest.fixture(autouse=True)
+def can_be_forbidden() -> None:
+    if subprocess.run([*FORBIDDING, "true"], capture_output=True).returncode != 0:
+        pytest.skip("this machine lets nobody filter system calls")
+
+
+@pytest.mark.parametrize(("prot", "allowed"), [("1 | 2", True), ("1 | 4", True), ("7", False)])
+def test_it_is_forbidden(prot: str, allowed: bool) -> None:
+    """The test below can fail."""
+    command = [*FORBIDDING, sys.executable, "-c", EXECUTABLE.format(prot=prot)]
+    run = subprocess.run(command, capture_output=True, text=True)
+    assert (run.returncode == 0) is allowed
+    assert allowed or "Error" in run.stderr
+
+
+def test_the_daemon_streams_all_the_same(tmp_path: Path) -> None:
+    if library.loaded() is None:
+        pytest.skip("no library of compiled functions: there was no C++ compiler to make it")
+    with (
+        simulated_arm(tmp_path) as arm,
+        running_daemon(arm.folder, arm.port, through=FORBIDDING) as daemon,
+        daemon.listen() as heard,
+    ):
+        heard.wait_for(lambda: len(heard.points()) > 500)
+        assert daemon.stop()[0] == 0
