@@ -206,8 +206,9 @@ install_system() {
 
 # As the service's user, whose the cache is.
 ahead() {
-    CACHE_DIRECTORY=/var/cache/armd setpriv --reuid=armd --regid=armd --clear-groups \
-        env -u NUMBA_CACHE_DIR "$new/bin/python" -I -m armd.daemon.ahead "$@"
+    CACHE_DIRECTORY=/var/cache/armd STATE_DIRECTORY=/var/lib/armd \
+        setpriv --reuid=armd --regid=armd --clear-groups env -u NUMBA_CACHE_DIR \
+        "$new/bin/python" -I -m armd.daemon.ahead "$@"
 }
 
 # For this processor and the arms that are configured, while the old one still runs: the first start
