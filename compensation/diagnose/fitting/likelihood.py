@@ -73,7 +73,11 @@ class Restricted:
         turn[:, : root.shape[1]] = 0.0
         turn[:g, : root.shape[1]] = root
         g, rest = root.shape[1], turn.T @ rest @ turn
-        taken = rest[:g, -1]
+        freedom, taken = rows - rank - g, rest[:g, -1]
+        square = float(rest[-1, -1] - taken @ taken)
+        if not groups:  # nothing that varies stands between: they are eliminated once
+            rest = rest[g:, g:] - rest[:g, g:].T @ rest[:g, g:]
+            turn, g = turn[:, g:], 0
         size = max((len(places) for places, _ in groups), default=0)
         own_products = np.zeros((len(groups), size, size))
         across = np.zeros((len(groups), size, len(rest)))
@@ -85,8 +89,8 @@ class Restricted:
             across[i, :m] = clear[:, m:] @ turn
         return cls(
             log_det,
-            rows - rank - g,
-            float(rest[-1, -1] - taken @ taken),
+            freedom,
+            square,
             g,
             rest,
             variance[common],
