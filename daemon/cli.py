@@ -159,6 +159,21 @@ def _work(chosen: str, namespace: argparse.Namespace) -> int:
     return int(importlib.import_module(module_of(chosen)).run(namespace))
 
 
+def installed() -> set[str]:
+    """Names of the commands of this program whose packages are here: without the extra "offline"
+    those of a controller."""
+    found = set()
+    for name in COMMANDS.keys() - {"simulate"}:  # a program of its own
+        try:
+            importlib.import_module(module_of(name))
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] not in OFFLINE:
+                raise
+        else:
+            found.add(name)
+    return found
+
+
 def parsers(whole: Collection[str]) -> tuple[Parser, dict[str, Parser]]:
     """The parser of `armd`, and those of its commands by name; the ones in *whole* have all their
     options, the others only their line in `armd --help`."""

@@ -9,8 +9,6 @@ import numpy as np
 
 from armd.arrays import F64, I64
 
-SEVERAL, NOWHERE = -1, -2
-
 
 @dataclass(frozen=True)
 class Blocks:
@@ -33,22 +31,6 @@ class Blocks:
             at = np.append(columns, self.size)
             found[np.ix_(at, at)] += white.T @ white
         return found
-
-    def owners(self, group: I64) -> I64:
-        """(m,) the only group, of each rest's (n,), in whose rows a column stands; −1: in none's or
-        several's. A distance joins columns as rests do."""
-        owner = np.full(self.size, NOWHERE)
-        for rests, columns, _ in self.pieces:
-            here = np.unique(group[rests])
-            own = here[0] if len(here) == 1 else SEVERAL
-            before = owner[columns]
-            owner[columns] = np.where((before == NOWHERE) | (before == own), own, SEVERAL)
-        owner[owner == NOWHERE] = SEVERAL
-        for row in self.distances:
-            joined = np.flatnonzero(row)
-            if len(np.setdiff1d(owner[joined], [SEVERAL])) > 1:
-                owner[joined] = SEVERAL
-        return owner
 
 
 def in_blocks(columns: Sequence[F64], placement: I64) -> Blocks:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting import noise as noise_model
-from armd.compensation.diagnose.fitting.likelihood import Restricted
 from armd.compensation.estimate.blocks import in_blocks
 from support.small_fit import unit_noise
 
@@ -17,8 +16,7 @@ N = 12
 def linear(seed: int = 1, n: int = N, placements: int = 3) -> Any:
     rng = np.random.default_rng(seed)
     distances = SimpleNamespace(standard_uncertainty_mm=np.array([0.5, 2.0]))
-    placement = np.arange(n) % placements
-    observations = SimpleNamespace(placement=placement, session=placement // 2, distances=distances)
+    observations = SimpleNamespace(placement=np.arange(n) % placements, distances=distances)
     return SimpleNamespace(
         rests=SimpleNamespace(n=n, observations=observations),
         joints=rng.normal(size=(n, 3, 4)) * 300.0,
@@ -26,27 +24,14 @@ def linear(seed: int = 1, n: int = N, placements: int = 3) -> Any:
 
 
 def columns_of(problem: Any, seed: int = 2) -> np.ndarray:
-    """Columns that absorb freely: two in one placement each, one everywhere; and four that rests
-    share: two everywhere, two in one session (placements 0 and 1, and 2) each."""
-    n, observations = problem.rests.n, problem.rests.observations
-    found = np.random.default_rng(seed).normal(size=(3 * n + 2, 7))
-    for column, of in ((0, observations.placement != 0), (1, observations.placement != 1)):
-        found[: 3 * n][np.repeat(of, 3), column] = 0.0
-    for column, session in ((5, 0), (6, 1)):
-        found[: 3 * n][np.repeat(observations.session != session, 3), column] = 0.0
-    found[3 * n :, [0, 1, 5]] = 0.0
+    """Two columns that absorb freely, in one placement each, and three that rests share."""
+    n = problem.rests.n
+    found = np.random.default_rng(seed).normal(size=(3 * n + 2, 5))
+    for i in range(2):
+        elsewhere = np.repeat(problem.rests.observations.placement != i, 3)
+        found[: 3 * n][elsewhere, i] = 0.0
+    found[3 * n :, :2] = 0.0
     return found
-
-
-def test_a_column_belongs_to_the_only_session_in_which_it_stands() -> None:
-    problem = linear()
-    observations = problem.rests.observations
-    columns = columns_of(problem)
-    of = in_blocks([columns], observations.placement).owners(observations.session)
-    assert of.tolist() == [0, 0, -1, -1, -1, 0, 1]
-    columns[-1, 0] = 1.0  # a distance between two sessions' seats belongs to neither
-    of = in_blocks([columns], observations.placement).owners(observations.session)
-    assert of.tolist() == [-1, 0, -1, -1, -1, 0, -1]
 
 
 def test_products_by_placement_are_those_of_all_rows() -> None:
@@ -74,17 +59,14 @@ def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float) -> No
     problem = linear()
     columns = columns_of(problem)
     residual = np.random.default_rng(5).normal(size=len(columns))
-    free, shared = columns[:, :3], columns[:, 3:]
-    columns = np.column_stack([columns, columns[:, 0] - 2.0 * columns[:, 2]])  # a gauge
-    absorbs = np.arange(8) % 7 < 3
+    free, shared = columns[:, :2], columns[:, 2:]
     distance = problem.rests.observations.distances.standard_uncertainty_mm
     # A scale is common to all rows: the lengths' own is taken along by it.
     whitener = noise_model._unit_whitener(problem, share)
-    blocks = in_blocks([columns], problem.rests.observations.placement)
-    products = blocks.products(whitener, distance, residual)
-    owner = blocks.owners(problem.rests.observations.session)
-    log_det = -2.0 * np.log(np.einsum("nii->ni", whitener)).sum()
-    sums = Restricted.of_products(products, absorbs, owner, log_det, len(residual))
+    products = in_blocks([columns], problem.rests.observations.placement).products(
+        whitener, distance, residual
+    )
+    sums = noise_model._sums(whitener, products, 2, len(residual))
 
     def dense(scale: float, relative: np.ndarray) -> float:
         covariance = np.zeros((len(residual),) * 2)
@@ -98,9 +80,8 @@ def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float) -> No
         logs = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(normal)[1]
         return float(logs + residual @ left @ residual)
 
-    one = (0.8, np.array([0.3, 2.0, 1.0, 0.7]))
-    other = (1.7, np.array([5.0, 0.1, 0.01, 3.0]))
-    difference = sums.likelihood(*one) - sums.likelihood(*other)
+    one, other = (0.8, np.array([0.3, 2.0, 1.0])), (1.7, np.array([5.0, 0.1, 0.01]))
+    difference = noise_model._likelihood(sums, *one) - noise_model._likelihood(sums, *other)
     assert difference == pytest.approx(dense(*one) - dense(*other), rel=1e-8)
 
 

@@ -9,13 +9,14 @@ slow wandering of the base, and constants known only as well as their calibratio
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize, minimize_scalar
 
 from armd.arrays import F64
-from armd.compensation.diagnose.fitting.likelihood import Restricted
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.estimate.blocks import Blocks
@@ -31,6 +32,7 @@ MOST_KNOTS = 8
 GROSS = 4.0
 MIDDLE_TO_MEAN = 3.0 / MEDIAN_D2
 MOST_ROBUST = 12
+_TINY = 1e-10
 LEAST_MM = 1e-6  # no reading is better than a nanometre, even where everything is absorbed
 MOST_RELATIVE = 1e6  # variance of a shared column over that of one rest
 
@@ -91,6 +93,18 @@ def _covariance(linear: Linear, share: float) -> F64:
     return unit.covariance(linear.joints)
 
 
+@dataclass(frozen=True)
+class _Gram:
+    """Sums of products for one share ρ, clear of what absorbs freely: scale and drift are then
+    searched without the rows."""
+
+    log_det: float
+    matrix: F64  # (z, z) of the columns that rests share
+    side: F64  # (z,)
+    square: float
+    freedom: int  # rows less the rank of what absorbs freely
+
+
 def estimate(
     linear: Linear, residual: F64, nuisance: Blocks, variance: F64, before: RestNoise | None = None
 ) -> RestNoise:
@@ -99,17 +113,15 @@ def estimate(
     A winsorised residual keeps heavy tails from widening the noise of all the others. An estimate
     from *before* shortens the search.
     """
-    free = np.isinf(variance)
-    owner = nuisance.owners(linear.rests.observations.session)
+    free, shared = np.flatnonzero(np.isinf(variance)), np.flatnonzero(~np.isinf(variance))
+    order = np.concatenate([free, shared, [len(variance)]])
     distance = np.maximum(linear.rests.observations.distances.standard_uncertainty_mm, 1e-6)
 
     @cache
     def at_share(share: float) -> tuple[float, float, float]:
         whitener = _unit_whitener(linear, share)
-        products = nuisance.products(whitener, distance, residual)
-        log_det = -2.0 * float(np.log(np.einsum("nii->ni", whitener)).sum())
-        sums = Restricted.of_products(products, free, owner, log_det, len(residual))
-        return _best_scale(sums, variance[~free])
+        products = nuisance.products(whitener, distance, residual)[np.ix_(order, order)]
+        return _best_scale(_sums(whitener, products, len(free), len(residual)), variance[shared])
 
     low, high, steps = 0.01, 0.99, 7
     if before is not None:
@@ -139,15 +151,34 @@ def _unit_whitener(linear: Linear, share: float) -> F64:
     return whitening(_covariance(linear, share), np.ones(linear.rests.n))
 
 
-def _best_scale(sums: Restricted, variance: F64) -> tuple[float, float, float]:
+def _sums(whitener: F64, gram: F64, f: int, rows: int) -> _Gram:
+    """From the products of all whitened columns, the first *f* of which absorb freely, and the
+    residual, of so many *rows*."""
+    size = np.sqrt(np.diag(gram)[:f])
+    size[size == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(gram[:f, :f] / np.outer(size, size))
+    kept = values > _TINY * max(float(values.max(initial=0.0)), 1.0)
+    # A gauge among what absorbs freely leaves no trace.
+    root = vectors[:, kept] / np.sqrt(values[kept])
+    across = root.T @ (gram[:f, f:] / size[:, None])
+    clear = gram[f:, f:] - across.T @ across
+    log_det = -2.0 * float(np.log(np.einsum("nii->ni", whitener)).sum())
+    freedom = rows - int(kept.sum())
+    # What is absorbed entirely must not come out negative by rounding.
+    own, axes = np.linalg.eigh(clear[:-1, :-1])
+    matrix = (axes * np.maximum(own, 0.0)) @ axes.T
+    return _Gram(log_det, matrix, clear[:-1, -1], float(clear[-1, -1]), freedom)
+
+
+def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
     """(−2 log likelihood, s, drift) at the best scale and drift for a share."""
     drifting = np.isnan(variance)
-    first = max(float(np.sqrt(max(sums.square, 0.0) / max(sums.freedom, 1))), LEAST_MM)
+    first = max(float(np.sqrt(max(gram.square, 0.0) / max(gram.freedom, 1))), LEAST_MM)
 
     def cost(log_values: F64) -> float:
         scale, drift = max(np.exp(log_values[0]), LEAST_MM), np.exp(log_values[-1])
         relative = np.where(drifting, drift**2, variance) / scale**2
-        return sums.likelihood(scale, np.clip(relative, 1e-8, MOST_RELATIVE))
+        return _likelihood(gram, scale, np.clip(relative, 1e-8, MOST_RELATIVE))
 
     drifts = bool(drifting.any())
     # 0.3 of the noise to begin with; a path of no drift is the lower edge of the search
@@ -157,6 +188,22 @@ def _best_scale(sums: Restricted, variance: F64) -> tuple[float, float, float]:
     )
     scale, drift = float(np.exp(best.x[0])), float(np.exp(best.x[-1]))
     return float(best.fun), max(scale, LEAST_MM), drift if drifts else 0.0
+
+
+def _likelihood(gram: _Gram, scale: float, relative: F64) -> float:
+    """−2 × restricted log likelihood, up to a constant."""
+    root = np.sqrt(relative)
+    matrix = gram.matrix * root
+    matrix *= root[:, None]
+    matrix.flat[:: len(root) + 1] += 1.0
+    factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
+    towards = solve_triangular(factor, root * gram.side, lower=True, check_finite=False)
+    return float(
+        gram.freedom * 2.0 * np.log(scale)
+        + gram.log_det
+        + 2.0 * np.log(np.diag(factor)).sum()
+        + max(float(gram.square - towards @ towards), 0.0) / scale**2  # rounding may leave less
+    )
 
 
 def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], F64]) -> F64:

@@ -20,9 +20,9 @@ def script(shell: str) -> str:
     """Made of the commands' own parsers; every value without a list of its own is a file."""
     import shtab  # only here
 
-    from armd.daemon.cli import COMMANDS, parsers
+    from armd.daemon.cli import installed, parsers
 
-    parser, commands = parsers(COMMANDS.keys() - {"simulate"})
+    parser, commands = parsers(installed())
     for command in commands.values():
         _complete_files(command, shtab.FILE)
     return str(shtab.complete(parser, shell))

@@ -18,9 +18,10 @@ def run(args: argparse.Namespace) -> int:
 
 def page() -> str:
     """What `armd --help` and `armd COMMAND --help` say."""
-    from armd.daemon.cli import COMMANDS, parsers
+    from armd.daemon.cli import installed, parsers
 
-    parser, commands = parsers(COMMANDS.keys() - {"simulate"})
+    here = installed()
+    parser, commands = parsers(here)
     parts = [
         f'.TH ARMD 1 "" "armd {__version__}" "User commands"',
         f".SH NAME\narmd \\- {_text(str(parser.description))}",
@@ -32,6 +33,9 @@ def page() -> str:
         parts.append(f".SS armd {name}\n{_text(str(command.description))}")
         if name == "simulate":  # a program of its own
             parts.append("See armd simulate \\-\\-help.")
+            continue
+        if name not in here:
+            parts.append("Needs packages that are not installed here: armd[offline].")
             continue
         # The description stands above already; usage, options and examples follow as they are.
         command.description = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -76,3 +77,24 @@ def test_man_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
     )
     assert done.returncode == 0 and "warning" not in done.stderr
     assert "--thermal-method" in done.stdout
+
+
+def test_without_the_extra_they_have_the_commands_of_a_controller() -> None:
+    """A program of its own, in which the packages of the extra cannot be found."""
+    ask = """
+import sys
+from armd.daemon.cli import OFFLINE, main
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in OFFLINE:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Missing())
+sys.exit(main(sys.argv[1:]))
+"""
+    for words in (["man"], ["completion", "bash"], ["completion", "fish"]):
+        done = subprocess.run([sys.executable, "-c", ask, *words], capture_output=True, text=True)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert "--future" not in done.stdout and "calibrate" in done.stdout
+        assert "endpoint" in done.stdout
