@@ -84,8 +84,6 @@ CONSTANTS = (
     Constant("diagnose.search.touched", "MOST_TOUCHED", "more is not now and then"),
     Constant("diagnose.search.explains", "PARTS", "parts of a range with rests enough in each"),
     Constant("diagnose.diagnosis", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
-    Constant("diagnose.search.search", "LEAST_REVISITED", "one alone was chosen beside nothing"),
-    Constant("diagnose.search.revisit", "MOST_IN_PLACE", "one cause stands for two or three"),
     Constant("diagnose.search.search", "MOST_STEPS", "ten findings, and some renamed or refused"),
     Constant("diagnose.search.search", "MOST_RENAMINGS", "a name that changes thrice is a circle"),
     Constant(

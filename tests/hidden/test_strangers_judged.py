@@ -85,15 +85,3 @@ def test_a_base_that_steps_beside_others_is_no_slip_of_joint_1() -> None:
     assert judged.named == len(judged.due) == 4
     assert judged.sure_and_wrong == 0
     assert judged.after_um < 1.02 * judged.oracle_um
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [20101190002, 20107190001, 777190002])
-def test_an_early_choice_is_looked_at_again_with_all_others_in(seed: int) -> None:
-    """An eccentricity and an ellipticity stood for a joint that shifted; a walk in time for a slip
-    and a joint that turns with temperature; a bending that was refused beside what was not found
-    yet stayed refused, and two false names stood for it. All sure."""
-    judged = run_strange("crowd", seed)
-    assert judged.right, judged
-    assert judged.named == len(judged.due) >= 3
-    assert not judged.worse

@@ -6,7 +6,6 @@ then a look back whether every finding is still needed and still the best name.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -32,7 +31,6 @@ from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.diagnose.scoring.threshold import family_wise, significant
 from armd.compensation.diagnose.search.findings import CLEARLY, judge, likelier_rival, weighed
-from armd.compensation.diagnose.search.revisit import Revisit, log_weight
 from armd.compensation.diagnose.search.selection import choose, joined, next_finding, shape_wanted
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate
@@ -42,8 +40,6 @@ from armd.compensation.model.arm import Arm
 
 MOST_STEPS = 16
 MOST_RENAMINGS = 3
-#: One cause alone was chosen beside nothing.
-LEAST_REVISITED = 2
 #: What is found otherwise, or is no cause.
 NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
 
@@ -62,15 +58,12 @@ class Search:
         self.arm = arm
         self.baseline = baseline
         self.facts = gather_facts(rests, arm, baseline)
-        self._catalogue = tuple(catalogue.candidates(self.facts))
-        self._candidates = list(self._catalogue)
+        self._candidates = list(catalogue.candidates(self.facts))
         self._steady = [steady_drift(self.facts)] if self.facts.timed else []
         self._progress = progress
         self._tests = 1
         self._signatures: Signatures | None = None
         self._refused: list[Refused] = []
-        #: Place → the findings beside which it was refused; None once it was asked again.
-        self._refused_beside: dict[tuple[str, str], str | None] = {}
 
     @cached_property
     def first(self) -> ScoredCandidates:
@@ -87,16 +80,7 @@ class Search:
         for step in range(MOST_STEPS):
             self._progress(f"{len(current.findings)} found", step / MOST_STEPS)
             best = next_finding(scored, self._tests)
-            if best is None:
-                if self._asks_again(current):
-                    scored = self._survey(current)
-                    continue
-                another = self._revisited(current, scored, seen)
-                if another is current:
-                    break
-                current, scored = another, self._survey(another)
-                continue
-            if len(current.findings) >= MOST_FINDINGS:
+            if best is None or len(current.findings) >= MOST_FINDINGS:
                 break
             findings = joined(current.findings, best)
             if _key(findings) in seen:  # a circle: the look back undoes what this cause does
@@ -107,7 +91,7 @@ class Search:
             seen.add(_key(findings))
             fitted = self._fit(findings, current)
             if reason := refused(fitted, current, self.arm):
-                self._refuse(best, reason, current)
+                self._refuse(best, reason)
                 scored = self._survey(current)
                 continue
             current = self._pruned(fitted)
@@ -167,47 +151,12 @@ class Search:
                 break
         return current, scored, told
 
-    def _revisited(self, current: Fit, scored: ScoredCandidates, seen: set[str]) -> Fit:
-        """With another set of findings, where one is clearly likelier; about its own point, too."""
-        if len(current.findings) < LEAST_REVISITED:
-            return current
-        least = math.log(CLEARLY)
-        findings = Revisit(scored, self.arm, self._tests).likelier(least)
-        if findings is None or _key(findings) in seen:
-            return current
-        seen.add(_key(findings))
-        another = self._fit(findings, current)
-        if refused(another, current, self.arm):
-            return current
-        another = self._pruned(another)
-        weights = [
-            log_weight(another, fitted.findings, self.arm, scored.scores)
-            for fitted in (current, another)
-        ]
-        return another if weights[1] > weights[0] + least else current
-
-    def _refuse(self, candidate: Candidate, reason: str, beside: Fit) -> None:
-        """Look for it no more, *beside* these findings."""
+    def _refuse(self, candidate: Candidate, reason: str) -> None:
+        """Look for it no more."""
         self._refused.append(Refused(candidate, reason))
-        self._refused_beside.setdefault(candidate.place, _key(beside.findings))
         kept = [c for c in self._candidates if c.place != candidate.place]
         if len(kept) < len(self._candidates):
             self._candidates, self._signatures = kept, None
-
-    def _asks_again(self, current: Fit) -> bool:
-        """Whether something was refused beside other findings: then it may be looked for again,
-        once. What they were in the residual for may have led its fit astray."""
-        key = _key(current.findings)
-        asked = self._refused_beside.items()
-        again = {place for place, beside in asked if beside not in (None, key)}
-        if not again:
-            return False
-        self._refused_beside |= dict.fromkeys(again)
-        self._refused = [r for r in self._refused if r.candidate.place not in again]
-        barred = {r.candidate.place for r in self._refused}
-        self._candidates = [c for c in self._catalogue if c.place not in barred]
-        self._signatures = None
-        return True
 
     def _fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
         """A fit that starts where *before* ended."""
@@ -248,7 +197,7 @@ class Search:
                     continue
                 fitted = self._fit(joined(findings, rival), without)
                 if reason := refused(fitted, without, self.arm):
-                    self._refuse(rival, reason, without)
+                    self._refuse(rival, reason)
                     return current, self._survey(current)
                 current = self._pruned(fitted)
                 return current, self._survey(current)
