@@ -92,12 +92,12 @@ class Run:
 @pytest.fixture(scope="module", params=["feetech", "dynamixel"])
 def run(request, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("STATE_DIRECTORY", str(tmp_path_factory.mktemp("state")))
-        folder = tmp_path_factory.mktemp
-        yield (
-            request.param,
-            taken_while_it_ran(lambda: Run(request.param, folder("run")), SERVO_LONG_S),
-        )
+
+        def take() -> Run:  # what one run remembers of its servos is not another one's
+            patch.setenv("STATE_DIRECTORY", str(tmp_path_factory.mktemp("state")))
+            return Run(request.param, tmp_path_factory.mktemp("run"))
+
+        yield request.param, taken_while_it_ran(take, SERVO_LONG_S)
 
 
 pytestmark = pytest.mark.slow  # twenty seconds of two lives
@@ -145,6 +145,8 @@ def test_what_an_eeprom_does_not_keep_is_told_once(run):
         f"servo {servo}: return delay (register {register}): found 0, expected {DELAY_US}: "
         "it did not keep what was written"
     ]
-    written = [(e["servo"], e["address"], e["data"]) for e in line.log if e["event"] == "write"]
-    assert sorted(written) == [(k, register, [DELAY_US // 2]) for k in range(1, 6)]
+    # A write whose answer is lost is sent again: nothing else goes to anybody.
+    written = [(e["servo"], e["address"], *e["data"]) for e in line.log if e["event"] == "write"]
+    assert set(written) == {(k, register, DELAY_US // 2) for k in range(1, 6)}
+    assert len(written) <= 5 + 2
     assert (line.samples["joint_invalid"][-200:] == 0).mean() > 1 - LOST
