@@ -99,6 +99,7 @@ class MicroScribeConfig(Strict):
     kind: Literal["microscribe"]
     port: Annotated[str, Field(min_length=1)]
     baud: Annotated[int, Field(gt=0)] | None = None  # found by trying
+    stream: bool = True  # False: each reading is asked for, as from an arm that cannot stream
     max_joint_rate_deg_s: Annotated[float, Field(gt=0)] = MAX_JOINT_RATE_DEG_S
 
 

@@ -158,7 +158,12 @@ class SerialShell(Shell[D]):
         """Silence: perhaps the adapter hangs, perhaps the name now means another device."""
         self._hang_up()
         now_ns = time.monotonic_ns()
-        return [*self._line.silent(now_ns), *self._try_open(now_ns)]
+        return [*self._line.silent(now_ns, self._of_silence), *self._try_open(now_ns)]
+
+    @property
+    def _of_silence(self) -> str:
+        """What else is to be said of a line on which the arm is not heard."""
+        return ""
 
     def _unplugged(self, reason: str) -> list[Item]:
         self._hang_up()

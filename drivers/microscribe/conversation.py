@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from enum import Enum, auto
 
 from armd.drivers.microscribe import wire
+from armd.drivers.microscribe.stream import Stream, Streamed
 from armd.drivers.sample import RawFrame
 
 
@@ -19,35 +20,48 @@ class Phase(Enum):
     SERIAL_NUMBER = auto()
     MAXIMA = auto()
     POLL = auto()
+    STARTING = auto()  # told to stream, not acknowledged yet
+    STREAM = auto()
+    STOPPING = auto()  # told to stop
 
 
+#: Of a session that has begun.
+SESSION = (Phase.POLL, Phase.STARTING, Phase.STREAM, Phase.STOPPING)
 _BYTES = {
     Phase.SYNC: wire.SYNC,
     Phase.BEGIN: wire.BEGIN,
     Phase.SERIAL_NUMBER: bytes([wire.SERIAL_NUMBER]),
     Phase.MAXIMA: bytes([wire.MAXIMA]),
 }
+_PHASES = {wire.STOP[0]: Phase.STOPPING, wire.RESPOND_TO_MOTION: Phase.STARTING}
+ATTEMPTS = 3  # to make it stream, in a row
 
 
 class Conversation:
-    """Feed it the line's frames; it yields replies, each with the request that it answers."""
+    """Feed it the line's frames; it yields replies, each with the request that it answers, and
+    what the arm streams."""
 
     def __init__(self) -> None:
+        self._malformed = 0
+        self.stream: Stream | None = None
+        self.restart()
+
+    def restart(self) -> None:
+        """Another line, or the same one anew: the arm waits for IMMC."""
         self.phase = Phase.SYNC
         self.pending: RawFrame | None = None  # the request that is not answered yet
-        self.malformed = 0
+        self._malformed, self.stream = self.malformed, None
+        self.polled = 0  # readings asked for and got since it last streamed
+        self.failures = 0  # in a row, to make it stream
+        self.stops = False  # it has acknowledged STOP in this session
+        self.unstopped = 0  # STOP that was not acknowledged, before any was
         self._buffer = b""
         self._poll = 0  # which of wire.POLLS
         self._unanswered = 0  # polls in a row, before any was answered
 
-    def restart(self) -> None:
-        """Another line, or the same one anew: the arm waits for IMMC."""
-        self.phase, self.pending, self._buffer = Phase.SYNC, None, b""
-        self._poll = self._unanswered = 0
-
     @property
     def request(self) -> bytes:
-        """What is to be sent next."""
+        """What is to be sent next; in a session: a poll."""
         return _BYTES.get(self.phase) or bytes([wire.POLLS[self._poll]])
 
     @property
@@ -55,26 +69,65 @@ class Conversation:
         """Bytes that a poll is answered with."""
         return wire.standard_size(wire.POLLS[self._poll])
 
+    @property
+    def timed(self) -> bool:
+        """Whether the arm tells its timer."""
+        return bool(wire.POLLS[self._poll] & wire.TIME)
+
+    @property
+    def malformed(self) -> int:
+        return self._malformed + (self.stream.malformed if self.stream is not None else 0)
+
     def sent(self, frame: RawFrame) -> Iterator[tuple[bytes, RawFrame]]:
         """A request goes out; what the one before has got is its reply, whole or not."""
         yield from self._take(complete=True)
         if self.pending is not None and self.phase is Phase.POLL:
-            self.malformed += bool(self._buffer)
+            self._malformed += bool(self._buffer)
             self._unanswered += 1
             if self._unanswered == 3:
                 self._poll = (self._poll + 1) % len(wire.POLLS)
                 self._unanswered = 0
+        self._leave_stream()
         self.pending, self._buffer = frame, b""
+        if self.phase in SESSION:
+            self.phase = _PHASES.get(frame.data[0], Phase.POLL)
 
-    def received(self, frame: RawFrame) -> Iterator[tuple[bytes, RawFrame]]:
+    def received(self, frame: RawFrame) -> Iterator[tuple[bytes, RawFrame | Streamed]]:
         """Bytes came."""
+        if self.phase is Phase.STREAM and self.stream is not None:
+            yield from self._streamed(frame)
         if self.pending is None:
             return  # nobody has asked: late, or noise
         self._buffer += frame.data
         yield from self._take(complete=False)
+        if self.phase is Phase.STARTING:
+            _, acknowledged, rest = self._buffer.partition(bytes([wire.RESPOND_TO_MOTION]))
+            if acknowledged:
+                self.stream = Stream(self.pending.data)
+                self.pending, self._buffer, self.phase = None, b"", Phase.STREAM
+                yield from self._streamed(frame._replace(data=rest))
+
+    def resume(self, stream: Stream) -> None:
+        """A recording begins in the middle of a stream."""
+        self.stream, self.phase, self.pending, self.stops = stream, Phase.STREAM, None, True
+
+    def _streamed(self, frame: RawFrame) -> Iterator[tuple[bytes, Streamed]]:
+        assert self.stream is not None
+        for reading in self.stream.push(frame):
+            yield reading.packet, reading
+        if self.stream.packets:
+            self.failures = 0
+
+    def _leave_stream(self) -> None:
+        if self.phase is Phase.STARTING or (self.stream is not None and not self.stream.packets):
+            self.failures += 1
+        self.unstopped += self.phase is Phase.STOPPING and not self.stops
+        if self.stream is not None:
+            self._malformed += self.stream.malformed
+            self.stream, self.polled = None, 0
 
     def _take(self, complete: bool) -> Iterator[tuple[bytes, RawFrame]]:
-        if self.pending is None or not self.pending.data:
+        if self.pending is None or not self.pending.data or self.phase is Phase.STARTING:
             return
         request = self.pending
         if request.data in (wire.SYNC, wire.BEGIN):
@@ -84,9 +137,14 @@ class Conversation:
         if packet is None:
             return
         self.pending, self._buffer = None, b""
-        self.malformed += bool(rest)
-        if self.phase is Phase.POLL:
+        self._malformed += bool(rest)
+        if rest and self.phase is Phase.POLL and request.data[0] in wire.POLLS:
+            return  # a byte too many, perhaps from within: no number in it can be believed
+        if self.phase is Phase.STOPPING:
+            self.phase, self.stops = Phase.POLL, True
+        elif self.phase is Phase.POLL:
             self._unanswered = -(1 << 31)  # this poll works; silence from now on is silence
+            self.polled += request.data[0] in wire.POLLS
         yield packet, request
         if packet[0] == wire.SERIAL_NUMBER:
             self.phase = Phase.MAXIMA

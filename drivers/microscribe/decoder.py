@@ -1,11 +1,8 @@
-"""Raw frames of a MicroScribe's line → samples and events. No port, no clock of its own.
-
-The arm has a timer of 1.1 ms and no clock. A reading's instant is taken for the middle between
-the end of its request and the beginning of its reply, which is where it must lie.
-"""
+"""Raw frames of a MicroScribe's line → samples and events. No port, no clock of its own."""
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 
 import numpy as np
@@ -13,12 +10,17 @@ import numpy as np
 from armd.drivers.identity import Expectation
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.microscribe import wire
-from armd.drivers.microscribe.conversation import Conversation, Phase
+from armd.drivers.microscribe.conversation import ATTEMPTS, Conversation, Phase
 from armd.drivers.microscribe.homing import Homing
+from armd.drivers.microscribe.instants import Instants
+from armd.drivers.microscribe.stream import Stream, Streamed
+from armd.drivers.microscribe.timer import TICK_NS
 from armd.drivers.sample import Event, Item, RawFrame, sample_dtype
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
 
 UP, SEQ, HOMED = b"up ", b"seq ", b"homed"  # "link" frames: the baud rate; a recording's begin
+TIMED = b"timed "  # of a recording's begin: the timer, and the stream if it is under way
+POLLS_BEFORE = 4  # readings asked for before it streams again: each bounds the timer
 PUT_IT_TO_REST = "put the stylus into its rest and press a pedal"
 
 
@@ -26,8 +28,12 @@ class MicroScribeDecoder:
     """Feed it every `RawFrame` of the line in order, sent ones too."""
 
     def __init__(
-        self, expectation: Expectation, max_joint_rate_deg_s: float = MAX_JOINT_RATE_DEG_S
+        self,
+        expectation: Expectation,
+        max_joint_rate_deg_s: float = MAX_JOINT_RATE_DEG_S,
+        stream: bool = True,
     ) -> None:
+        """*stream*: the arm is to send its readings by itself, if it can."""
         self.conversation = Conversation()
         self.accepted = False  # whether the connected arm is the expected one
         self.homing: Homing | None = None  # of an accepted arm
@@ -35,10 +41,12 @@ class MicroScribeDecoder:
         self._expected = expectation
         self._max_rate = max_joint_rate_deg_s
         self._dtype = sample_dtype(expectation.n_joints)
-        self._baud = wire.BAUDS[0]
         self._serial_number = ""
         self._unwrapper: Unwrapper | None = None
         self._jumps = JointWatch("count_jump", "its count jumped")
+        self._stream = stream
+        self._instants = Instants()
+        self._told = ""  # of streaming, in this session
         self._seq = -1  # of the last cycle
         self._delivered = -1  # seq of the last sample
         self._greeting: list[RawFrame] = []  # what told whose arm this is
@@ -47,18 +55,40 @@ class MicroScribeDecoder:
     @property
     def counters(self) -> dict[str, int]:
         """Samples, and what was asked for or came without becoming one."""
-        names = ("samples", "lost", "foreign")
+        names = ("samples", "streamed", "lost", "foreign")
         return {name: self._counted[name] for name in names} | {
-            "malformed": self.conversation.malformed
+            "malformed": self.conversation.malformed + self._counted["misplaced"]
         }
+
+    @property
+    def may_stream(self) -> bool:
+        """Whether the arm is to be told to stream now."""
+        homed = self.accepted and self.homing is not None and self.homing.homed
+        bounded = self._instants.timer.mapped and self.conversation.polled >= POLLS_BEFORE
+        return self._stream and homed and bounded and not self._hindrance
+
+    @property
+    def _hindrance(self) -> str:
+        """What keeps this arm from streaming, in words."""
+        if self.conversation.failures >= ATTEMPTS:
+            return "it does not follow the command to stream (CF)"
+        if self.conversation.unstopped >= ATTEMPTS:
+            return "it does not answer the command that ends streaming (00)"
+        if not self.conversation.timed:
+            return "it does not tell its timer"
+        return "its timer does not run at 900 Hz" if self._instants.timer.hopeless else ""
 
     def preamble(self) -> list[RawFrame]:
         """What a fresh decoder must be fed to go on from here."""
         if not self.accepted or self.homing is None:
             return []
-        first = self._greeting[0]._replace(direction="link", data=UP + b"%d" % self._baud)
+        first = self._greeting[0]._replace(direction="link", data=UP + b"%d" % self._instants.baud)
         frames = [first, first._replace(data=SEQ + b"%d" % self._seq), *self._greeting]
-        return [*frames, first._replace(data=HOMED)] if self.homing.homed else frames
+        if self.homing.homed:
+            frames.append(first._replace(data=HOMED))
+        stream = self.conversation.stream
+        state = [self._told, self._instants.state(), stream and stream.state()]
+        return [*frames, first._replace(data=TIMED + json.dumps(state).encode())]
 
     def warm_up(self) -> None:
         """Compile, or load from the cache: before the first sample, not while it waits."""
@@ -76,6 +106,7 @@ class MicroScribeDecoder:
             items = [
                 i for reply in self.conversation.sent(frame) for i in self._reply(*reply, frame)
             ]
+            items += self._whether_it_streams(frame)
             # Not a cycle: HOME, and what is asked of an arm whose samples nobody wants.
             if self.accepted and frame.data[0] in wire.POLLS:
                 self._seq += 1
@@ -91,15 +122,25 @@ class MicroScribeDecoder:
         elif data == HOMED:
             if self.homing is not None:
                 self.homing.acknowledged()
+        elif data.startswith(TIMED):
+            state = json.loads(data.removeprefix(TIMED))
+            self._told, instants, stream = state
+            self._instants.restore(instants)
+            if stream is not None:
+                self.conversation.resume(Stream.restored(stream))
         else:
             if data.startswith(UP):
-                self._baud = int(data.removeprefix(UP))
+                self._instants.baud = int(data.removeprefix(UP))
             self.conversation.restart()
             self.accepted, self.homing = False, None
+            self._instants.restart()
+            self._told = ""
 
     # --- replies -------------------------------------------------------------------------
 
-    def _reply(self, packet: bytes, request: RawFrame, frame: RawFrame) -> list[Item]:
+    def _reply(self, packet: bytes, request: RawFrame | Streamed, frame: RawFrame) -> list[Item]:
+        if isinstance(request, Streamed):
+            return self._streamed(request)
         command = packet[0] | 0x80
         if command == wire.SERIAL_NUMBER:
             self._serial_number = wire.text(packet)
@@ -110,11 +151,19 @@ class MicroScribeDecoder:
             return self._greet(wire.counts_per_turn(packet), frame)
         if command == wire.HOME:
             return self._homed(frame)
+        if command == wire.STOP[0] | wire.MARK:
+            return []
         self.last_sample_ns = frame.monotonic_ns
         if not self.accepted or self.homing is None:
             self._counted["foreign"] += 1
             return []
-        return self._sample(packet, request, frame, self.homing)
+        reading = wire.decode_standard(packet)
+        maps = self._stream and self.homing.homed and not self._hindrance
+        at_ns, holds = self._instants.asked(request, frame, len(packet), reading.ticks, maps)
+        if self._seq == self._delivered + 1:
+            self._seq += self._instants.missing(at_ns)
+        self._instants.stream_ended()
+        return self._sample(reading, at_ns, frame, self.homing, holds)
 
     def _greet(self, counts_per_turn: tuple[int, ...], frame: RawFrame) -> list[Item]:
         at_ns = frame.monotonic_ns
@@ -127,8 +176,8 @@ class MicroScribeDecoder:
             return [Event("foreign_arm", text, at_ns, "error", {"faults": faults})]
         self.homing = Homing(counts_per_turn)
         self._unwrapper = self._new_unwrapper(counts_per_turn)
-        text = f"MicroScribe {self._serial_number} identified, at {self._baud} baud"
-        detail = {"serial_number": self._serial_number, "baud": self._baud}
+        text = f"MicroScribe {self._serial_number} identified, at {self._instants.baud} baud"
+        detail = {"serial_number": self._serial_number, "baud": self._instants.baud}
         return [
             Event("identified", text, at_ns, "info", detail),
             Event("not_homed", f"the arm is not homed: {PUT_IT_TO_REST}", at_ns),
@@ -146,12 +195,50 @@ class MicroScribeDecoder:
 
     # --- samples -------------------------------------------------------------------------
 
-    def _sample(
-        self, packet: bytes, request: RawFrame, frame: RawFrame, homing: Homing
-    ) -> list[Item]:
+    def _streamed(self, streamed: Streamed) -> list[Item]:
+        """A reading that the arm sent by itself."""
+        packet, heard, _, lost = streamed
+        self.last_sample_ns = heard.monotonic_ns
+        stream = self.conversation.stream
+        made = self._instants.streamed(streamed, None if stream is None else stream.pace_ticks)
+        if self.homing is None or made is None:
+            self._counted["misplaced"] += 1
+            return []
+        at_ns, holds = made
+        if lost is None:  # the first one
+            lost = self._instants.missing(at_ns) if self._seq == self._delivered else 0
+        self._seq += 1 + lost
+        self._counted["streamed"] += 1
+        told = self._whether_it_streams(heard)
         reading = wire.decode_standard(packet)
+        return [*told, *self._sample(reading, at_ns, heard, self.homing, holds)]
+
+    def _whether_it_streams(self, frame: RawFrame) -> list[Item]:
+        """Told once in a session, and once more should it cease to."""
+        stream, homing = self.conversation.stream, self.homing
+        if not self._stream or homing is None or not homing.homed:
+            return []
+        if stream is not None and self._told == "":
+            pace_ms = stream.pace_ticks * TICK_NS / 1e6
+            text = f"the arm sends its readings by itself, one every {pace_ms:.1f} ms"
+            self._told = "streaming"
+        elif stream is None and self._hindrance and self._told != "not_streaming":
+            text = f"the arm is asked for each reading, as {self._hindrance}"
+            self._told = "not_streaming"
+        else:
+            return []
+        return [Event(self._told, text, frame.monotonic_ns, "info")]
+
+    def _sample(
+        self,
+        reading: wire.StandardReply,
+        at_ns: int,
+        frame: RawFrame,
+        homing: Homing,
+        clock_mapped: bool,
+    ) -> list[Item]:
         counts = reading.counts[: wire.N_JOINTS]
-        at_ns = self._instant_ns(request, frame, len(packet))
+        self._instants.taken(at_ns)
         items: list[Item] = []
         if not homing.homed:
             refused = homing.watch(counts, reading.buttons, at_ns)
@@ -170,20 +257,10 @@ class MicroScribeDecoder:
         sample["stamp_ns"] = at_ns + frame.unix_ns - frame.monotonic_ns
         sample["joint_invalid"] = withheld | jumped
         sample["buttons"] = reading.buttons
-        sample["clock_mapped"] = True
+        sample["clock_mapped"] = clock_mapped
         gap = self._seq - self._delivered - 1
         sample["lost_before"] = self._delivered >= 0 and gap > 0
         self._counted["lost"] += gap if self._delivered >= 0 else 0
         self._delivered = self._seq
         self._counted["samples"] += 1
         return [*items, *self._jumps.events(sample, jumped), sample]
-
-    def _instant_ns(self, request: RawFrame, reply: RawFrame, size: int) -> int:
-        """The middle between the request's last bit and the reply's first one; the bytes' own
-        time on the line is known."""
-        byte_ns = 10_000_000_000 // self._baud
-        begin = request.monotonic_ns + len(request.data) * byte_ns
-        end = reply.monotonic_ns - size * byte_ns
-        if end < begin:  # a line without pace
-            begin, end = request.monotonic_ns, reply.monotonic_ns
-        return (begin + end) // 2

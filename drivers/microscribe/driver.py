@@ -1,5 +1,5 @@
-"""The MicroScribe's port: finds the baud rate, holds the session, asks for one reading after the
-other. Everything that the bytes mean is in the decoder."""
+"""The MicroScribe's port: finds the baud rate, holds the session, lets the arm stream or asks for
+one reading after the other. Everything that the bytes mean is in the decoder."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ import serial
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.microscribe import wire
-from armd.drivers.microscribe.conversation import Phase
+from armd.drivers.microscribe.conversation import SESSION, Phase
 from armd.drivers.microscribe.decoder import PUT_IT_TO_REST, UP, MicroScribeDecoder
+from armd.drivers.microscribe.timer import TICK_NS
 from armd.drivers.sample import Item
 from armd.drivers.shell import SerialShell
 
@@ -26,13 +27,20 @@ REPLY_NS = 200_000_000  # to a question about the arm
 #: it is waited for once more before the next poll, lest it be taken for that one's.
 POLL_NS = 25_000_000
 HOME_EVERY_NS = 150_000_000
+START_NS = 40_000_000  # for the acknowledgement; and what an arm says that does not know CF
+START_BYTES = 100
+STOP_NS = 50_000_000  # as the maker's library waits
+STUCK_NS = 100_000_000  # without a packet, and five of its paces
+#: Streaming pauses this often for a few readings that are asked for: by them the arm's timer is
+#: held against the host's clock.
+TIMING_NS = 5_000_000_000
 
 
 class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
     """See `armd.drivers.sample.Driver`."""
 
     def __init__(self, config: MicroScribeConfig, expectation: Expectation) -> None:
-        decoder = MicroScribeDecoder(expectation, config.max_joint_rate_deg_s)
+        decoder = MicroScribeDecoder(expectation, config.max_joint_rate_deg_s, config.stream)
         super().__init__(decoder, config.port)
         self._bauds: tuple[int, ...] = wire.BAUDS if config.baud is None else (config.baud,)
         self._tried = 0  # baud rates, since the last session
@@ -42,11 +50,20 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
         self._session_ns = 0  # when the session was last being begun
         self._home_ns = 0  # when HOME may be sent again
         self._draining = False  # a poll was not answered
+        self._timing_ns = 0  # when streaming is to pause
 
     @property
     def hindrance(self) -> str:
         homing = self._decoder.homing
         return f"not homed: {PUT_IT_TO_REST}" if homing is not None and not homing.homed else ""
+
+    def close(self) -> None:
+        """A session ends, and with it the stream: whoever comes next finds the arm silent."""
+        if self._port is not None and self._decoder.conversation.phase in SESSION:
+            with suppress(OSError, termios.error):
+                self._write(self._port, bytes([wire.END]))
+                self._port.flush()
+        super().close()
 
     def read(self, timeout_s: float) -> list[Item]:
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
@@ -74,10 +91,17 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
 
     def _ask(self, port: serial.Serial, now_ns: int) -> list[Item]:
         conversation, homing = self._decoder.conversation, self._decoder.homing
-        if conversation.phase is not Phase.POLL and now_ns >= self._give_up_ns:
+        if conversation.phase not in SESSION and now_ns >= self._give_up_ns:
             self._tried += 1
             self._hang_up()
             return self._try_open(now_ns)
+        streaming = conversation.phase is Phase.STREAM and now_ns < self._timing_ns
+        if streaming and select.select([port.fileno()], [], [], 0)[0]:
+            return []  # it is this process that was late
+        stopping = conversation.phase is Phase.STOPPING and conversation.stops
+        if stopping or conversation.phase in (Phase.STREAM, Phase.STARTING):
+            self._send_ns = now_ns + STOP_NS
+            return self._send(port, wire.STOP)
         if (
             conversation.pending is not None
             and conversation.phase is Phase.POLL
@@ -94,14 +118,28 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
             return self._send(port, bytes([wire.HOME]))
         request = conversation.request
         byte_ns = 10_000_000_000 // port.baudrate
-        waits = {Phase.SYNC: SYNC_EVERY_NS, Phase.POLL: POLL_NS + 20 * byte_ns}
-        self._send_ns = now_ns + waits.get(conversation.phase, REPLY_NS)
+        if conversation.phase is Phase.POLL and self._decoder.may_stream:
+            if not conversation.stops:  # nothing is begun that might not be ended
+                self._send_ns = now_ns + STOP_NS
+                return self._send(port, wire.STOP)
+            delay = wire.delay_ticks(request[0], port.baudrate)
+            self._send_ns = now_ns + START_NS + START_BYTES * byte_ns
+            self._timing_ns = now_ns + TIMING_NS
+            return self._send(port, wire.start_streaming(request[0], delay))
+        wait_ns = SYNC_EVERY_NS if conversation.phase is Phase.SYNC else REPLY_NS
+        if conversation.phase in SESSION:
+            wait_ns = POLL_NS + 20 * byte_ns
+        self._send_ns = now_ns + wait_ns
         return self._send(port, request)
 
     def _answered(self, port: serial.Serial) -> None:
         """The request was answered: the next one may leave, at the line's own pace."""
         conversation = self._decoder.conversation
         if conversation.pending is not None:
+            return
+        if conversation.stream is not None:
+            patience_ns = STUCK_NS + round(5 * conversation.stream.pace_ticks * TICK_NS)
+            self._send_ns = min(self._timing_ns, time.monotonic_ns() + patience_ns)
             return
         self._send_ns = 0
         if conversation.phase is not Phase.POLL:
@@ -138,7 +176,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
         knowledge that the arm is homed."""
         items = self._line.silent(now_ns)
         young = now_ns - self._session_ns < self.RENEW_NS
-        if items or young or self._decoder.conversation.phase is not Phase.POLL:
+        if items or young or self._decoder.conversation.phase not in SESSION:
             return items
         self._hang_up()
         return self._try_open(now_ns)

@@ -2,7 +2,8 @@
 
 The host sends one command byte; the reply begins with the same byte, bit 7 set. In a standard
 reply no other byte has bit 7, so its beginning is always found; configuration replies hold plain
-8-bit numbers, most significant byte first. There is no checksum. Source: the maker's SDK manual.
+8-bit numbers, most significant byte first. There is no checksum. Told to "respond to motion", the
+arm sends standard replies by itself until the next command. Source: the maker's SDK manual.
 """
 
 from __future__ import annotations
@@ -16,16 +17,23 @@ SYNC, BEGIN, GREETING = b"IMMC", b"BEGIN", b"MSCR"
 PARAMETERS, HOME, END, MAXIMA = 0xC0, 0xC2, 0xC5, 0xC6
 PRODUCT, MODEL, SERIAL_NUMBER, COMMENT, FORMAT, FIRMWARE = 0xC8, 0xCA, 0xCB, 0xCC, 0xCD, 0xCE
 EXTENDED = 0xD3
+RESPOND_TO_MOTION = 0xCF
+#: Ends streaming, as any command does: a standard reply without a field, as the maker's own library
+#: ends it. Two bytes, so that it is told from all that was under way.
+STOP = b"\0"
 
 #: Standard commands: time and angles 0-4, which is all; where an arm does not answer that, with
 #: angle 5 as well, and without time.
 POLLS = (0x21, 0x23, 0x03)
 N_JOINTS = 5
-_TIME = 0x20
+TIME = 0x20  # the bit that asks for the timer
+TICKS = 1 << 14  # after which the timer begins anew
+MARK = 0x80  # the bit of a packet's first byte alone
 _CONTROLLERS = (0, 2, 4, 8)  # by bits 3 and 2
 _ANGLES = (0, 5, 7, 6)  # by bits 1 and 0
 _ANGLES_AT = 12  # in the reply to MAXIMA: after buttons, time, eight controllers and their odd bits
 _MAXIMA_BYTES = 24
+_CHANGES = 1 + 8 + 2 * 6  # a mask of buttons, eight controllers, six angles: what makes it answer
 
 
 class StandardReply(NamedTuple):
@@ -40,14 +48,14 @@ def standard_size(command: int) -> int:
     """Bytes of the reply to a standard command."""
     controllers = _CONTROLLERS[command >> 2 & 3]
     extra = controllers + 1 if controllers else 0
-    return 2 + (2 if command & _TIME else 0) + extra + 2 * _ANGLES[command & 3]
+    return 2 + (2 if command & TIME else 0) + extra + 2 * _ANGLES[command & 3]
 
 
 def encode_standard(command: int, reading: StandardReply) -> bytes:
     """As the arm sends it; controllers, if asked for, read zero."""
     controllers = _CONTROLLERS[command >> 2 & 3]
     data = bytearray([command | 0x80, reading.buttons & 0x7F])
-    if command & _TIME:
+    if command & TIME:
         data += _seven(reading.ticks or 0)
     data += bytes(controllers + 1 if controllers else 0)
     counts = [*reading.counts, 0, 0][: _ANGLES[command & 3]]
@@ -60,8 +68,30 @@ def decode_standard(packet: bytes) -> StandardReply:
     n = _ANGLES[command & 3]
     angles = packet[-2 * n :]
     words = [high << 7 | low for high, low in zip(angles[::2], angles[1::2], strict=True)]
-    ticks = packet[2] << 7 | packet[3] if command & _TIME else None
+    ticks = packet[2] << 7 | packet[3] if command & TIME else None
     return StandardReply(packet[1], ticks, tuple(words))
+
+
+def start_streaming(command: int, delay_ticks: int) -> bytes:
+    """RESPOND_TO_MOTION: the arm answers *command* every *delay_ticks*, whatever it does.
+
+    With all changes zero the delay alone paces it. An arm that does not know this command takes
+    what follows it for commands, too; all of them are below 0x40, so they only ask for readings.
+    """
+    if not 0 < delay_ticks < 0x40 or command >= 0x40:
+        raise ValueError(f"delay {delay_ticks}, command {command:#x}: 1 to 63 ticks, below 0x40")
+    head = bytes([RESPOND_TO_MOTION]) + delay_ticks.to_bytes(2, "big") + bytes([command])
+    return head + bytes(_CHANGES)
+
+
+def streamed_command(request: bytes) -> tuple[int, int]:
+    """The command that a RESPOND_TO_MOTION has the arm answer, and the delay in ticks."""
+    return request[3] & 0x7F, int.from_bytes(request[1:3], "big")
+
+
+def delay_ticks(command: int, baud: int) -> int:
+    """The shortest delay in which a reply passes the line, were a tick 1 ms only; 2 at least."""
+    return max(2, 1 + standard_size(command) * 10_000 // baud)
 
 
 def take(command: int, buffer: bytes, complete: bool = False) -> tuple[bytes | None, bytes]:

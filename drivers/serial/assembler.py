@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from armd.compiled.jit import jit
+from armd.compiled.jit import jit, settled
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, SampleArray, sample_dtype
 from armd.drivers.serial.clock import ClockMapping, holds, host_ns
@@ -35,12 +35,15 @@ class SampleAssembler:
         self._out = np.empty(0, self._dtype)
         self._used = 0
         self._jumped = np.zeros(0, np.uint16)
+        #: `_go_on`, settled: what it takes is made here or in `wire`, never of other kinds.
+        self._go_on: Callable[..., int] | None = None
 
     def set_bits(self, bits: Sequence[int]) -> None:
         """Counts of joint k wrap at 2^bits[k-1]; to be told before the first run."""
         if self._unwrapper is None:
             ranges = [1 << b for b in bits]
             self._unwrapper = Unwrapper(ranges, ranges, self._max_rate)
+            self._go_on = None
 
     def new_boot(self) -> None:
         """The encoders' turns are unknown again."""
@@ -56,10 +59,13 @@ class SampleAssembler:
         if sequence.in_doubt:
             return None
         out = self._room(len(rows))
-        trouble = _go_on(
+        arguments = (
             rows, sequence.memory, self._clock.line, arrival_ns, unix_minus_monotonic_ns,
             self._next_seq, self._unwrapper.memory, out, self._jumped,
         )  # fmt: skip
+        if self._go_on is None:
+            self._go_on = settled(_go_on, *arguments)
+        trouble = self._go_on(*arguments)
         return None if trouble == NONE else self._told(rows, out, trouble)
 
     def assemble(self, run: Run, unix_minus_monotonic_ns: int) -> list[Item]:

@@ -39,7 +39,9 @@ _LINE = np.dtype([("mapped", "?"), ("device_ns", "i8"), ("host_ns", "i8"), ("dri
 class ClockMapping:
     """Device microseconds since boot → nanoseconds of the host's CLOCK_MONOTONIC."""
 
-    def __init__(self) -> None:
+    def __init__(self, noise_ns: float = FLOOR_NS) -> None:
+        """*noise_ns*: of an exchange, beside what its round trip shows."""
+        self._noise_ns = noise_ns
         #: What `host_ns` takes. `drift`: host seconds gained per device second.
         self.line = np.zeros(1, _LINE)
         self.reset()
@@ -57,11 +59,6 @@ class ClockMapping:
     @property
     def ping_interval_ns(self) -> int:
         return EAGER_INTERVAL_NS if len(self._exchanges) < EAGER else INTERVAL_NS
-
-    @property
-    def round_trip_ns(self) -> int | None:
-        """The shortest round trip in the window."""
-        return min((received - sent for _, sent, received in self._exchanges), default=None)
 
     def add(self, sent_ns: int, received_ns: int, device_ns: int) -> bool:
         """One exchange: PING sent and PONG received by the host's clock, stamped by the arm's.
@@ -97,7 +94,7 @@ class ClockMapping:
         anchor, host = int(device[-1]), int(middle[-1])
         u = (device - anchor).astype(np.float64)  # before the anchor: negative
         y = ((middle - host) - (device - anchor)).astype(np.float64)
-        w = (FLOOR_NS + round_trip - round_trip.min()) ** -2.0
+        w = (self._noise_ns + round_trip - round_trip.min()) ** -2.0
         # Normal equations of y = a + b·u with the prior b = 0 ± DRIFT_PRIOR.
         s, su, sy = w.sum(), w @ u, w @ y
         suu, suy = w @ (u * u) + DRIFT_PRIOR**-2, w @ (u * y)

@@ -28,13 +28,14 @@ class SerialDriver(SerialShell[SerialDecoder]):
         super().__init__(SerialDecoder(expectation, config.max_joint_rate_deg_s), config.port)
         self._baud = config.baud
         self._nonce = 0
+        self._stretch = 0.75  # of the interval to the next PING
         self._asked = 0  # IDENTIFY sent on this connection
         self._identify_due_ns = self._pinged_ns = 0
 
     def read(self, timeout_s: float) -> list[Item]:
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
         items: list[Item] = []
-        while not items:
+        while True:
             items += self._housekeeping(time.monotonic_ns())
             wait_ns = max(0, min(deadline_ns, self._next_due_ns()) - time.monotonic_ns())
             if self._port is None:
@@ -43,7 +44,7 @@ class SerialDriver(SerialShell[SerialDecoder]):
                 items += self._receive(self._port)
             elif time.monotonic_ns() >= self._line.act_ns:  # never while bytes are waiting
                 items += self._renew()
-            if time.monotonic_ns() >= deadline_ns:
+            if items or time.monotonic_ns() >= deadline_ns:
                 break
         return items
 
@@ -52,21 +53,20 @@ class SerialDriver(SerialShell[SerialDecoder]):
     def _next_due_ns(self) -> int:
         if self._port is None:
             return self._line.open_due_ns
-        due = min(self._ping_due_ns, self._line.act_ns)
+        due = min(self._ping_due_ns(), self._line.act_ns)
         return min(due, self._identify_due_ns) if self._decoder.wants_identity else due
 
-    @property
     def _ping_due_ns(self) -> int:
-        # Out of step with the arm's own beat, so that some PING finds it idle.
-        stretch = 0.75 + 0.5 * (self._nonce * GOLDEN_RATIO % 1)
-        return self._pinged_ns + round(self._decoder.ping_interval_ns * stretch)
+        return self._pinged_ns + int(self._decoder.ping_interval_ns * self._stretch)
 
     def _housekeeping(self, now_ns: int) -> list[Item]:
         if self._port is None:
             return self._try_open(now_ns) if now_ns >= self._line.open_due_ns else []
-        if now_ns >= self._ping_due_ns:
+        if now_ns >= self._ping_due_ns():
             self._pinged_ns = now_ns
             self._nonce = (self._nonce + 1) & 0xFFFFFFFF
+            # Out of step with the arm's own beat, so that some PING finds it idle.
+            self._stretch = 0.75 + 0.5 * (self._nonce * GOLDEN_RATIO % 1)
             self._take(self._write(self._port, wire.encode_ping(self._nonce)))
         if not self._decoder.wants_identity:
             self._asked = 0

@@ -14,10 +14,13 @@ from armd.simulator.live.pty_port import PtyPort
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.live.truth_log import FaultLog, TruthFile
 from armd.simulator.microscribe import arm
+from armd.simulator.microscribe.motion import MotionReport, SpoiltLine, Timer
 
-TICKS_PER_S = 900
-TURN_ROUND_S = 0.0002  # from a command to the first bit of its reply
+#: From a command to the first bit of its reply: "just under a millisecond", as the maker says; the
+#: reading is made as soon as the command is understood.
+TURN_ROUND_S, UNDERSTOOD_S = 0.0009, 0.0003
 SCHEDULE_HZ = 1000
+DEAF = ("silence", "reboot")
 _BLOCKS = {
     wire.PARAMETERS: bytes([len(arm.PARAMETERS)]) + arm.PARAMETERS,
     wire.EXTENDED: bytes([len(arm.EXTENDED)]) + arm.EXTENDED,
@@ -29,7 +32,7 @@ _BLOCKS = {
 class MicroScribeDevice:
     """One arm on one port. *baud*: the only rate at which it hears; None: any.
 
-    Its rows of truth are numbered by the readings it was asked for.
+    Rows of truth are numbered by their instant (CLOCK_MONOTONIC, ns), as this wire has no number.
     """
 
     def __init__(
@@ -42,9 +45,12 @@ class MicroScribeDevice:
         self._log = log
         self._baud = baud
         self._hand = arm.PedalHand(scenario.seed)
+        self._rng = np.random.default_rng([scenario.seed, 0x35CB])
         self._listening: Callable[[bytes], bytes] = self._synchronise
-        self._asked = 0
         self._began_ns = 0
+        self._line = SpoiltLine(port, self._rng)
+        self._timer = Timer(scenario.clock_ppm, int(self._rng.integers(1 << 14)))
+        self._motion: MotionReport | None = None  # what it was told to respond to
         self._wake()
 
     def run(self) -> None:
@@ -58,9 +64,8 @@ class MicroScribeDevice:
             if not self._port.plugged:
                 time.sleep(0.001)
                 continue
-            received = self._port.read(0.01)
-            if self._schedule.is_on("silence") or self._schedule.is_on("reboot"):
-                self._asked += sum(byte in wire.POLLS for byte in received) * self._in_session
+            received = self._port.read(self._respond())
+            if any(self._schedule.is_on(name) for name in DEAF):
                 heard = b""
                 continue
             if self._baud is not None and received and self._port.baud != self._baud:
@@ -92,6 +97,9 @@ class MicroScribeDevice:
         return heard.partition(wire.BEGIN)[2]
 
     def _obey(self, heard: bytes) -> bytes:
+        if self._motion is not None:  # any command ends it, once what is on the line has passed
+            time.sleep(self._motion.finish(self._now_s()))
+            self._motion = None
         command = heard[0] | 0x80
         if command == wire.END:
             self._reply(bytes([wire.END]))
@@ -102,36 +110,53 @@ class MicroScribeDevice:
             self._hand.homed(self._now_s())
             self._reply(bytes([wire.HOME]))
             self._log.write("homed", at_s=self._now_s())
+        elif command == wire.RESPOND_TO_MOTION and not self._schedule.is_on("no_streaming"):
+            if len(heard) < MotionReport.COMMAND_BYTES:
+                return heard
+            self._reply(heard[:1])
+            self._motion = MotionReport(heard, self._timer, self._port.baud, self._now_s())
+            return heard[MotionReport.COMMAND_BYTES :]
         elif command in _BLOCKS:
             self._reply(bytes([command]) + _BLOCKS[command])
         elif not command & 0x40:
-            self._read(heard[0])
+            time.sleep(UNDERSTOOD_S)
+            reading = self._read(self._now_s())
+            self._reply(wire.encode_standard(command & 0x7F, reading), UNDERSTOOD_S)
         return heard[1:]
 
-    def _read(self, command: int) -> None:
-        t_s = self._now_s()
+    def _respond(self) -> float:
+        """Sends what is due of what it was told to respond to; seconds until more is."""
+        motion = self._motion
+        if motion is None:
+            return 0.01
+        if self._now_s() >= motion.due_s:
+            if motion.packet:
+                if not any(self._schedule.is_on(name) for name in (*DEAF, "stuck")):
+                    self._line.write(motion.packet)
+                motion.passed()
+            else:
+                motion.read(self._read(motion.due_s))
+        return min(0.01, max(0.0, motion.due_s - self._now_s()))
+
+    def _read(self, t_s: float) -> wire.StandardReply:
         angles = self._hand.angles(t_s)
-        self._truth.append(np.array([self._asked], np.uint64), arm.tip_mm(angles)[None])
-        self._asked += 1
+        at_ns = self._began_ns + round(t_s * 1e9)
+        self._truth.append(np.array([at_ns], np.uint64), arm.tip_mm(angles)[None])
         counts = self._counts_at_home + self._true_counts(t_s) - self._true_at_home
-        reading = wire.StandardReply(
+        return wire.StandardReply(
             self._hand.buttons(t_s),
-            int(t_s * TICKS_PER_S) & 0x3FFF,
+            self._timer.ticks(t_s) & 0x3FFF,
             tuple(int(count) & 0x3FFF for count in counts),
         )
-        self._reply(wire.encode_standard(command & 0x7F, reading))
 
     # --- the rest ----------------------------------------------------------------------------
-
-    @property
-    def _in_session(self) -> bool:
-        return self._listening == self._obey
 
     def _wake(self) -> None:
         """Power-up: the registers are set as though the stylus were in its rest."""
         self._counts_at_home = arm.HOME_COUNTS.astype(np.int64)
         self._true_at_home = self._true_counts(self._now_s())
         self._listening = self._synchronise
+        self._motion = None
 
     def _true_counts(self, t_s: float) -> I64:
         turns = self._hand.angles(t_s) / (2 * np.pi)
@@ -141,9 +166,9 @@ class MicroScribeDevice:
     def _now_s(self) -> float:
         return (time.monotonic_ns() - self._began_ns) * 1e-9 if self._began_ns else 0.0
 
-    def _reply(self, data: bytes) -> None:
-        time.sleep(TURN_ROUND_S + len(data) * 10 / self._port.baud)
-        self._port.write(data)
+    def _reply(self, data: bytes, passed_s: float = 0.0) -> None:
+        time.sleep(TURN_ROUND_S - passed_s + len(data) * 10 / self._port.baud)
+        self._line.write(data)
 
     def _change_faults(self) -> None:
         ended, begun = self._schedule.advance(round(self._now_s() * SCHEDULE_HZ))
@@ -151,6 +176,7 @@ class MicroScribeDevice:
             for fault in faults:
                 now = {"at_s": self._now_s(), "monotonic_ns": time.monotonic_ns()}
                 self._log.write(what, fault=fault.name, **now)
+                self._line.fault(fault, what == "begin")
         if any(fault.name == "reboot" for fault in ended):
             self._wake()
         if self._schedule.is_on("unplug"):

@@ -78,8 +78,9 @@ def test_any_exchange_is_survived(host_ns, device_ns):
 
 def test_an_answer_before_its_question_is_ignored():
     clock = ClockMapping()
-    clock.add(1000, 900, 0)
-    assert clock.round_trip_ns is None
+    for _ in range(ENOUGH):
+        clock.add(1000, 900, 0)
+    assert not clock.mapped
 
 
 def test_a_reset_forgets_the_mapping():

@@ -1,0 +1,115 @@
+"""What a MicroScribe sends by itself ("respond to motion"), its timer, a line that loses bytes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from armd.drivers.microscribe import wire
+from armd.simulator.live.faults import Fault
+from armd.simulator.live.pty_port import PtyPort
+
+READ_TO_LINE_S = 0.0006  # from a reading to its first bit
+
+
+class Timer:
+    """Ticks of 1/900 s of a crystal that is *ppm* parts per million fast, from *first* on."""
+
+    HZ = 900
+
+    def __init__(self, ppm: float, first: int) -> None:
+        self._hz = self.HZ * (1 + ppm * 1e-6)
+        self._first = first
+
+    def ticks(self, t_s: float) -> int:
+        return self._first + math.floor(t_s * self._hz)
+
+    def begin_s(self, ticks: int) -> float:
+        """When a tick begins."""
+        return (ticks - self._first) / self._hz + 1e-9
+
+
+class MotionReport:
+    """One command to respond to motion, at the pace of its delay, the timer's ticks and the line.
+
+    In turn: `read` at `due_s`, and `packet` has passed the line at the next `due_s`. The maker says
+    of the ticks of the delay that they are of about 1 ms: they are taken for the timer's.
+    """
+
+    COMMAND_BYTES = 25
+
+    def __init__(self, heard: bytes, timer: Timer, baud: int, now_s: float) -> None:
+        self._command, delay = wire.streamed_command(heard)
+        self._buttons = heard[4]
+        self._changes = np.frombuffer(heard[13:25], ">u2")
+        self._timer = timer
+        self._line_s = READ_TO_LINE_S + wire.standard_size(self._command) * 10 / baud
+        self._every = max(delay, math.ceil(self._line_s * Timer.HZ))
+        self._tick = timer.ticks(now_s)
+        self._sent: wire.StandardReply | None = None
+        self.packet = b""
+        self._next()
+
+    def read(self, reading: wire.StandardReply) -> None:
+        """At the begin of a tick."""
+        if self._wanted(reading):
+            self._sent = reading
+            self.packet = wire.encode_standard(self._command, reading)
+            self.due_s += self._line_s
+        else:
+            self._next()
+
+    def passed(self) -> None:
+        self.packet = b""
+        self._next()
+
+    def finish(self, now_s: float) -> float:
+        """Seconds that the line is not free for yet."""
+        return max(0.0, self.due_s - now_s) if self.packet else 0.0
+
+    def _next(self) -> None:
+        self._tick += self._every
+        self.due_s = self._timer.begin_s(self._tick)
+
+    def _wanted(self, reading: wire.StandardReply) -> bool:
+        if not self._buttons and not self._changes.any():
+            return True
+        if self._sent is None:
+            return True
+        moved = np.abs(np.subtract(reading.counts, self._sent.counts))
+        enough = (self._changes[: len(moved)] > 0) & (moved >= self._changes[: len(moved)])
+        return bool(enough.any() or (reading.buttons ^ self._sent.buttons) & self._buttons)
+
+
+class SpoiltLine:
+    """The port, with bytes lost and inserted on the way."""
+
+    def __init__(self, port: PtyPort, rng: np.random.Generator) -> None:
+        self._port, self._rng = port, rng
+        self._on: list[Fault] = []
+        self._to_lose = 0  # bytes of what comes next
+
+    def fault(self, fault: Fault, begins: bool) -> None:
+        """One without duration is of the next packet alone."""
+        if fault.name in ("lost_byte", "inserted_byte"):
+            if begins:
+                self._on.append(fault)
+            elif fault.seconds:
+                self._on.remove(fault)
+
+    def write(self, data: bytes) -> None:
+        data, self._to_lose = data[self._to_lose :], max(0, self._to_lose - len(data))
+        for fault in [*self._on]:
+            if not data:
+                return
+            at, amount = int(self._rng.integers(len(data))), round(fault.size)
+            if fault.name == "lost_byte":
+                self._to_lose = max(0, amount - (len(data) - at))
+                data = data[:at] + data[at + amount :]
+            else:
+                data = data[:at] + self._rng.bytes(amount) + data[at:]
+            if not fault.seconds:
+                self._on.remove(fault)
+        if data:
+            self._port.write(data)
