@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import termios
 import time
 from pathlib import Path
@@ -28,14 +29,21 @@ def examine_port(port: str, machine: ThisMachine) -> Patient:
     try:
         with Line(port, OWN_BAUDS[0]) as line:
             if not (_own(line, patient) or find_servos(line, patient) or _scribe(line, patient)):
+                other = ""
+                if line.heard_bytes and not line.echoes:
+                    other = f"; {line.heard_bytes} bytes of something else came: another device?"
                 patient.find(
                     "no_answer",
                     "nobody answers: no servo (Feetech, Dynamixel 2.0), no MicroScribe, no arm "
-                    "that speaks armd's own wire",
+                    f"that speaks armd's own wire{other}",
                     "switch the arm's supply on, check the cable and that the adapter is a bus "
                     "adapter; then `armd doctor --port " + port + "` again",
                 )
     except (OSError, ValueError, termios.error) as error:
+        if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY):
+            text = f"another program has {port} open, an `armd run` perhaps"
+            patient.find("port_held", text, f"sudo fuser -v {port} names it: end it")
+            return patient
         patient.find("port", f"{port} cannot be opened: {error}", f"ls -l {port}")
     return patient
 

@@ -8,7 +8,7 @@ from typing import Any
 
 
 @dataclass(frozen=True)
-class Finding:
+class Obstacle:
     """One thing that stands in the way."""
 
     kind: str  # "permission", "latency_timer", "missing_id", …: docs/doctor.md
@@ -22,7 +22,7 @@ class Patient:
 
     name: str
     facts: list[str] = field(default_factory=list)
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[Obstacle] = field(default_factory=list)
     servos: Sequence[dict[str, Any]] = ()  # as armd.drivers.poll.family.Servo, with "id"
     protocol: str = ""  # who answers: a `kind` of [driver], or ""
     baud: int | None = None
@@ -32,7 +32,7 @@ class Patient:
         self.facts.append(fact)
 
     def find(self, kind: str, text: str, mend: str) -> None:
-        self.findings.append(Finding(kind, text, mend))
+        self.findings.append(Obstacle(kind, text, mend))
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)

@@ -22,6 +22,7 @@ class Line(Closing):
     def __init__(self, port: str, baud: int) -> None:
         self.baud = baud
         self.echoes = False  # as far as is known
+        self.heard_bytes = 0
         self._port = serial.Serial(port, baud, timeout=0, exclusive=True)
 
     def close(self) -> None:
@@ -44,7 +45,9 @@ class Line(Closing):
         """What comes first within *seconds*; empty if nothing does."""
         if not select.select([self._port.fileno()], [], [], max(0.0, seconds))[0]:
             return b""
-        return bytes(self._port.read(BYTES))
+        heard = bytes(self._port.read(BYTES))
+        self.heard_bytes += len(heard)
+        return heard
 
     def listen_to_itself(self, request: bytes) -> None:
         """Whether the adapter hears what it says; *request* is one that nobody answers."""

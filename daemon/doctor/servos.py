@@ -87,7 +87,7 @@ def read(line: Line, family: Family, servo: int, address: int, length: int) -> b
     for request in (build(servo, address, length), family.sync_read([servo], address, length)) * 2:
         for packet in line.ask(family, request, [servo], ANSWER_S + 10 * length / line.baud):
             for status in family.statuses(packet, length):
-                if status.id == servo and len(status.data) == length:
+                if status.id == servo and _whole(family, [status], length):
                     return status.data
     return None
 
@@ -133,14 +133,14 @@ def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
                 for i, servo in servos.items()
                 if servo.model == model and servo.firmware != usual
             ]
-            text = f"mixed firmware: {', '.join(odd)}, the other "
+            text = f"mixed {family.register('firmware')}: {', '.join(odd)}, the other "
             text += f"{model_name(model, family.models)} {usual}"
             patient.find(
                 "mixed_firmware", text, f"bring all to one version with {TOOL[family.name]}"
             )
     on = [i for i, servo in servos.items() if servo.torque]
     if on:
-        text = f"torque is on at {_ids(on)}: it holds the joint, or pushes it"
+        text = f"{family.register('torque')} is on at {_ids(on)}: it holds the joint, or pushes it"
         mend = "torque_off = true under [driver] of armd.toml, or switch the supply off and on"
         patient.find("torque_on", text, mend)
     slow = {i: s.return_delay_us for i, s in servos.items() if s.return_delay_us > SLOW_US}
@@ -167,7 +167,7 @@ def _rate(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> N
     while time.monotonic() - began < RATE_S:
         heard: set[int] = set()
         for packet in line.ask(family, request, ids, line_s + ANSWER_S):
-            for status in _whole(family.statuses(packet, length), length):
+            for status in _whole(family, family.statuses(packet, length), length):
                 heard.add(status.id)
                 if family.alerts(status.error):
                     alerts[status.id] = status.error
@@ -193,8 +193,8 @@ def _rate(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> N
         patient.find("servo_alert", f"servo {servo} complains of: {words}", mend)
 
 
-def _whole(statuses: list[Status], length: int) -> list[Status]:
-    return [status for status in statuses if len(status.data) == length]
+def _whole(family: Family, statuses: list[Status], length: int) -> list[Status]:
+    return [s for s in statuses if len(s.data) == length and not family.refuses(s.error)]
 
 
 def _ids(ids: Sequence[int]) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.exchange import Exchange, Lateness
+from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.family import FAMILIES, Servo
 from armd.drivers.poll.packet import ReadRequest
 from armd.drivers.poll.roster import Roster
@@ -56,7 +56,6 @@ class ServoDecoder:
         self.chain_broken = False  # the last cycle's answers ended early, all in one packet
         self._sampler = ServoSampler(config.ids, config.max_joint_rate_deg_s)
         self._warmth = Warmth(sensors)
-        self._lateness = Lateness()
         self._splitter = family.splitter()
         self._own = family.splitter()  # of what we say
         self._asked: dict[bytes, ReadRequest | None] = {}  # what it means, by packet
@@ -106,7 +105,6 @@ class ServoDecoder:
             servos={servo: found.as_json() for servo, found in self.roster.servos.items()},
             changed=self.roster.changed,
             warmth=self._warmth.state(),
-            late=list(self._lateness.seen_ns),
             sampler=self._sampler.state(),
         )
         began = self._under_way[0]._replace(direction="link", data=state)
@@ -172,6 +170,7 @@ class ServoDecoder:
         return [
             event
             for servo, answer in exchange.answers.items()
+            if servo not in exchange.doubtful
             for event in self.roster.identify(
                 servo, self.family.identity(answer.status.data), answer.arrived_ns
             )
@@ -194,6 +193,8 @@ class ServoDecoder:
                 self._missed[servo] += 1
                 silent.add(servo)
                 self.roster.silent(servo, now_ns)
+                if answer is not None:
+                    items += self.roster.doubled(servo, now_ns)
                 continue
             self.roster.heard(servo, now_ns)
             error = answer.status.error
@@ -217,12 +218,15 @@ class ServoDecoder:
             self._number,
             [positions.get(servo) for servo in self.joints],
             at_ns[: len(self.joints)],
-            self._lateness.doubt_ns(exchange.late_ns(self.byte_ns, gaps_ns)),
+            exchange.late_ns(self.byte_ns, gaps_ns),
             unix_minus_monotonic_ns,
             self.roster.unusable,
             warned,
             self._pressed(positions),
         )
+        for k, servo in enumerate(self.joints):
+            if self._sampler.jumped >> k & 1:
+                self.roster.suspect(servo, now_ns)
         return items
 
     def _pressed(self, positions: dict[int, int]) -> bool | None:
@@ -269,6 +273,7 @@ class ServoDecoder:
                 self.exchange = None
                 self._settled = self.chain_broken = False
                 self._splitter.flush()
+                self._sampler.pause()
                 self.roster.forget()
             case "missing":
                 return [*self.roster.miss(note["servos"], self._port, now_ns)]
@@ -289,6 +294,5 @@ class ServoDecoder:
                 self.roster.heard_ns = {int(s): at_ns for s, at_ns in note["heard"].items()}
                 self.roster.changed = {int(s): phrases for s, phrases in note["changed"].items()}
                 self._warmth.restore(note["warmth"])
-                self._lateness.seen_ns.extend(note["late"])
                 self._sampler.restore(note["sampler"])
         return []

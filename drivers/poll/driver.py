@@ -42,6 +42,8 @@ class ServoDriver(SerialShell[ServoDecoder]):
         self._hold_ns = 0  # nothing is sent before: a servo is busy with a write
         self._needs_ns = 0.0  # what the exchange under way needs on the line, at least
         self._heard_ns = 0  # its last bytes; 0: none yet
+        self._answered_ns: int | None = None  # when a servo was heard last
+        self._strange_bytes = 0  # that have come since then
         self._undecoded: list[RawFrame] = []  # what it has brought, while more is to come
         self._is_cycle = False
         self._side: ReadRequest | None = None  # due besides the cycles
@@ -52,6 +54,15 @@ class ServoDriver(SerialShell[ServoDecoder]):
         if self._port is None:
             return ""
         return self._decoder.roster.hindrance(time.monotonic_ns())
+
+    @property
+    def _of_silence(self) -> str:
+        found = "nothing"
+        if self._strange_bytes:
+            found = f"{self._strange_bytes} bytes that are no answer (another device, or rate?)"
+        ids = ", ".join(map(str, self._decoder.everyone))
+        kind = self._decoder.family.name
+        return f" at {self._baud} baud: found {found}, expected answers of {kind} servos {ids}"
 
     def read(self, timeout_s: float) -> list[Item]:
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
@@ -120,6 +131,8 @@ class ServoDriver(SerialShell[ServoDecoder]):
             self._plan.ended(complete, now_ns)
 
     def _heard(self, items: list[Item]) -> list[Item]:
+        if self._decoder.last_heard_ns != self._answered_ns:
+            self._answered_ns, self._strange_bytes = self._decoder.last_heard_ns, 0
         return self._line.heard(self._decoder.last_heard_ns, items)
 
     # --- asking --------------------------------------------------------------------------------
@@ -207,6 +220,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
     def _received(self, port: serial.Serial, data: bytes) -> list[Item]:
         frame, exchange, request = self._frame("rx", data), self._decoder.exchange, self._next
         self._heard_ns = now_ns = frame.monotonic_ns
+        self._strange_bytes += len(data)
         if exchange is None:
             return self._take(frame)
         self._undecoded.append(frame)

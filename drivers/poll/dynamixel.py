@@ -23,16 +23,6 @@ STATUS = 0x55
 SYNC_READ, SYNC_WRITE, FAST_SYNC_READ, BULK_READ = 0x82, 0x83, 0x8A, 0x92
 
 ALERT = 0x80  # of a status's error byte: register 70 tells why; the data hold all the same
-#: the other seven bits: why an instruction was not done
-REFUSALS = {
-    1: "result fail",
-    2: "instruction error",
-    3: "CRC error",
-    4: "data range error",
-    5: "data length error",
-    6: "data limit error",
-    7: "access error",
-}
 #: bit of register 70 → what the servo complains of
 HARDWARE_ERRORS = {
     0: "input voltage",

@@ -4,24 +4,16 @@ Servos answer one after the other, each in a slot of its own. What arrives is ba
 arrivals only bound the slots from above; the last one anchors them. A servo's position is taken
 to be that at the beginning of its own answer: when exactly a servo samples is documented nowhere;
 at the most it is one slot earlier, and one run of the servo's own 1 ms loop.
-
-Where the host stood still, nobody can tell whether it was before the request went out or after the
-answers were here. `Lateness` tells by how much the instants of such a cycle are in doubt.
 """
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
 
 from armd.drivers.poll.family import Family
 from armd.drivers.poll.packet import Packet, ReadRequest, Status
 from armd.drivers.sample import RawFrame
-
-#: Adapters deliver at intervals of 1 ms, or of an eighth of that; requests wait for one of them,
-#: and answers for another.
-JITTER_NS = 2_000_000.0
-REMEMBERED = 101  # cycles of which the quickest twentieth tell what is usual, on a busy host too
 
 
 class Answer:
@@ -67,6 +59,8 @@ class Exchange:
     def _accept(self, status: Status, arrived_ns: int) -> None:
         if status.id not in self.request.ids:
             self._counted["foreign"] += 1
+        elif self._family.refuses(status.error):
+            self._counted["refused"] += 1
         elif len(status.data) != self.request.length:
             self._counted["late" if status.data else "refused"] += 1
         elif status.id not in self.answers:
@@ -133,19 +127,3 @@ def instants(
         shrink = (anchor - sent_ns) / (anchor - begins[0])
         begins = [anchor - (anchor - begin) * shrink for begin in begins]
     return begins
-
-
-class Lateness:
-    """How much later than the line needs the answers are here where nobody disturbs them (an
-    adapter's own time, the same in each cycle), and how much later than that those of one cycle
-    were."""
-
-    def __init__(self) -> None:
-        self.seen_ns: deque[int] = deque(maxlen=REMEMBERED)  # of the last cycles
-
-    def doubt_ns(self, late_ns: int) -> float:
-        """By how much the instants of a cycle are in doubt whose answers came *late_ns* after the
-        line's own time; 0 within an adapter's jitter."""
-        self.seen_ns.append(late_ns)
-        usual_ns = sorted(self.seen_ns)[len(self.seen_ns) // 20]
-        return max(0.0, late_ns - usual_ns - JITTER_NS)

@@ -12,6 +12,8 @@ from armd.drivers.poll.packet import Packet, ReadRequest, Splitter, Status
 
 COUNTS_PER_TURN = 4096
 SCS_SERIES = 5  # the first byte of its models' numbers: an SCS0009 says 5, 4
+#: A Dynamixel in this mode ignores a homing offset beyond so many counts (e-Manual, register 20).
+POSITION_MODE, OFFSET_IN_POSITION_MODE = 3, 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +27,7 @@ class Servo:
     mode: int  # of operation, as the register has it
     torque: bool  # on: it holds the joint
     return_delay_us: int  # that it waits before it answers
+    offset_in_force: bool = True  # false where its mode ignores so large a homing offset
 
     @property
     def geometry(self) -> dict[str, Any]:
@@ -33,6 +36,7 @@ class Servo:
             "model": self.model,
             "homing_offset": self.homing_offset,
             "reversed": self.reversed,
+            "offset_in_force": self.offset_in_force,
         }
 
     def as_json(self) -> dict[str, Any]:
@@ -66,6 +70,7 @@ class Family(Protocol):
     warm_bytes: int  # the least that holds position and temperature
     identity_bytes: int  # from register 0 on, all that `identity` wants
     registers: dict[str, int]  # where a `Servo`'s fields stand; torque and return delay: 1 byte
+    id_register: int
     return_delay_least_us: int  # what a servo needs to turn the line round, whatever its register
     alarm: int | None  # 1 byte: why `alerts`; None where the error byte says it
     has_fast: bool  # whether one packet may carry all answers
@@ -108,6 +113,10 @@ class Family(Protocol):
 
     def identity(self, data: bytes) -> Servo: ...
 
+    def refuses(self, error: int) -> bool:
+        """Whether a status's error byte says that what was asked was not done: no data hold."""
+        ...
+
     def alerts(self, error: int) -> bool:
         """Whether a status's error byte tells of trouble; its data hold all the same."""
         ...
@@ -126,8 +135,9 @@ class Feetech(Family):
     identity_bytes = 41
     registers = {
         "model": 3, "firmware": 0, "homing_offset": 31, "reversed": 18, "mode": 33, "torque": 40,
-        "return_delay_us": 7,
+        "return_delay_us": 7, "offset_in_force": 33,
     }  # fmt: skip
+    id_register = 5
     return_delay_least_us = 50
     alarm: int | None = None
     has_fast = False
@@ -181,6 +191,9 @@ class Feetech(Family):
             return_delay_us=2 * data[7],
         )
 
+    def refuses(self, error: int) -> bool:
+        return False
+
     def alerts(self, error: int) -> bool:
         return error != 0
 
@@ -202,8 +215,9 @@ class Dynamixel(Family):
     identity_bytes = 71
     registers = {
         "model": 0, "firmware": 6, "homing_offset": 20, "reversed": 10, "mode": 11, "torque": 64,
-        "return_delay_us": 9,
+        "return_delay_us": 9, "offset_in_force": 11,
     }  # fmt: skip
+    id_register = 7
     return_delay_least_us = 40
     alarm: int | None = 70
     has_fast = True
@@ -247,15 +261,20 @@ class Dynamixel(Family):
         return float(_signed_byte(data[14]))
 
     def identity(self, data: bytes) -> Servo:
+        offset, mode = int.from_bytes(data[20:24], "little", signed=True), data[11]
         return Servo(
             model=data[0] | data[1] << 8,
             firmware=str(data[6]),
-            homing_offset=int.from_bytes(data[20:24], "little", signed=True),
+            homing_offset=offset,
             reversed=bool(data[10] & 1),
-            mode=data[11],
+            mode=mode,
             torque=data[64] != 0,
             return_delay_us=2 * data[9],
+            offset_in_force=mode != POSITION_MODE or abs(offset) <= OFFSET_IN_POSITION_MODE,
         )
+
+    def refuses(self, error: int) -> bool:
+        return bool(error & ~dynamixel.ALERT)
 
     def alerts(self, error: int) -> bool:
         return bool(error & dynamixel.ALERT)

@@ -1,7 +1,8 @@
 """What is remembered of an arm's servos from one connection to the next, in the state folder.
 
 `servos-SERIAL.json` holds what was `accepted` and what was `found` last, by servo id. A servo that
-was never there before is accepted as it is; later only `armd accept` changes that.
+was never there before is accepted as it is, and so is what an older armd did not ask; later only
+`armd accept` changes that.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ class Memory:
         """
         before = self._load()
         found = {servo: who.geometry for servo, who in servos.items()}
-        accepted = found | before.accepted if not accept else before.accepted | found
+        known = {s: found.get(s, {}) | who for s, who in before.accepted.items()}
+        accepted = known | found if accept else found | known
         after = before.model_copy(update={"accepted": accepted, "found": before.found | found})
         if after != before:
             self._save(after)

@@ -63,6 +63,9 @@ class RequestPlan:
     def side_question(self, now_ns: int) -> ReadRequest | None:
         """What is due besides the cycles."""
         roster, family = self._decoder.roster, self._decoder.family
+        if suspects := roster.suspects & roster.servos.keys():
+            roster.suspects.clear()
+            return self.identity(sorted(suspects))
         if now_ns >= self._stranger_due_ns and (strangers := roster.strangers):
             self._stranger_due_ns = now_ns + STRANGER_EVERY_NS
             return self.identity(strangers)

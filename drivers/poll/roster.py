@@ -13,6 +13,9 @@ from armd.drivers.sample import Event
 #: A servo that was not heard for longer is absent: one that is asked in each cycle, and one that
 #: is asked for its temperature alone.
 ABSENT_AFTER_NS, ABSENT_AT_LEISURE_NS = 500_000_000, 1_600_000_000
+#: A joint's servo that was not heard for longer may have started anew in between.
+ASK_AGAIN_AFTER_NS = 100_000_000
+SUSPECT_EVERY_NS = 50_000_000
 GIVEN_UP_AFTER = 3
 
 
@@ -34,6 +37,10 @@ class Roster:
         self.refused: dict[int, str] = {}  # why a servo cannot be read
         self.foreign = ""  # why this is not our arm, if it is not
         self.heard_ns: dict[int, int] = {}  # when each was heard last
+        self.suspects: set[int] = set()  # to be asked at once whether they are still the same
+        self._suspected_ns: dict[int, int] = {}  # when they became so last
+        self._doubled: Counter[int] = Counter()  # cycles with two answers that differ
+        self._doubled_ns: dict[int, int] = {}  # the last of them; for a while it counts on
         self._misses: Counter[int] = Counter()  # cycles in a row
         self._alerts: dict[int, tuple[int, int, str]] = {}  # bits, last seen, words
         self._announced: dict[int, Servo] = {}
@@ -50,7 +57,8 @@ class Roster:
             return (1 << len(self._joint)) - 1
         bits = 0
         for servo, joint in self._joint.items():
-            if servo not in self.servos or servo in self.changed or servo in self.refused:
+            known = servo in self.servos and self._doubled[servo] < GIVEN_UP_AFTER
+            if not known or servo in self.changed or servo in self.refused:
                 bits |= 1 << (joint - 1)
         return bits
 
@@ -60,6 +68,8 @@ class Roster:
         self.version += 1
         self.heard_ns.clear()
         self._misses.clear()
+        self._doubled.clear()
+        self.suspects.clear()
         self._alerts.clear()
         self.changed.clear()
         self.refused.clear()
@@ -143,7 +153,7 @@ class Roster:
             kind = "foreign_arm" if phrases[0].startswith("model") else "offsets_changed"
             events.append(Event(kind, text, now_ns, "error", {"servo": servo, "found": phrases}))
         if before and not changed:
-            text = "the servos' offsets are accepted as they are"
+            text = "the servos' offsets are those that are accepted"
             events.append(Event("offsets_accepted", text, now_ns, "info"))
         if first and not changed:
             text = f"arm {arm}: {len(self.servos)} of {len(self._everyone)} servos identified"
@@ -155,15 +165,39 @@ class Roster:
     def heard(self, servo: int, now_ns: int) -> None:
         self.heard_ns[servo] = now_ns
         self._misses[servo] = 0
+        if now_ns - self._doubled_ns.get(servo, now_ns) > GOOD_FOR_NS:
+            self._doubled[servo] = 0
 
     def silent(self, servo: int, now_ns: int) -> None:
         """No answer: after a while whoever comes back must say anew who he is."""
         self._misses[servo] += 1
-        if self._absent(servo, now_ns):
+        absent = self._absent(servo, now_ns)
+        quiet_ns = now_ns - self.heard_ns.get(servo, 0)
+        away = self.given_up(servo) and quiet_ns > ASK_AGAIN_AFTER_NS
+        if (absent or (away and servo in self._often)) and self.servos.pop(servo, None) is not None:
+            self.version += 1
+        if absent:
             self.heard_ns.pop(servo, None)
-            if self.servos.pop(servo, None) is not None:
-                self.version += 1
             self._alerts.pop(servo, None)
+
+    def suspect(self, servo: int, now_ns: int) -> None:
+        """Its count jumped: another homing offset would look like that."""
+        if now_ns - self._suspected_ns.get(servo, 0) > SUSPECT_EVERY_NS:
+            self._suspected_ns[servo] = now_ns
+            self.suspects.add(servo)
+
+    def doubled(self, servo: int, now_ns: int) -> list[Event]:
+        """Two answers to one request, and they differ: told if it goes on."""
+        self._doubled[servo] += 1
+        self._doubled_ns[servo] = now_ns
+        if self._doubled[servo] != GIVEN_UP_AFTER:
+            return []
+        text = f"{self.name(servo)}: {self._twice(servo)}; none of its values is valid"
+        return [Event("duplicate_id", text, now_ns, "error", {"servo": servo})]
+
+    def _twice(self, servo: int) -> str:
+        found = "found two answers that differ, expected one: are there two servos of this id?"
+        return f"id (register {self._family.id_register}): {found}"
 
     def given_up(self, servo: int) -> bool:
         """It has not answered for some cycles: nobody waits for it longer than its slot."""
@@ -176,7 +210,7 @@ class Roster:
     @property
     def strangers(self) -> list[int]:
         """Those that answer and have not said who they are."""
-        return [servo for servo in self.heard_ns if servo not in self.servos]
+        return [s for s in self.heard_ns if s not in self.servos and not self._misses[s]]
 
     def alert(self, servo: int, bits: int, now_ns: int) -> list[Event]:
         """The error byte of an answer: an event as trouble begins, and as it has gone for 0.5 s."""
@@ -223,6 +257,9 @@ class Roster:
             return f"{self.name(servo)}: {why}"
         for servo, phrases in self.changed.items():
             return f"{self.name(servo)}: {'; '.join(phrases)}; nothing is valid until accepted"
+        for servo, cycles in self._doubled.items():
+            if cycles >= GIVEN_UP_AFTER and now_ns - self._doubled_ns[servo] < GOOD_FOR_NS:
+                return f"{self.name(servo)}: {self._twice(servo)}"
         for servo in self._everyone:
             if self._absent(servo, now_ns):
                 return f"{self.name(servo)} does not answer"

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.poll.family import COUNTS_PER_TURN
+from armd.drivers.poll.lateness import Lateness
 from armd.drivers.sample import Event, Item, SampleArray, sample_dtype
 from armd.drivers.unwrap import MARGIN_COUNTS, Unwrapper
 
@@ -16,6 +17,21 @@ HALF_TURN = COUNTS_PER_TURN // 2
 #: A motion too slow to be seen in this time moves by no more than a few counts in a stall.
 PAST_NS = 20_000_000
 TOLD_EVERY_NS = 60_000_000_000  # that cycles are left out
+#: Nothing for so long, and for so many times the usual: how fast joints moved before says nothing.
+PAUSE_NS, PAUSE_CYCLES = 100_000_000, 4
+
+
+class Cycle(NamedTuple):
+    """What a cycle brought; see `ServoSampler.sample`."""
+
+    number: int
+    positions: Sequence[int | None]
+    at_ns: Sequence[float]
+    late_ns: int
+    unix_minus_monotonic_ns: int
+    unusable: int
+    warned: int
+    pressed: bool | None
 
 
 class ServoSampler:
@@ -25,7 +41,12 @@ class ServoSampler:
         self.delivered = 0
         self.lost = 0  # cycles in which nobody answered, or nobody knows at which instant
         self.untimed = 0  # of these: the latter
+        self.jumped = 0  # bits of joints whose counts jumped in the last row
         n = len(ids)
+        self._lateness = Lateness()
+        #: the first cycle of a motion that nobody knows: the second tells how fast it was
+        self._held: Cycle | None = None
+        self._heard_ns, self._spacing_ns = 0.0, 0.0  # the last cycle, and the one before that
         self._counts_per_ns = COUNTS_PER_TURN * max_joint_rate_deg_s / 360e9
         self._dtype = sample_dtype(n)
         self._unwrapper = Unwrapper(
@@ -49,20 +70,60 @@ class ServoSampler:
         number: int,
         positions: Sequence[int | None],
         at_ns: Sequence[float],
-        doubt_ns: float,
+        late_ns: int,
         unix_minus_monotonic_ns: int,
         unusable: int,
         warned: int,
         pressed: bool | None,
     ) -> list[Item]:
-        """The sample of cycle *number*, after the events its joints give rise to.
+        """The sample of cycle *number*, after the events its joints give rise to; after a pause
+        those of two cycles at the second of them.
 
         *positions* (N,) as the servos told them, at the instants *at_ns* (N,), the first of which
-        is the row's; where these are in doubt by *doubt_ns* and a joint moves, nobody knows where
-        it was at any instant, and the cycle counts as lost; bits of joints that are *unusable*
-        though they answer, and of those that *warned*; *pressed*: the button, None if unheard.
+        is the row's; where these are in doubt, as they came *late_ns* after the line's own time,
+        and a joint moves, nobody knows where it was at any instant, and the cycle counts as lost;
+        bits of joints that are *unusable* though they answer, and of those that *warned*;
+        *pressed*: the button, None if unheard.
         """
-        row_ns = round(at_ns[0])
+        cycle = Cycle(
+            number, positions, at_ns, late_ns, unix_minus_monotonic_ns, unusable, warned, pressed
+        )
+        self._lateness.seen(late_ns)
+        spacing_ns, self._heard_ns = at_ns[0] - self._heard_ns, at_ns[0]
+        if self._held is not None:
+            held, self._held = self._held, None
+            self._spacing_ns = spacing_ns
+            self._begin(held, cycle)
+            return [*self._row(held), *self._row(cycle)]
+        if spacing_ns > max(PAUSE_NS, PAUSE_CYCLES * self._spacing_ns):
+            self._held = cycle
+            return []
+        self._spacing_ns = spacing_ns
+        return self._row(cycle)
+
+    def pause(self) -> None:
+        """The line is closed: what the next cycle brings has nothing to do with the last one."""
+        self._held = None
+
+    def _begin(self, held: Cycle, cycle: Cycle) -> None:
+        """Each joint's last reading before *held*, as if it had come as steadily to *cycle*."""
+        for k, (position, later) in enumerate(zip(held.positions, cycle.positions, strict=True)):
+            if position is None or later is None:
+                continue
+            apart_ns = cycle.at_ns[k] - held.at_ns[k]
+            step = (later - position + HALF_TURN) % COUNTS_PER_TURN - HALF_TURN
+            if abs(step) > MARGIN_COUNTS + self._counts_per_ns * apart_ns:
+                step = 0  # a jump is no motion
+            self._last[k] = position - HALF_TURN - step, held.at_ns[k] - apart_ns
+        self._past_ns = 0
+        self._note_past(round(held.at_ns[0]))
+
+    def _row(self, cycle: Cycle) -> list[Item]:
+        number, positions, at_ns, late_ns, unix_minus_monotonic_ns, unusable, warned, pressed = (
+            cycle
+        )
+        row_ns, doubt_ns = round(at_ns[0]), self._lateness.doubt_ns(late_ns)
+        self.jumped = 0
         if doubt_ns and self._moves(positions, row_ns + doubt_ns):
             self.untimed += 1
             return self._tell_untimed(row_ns, doubt_ns)
@@ -77,7 +138,7 @@ class ServoSampler:
         counts, jumped = self._unwrapper(
             self._raw, np.array([row_ns // 1000]), np.array([silent], np.uint16)
         )
-        jumps = int(jumped[0])
+        self.jumped = jumps = int(jumped[0])
         if pressed is not None:
             self._buttons = int(pressed)
         out: SampleArray = np.zeros(1, self._dtype)
@@ -107,7 +168,7 @@ class ServoSampler:
             return []
         self._told_ns = now_ns
         text = (
-            f"a cycle is left out, its instant is in doubt by {doubt_ns * 1e-6:.0f} ms while the"
+            f"a cycle is left out, its instant is in doubt by {doubt_ns * 1e-6:.1f} ms while the"
             " arm moves: this computer is too busy, or the adapter holds bytes back (armd doctor)"
         )
         return [Event("untimed", text, now_ns, "warning", {"doubt_ms": round(doubt_ns * 1e-6, 1)})]
@@ -142,7 +203,8 @@ class ServoSampler:
             here = float(count)
             if not doubtful >> k & 1:
                 if last is not None and at_ns[k] > last[1]:
-                    here -= (count - last[0]) * (at_ns[k] - row_ns) / (at_ns[k] - last[1])
+                    step = (count - last[0] + HALF_TURN) % COUNTS_PER_TURN - HALF_TURN
+                    here -= step * (at_ns[k] - row_ns) / (at_ns[k] - last[1])
                 self._last[k] = count, at_ns[k]
             moved.append(here)
         return moved
@@ -157,6 +219,9 @@ class ServoSampler:
             "last": self._last,
             "told_ns": self._told_ns,
             "past": [self._past, self._past_ns],
+            "late": list(self._lateness.seen_ns),
+            "held": self._held,
+            "heard": [self._heard_ns, self._spacing_ns],
             "unwrap": [memory[name].tolist() for name in memory.dtype.names or ()],
         }
 
@@ -166,6 +231,9 @@ class ServoSampler:
         self._buttons, self._told_ns = state["buttons"], state["told_ns"]
         self._last = [None if last is None else (last[0], last[1]) for last in state["last"]]
         self._past, self._past_ns = state["past"]
+        self._lateness.seen_ns.extend(state["late"])
+        self._held = None if state["held"] is None else Cycle(*state["held"])
+        self._heard_ns, self._spacing_ns = state["heard"]
         memory = self._unwrapper.memory
         for name, values in zip(memory.dtype.names or (), state["unwrap"], strict=True):
             memory[name] = values

@@ -43,7 +43,7 @@ def decoder_of(recording: Recording, expectation: Expectation) -> Decoder:
             return ServoDecoder(validate(where, driver, ServoConfig), expectation)
         case "microscribe":
             scribe = validate(where, driver, MicroScribeConfig)
-            return MicroScribeDecoder(expectation, scribe.max_joint_rate_deg_s)
+            return MicroScribeDecoder(expectation, scribe.max_joint_rate_deg_s, scribe.stream)
     found = repr(driver["kind"])[:80]
     raise BadInput(where, "driver.kind", found, "a kind whose recordings can be replayed")
 

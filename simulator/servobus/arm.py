@@ -17,12 +17,10 @@ from armd.arrays import F64
 from armd.simulator.live.operator import Stretch
 from armd.simulator.servobus.motion import ServoMotion, wandering
 from armd.simulator.truth.arm import Materials, TrueArm
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.effects.effect import Conditions, Effect, Masses
 from armd.simulator.truth.effects.encoder.eccentric_disc import EccentricDisc
 from armd.simulator.truth.effects.mechanical.play import Play
 from armd.simulator.truth.effects.mechanical.soft_joint import SoftJoint
-from armd.simulator.truth.posture import Masses
 
 if TYPE_CHECKING:  # the wire must not wait for it
     from armd.simulator.live.led import Led

@@ -20,7 +20,7 @@ from armd.drivers.table import open_driver
 from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.servobus.arm import ServoArm
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.effect import Conditions
 from support.simulated_arm import simulated_arm
 from support.standstill import LONG_S, SERVO_LONG_S, taken_while_it_ran
 

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
+import tempfile
+import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+import serial
 
 from armd.daemon import cli
 from armd.daemon.commands.setup import doctor
@@ -17,6 +22,7 @@ from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.machine import ThisMachine, can_buses
 from armd.drivers.config import ServoConfig
 from armd.simulator.servobus.arm import arm_toml
+from support.pty_link import PtyLink
 from support.simulated_arm import simulated_arm
 from support.standing_servos import FakeServos, sts3215, xl330
 
@@ -48,6 +54,7 @@ def test_six_good_servos_are_well(capsys: pytest.CaptureFixture[str]) -> None:
         "mode": 0,
         "torque": False,
         "return_delay_us": 0,
+        "offset_in_force": True,
     }
     assert patient["rate_hz"] > 20
     assert bus.writes == []  # it changes nothing
@@ -66,8 +73,9 @@ def test_what_is_wrong_with_servos_is_told_and_how_to_mend_it(
     assert _kinds(patient) == {"missing_id", "mixed_firmware", "torque_on", "return_delay"}
     texts = {finding["kind"]: finding["text"] for finding in patient["findings"]}
     assert texts["missing_id"] == "servo 3 does not answer, and 6 is the last that does"
-    assert texts["mixed_firmware"] == "mixed firmware: servo 5 has 3.9, the other STS3215 3.10"
-    assert texts["torque_on"].startswith("torque is on at servo 5")
+    mixed = "mixed firmware (register 0): servo 5 has 3.9, the other STS3215 3.10"
+    assert texts["mixed_firmware"] == mixed
+    assert texts["torque_on"].startswith("torque (register 40) is on at servo 5")
     assert texts["return_delay"] == "servo 5 waits 500 µs before each answer: 0.5 ms a cycle"
     printed = capsys.readouterr().out
     assert "do: return_delay_us = 0 under [driver]" in printed
@@ -181,6 +189,34 @@ def test_another_kind_of_servo_than_the_files_is_told_with_the_key(tmp_path: Pat
     assert finding.kind == "other_kind"
     assert finding.text == f"{config}: driver.kind: found dynamixel, and feetech servos on the line"
     assert finding.mend == f'kind = "feetech" under [driver] of {config}'
+
+
+@pytest.mark.slow
+def test_another_device_and_another_program_on_the_port_are_told(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    bus = PtyLink(Path(tempfile.mkdtemp()) / "port")
+    stop = threading.Event()
+
+    def talk() -> None:
+        while not stop.wait(0.05):
+            with suppress(BlockingIOError):
+                os.write(bus.master, b"$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9*47\r\n")
+
+    talking = threading.Thread(target=talk)
+    talking.start()
+    code, patient = _doctor(str(bus.link), capsys)
+    stop.set()
+    talking.join()
+    (finding,) = patient["findings"]
+    assert code == 1 and finding["kind"] == "no_answer"
+    assert finding["text"].endswith("bytes of something else came: another device?")
+    with serial.Serial(str(bus.link), exclusive=True):
+        code, patient = _doctor(str(bus.link), capsys)
+    bus.unplug()
+    (finding,) = patient["findings"]
+    assert code == 1 and finding["kind"] == "port_held"
+    assert finding["mend"] == f"sudo fuser -v {bus.link} names it: end it"
 
 
 @pytest.mark.slow

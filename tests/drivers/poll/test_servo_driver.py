@@ -297,8 +297,8 @@ def test_a_cycle_in_doubt_is_left_out_for_a_motion_not_for_a_jump(step, comes):
     rows = []
     for number, at_s in enumerate((0.0, 0.01, 0.02, 0.03)):
         raw = 2100 + (step if number == 3 else 0)
-        doubt_ns = 5e6 if number == 3 else 0.0
-        items = sampler.sample(number, [raw, 7, 7], [at_s * S] * 3, doubt_ns, 0, 0, 0, None)
+        late_ns = 7_000_000 if number == 3 else 0  # beyond an adapter's 2 ms
+        items = sampler.sample(number, [raw, 7, 7], [at_s * S] * 3, late_ns, 0, 0, 0, None)
         rows += [item for item in items if isinstance(item, np.ndarray)]
     assert len(rows) == 3 + comes and sampler.untimed == (not comes)
     assert rows[-1]["joint_invalid"][0] == (step == 1500)
