@@ -130,7 +130,8 @@ say_help() {
 system_files() {
     printf '%s\n' "$units/armd.service" "$units/armd@.service" "$units/armd-bridge@.service" \
         "$rules/70-armd.rules" "$rules/71-armd-awake.rules" "$networks/80-armd-can.network" \
-        "$users/armd.conf" "$bash/armd" "$zsh/_armd" "$fish/armd.fish" "$man/armd.1"
+        "$users/armd.conf" "$bash/armd" "$zsh/_armd" "$fish/armd.fish" "$man/armd.1" \
+        "$units/armd.service.d/armd-compiles.conf" "$units/armd@.service.d/armd@-compiles.conf"
 }
 
 # Their folders that this machine has not got yet are ours to remove: noted beside the program.
@@ -162,6 +163,7 @@ save() {
 put_back() {
     system_files | while read -r file; do
         if [ -e "$saved/${file##*/}" ]; then
+            mkdir -p "${file%/*}" # of a drop-in: it may have gone
             cp -p "$saved/${file##*/}" "$file"
         else
             rm -f "$file"
@@ -183,6 +185,18 @@ point_to() { # in one step: there is always a program
     ln -sfn "$venv/bin/armd" /usr/local/bin/armd
 }
 
+# The units forbid machine code that was written to memory; what numba compiles is such.
+may_compile() {
+    if "$new/bin/python" -I -c 'import importlib.util as i, sys; sys.exit(not i.find_spec("numba"))'
+    then
+        install -D -m 644 "$here/compiles.conf" "$units/armd.service.d/armd-compiles.conf"
+        install -D -m 644 "$here/compiles.conf" "$units/armd@.service.d/armd@-compiles.conf"
+    else
+        rm -f "$units/armd.service.d/armd-compiles.conf" "$units/armd@.service.d/armd@-compiles.conf"
+        rmdir "$units/armd.service.d" "$units/armd@.service.d" 2>/dev/null || true
+    fi
+}
+
 install_system() {
     install -D -m 644 "$here/sysusers.conf" "$users/armd.conf"
     systemd-sysusers "$users/armd.conf"
@@ -193,6 +207,7 @@ install_system() {
     install -D -m 644 "$here/udev/70-armd.rules" "$rules/70-armd.rules"
     install -D -m 644 "$here/udev/71-armd-awake.rules" "$rules/71-armd-awake.rules"
     install -D -m 644 "$here/network/80-armd-can.network" "$networks/80-armd-can.network"
+    may_compile
     for file in "$bash/armd" "$zsh/_armd" "$fish/armd.fish" "$man/armd.1"; do
         if [ -e "$new/help/${file##*/}" ]; then
             install -D -m 644 "$new/help/${file##*/}" "$file"

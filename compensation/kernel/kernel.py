@@ -7,11 +7,11 @@ cosines of its joints, for those joints that have pose-dependent terms, and for 
 Samples are worked off in blocks, one row of a small array per quantity, every inner loop running
 over the samples of the block without a call or a branch, so that LLVM turns it into vector
 instructions; each such loop is a function of its own, for LLVM leaves loops within loops alone. How
-wide a block is, the state's scratch tells: 64 for a batch, 1 for what comes live, so the result
-does not depend on how the live samples were cut into calls.
+wide a block is, its scratch tells: 64 for a batch, 1 for what comes live, so the result does not
+depend on how the live samples were cut into calls.
 
-`kernel_state` holds what a model is here, `kernel_chain` the inner loops, `kernel_factors` the
-pose-dependent functions.
+`memory` holds what a model is here, `chain` the inner loops, `pose_factors` the pose-dependent
+functions.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from armd.compensation.kernel.chain import (
 )
 from armd.compensation.kernel.memory import (
     Amounts,
+    FlatModel,
     Folded,
     Program,
-    State,
     Work,
     fold,
     opened,
@@ -39,9 +39,9 @@ from armd.compiled.jit import inlined, jit, unlocked
 
 
 @jit
-def uncorrected(q: F64, state: State, position: F64) -> None:
+def uncorrected(q: F64, flat: FlatModel, position: F64) -> None:
     """Tip positions (n, 3) mm by the constants alone."""
-    folded, _, work = opened(state)
+    folded, _, work = opened(flat)
     angle, trig, vectors = work.angle, work.trig, work.vectors
     tip = folded.constants[5 * len(angle) :]
     for start in range(0, len(q), angle.shape[1]):
@@ -54,9 +54,11 @@ def uncorrected(q: F64, state: State, position: F64) -> None:
 
 
 @jit
-def correct(q: F64, rate: F64, approach: F64, state: State, position: F64, correction: F64) -> None:
+def correct(
+    q: F64, rate: F64, approach: F64, flat: FlatModel, position: F64, correction: F64
+) -> None:
     """Tip positions (n, 3) mm and, unless its length is 0, corrections (n, 3) mm."""
-    folded, program, work = opened(state)
+    folded, program, work = opened(flat)
     angle, trig, vectors = work.angle, work.trig, work.vectors
     tip, plain_tip = folded.parameters[5 * len(angle) :], folded.constants[5 * len(angle) :]
     for start in range(0, len(q), angle.shape[1]):
@@ -78,7 +80,7 @@ def correct(q: F64, rate: F64, approach: F64, state: State, position: F64, corre
 
 @unlocked
 def correct_runs(
-    values: F64, amounts: Amounts, q: F64, rate: F64, approach: F64, state: State,
+    values: F64, amounts: Amounts, q: F64, rate: F64, approach: F64, flat: FlatModel,
     position: F64, correction: F64,
 ) -> None:  # fmt: skip
     """Correct n samples, row i under its own *values* (n, L+T); equal neighbours share a fold."""
@@ -87,9 +89,9 @@ def correct_runs(
         end = first + 1
         while end < len(values) and (values[end] == values[first]).all():
             end += 1
-        fold(values[first], amounts, state)
+        fold(values[first], amounts, flat)
         correct(
-            q[first:end], rate[first:end], approach[first:end], state,
+            q[first:end], rate[first:end], approach[first:end], flat,
             position[first:end], correction[first:end],
         )  # fmt: skip
         first = end

@@ -63,7 +63,7 @@ class Work(NamedTuple):
     toward: F64  # (3N+3, B) approach in base and link frames
 
 
-class State(NamedTuple):
+class FlatModel(NamedTuple):
     """A model as one compiled call takes it.
 
     Each array that crosses from Python costs 0.05 µs and each in a tuple 0.15 µs, so three flat
@@ -74,30 +74,30 @@ class State(NamedTuple):
     numbers: F64  # Folded, then the floats of the program
     work: F64  # (rows, B)
 
-    def for_batches(self) -> State:
+    def for_batches(self) -> FlatModel:
         """A copy that works off `BLOCK` samples together."""
-        return State(self.sizes, self.numbers.copy(), np.zeros((len(self.work), BLOCK)))
+        return FlatModel(self.sizes, self.numbers.copy(), np.zeros((len(self.work), BLOCK)))
 
 
 @jit
-def opened(state: State) -> tuple[Folded, Program, Work]:
+def opened(flat: FlatModel) -> tuple[Folded, Program, Work]:
     """Views of the flat arrays, in the order in which the tuples are declared."""
-    n, t, f, c, listed = state.sizes[:5]
-    i = state.sizes[5:]
+    n, t, f, c, listed = flat.sizes[:5]
+    i = flat.sizes[5:]
     parameter, i = i[:t], i[t:]
     first, i = i[: n + 3], i[n + 3 :]
     factor_first, i = i[: t + 1], i[t + 1 :]
     term_factors, i = i[:listed], i[listed:]
     factors, i = i[: 3 * f].reshape(f, 3), i[3 * f :]
     curve_pieces, needs = i[:f], i[f:]
-    x, matrix, p = state.numbers, 12 * (n + 1), 5 * n + 9
+    x, matrix, p = flat.numbers, 12 * (n + 1), 5 * n + 9
     plain, x = x[:matrix].reshape(n + 1, 3, 4), x[matrix:]
     matrices, x = x[:matrix].reshape(n + 1, 3, 4), x[matrix:]
     parameters, x = x[:p], x[p:]
     constants, x = x[:p], x[p:]
     coefficients, x = x[:t], x[t:]
     curves, gravity = x[: 4 * c].reshape(c, 4), x[4 * c :].reshape(n + 1, 4)
-    w, frames = state.work, 3 * n + 3
+    w, frames = flat.work, 3 * n + 3
     angle, trig, w = w[:n], w[n : 3 * n], w[3 * n :]
     vectors, posed, product, w = w[:12], w[12:24], w[24:25], w[25:]
     values, w = w[:f], w[f:]
@@ -113,9 +113,9 @@ def opened(state: State) -> tuple[Folded, Program, Work]:
 
 
 @jit
-def fold(values: F64, amounts: Amounts, state: State) -> None:
+def fold(values: F64, amounts: Amounts, flat: FlatModel) -> None:
     """Bring a model to the slow factors' values (L+T,), slow terms first."""
-    folded, _, _ = opened(state)
+    folded, _, _ = opened(flat)
     slow = len(amounts.slow)
     parameters = folded.parameters
     for p in range(len(parameters)):  # a slice would compile two seconds of shape messages

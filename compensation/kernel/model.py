@@ -12,7 +12,7 @@ from armd.compensation.kernel import kernel
 from armd.compensation.kernel.covariance import Uncertainty
 from armd.compensation.kernel.memory import Amounts, fold
 from armd.compensation.kernel.points import fill
-from armd.compensation.kernel.program import by_parameter, compile_terms, state_of
+from armd.compensation.kernel.program import by_parameter, compile_terms, flattened
 from armd.compensation.kernel.slow_factors import SlowFactors
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
@@ -60,7 +60,7 @@ class Model:
         )
         #: Whether a term depends on the date, so that the model must be folded as time goes on.
         self.dated = any(isinstance(factor, Dated) for t in terms for factor in t.basis)
-        self.state = state_of(compile_terms(pose, arm), self.constants)
+        self.flat = flattened(compile_terms(pose, arm), self.constants)
         self._uncertainty = Uncertainty(arm, content, slow, pose)
         now_s = math.nan if self.dated else 0.0  # positions are NaN until the date is known
         self.fold(np.full(len(arm.sensors), self._reference_c), now_s)
@@ -74,7 +74,7 @@ class Model:
         """
         deviation_c = self._uncertainty.temperature_c
         values, changes = self._slow.values(celsius, unix_s, deviation_c)
-        fold(values, self._amounts, self.state)
+        fold(values, self._amounts, self.flat)
         if np.isfinite(values).all():  # else positions are NaN, and nothing is to be said of them
             self._uncertainty.fold(values, changes)
 
@@ -108,7 +108,7 @@ class Model:
             np.ascontiguousarray(q),
             np.ascontiguousarray(rate),
             np.ascontiguousarray(approach),
-            self.state,
+            self.flat,
             *self.covariance,
             points,
         )
@@ -137,7 +137,7 @@ class Model:
             np.ascontiguousarray(states.q),
             np.ascontiguousarray(states.rate),
             np.ascontiguousarray(states.approach),
-            self.state.for_batches(),
+            self.flat.for_batches(),
             position,
             correction,
         )

@@ -10,14 +10,14 @@ import numpy.typing as npt
 from armd.arrays import F64, I64
 from armd.compensation.kernel.chain import quaternion
 from armd.compensation.kernel.kernel import take_angles, to_world, to_world_posed
-from armd.compensation.kernel.memory import Program, State, Work, opened
+from armd.compensation.kernel.memory import FlatModel, Program, Work, opened
 from armd.compensation.model.kinematics import compiled_jacobian
 from armd.compiled.jit import jit
 
 
 @jit
 def fill(
-    q: F64, rate: F64, approach: F64, state: State, factor: F64, rows: I64, floor: float,
+    q: F64, rate: F64, approach: F64, flat: FlatModel, factor: F64, rows: I64, floor: float,
     points: npt.NDArray[np.void],
 ) -> None:  # fmt: skip
     """Position, orientation, correction and covariance of *points* (n,), dtype `armd.POINT`.
@@ -25,7 +25,7 @@ def fill(
     The covariance is (J·L)(J·L)' + *floor*, L being *factor* (R, r), whose rows (R,) are parameters
     and, from P on, pose terms; NaN if *floor* is.
     """
-    folded, program, work = opened(state)
+    folded, program, work = opened(flat)
     angle, trig, vectors, count = work.angle, work.trig, work.vectors, len(folded.parameters)
     tip, plain_tip = folded.parameters[5 * len(angle) :], folded.constants[5 * len(angle) :]
     for start in range(0, len(q), angle.shape[1]):

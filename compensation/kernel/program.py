@@ -8,7 +8,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.kernel import pose_factors as codes
-from armd.compensation.kernel.memory import Folded, Program, State
+from armd.compensation.kernel.memory import FlatModel, Folded, Program
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
 from armd.compensation.model.parameters import PER_JOINT, ParameterLayout
@@ -63,8 +63,8 @@ def compile_terms(terms: Sequence[Term], arm: Arm) -> Program:
     )
 
 
-def state_of(program: Program, constants: F64) -> State:
-    """A model's state for the kernel, for samples one by one, still to be folded; *constants* (P,).
+def flattened(program: Program, constants: F64) -> FlatModel:
+    """A model for the kernel, for samples one by one, still to be folded; *constants* (P,).
 
     One by one, because a live sample comes alone, to cold caches: 64 wide the scratch is 50 KB.
     """
@@ -75,7 +75,7 @@ def state_of(program: Program, constants: F64) -> State:
     sizes = [n, n_terms, n_factors, len(program.curves), len(program.term_factors)]
     integers, floats = program[:7], program[7:]
     rows = 3 * n + 25 + n_factors + 3 * (3 * n + 3)
-    return State(
+    return FlatModel(
         sizes=np.concatenate([np.array(sizes), *(array.ravel() for array in integers)]),
         numbers=np.concatenate([array.ravel() for array in (*folded, *floats)]),
         work=np.zeros((rows, 1)),

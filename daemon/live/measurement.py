@@ -7,6 +7,7 @@ the press (`count` 1, no standard deviation).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -15,7 +16,7 @@ import numpy.typing as npt
 
 from armd import POINT, Flag
 from armd.arrays import F64, I64
-from armd.compiled.jit import jit
+from armd.compiled.jit import jit, settled
 
 Trigger: TypeAlias = Literal["button", "rest"]
 
@@ -76,11 +77,16 @@ class Averager:
         self._buttons["down_ns"] = -(1 << 62)  # long ago
         self._risen = np.zeros(0, np.uint32)
         self._touched = False  # a button was down in the last batch
+        #: `_keep`, settled: points and angles are the pipeline's, the rest is made here.
+        self._keep: Callable[..., bool] | None = None
         self._resting = False
 
     def remember(self, points: npt.NDArray[np.void], angles: F64) -> list[Press]:
         """Keep a batch of points (n,) with angles (m ≥ n, N) rad; returns the presses in it."""
-        touched = _keep(points, angles, self._past, self._angles, self._written)
+        arguments = points, angles, self._past, self._angles, self._written
+        if self._keep is None:
+            self._keep = settled(_keep, *arguments)
+        touched = self._keep(*arguments)
         self._written += len(points)
         before, self._touched = self._touched, touched
         if not touched and not before:

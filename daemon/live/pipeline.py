@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable, Hashable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +17,13 @@ import numpy.typing as npt
 from armd import POINT, Flag
 from armd.arrays import F64, I64
 from armd.compensation.kernel.kernel import uncorrected
-from armd.compensation.kernel.memory import State
+from armd.compensation.kernel.memory import FlatModel
 from armd.compensation.kernel.model import Model
 from armd.compensation.kernel.points import fill
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
-from armd.compiled.jit import jit
+from armd.compiled.jit import jit, settled
+from armd.compiled.library import kind
 from armd.daemon.config import Limits
 from armd.daemon.live.flags import Flagger, finish
 from armd.daemon.live.motion import Motion, follow
@@ -35,6 +37,8 @@ MEMORY_S = 7200.0
 MEMORY_STEP_S = 10.0
 #: Samples of a batch for which there is room at first.
 ROOM = 64
+#: Points that an array is made for at once.
+POINTS_MADE = 256
 #: A model that depends on the date is brought up to it this often, if no temperature does it.
 DATE_STEP_NS = 1_000_000_000
 
@@ -69,6 +73,10 @@ class Pipeline:
         self._motion = Motion(turns, arm.reach_mm)
         self._flagger = Flagger(arm)
         self._make_room(ROOM, len(turns))
+        #: `_correct`, settled for samples of this kind and the model in use; all else is made here.
+        self._settled: Callable[..., None] | None = None
+        self._kind: Hashable = None
+        self._points, self._used = np.zeros(0, POINT), 0
         self.temperature = TemperatureWatch(arm, limits)
         self._stamp_ns = 0  # of the last temperatures, or of a later sample where the date counts
         self._past: deque[tuple[F64, int]] = deque(maxlen=round(MEMORY_S / MEMORY_STEP_S))
@@ -86,6 +94,7 @@ class Pipeline:
     def use(self, prepared: Prepared) -> None:
         """Correct with this calibration (None: nominal geometry) from the next sample on."""
         arm, calibration, self._model, past_ns = prepared
+        self._settled = None
         self._identity = 0 if calibration is None else calibration.identity
         self._own_flags = Flag.NOT_CALIBRATED if calibration is None else Flag(0)
         self.temperature.use(arm, None if calibration is None else calibration.content)
@@ -134,7 +143,7 @@ class Pipeline:
         joints = self._joints
         if n > len(joints.q):
             joints = self._make_room(2 * n, joints.q.shape[1])
-        points = np.zeros(n, POINT)
+        points = self._new_points(n)
         start = 0
         if self._model.dated:
             for row, stamp_ns in enumerate(samples["stamp_ns"].tolist()):
@@ -152,10 +161,22 @@ class Pipeline:
             samples, points, tip = samples[start:end], points[start:end], tip[start:]
             q, rate, approach, still_since_ns = joints
             joints = Joints(q[start:], rate[start:], approach[start:], still_since_ns[start:])
-        _correct(
-            samples, self._encoders, *joints, tip, self._motion.memory, *self._model.state,
+        arguments = (
+            samples, self._encoders, *joints, tip, self._motion.memory, *self._model.flat,
             *self._model.covariance, self._flagger.memory, points,
         )  # fmt: skip
+        if self._settled is None or kind(samples) != self._kind:
+            self._settled, self._kind = settled(_correct, *arguments), kind(samples)
+        self._settled(*arguments)
+
+    def _new_points(self, n: int) -> PointArray:
+        """Zeros (n,) that nobody has yet; made for many at once, which costs as much as for one."""
+        end = self._used + n
+        if end > len(self._points):
+            self._points = np.zeros(max(n, POINTS_MADE), POINT)
+            self._used, end = 0, n
+        points, self._used = self._points[self._used : end], end
+        return points
 
     def _make_room(self, m: int, n_joints: int) -> Joints:
         """For batches of up to *m* samples."""
@@ -175,11 +196,11 @@ def _correct(
     call from Python costs as much as what it does for one sample, and each argument a tenth."""
     n = len(samples)
     q, rate, approach, still_since_ns = q[:n], rate[:n], approach[:n], still_since_ns[:n]
-    state = State(sizes, numbers, work)
+    flat = FlatModel(sizes, numbers, work)
     _angles(samples, encoders, q)
-    uncorrected(q, state, tip)
+    uncorrected(q, flat, tip)
     follow(samples, q, tip, motion, rate, approach, still_since_ns)
-    fill(q, rate, approach, state, factor, rows, floor_mm2, points)
+    fill(q, rate, approach, flat, factor, rows, floor_mm2, points)
     finish(samples, q, still_since_ns, flags, points)
 
 

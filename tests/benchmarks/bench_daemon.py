@@ -35,8 +35,8 @@ from stolen import Stolen
 from armd import POINT, Flag
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
-from armd.compensation.model.known_expansion import known_expansion
 from armd.daemon.host.awake import DEVICE, Awake
+from support.known_expansion import known_expansion
 from support.running_daemon import running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm
 
@@ -209,7 +209,7 @@ def processors_awake() -> Iterator[None]:
 def calibrate(folder: Path) -> None:
     """A calibration.json of known expansion beside the folder's arm.toml."""
     arm = load_arm(folder / "arm.toml")
-    save_calibration(folder / "calibration.json", known_expansion(arm, [2e-6] * arm.n_joints))
+    save_calibration(folder / "calibration.json", known_expansion(arm, 2e-6))
 
 
 def _seconds(

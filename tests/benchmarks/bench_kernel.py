@@ -40,13 +40,13 @@ def run() -> dict[str, Any]:
     celsius = np.linspace(22.0, 27.0, 6)
     model = Model(arm, calibrated(arm, polynomial_terms(coefficients)))
     model.fold(celsius, 0.0)
-    state = model.state.for_batches()
+    flat = model.flat.for_batches()
     nothing = np.zeros((SAMPLES, 6)), np.zeros((SAMPLES, 3))
     position = np.empty((SAMPLES, 3))
     no_correction = np.empty((0, 3))
 
     def batch() -> F64:
-        kernel.correct(angle, *nothing, state, position, no_correction)
+        kernel.correct(angle, *nothing, flat, position, no_correction)
         return position
 
     ways: dict[str, Callable[[], F64]] = {"kernel": batch}
@@ -76,7 +76,7 @@ def live(model: Model) -> dict[str, float]:
     tip = np.zeros((1, 3))
     batch = np.zeros((64, 6)), np.zeros((64, 6)), np.zeros((64, 3)), np.zeros(64, POINT)
     ways: dict[str, Callable[[], object]] = {
-        "uncorrected_call_ns": lambda: kernel.uncorrected(q, model.state, tip),
+        "uncorrected_call_ns": lambda: kernel.uncorrected(q, model.flat, tip),
         "point_call_ns": lambda: model.correct(q, q, approach, points),
         "point_of_64_ns": lambda: model.correct(*batch),
         "fold_us": lambda: model.fold(np.full(6, 25.0), 0.0),
@@ -112,8 +112,8 @@ def pose_terms(arm: Arm) -> dict[str, float]:
         terms = [
             {"parameter": name, "basis": [factor], "coefficient": 1e-6} for name, factor in chosen
         ]
-        state = Model(arm, calibrated(arm, terms)).state.for_batches()
-        return lambda: kernel.correct(q, *nothing, state, position, no_correction)
+        flat = Model(arm, calibrated(arm, terms)).flat.for_batches()
+        return lambda: kernel.correct(q, *nothing, flat, position, no_correction)
 
     best = best_ns({name: way(chosen) for name, chosen in sets.items()})
     ns = {name: value / SAMPLES for name, value in best.items()}

@@ -20,7 +20,7 @@ from armd.files.writing import write_whole
 #: Modules bench_NAME beside this file, each with run() → (nested) figures.
 NAMES = [
     "kernel", "wire", "daemon", "controller", "rate", "identify", "diagnose", "growth", "timing",
-    "servo", "view",
+    "servo", "microscribe", "view",
 ]  # fmt: skip
 
 #: figure → (least, most) that was aimed at

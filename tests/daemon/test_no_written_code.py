@@ -1,8 +1,9 @@
 """With its library of compiled functions the daemon executes nothing that was written to memory, as
-systemd's MemoryDenyWriteExecute asks (decision 57)."""
+systemd's MemoryDenyWriteExecute asks (decisions 57 and 70)."""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -42,3 +43,19 @@ def test_the_daemon_streams_all_the_same(tmp_path: Path) -> None:
     ):
         heard.wait_for(lambda: len(heard.points()) > 500)
         assert daemon.stop()[0] == 0
+
+
+def test_without_its_library_it_says_what_forbids_it(tmp_path: Path) -> None:
+    """Numba is here, and may not compile."""
+    pytest.importorskip("numba")
+    with simulated_arm(tmp_path) as arm:
+        (arm.folder / "armd.toml").write_text(
+            f'schema = "armd.daemon/1"\narm = "arm.toml"\n'
+            f'[driver]\nkind = "serial"\nport = "{arm.port}"\n'
+        )
+        command = [*FORBIDDING, sys.executable, "-m", "armd", "run", arm.folder / "armd.toml"]
+        empty = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "empty")}
+        run = subprocess.run(command, env=empty, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 2
+    assert "found that no machine code may be written to memory" in run.stderr
+    assert "MemoryDenyWriteExecute=no" in run.stderr and "Traceback" not in run.stderr

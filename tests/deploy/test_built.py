@@ -18,9 +18,10 @@ ROOT = Path(__file__).parents[2]
 TESTS = (
     "umbrella/test_public_face.py",
     "umbrella/test_suggest.py",
-    "compensation/test_kinematics.py",
+    "model/test_kinematics.py",
     "compensation/test_session.py",
     "compensation/test_verify.py",
+    "effects/test_every_cause.py",
     "daemon/commands/test_check.py",
     "daemon/test_daemon_config.py",
     "daemon/commands/test_arm_command.py",

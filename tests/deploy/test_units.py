@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -53,6 +54,28 @@ def test_systemd_understands_every_line(analyze: list[str], unit: str, tmp_path:
     run = subprocess.run(check, capture_output=True, text=True)
     # It exits with 0 on keys it does not know and only says so.
     assert (run.returncode, run.stdout + run.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_what_was_written_is_not_executed_but_where_something_is_compiled(
+    analyze: list[str], unit: str, tmp_path: Path
+) -> None:
+    """As systemd reads the unit, and the unit with the drop-in that install.sh puts there."""
+    check = [*analyze, "security", "--offline=true", "--json=short", str(tmp_path / unit)]
+
+    def allowed() -> bool:
+        (line,) = (
+            line
+            for line in json.loads(subprocess.run(check, capture_output=True).stdout)
+            if line["name"] == "MemoryDenyWriteExecute="
+        )
+        return not line["set"]
+
+    shutil.copy(DEPLOY / unit, tmp_path)
+    assert not allowed()
+    (tmp_path / f"{unit}.d").mkdir()
+    shutil.copy(DEPLOY / "compiles.conf", tmp_path / f"{unit}.d")
+    assert allowed()
 
 
 def test_verify_would_notice(analyze: list[str], tmp_path: Path) -> None:

@@ -31,6 +31,8 @@ case "$*" in
     "-I -m pip "*"--constraint"*)
         [ ! -e {folder}/fail-pip ] && cp {folder}/version "${{0%/bin/*}}/" ;;
     "-I -c import armd"*) [ ! -e {folder}/fail-load ] ;;
+    "-I -c import importlib.util as i, sys; sys.exit(not i.find_spec("*numba*)
+        [ -e {folder}/has-numba ] ;;
     "-I -m armd "*)
         [ ! -e {folder}/fail-help ] && shift 3 && echo "$* of $(cat {folder}/version)" ;;
     "-I "*) ;;
@@ -201,8 +203,37 @@ def test_root_runs_no_python_of_the_present_folder(machine: Machine) -> None:
     assert len(lines) >= 6 and all(" -I " in line for line in lines)
 
 
+def compiling(machine: Machine) -> list[str]:
+    """The files that let units execute what was written to memory."""
+    return [path for path in machine.local() if path.endswith("-compiles.conf")]
+
+
+def test_memory_may_be_executed_where_numba_is_installed_and_there_alone(machine: Machine) -> None:
+    units = "lib/systemd/system/"
+    both = [
+        f"{units}armd.service.d/armd-compiles.conf",
+        f"{units}armd@.service.d/armd@-compiles.conf",
+    ]
+    assert compiling(machine) == []
+    numba = machine.folder / "has-numba"
+    numba.touch()
+    assert machine.install("broken").returncode != 0
+    assert compiling(machine) == []  # put back
+    assert machine.install("2").returncode == 0
+    assert compiling(machine) == both
+    for path in both:
+        lines = (machine.folder / "root/usr/local" / path).read_text().splitlines()
+        assert lines[-2:] == ["[Service]", "MemoryDenyWriteExecute=no"]
+    numba.unlink()
+    assert machine.install("broken").returncode != 0
+    assert compiling(machine) == both  # put back
+    assert machine.install("3").returncode == 0
+    assert not [path for path in machine.local() if ".service.d" in path]
+
+
 def test_only_folders_that_it_made_go_with_it(machine: Machine) -> None:
     machine.fail("pip")
+    (machine.folder / "has-numba").touch()
     assert machine.install("2").returncode != 0
     (machine.folder / "fail-pip").unlink()
     assert machine.install("broken").returncode != 0  # and put back

@@ -122,7 +122,8 @@ def test_a_scripted_addition_of_both_passes_lint_and_tests(tmp_path: Path) -> No
     # Types of the cause alone, against the package installed: that of the copy takes minutes.
     typed = [sys.executable, "-m", "mypy", tree / TOY_CAUSE]
     assert subprocess.run(typed, cwd=ROOT).returncode == 0
-    run("ruff", "format", "--check", "compensation", "tests/compensation/test_basis.py")
+    run("ruff", "format", "--check", "compensation", "tests/model/test_basis.py")
     run("ruff", "check", "compensation")
-    run("pytest", "-q", "tests/compensation/test_basis.py", "tests/compensation/test_catalogue.py")
-    run("pytest", "-q", "tests/compensation/test_model.py", "-k", "each_factor and rate_squared")
+    run("pytest", "-q", "tests/model/test_basis.py", "tests/effects/test_catalogue.py")
+    run("pytest", "-q", "tests/model/test_model.py", "-k", "each_factor and rate_squared")
+    run("pytest", "-q", "tests/effects/test_every_cause.py", "-k", "viscous_drag")

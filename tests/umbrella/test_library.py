@@ -93,6 +93,17 @@ def test_other_arguments_never_reach_the_library(monkeypatch: pytest.MonkeyPatch
     assert len(calls) > 100
 
 
+def test_settled_nobody_looks_at_the_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is what a call would have called, in the library or by numba."""
+    compiled, calls = with_library(monkeypatch, F8, 1)
+    call, other = compiled.settled(F8, 1), compiled.settled(F8, 1.0)
+    assert calls == []
+    looked: list[Any] = []
+    monkeypatch.setattr(library, "kind", lambda value: looked.append(value))
+    assert call(F8.copy(), 2) == "library" and other(F8, 1.0) == "numba"
+    assert looked == []
+
+
 def test_an_array_that_is_no_more_needed_is_let_go_where_numba_looks_itself() -> None:
     compiled = Compiled(added, {})
     compiled(np.ones(3), 2.0)

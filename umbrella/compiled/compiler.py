@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import pickle
 import tempfile
 from collections.abc import Callable, Iterator
@@ -12,6 +13,7 @@ from typing import Any
 import numba
 from numba.core.caching import FunctionCache
 from numba.core.event import Event, Listener, register
+from numba.core.types import Record
 from numba.core.types.misc import unliteral
 
 from armd.compiled.library import cache_folder, sources
@@ -42,6 +44,16 @@ def _forgiving(_: FunctionCache) -> Iterator[None]:
 FOLDER = cache_folder() / sources()
 numba.config.CACHE_DIR = str(FOLDER)
 FunctionCache._guard_against_spurious_io_errors = _forgiving
+
+
+def _told_apart(record: Record) -> tuple[str, tuple[str, ...]]:
+    return "Record", (hashlib.sha256(record.name.encode()).hexdigest(),)
+
+
+# In the name of a machine function numba has a record as a number that it counted up in the process
+# that compiled it. In the cache, functions of many processes stand together, where arms of other
+# joint counts had the same number: one arm's samples were then read by another's layout.
+type.__setattr__(Record, "mangling_args", property(_told_apart))
 
 # Nobody calls by C's convention: what would make it possible is not compiled.
 _OPTIONS: dict[str, Any] = {

@@ -11,6 +11,13 @@ from collections.abc import Callable, Hashable
 from typing import Any, TypeVar, cast
 
 from armd.compiled import library
+from armd.errors import BadInput
+
+#: What to do where a service may not compile.
+FOR_NUMBA = (
+    "that it may, as this function is not in the library of compiled ones: "
+    "MemoryDenyWriteExecute=no in the unit, as deploy/compiles.conf says it"
+)
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -26,7 +33,8 @@ class Compiled:
 
     Each call looks at the kinds of its arguments: machine code would take others for what it
     expects. Of those that are the last call's own, which most are, they are known. Numba's
-    attributes of the function are looked up in `by_numba`.
+    attributes of the function are looked up in `by_numba`. What is called for every live sample
+    asks once, by `settled`.
     """
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
@@ -53,21 +61,36 @@ class Compiled:
     def _first(self, *args: Any) -> Any:
         """A call that differs from the last in kind; or one by numba, which looks by itself."""
         kinds = tuple(map(library.kind, args))
-        if kinds not in self.entries:
-            found = getattr(library.loaded(), library.symbol(self.name, kinds), None)
-            self.entries[kinds] = self.by_numba if found is None else found
-        entry = self.entries[kinds]
+        entry = self._entry(kinds)
         if entry is not self.__dict__.get("by_numba"):
             self._last = args, kinds, entry
         return entry(*args)
+
+    def settled(self, *args: Any) -> Callable[..., Any]:
+        """What calls with arguments of these kinds call; for one who never calls it with others.
+
+        Nobody looks at its arguments: that costs a live sample as much as some of what is called.
+        """
+        return self._entry(tuple(map(library.kind, args)))
+
+    def _entry(self, kinds: Kinds) -> Callable[..., Any]:
+        if kinds not in self.entries:
+            found = getattr(library.loaded(), library.symbol(self.name, kinds), None)
+            self.entries[kinds] = self.by_numba if found is None else found
+        return self.entries[kinds]
 
     @functools.cached_property
     def by_numba(self) -> Any:
         """What numba makes of it, which compiles it for any kind of arguments.
 
-        Raises `ModuleNotFoundError` where numba is not installed.
+        Raises `ModuleNotFoundError` where numba is not installed, `BadInput` where no machine code
+        may be written to memory.
         """
-        from armd.compiled import compiler
+        try:
+            from armd.compiled import compiler
+        except PermissionError as error:  # of llvmlite, which tries it when it is imported
+            found = "that no machine code may be written to memory (MemoryDenyWriteExecute)"
+            raise BadInput("numba", self.name, found, FOR_NUMBA) from error
 
         while _SAY:
             compiler.when_compiling(_SAY.pop())
@@ -94,6 +117,11 @@ def jit(function: F) -> F:
     Division by zero gives infinity as in numpy, and a·b+c may become one fused operation.
     """
     return cast(F, Compiled(function, {}))
+
+
+def settled(function: Callable[..., Any], *args: Any) -> Callable[..., Any]:
+    """`Compiled.settled` of a function under `jit`, whose type hides what it is."""
+    return cast(Compiled, function).settled(*args)
 
 
 def unlocked(function: F) -> F:

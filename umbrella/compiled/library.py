@@ -43,15 +43,19 @@ def sources() -> str:
     """What tells one state of the compiled functions' sources from another.
 
     Numba compiles a function anew when its own file has changed, not when a function it calls has
-    changed in another file: so every state of them all has a folder, and a library, of its own.
+    changed in another file, or a constant: so every state of them all has a folder, and a library,
+    of its own. Constants stand beside what is compiled, or in armd's own folder.
     """
     rooms = Path(__file__).parents[1]
-    digest = hashlib.sha256(Path(__file__).with_name("compiler.py").read_bytes())
+    files = {Path(__file__).with_name("compiler.py"), *rooms.glob("*.py")}
     for room in ("drivers", "compensation", "daemon"):
-        for file in sorted((rooms / room).rglob("*.py")):
+        for file in (rooms / room).rglob("*.py"):
             source = file.read_bytes()
-            if b"@jit" in source or b"@inlined" in source:
-                digest.update(source)
+            if b"@jit" in source or b"@inlined" in source or b"@unlocked" in source:
+                files |= {file} if file.parent == rooms / room else set(file.parent.glob("*.py"))
+    digest = hashlib.sha256()
+    for file in sorted(files):
+        digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
 
 

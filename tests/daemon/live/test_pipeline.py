@@ -13,6 +13,7 @@ from armd import Flag
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.slow_factors import Temperature, Time
 from armd.compensation.model.terms import Term
+from armd.compiled import library
 from armd.daemon.config import Limits
 from armd.daemon.live.pipeline import Pipeline
 from armd.drivers.sample import Temperatures
@@ -52,6 +53,33 @@ def test_points_are_forward_kinematics_of_the_warm_arm():
     assert (
         points["calibration"] == int.from_bytes(bytes.fromhex("0123456789abcdef"), "little")
     ).all()
+
+
+def test_samples_of_another_kind_never_reach_what_was_settled_for_others(monkeypatch):
+    """Machine code would read them as lying one behind the other."""
+    settled_for = []
+
+    def settled(function, samples, *_):
+        kind = library.kind(samples)
+        settled_for.append(kind)
+        return lambda samples, *_: calls.append(library.kind(samples) == kind)
+
+    calls: list[bool] = []
+    pipeline = calibrated()
+    monkeypatch.setattr("armd.daemon.live.pipeline.settled", settled)
+    for samples in (still(1), still(9), still(9)[::2], still(2), still(2)):
+        pipeline.correct(samples)
+    assert calls == [True] * 5
+    assert len(settled_for) == 3 and settled_for[0] == settled_for[2] != settled_for[1]
+
+
+def test_points_of_one_call_are_nobody_elses_later():
+    pipeline = calibrated()
+    pipeline.take_temperatures(reading(WARM, 0))
+    kept = [(pipeline.correct(still(n, seq))[0], n, seq) for n, seq in ((1, 0), (300, 1), (7, 400))]
+    kept += [(pipeline.correct(still(1, seq))[0], 1, seq) for seq in range(500, 1100)]
+    for points, n, seq in kept:
+        np.testing.assert_array_equal(points["seq"], np.arange(seq, seq + n))
 
 
 def test_without_calibration_points_are_nominal_and_say_so():

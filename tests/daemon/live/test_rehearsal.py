@@ -11,7 +11,6 @@ import numpy as np
 
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import save_calibration
-from armd.compensation.model.known_expansion import known_expansion
 from armd.daemon.config import load_config
 from armd.daemon.health import Tally
 from armd.daemon.live.arm_in_use import ArmInUse
@@ -23,6 +22,7 @@ from armd.drivers.serial.decoder import SerialDecoder
 from armd.drivers.serial.port import SerialDriver
 from armd.simulator.live.electronics import BITS
 from armd.simulator.truth.nominal import arm_toml
+from support.known_expansion import known_expansion
 from support.running_daemon import write_config
 
 MS = 1_000_000
@@ -89,7 +89,7 @@ def main(config: Path) -> None:
 def test_nothing_is_compiled_while_samples_come(tmp_path):
     (tmp_path / "arm.toml").write_text(arm_toml("SIM-0001"))
     arm = load_arm(tmp_path / "arm.toml")
-    save_calibration(tmp_path / "calibration.json", known_expansion(arm, [2e-6] * arm.n_joints))
+    save_calibration(tmp_path / "calibration.json", known_expansion(arm, 2e-6))
     config = write_config(
         tmp_path, "none", "tcp/127.0.0.1:0", top='calibration = "calibration.json"'
     )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ctypes
+import importlib.util
+import mmap
 import os
 import resource
 import socket
@@ -13,6 +15,7 @@ from pathlib import Path
 
 LIBC = ctypes.CDLL(None, use_errno=True)
 CLONE_NEWUSER = 0x10000000
+EXECUTABLE = mmap.PROT_READ | mmap.PROT_WRITE | mmap.PROT_EXEC
 
 
 def call(name: str, *arguments: object) -> None:
@@ -74,11 +77,14 @@ ATTEMPTS: dict[str, Callable[[], object]] = {
     "make a set-uid file": make_set_uid_file,
     "take real-time priority": lambda: os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10)),
     "fork without end": fork_without_end,
+    "execute what it wrote": lambda: mmap.mmap(-1, 4096, prot=EXECUTABLE),
     "dump core": lambda: resource.setrlimit(resource.RLIMIT_CORE, (1, 1)),
 }
 
 
 def main() -> None:
+    if importlib.util.find_spec("numba"):  # which may have to compile: deploy/compiles.conf
+        del ATTEMPTS["execute what it wrote"]
     with Path("/var/lib/armd/intruder.txt").open("w") as report:
         for name, attempt in ATTEMPTS.items():
             try:
