@@ -16,10 +16,10 @@ from armd.arrays import F64
 from armd.files.writing import write_whole
 from armd.simulator.campaigns.hidden import NOISE, Design, campaigns
 from armd.simulator.measured.artefact import Artefact
-from armd.simulator.measured.campaign import Campaign
+from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.measuring import (
     Measured,
-    Rig,
+    carry_out,
     session_files,
     take_readings,
     write_session,
@@ -31,7 +31,7 @@ from armd.simulator.measured.plan import Climate, SessionPlan
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, depends_on
 from armd.simulator.truth.answers import true_constants, true_expansion
-from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.rotations import random_rotation
 
 
@@ -92,7 +92,7 @@ def generate_case(
     for i, plant in enumerate(plants):
         sick = plant_all(sick, [plant], own(i))
     sick = in_the_workshop(sick, mess, np.random.default_rng([seed, 0x3E55]))
-    earlier, present = list(healthy.carry_out(rng)), list(sick.carry_out(rng))
+    earlier, present = list(carry_out(healthy, rng)), list(carry_out(sick, rng))
     measured = earlier + present
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "arm.toml", later.arm_toml)

@@ -27,7 +27,7 @@ from armd.files.outputs import (
 from armd.files.writing import write_whole
 from armd.simulator.campaigns import calibration, hidden, interim, paper, verification
 from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Measured, session_files
+from armd.simulator.measured.measuring import Measured, carry_out, session_files
 from armd.simulator.measured.noise import Noise
 from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
@@ -192,7 +192,7 @@ def write_campaign(
     Raises `BadInput`, and writes nothing, if one of the files is there with another content:
     somebody may have measured it.
     """
-    measured = list(campaign.carry_out(np.random.default_rng([seed, 0x5E55])))
+    measured = list(carry_out(campaign, np.random.default_rng([seed, 0x5E55])))
     _write_measured(folder, campaign.arm_toml, measured, force)
     return measured
 

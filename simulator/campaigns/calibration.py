@@ -8,13 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from armd.simulator.measured.artefact import Artefact, ball_beam, seat
-from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Rig
+from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import Climate, SessionPlan, Visit, rounds
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.heat import SELF_HEATING_W
+from armd.simulator.truth.nominal import SELF_HEATING_W
 
 #: Beyond what a warm-up by 10 K from a cool or a warm room reaches.
 TEMPERATURES_C = (14, 20, 26, 32, 38)

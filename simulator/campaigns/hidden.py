@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from armd.simulator.measured.artefact import Artefact, ball_frame
-from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Rig
+from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import Climate, SessionPlan, rounds
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.heat import SELF_HEATING_W
+from armd.simulator.truth.nominal import SELF_HEATING_W
 
 #: Encoders of 1″ and balls known to 2 µm: residuals of about 7 µm RMS.
 NOISE = Noise(encoder_arcsec=1.0, seating_um=0.7, sensor_c=0.01)

@@ -17,8 +17,8 @@ import numpy as np
 from armd.arrays import F64
 from armd.errors import BadInput
 from armd.simulator.measured.artefact import Artefact, Length
-from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Measured, Rig, take_readings
+from armd.simulator.measured.campaign import Campaign, Rig
+from armd.simulator.measured.measuring import Measured, reach_of, take_readings
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.placement import Placement, place
 from armd.simulator.measured.plan import MOUNTED, Climate, SessionPlan, Visit
@@ -27,7 +27,7 @@ from armd.simulator.plants.causes import plant_all
 from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.heat import SELF_HEATING_W
+from armd.simulator.truth.nominal import SELF_HEATING_W
 from armd.simulator.truth.rotations import about, random_unit
 
 #: The first check is so long after the arm was mounted, when it has been calibrated.
@@ -183,7 +183,7 @@ def carry_out(
     rng = np.random.default_rng([luck, 0x17E2])
     begun = campaign(seed, noise, history.artefact)
     artefact, count = begun.rig.artefact, ARTEFACTS[history.artefact][1]
-    reach = begun.rig.reach(rng)
+    reach = reach_of(begun.rig, rng)
     used = use(history.days, luck)
     visit = Visit("P1", (), count, radius_mm=(200.0, 750.0))
     stand, _ = place(visit, artefact.true_mm, reach, rng)

@@ -20,8 +20,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.simulator.measured.artefact import Artefact, Length
-from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Rig
+from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import Climate, SessionPlan, Visit
 from armd.simulator.truth import nominal

@@ -33,6 +33,7 @@ BOTH: tuple[Wire, ...] = ("serial", "can")
 ALL: tuple[Wire, ...] = ("serial", "can", "microscribe", "servo")
 JOINTS: tuple[Wire, ...] = ("serial", "can", "servo")
 SERVO: tuple[Wire, ...] = ("servo",)
+SCRIBE: tuple[Wire, ...] = ("microscribe",)
 
 FAULTS = {
     "corrupted_byte": FaultKind("one byte of the SAMPLE packet changes on the wire", 0.0, SERIAL),
@@ -44,10 +45,16 @@ FAULTS = {
     "silence": FaultKind("nothing is sent or answered; the arm keeps its state", 0.8, ALL),
     "unplug": FaultKind("the port disappears, and comes back at the end", 1.0, PORTS),
     "reboot": FaultKind("the arm starts anew: counters, clock, boot_id, settings", 0.3, ALL),
+    "lost_byte": FaultKind("a packet loses `amount` bytes, from any place on", 0.0, SCRIBE, 1),
+    "inserted_byte": FaultKind("`amount` bytes come into a packet, at any place", 0.0, SCRIBE, 1),
+    "stuck": FaultKind("nothing is streamed; the arm answers what it is asked", 1.0, SCRIBE),
+    "no_streaming": FaultKind("the arm does not know the command to stream (CF)", 1e9, SCRIBE),
     "joint_invalid": FaultKind(
         "the joint's status bit is set (CAN: an alarm; servo: no answer)", 0.5, JOINTS
     ),
-    "count_jump": FaultKind("the joint's count is off by `amount` counts", 0.0, JOINTS, 1 << 20),
+    "count_jump": FaultKind(  # by no whole turn on any wire
+        "the joint's count is off by `amount` counts", 0.0, JOINTS, 450_000
+    ),
     "sensor_open": FaultKind("the channel is marked invalid", 3.0, BOTH),
     "sensor_silent": FaultKind("no temperatures are sent", 6.0, BOTH),
     "temperature_step": FaultKind("the channel reads `amount` kelvin more", 5.0, JOINTS, 5.0),
@@ -69,7 +76,7 @@ FAULTS = {
     "echo": FaultKind("the adapter hears what the host says", 1.0, SERVO),
     "servo_silent": FaultKind("the joint's servo starts anew, and is silent till then", 1.2, SERVO),
     "multi_turn": FaultKind("the servo's positions run on over the turns, below 0", 1.0, SERVO),
-    "torque_on": FaultKind("the servo's torque is on", 2.0, SERVO),
+    "torque_on": FaultKind("the servo's torque is on", 5.0, SERVO),
     "servo_alert": FaultKind("the servo complains of overload; its data hold", 1.0, SERVO),
     "mixed_firmware": FaultKind(
         "the servo's firmware is `amount` versions ahead of the others'", 10.0, SERVO, 1

@@ -24,7 +24,7 @@ from armd.simulator.measured import plan as visits
 from armd.simulator.measured.placement import Placement, place
 from armd.simulator.measured.poses import Reach, Unreachable, settle_on
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.rotations import about
 
 Vector = tuple[float, float, float]

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from armd.arrays import F64
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.effect import Conditions
 
 SEATS = 8
 TIP_SPEED_MM_S = (250.0, 500.0)  # peak speed of a move: careful … brisk

@@ -17,9 +17,9 @@ import numpy.typing as npt
 from armd.arrays import F64
 from armd.simulator.live.operator import Hand
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.heat import CAPACITY, SELF_HEATING_W, TO_AIR, HeatField
-from armd.simulator.truth.nominal import parts
+from armd.simulator.truth.effects.effect import Conditions
+from armd.simulator.truth.heat import CAPACITY, TO_AIR, HeatField
+from armd.simulator.truth.nominal import SELF_HEATING_W, parts
 
 STEP_S = 0.05
 STEPS = 10  # in a block: temperatures are sent twice a second

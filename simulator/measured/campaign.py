@@ -1,15 +1,50 @@
-"""A campaign: one true arm, its arm.toml, and the sessions to be measured with it."""
+"""What will be measured, as values: the arm and its instruments as they really are, its arm.toml,
+and the plan of each session."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.simulator.measured.artefact import Artefact
-from armd.simulator.measured.measuring import Measured, Rig, measure
+from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import SessionPlan
+from armd.simulator.truth import nominal
+from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.rotations import about
+
+
+@dataclass(frozen=True)
+class Touched:
+    """Somebody leaned on the artefact half-way through the first placement of a session."""
+
+    session: str
+    share: float  # of the placement's readings that were taken before
+    turn_rad: F64  # (3,) about the middle of the targets
+    shift_mm: F64  # (3,)
+
+    def moved(self, points: F64) -> F64:
+        """Points (n, 3) of the artefact as they stand afterwards, base frame, mm."""
+        middle = points.mean(axis=0)
+        turned: F64 = middle + self.shift_mm + (points - middle) @ about(self.turn_rad).T
+        return turned
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The arm, the artefact and the instruments, as they really are."""
+
+    arm: TrueArm
+    artefact: Artefact
+    noise: Noise
+    limits_rad: tuple[F64, F64] = field(default_factory=nominal.limits_rad)
+    core_lag_s: F64 | None = None  # (N,)
+    read_sensors: Callable[[F64], F64] = lambda celsius: celsius  # (n, S) felt → (n, S) told
+    spoil: Callable[[np.random.Generator, int], F64] | None = None  # tip displacement (n, 3) mm
+    touched: Touched | None = None
 
 
 @dataclass(frozen=True)
@@ -29,9 +64,3 @@ class Campaign:
             )
             for plan, artefact in self.sessions
         ]
-
-    def carry_out(self, rng: np.random.Generator) -> Iterator[Measured]:
-        """Measure session after session."""
-        reach = self.rig.reach(rng)
-        for plan, artefact in self.sessions:
-            yield measure(replace(self.rig, artefact=artefact), plan, reach, rng)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,49 +17,14 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.files.writing import write_whole
 from armd.simulator.measured.artefact import Artefact
-from armd.simulator.measured.noise import Noise
+from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.placement import Placement, place
 from armd.simulator.measured.plan import Climate, SessionPlan
 from armd.simulator.measured.poses import Reach, settle_on, tip_jacobian
 from armd.simulator.truth import nominal
-from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.effect import Conditions, Posture
 from armd.simulator.truth.heat import HeatField
-from armd.simulator.truth.posture import Posture
-from armd.simulator.truth.rotations import about, random_unit
-
-
-@dataclass(frozen=True)
-class Touched:
-    """Somebody leaned on the artefact half-way through the first placement of a session."""
-
-    session: str
-    share: float  # of the placement's readings that were taken before
-    turn_rad: F64  # (3,) about the middle of the targets
-    shift_mm: F64  # (3,)
-
-    def moved(self, points: F64) -> F64:
-        """Points (n, 3) of the artefact as they stand afterwards, base frame, mm."""
-        middle = points.mean(axis=0)
-        turned: F64 = middle + self.shift_mm + (points - middle) @ about(self.turn_rad).T
-        return turned
-
-
-@dataclass(frozen=True)
-class Rig:
-    """The arm, the artefact and the instruments, as they really are."""
-
-    arm: TrueArm
-    artefact: Artefact
-    noise: Noise
-    limits_rad: tuple[F64, F64] = field(default_factory=nominal.limits_rad)
-    core_lag_s: F64 | None = None  # (N,)
-    read_sensors: Callable[[F64], F64] = lambda celsius: celsius  # (n, S) felt → (n, S) told
-    spoil: Callable[[np.random.Generator, int], F64] | None = None  # tip displacement (n, 3) mm
-    touched: Touched | None = None
-
-    def reach(self, rng: np.random.Generator) -> Reach:
-        return Reach(self.arm, rng, self.limits_rad)
+from armd.simulator.truth.rotations import random_unit
 
 
 @dataclass(frozen=True)
@@ -105,6 +70,18 @@ class Measured:
 
 def _down(placements: list[Placement], placement: I64) -> F64:
     return -np.array([where.rotation[2] for where in placements])[placement]
+
+
+def reach_of(rig: Rig, rng: np.random.Generator) -> Reach:
+    """What the rig's arm can reach."""
+    return Reach(rig.arm, rng, rig.limits_rad)
+
+
+def carry_out(campaign: Campaign, rng: np.random.Generator) -> Iterator[Measured]:
+    """Measure session after session."""
+    reach = reach_of(campaign.rig, rng)
+    for plan, artefact in campaign.sessions:
+        yield measure(replace(campaign.rig, artefact=artefact), plan, reach, rng)
 
 
 def measure(rig: Rig, plan: SessionPlan, reach: Reach, rng: np.random.Generator) -> Measured:

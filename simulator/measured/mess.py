@@ -16,8 +16,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from armd.arrays import F64
-from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Touched
+from armd.simulator.measured.campaign import Campaign, Touched
 from armd.simulator.truth.nominal import sensor_names
 from armd.simulator.truth.rotations import random_unit
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
 from armd.arrays import F64
-from armd.simulator.truth.heat import SELF_HEATING_W, HeatField
+from armd.simulator.truth.nominal import SELF_HEATING_W
 
 #: When the arm was mounted: the origin of the simulated world's time.
 MOUNTED = datetime(2026, 3, 2, 6, 0, tzinfo=UTC)
@@ -31,14 +31,6 @@ class Climate:
         """Air temperature at times since the first reading, s."""
         hours = np.maximum(time_s / 3600 + self.lead_h, 0.0)
         return self.ambient_c + self.ramp_k_per_h * hours
-
-
-def warmed(climate: Climate, link: int, kelvin: float) -> Climate:
-    """*climate* with so much more power in one link (from 0) that it ends up *kelvin* warmer."""
-    one_watt = np.zeros_like(climate.power_w)
-    one_watt[link] = 1.0
-    rise_k = HeatField().steady_c(0.0, one_watt)[link]
-    return replace(climate, power_w=climate.power_w + kelvin / rise_k * one_watt)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from scipy.spatial import cKDTree
 from armd.arrays import F64
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.posture import Posture
+from armd.simulator.truth.effects.effect import Conditions, Posture
 
 #: Distance kept from every end stop, rad.
 MARGIN_RAD = np.radians(2.0)

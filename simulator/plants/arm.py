@@ -1,22 +1,17 @@
-"""Planting imperfections of the arm itself."""
+"""Imperfections of the arm itself, as a plant asks for them."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from armd.simulator.measured.campaign import Campaign
-from armd.simulator.plants.drift import drifting, is_drift
-from armd.simulator.plants.plant import How, Plant
+from armd.simulator.plants.plant import Plant
 from armd.simulator.truth.effects import (
     BowingLink,
     Bristles,
     CablePull,
     CoupledHysteresis,
     CreepingPlay,
-    Distorted,
     DrivenByRate,
     Effect,
     Interpolation,
@@ -32,23 +27,6 @@ from armd.simulator.truth.effects import (
     WobblingAxis,
 )
 from armd.simulator.truth.rotations import ARC_SECOND, random_unit
-
-
-def imperfection(
-    make: Callable[[Plant, np.random.Generator, Campaign], Effect],
-) -> How:
-    """Planting an imperfection of the arm itself."""
-
-    def plant(campaign: Campaign, wanted: Plant, rng: np.random.Generator) -> Campaign:
-        arm = campaign.rig.arm
-        effect = make(wanted, rng, campaign)
-        if share := float(wanted.detail.get("distortion", 0.0)):
-            joint = wanted.number if wanted.location[-1].isdigit() else arm.n_joints - 1
-            effect = Distorted(effect, share, joint, angle(wanted, rng, "distortion phase"))
-        arm = arm.with_effects(*arm.effects, effect)
-        return replace(campaign, rig=replace(campaign.rig, arm=arm))
-
-    return plant
 
 
 def angle(plant: Plant, rng: np.random.Generator, name: str = "direction") -> float:
@@ -96,9 +74,7 @@ def wobble(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
 
 
 def knock(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-    """`parameter`: theta, alpha (size in ″), d or a (size in µm); with a `course`, a drift."""
-    if is_drift(plant):
-        return drifting(plant, rng, campaign)
+    """`parameter`: theta, alpha (size in ″), d or a (size in µm)."""
     parameter = str(plant.detail.get("parameter", rng.choice(["theta", "alpha", "d", "a"])))
     angle, length = plant.size * ARC_SECOND, 1e-3 * plant.size
     still = (0.0, 0.0, 0.0)
@@ -128,10 +104,7 @@ def warm(plant: Plant, rng: np.random.Generator, _: Campaign) -> Effect:
 
 
 def mount(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
-    """`kind` "drift" (size × 3″ and 5 µm an hour) or "step" (size × 4″ and 5 µm at once); with a
-    `course`, size × 4″ and 5 µm along it."""
-    if is_drift(plant):
-        return drifting(plant, rng, campaign)
+    """`kind` "drift" (size × 3″ and 5 µm an hour) or "step" (size × 4″ and 5 µm at once)."""
     step = plant.detail.get("kind", "drift") == "step"
     turn = plant.size * (4.0 if step else 3.0) * random_unit(rng, 1)[0]
     shift = plant.size * 5.0 * random_unit(rng, 1)[0]

@@ -6,7 +6,8 @@ The table `CAUSES` has one line per cause of `armd diagnose`; each plants physic
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -14,11 +15,14 @@ import numpy as np
 from armd.errors import BadInput
 from armd.simulator.measured.campaign import Campaign
 from armd.simulator.plants import arm, surroundings
-from armd.simulator.plants.plant import Cause, Plant
+from armd.simulator.plants.drift import drifting, is_drift
+from armd.simulator.plants.plant import Plant
 from armd.simulator.truth.effects import (
     BendingLink,
     BendingStylus,
+    Distorted,
     EccentricDisc,
+    Effect,
     ExpandingLink,
     LateLatch,
     LostIndex,
@@ -31,6 +35,43 @@ from armd.simulator.truth.effects import (
 )
 from armd.simulator.truth.nominal import sensor_names
 from armd.terminal.suggest import did_you_mean, few
+
+How = Callable[[Campaign, Plant, np.random.Generator], Campaign]
+Make = Callable[[Plant, np.random.Generator, Campaign], Effect]
+
+
+@dataclass(frozen=True)
+class Planting:
+    """How a cause is planted; `plant` gets the campaign, what to plant, and a generator."""
+
+    unit: str
+    typical: float
+    places: str  # "joint", "link", "sensor", "sensors", "target", or the location itself
+    plant: How
+
+
+def imperfection(make: Make) -> How:
+    """Planting an imperfection of the arm itself."""
+
+    def plant(campaign: Campaign, wanted: Plant, rng: np.random.Generator) -> Campaign:
+        imperfect = campaign.rig.arm
+        effect = make(wanted, rng, campaign)
+        if share := float(wanted.detail.get("distortion", 0.0)):
+            joint = wanted.number if wanted.location[-1].isdigit() else imperfect.n_joints - 1
+            effect = Distorted(effect, share, joint, arm.angle(wanted, rng, "distortion phase"))
+        imperfect = imperfect.with_effects(*imperfect.effects, effect)
+        return replace(campaign, rig=replace(campaign.rig, arm=imperfect))
+
+    return plant
+
+
+def or_drifting(make: Make) -> Make:
+    """What *make* makes, or the same along a course where the plant has one."""
+
+    def either(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:
+        return (drifting if is_drift(plant) else make)(plant, rng, campaign)
+
+    return either
 
 
 def plant_all(campaign: Campaign, plants: Sequence[Plant], rng: np.random.Generator) -> Campaign:
@@ -70,85 +111,83 @@ def _bare(location: str) -> str:
     return location.replace(" ", "").replace("_", "").lower()
 
 
-CAUSES: dict[str, Cause] = {
-    "encoder_eccentricity": Cause(
+CAUSES: dict[str, Planting] = {
+    "encoder_eccentricity": Planting(
         "µm",
         0.73,
         "joint",
-        arm.imperfection(lambda p, r, _: EccentricDisc(p.number, p.size, arm.angle(p, r))),
+        imperfection(lambda p, r, _: EccentricDisc(p.number, p.size, arm.angle(p, r))),
     ),
-    "encoder_ellipticity": Cause(
+    "encoder_ellipticity": Planting(
         "″",
         3.0,
         "joint",
-        arm.imperfection(lambda p, r, _: OvalDisc(p.number, p.size, arm.angle(p, r))),
+        imperfection(lambda p, r, _: OvalDisc(p.number, p.size, arm.angle(p, r))),
     ),
-    "encoder_periodic": Cause("″", 2.0, "joint", arm.imperfection(arm.periodic)),
-    "encoder_scale": Cause(
-        "″/rad", 5.0, "joint", arm.imperfection(lambda p, _r, _: StretchedTape(p.number, p.size))
+    "encoder_periodic": Planting("″", 2.0, "joint", imperfection(arm.periodic)),
+    "encoder_scale": Planting(
+        "″/rad", 5.0, "joint", imperfection(lambda p, _r, _: StretchedTape(p.number, p.size))
     ),
-    "encoder_slip": Cause(
+    "encoder_slip": Planting(
         "″",
         15.0,
         "joint",
-        arm.imperfection(lambda p, r, c: LostIndex(p.number, p.size, arm.instant(p, r, c))),
+        imperfection(lambda p, r, c: LostIndex(p.number, p.size, arm.instant(p, r, c))),
     ),
-    "joint_backlash": Cause(
-        "″", 2.0, "joint", arm.imperfection(lambda p, _r, _: Play(p.number, p.size))
+    "joint_backlash": Planting(
+        "″", 2.0, "joint", imperfection(lambda p, _r, _: Play(p.number, p.size))
     ),
-    "encoder_thermal": Cause(
+    "encoder_thermal": Planting(
         "µm/K",
         0.15,
         "joint",
-        arm.imperfection(lambda p, r, _: WarmDisc(p.number, p.size, arm.angle(p, r))),
+        imperfection(lambda p, r, _: WarmDisc(p.number, p.size, arm.angle(p, r))),
     ),
-    "gear_mesh": Cause("″", 3.0, "joint", arm.imperfection(arm.mesh)),
-    "self_heating": Cause("″ at 1 rad/s", 20.0, "joint", arm.imperfection(arm.work)),
-    "axis_wobble": Cause("″", 3.0, "joint", arm.imperfection(arm.wobble)),
-    "joint_compliance": Cause(
+    "gear_mesh": Planting("″", 3.0, "joint", imperfection(arm.mesh)),
+    "self_heating": Planting("″ at 1 rad/s", 20.0, "joint", imperfection(arm.work)),
+    "axis_wobble": Planting("″", 3.0, "joint", imperfection(arm.wobble)),
+    "joint_compliance": Planting(
         "µrad/Nm",
         6.0,
         "joint",
-        arm.imperfection(lambda p, _r, _: SoftJoint(p.number, 1e-6 * p.size)),
+        imperfection(lambda p, _r, _: SoftJoint(p.number, 1e-6 * p.size)),
     ),
-    "link_bending": Cause(
+    "link_bending": Planting(
         "µrad/Nm",
         8.0,
         "link",
-        arm.imperfection(lambda p, _r, _: BendingLink(p.number, 1e-6 * p.size)),
+        imperfection(lambda p, _r, _: BendingLink(p.number, 1e-6 * p.size)),
     ),
-    "probing_force": Cause(
-        "µm", 15.0, "tip", arm.imperfection(lambda p, _r, _: BendingStylus(p.size))
+    "probing_force": Planting(
+        "µm", 15.0, "tip", imperfection(lambda p, _r, _: BendingStylus(p.size))
     ),
-    "stylus_sag": Cause(
-        "µm", 15.0, "tip", arm.imperfection(lambda p, _r, _: SaggingStylus(p.size))
-    ),
-    "link_expansion": Cause(
+    "stylus_sag": Planting("µm", 15.0, "tip", imperfection(lambda p, _r, _: SaggingStylus(p.size))),
+    "link_expansion": Planting(
         "ppm/K",
         10.0,
         "link",
-        arm.imperfection(lambda p, _r, _: ExpandingLink(p.number, 1e-6 * p.size)),
+        imperfection(lambda p, _r, _: ExpandingLink(p.number, 1e-6 * p.size)),
     ),
-    "nonlinear_expansion": Cause(
+    "nonlinear_expansion": Planting(
         "ppm/K²",
         0.08,
         "link",
-        arm.imperfection(lambda p, _r, _: ExpandingLink(p.number, 0.0, 1e-6 * p.size)),
+        imperfection(lambda p, _r, _: ExpandingLink(p.number, 0.0, 1e-6 * p.size)),
     ),
-    "thermal_lag": Cause("s", 900.0, "link", surroundings.lag),
-    "thermal_gradient": Cause("µrad/m/K", 120.0, "link", arm.imperfection(arm.bow)),
-    "geometry_shift": Cause("″ or µm", 15.0, "joint", arm.imperfection(arm.knock)),
-    "joint_thermal": Cause("″/K", 0.5, "joint", arm.imperfection(arm.warm)),
-    "sensor_offset": Cause("K", 1.0, "sensor", surroundings.sensor_offset),
-    "sensor_swapped": Cause("-", 1.0, "sensors", surroundings.sensor_swap),
-    "artefact_expansion": Cause("ppm/K", 2.5, "artefact", surroundings.artefact_expansion),
-    "artefact_length": Cause("µm", 10.0, "target", surroundings.artefact_length),
-    "artefact_sag": Cause("µm", 15.0, "artefact", surroundings.artefact_sag),
-    "time_skew": Cause(
-        "µs", 80.0, "joint", arm.imperfection(lambda p, _r, _: LateLatch(p.number, p.size))
+    "thermal_lag": Planting("s", 900.0, "link", surroundings.lag),
+    "thermal_gradient": Planting("µrad/m/K", 120.0, "link", imperfection(arm.bow)),
+    "geometry_shift": Planting("″ or µm", 15.0, "joint", imperfection(or_drifting(arm.knock))),
+    "joint_thermal": Planting("″/K", 0.5, "joint", imperfection(arm.warm)),
+    "sensor_offset": Planting("K", 1.0, "sensor", surroundings.sensor_offset),
+    "sensor_swapped": Planting("-", 1.0, "sensors", surroundings.sensor_swap),
+    "artefact_expansion": Planting("ppm/K", 2.5, "artefact", surroundings.artefact_expansion),
+    "artefact_length": Planting("µm", 10.0, "target", surroundings.artefact_length),
+    "artefact_sag": Planting("µm", 15.0, "artefact", surroundings.artefact_sag),
+    "time_skew": Planting(
+        "µs", 80.0, "joint", imperfection(lambda p, _r, _: LateLatch(p.number, p.size))
     ),
-    "mount_drift": Cause("×", 1.0, "base", arm.imperfection(arm.mount)),
-    "tip_offset": Cause("µm", 7.0, "tip", arm.imperfection(arm.tip)),
-    "outliers": Cause("µm", 60.0, "rows", surroundings.outliers),
-    "unknown": Cause("by kind", 5.0, "-", arm.imperfection(arm.unknown)),
+    "mount_drift": Planting("×", 1.0, "base", imperfection(or_drifting(arm.mount))),
+    "tip_offset": Planting("µm", 7.0, "tip", imperfection(arm.tip)),
+    "outliers": Planting("µm", 60.0, "rows", surroundings.outliers),
+    "unknown": Planting("by kind", 5.0, "-", imperfection(arm.unknown)),
 }

@@ -8,8 +8,7 @@ import numpy as np
 
 from armd.errors import BadInput
 from armd.simulator.measured.artefact import seat
-from armd.simulator.measured.campaign import Campaign
-from armd.simulator.measured.measuring import Rig
+from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import Climate, SessionPlan, rounds
 from armd.simulator.plants.causes import plant_all

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from armd.errors import BadInput
-from armd.simulator.measured.campaign import Campaign
 
 Detail = Mapping[str, float | str]
-How = Callable[[Campaign, "Plant", np.random.Generator], Campaign]
 
 
 @dataclass(frozen=True)
@@ -31,16 +27,6 @@ class Plant:
     def number(self) -> int:
         """The joint or link of the location."""
         return int(self.location.split()[-1])
-
-
-@dataclass(frozen=True)
-class Cause:
-    """How a cause is planted; `plant` gets the campaign, what to plant, and a generator."""
-
-    unit: str
-    typical: float
-    places: str  # "joint", "link", "sensor", "sensors", "target", or the location itself
-    plant: How
 
 
 def parse_plant(text: str) -> Plant:

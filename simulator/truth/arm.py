@@ -12,10 +12,8 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.simulator.truth import nominal
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import Effect
-from armd.simulator.truth.posture import Masses, Posture
-from armd.simulator.truth.rotations import SmallMotion, about, tilt_x_y, turn_z
+from armd.simulator.truth.effects.effect import Conditions, Effect, Masses, Posture, SmallMotion
+from armd.simulator.truth.rotations import about, tilt_x_y, turn_z
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,6 @@ TO_AIR = np.array([0.85, 0.70, 0.40, 0.50, 0.25, 0.22])
 TO_NEXT = np.array([0.10, 0.12, 0.10, 0.06, 0.05])
 #: Time constant with which a sensor follows the link it is embedded in, s.
 SENSOR_LAG_S = np.array([25.0, 20.0, 20.0, 20.0, 15.0, 15.0])
-#: Power of each joint's encoder and electronics, W.
-SELF_HEATING_W = np.array([1.2, 0.9, 0.8, 0.6, 0.5, 0.6])
 
 
 class HeatField:

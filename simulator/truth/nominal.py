@@ -44,6 +44,10 @@ JOINTS = (
     NominalJoint(0.0, 0.0, 0.0, 90.0, -115.0, 115.0, 0.5, (0.0, 0.0, 20.0)),
     NominalJoint(0.0, 120.0, 0.0, 0.0, -180.0, 180.0, 0.4, (15.0, 0.0, -20.0)),
 )
+#: Radius of the grating of every joint's disc, mm.
+GRATING_RADIUS_MM = 25.0
+#: Power of each joint's encoder and electronics, W.
+SELF_HEATING_W = np.array([1.2, 0.9, 0.8, 0.6, 0.5, 0.6])
 
 
 def parts(joints: int) -> list[int]:

@@ -3,27 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from armd.arrays import F64
 
 ARC_SECOND = np.pi / 180 / 3600  # rad
-
-
-class SmallMotion(NamedTuple):
-    """A small rigid motion of each row: turn by a rotation vector, then shift, in one frame."""
-
-    turn_rad: F64  # (n, 3)
-    shift_mm: F64  # (n, 3)
-
-    @classmethod
-    def about_own_axis(cls, angle_rad: F64) -> SmallMotion:
-        """A joint turned on by angles (n,): about z, its axis."""
-        turn = np.zeros((len(angle_rad), 3))
-        turn[:, 2] = angle_rad
-        return cls(turn, np.zeros_like(turn))
 
 
 def about(vector: F64) -> F64:

@@ -14,8 +14,7 @@ from armd.simulator.live.physics import blocks
 from armd.simulator.servobus import arm as servo_arm
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import Materials, TrueArm
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.posture import Masses
+from armd.simulator.truth.effects.effect import Conditions, Masses
 
 JOINTS = pytest.mark.parametrize("n", range(3, 10))
 

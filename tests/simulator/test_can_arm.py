@@ -16,7 +16,7 @@ import pytest
 from armd.drivers.can import objects
 from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.effect import Conditions
 from support.simulated_arm import SimulatedArm, simulated_arm
 
 SYNC_HZ = 50

@@ -17,6 +17,14 @@ from armd.simulator.live.faults import (
 )
 
 
+def test_a_jump_of_the_usual_size_is_no_whole_turn_on_any_wire() -> None:
+    """Of a servo, a MicroScribe's joint, an encoder of 20 or 23 bits: far beyond what a millisecond
+    allows."""
+    for bits in (12, 14, 20, 23):
+        off = FAULTS["count_jump"].amount % (1 << bits) / (1 << bits) * 360
+        assert min(off, 360 - off) > 10
+
+
 def test_name_at_seconds_and_duration() -> None:
     fault = parse_fault("silence@2.5:0.8")
     assert (fault.name, fault.at_s, fault.seconds) == ("silence", 2.5, 0.8)

@@ -14,12 +14,13 @@ from armd.simulator.campaigns.hidden import DESIGNS, NOISE, Design, campaigns
 from armd.simulator.hidden import HiddenCase, generate_case, measure_next
 from armd.simulator.measured.measuring import Measured
 from armd.simulator.measured.noise import Noise
-from armd.simulator.measured.plan import Climate, warmed
+from armd.simulator.measured.plan import Climate
 from armd.simulator.plants.causes import CAUSES
 from armd.simulator.plants.draw import FOREIGN, FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.effect import Conditions
+from support.warmed_climate import warmed
 
 SMALL = Design(sessions=3, articulations=2, holdout=1)
 QUIET = Noise().scaled(0.0)

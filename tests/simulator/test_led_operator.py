@@ -13,7 +13,7 @@ from armd.simulator.plants.live import planted
 from armd.simulator.servobus.arm import LIMITS_DEG, ServoArm
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.effect import Conditions
 
 RATE_HZ = 200
 PLAN = """

@@ -18,7 +18,7 @@ from armd.drivers.serial import wire
 from armd.simulator.live.electronics import COUNTS_PER_TURN
 from armd.simulator.live.faults import FAULTS
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.effect import Conditions
 from support.simulated_arm import SimulatedArm, simulated_arm
 
 SCENARIO = """

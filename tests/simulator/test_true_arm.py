@@ -9,7 +9,6 @@ import pytest
 
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
-from armd.simulator.truth.conditions import Conditions
 from armd.simulator.truth.effects import (
     BendingLink,
     BowingLink,
@@ -28,8 +27,9 @@ from armd.simulator.truth.effects import (
     WarmHousing,
     WobblingAxis,
 )
-from armd.simulator.truth.heat import CAPACITY, SELF_HEATING_W, SENSOR_LAG_S, TO_AIR, HeatField
-from armd.simulator.truth.posture import GRAVITY, Masses
+from armd.simulator.truth.effects.effect import GRAVITY, Conditions, Masses
+from armd.simulator.truth.heat import CAPACITY, SENSOR_LAG_S, TO_AIR, HeatField
+from armd.simulator.truth.nominal import SELF_HEATING_W
 from armd.simulator.truth.rotations import ARC_SECOND
 
 DRAWN = TrueArm.default(deviation=0.0)

@@ -1,6 +1,5 @@
 """Physical imperfections of the arm, one file each, by exact physics."""
 
-from armd.simulator.truth.effects.base import Effect
 from armd.simulator.truth.effects.distorted import Distorted
 from armd.simulator.truth.effects.drifting import (
     DriftingLength,
@@ -8,6 +7,7 @@ from armd.simulator.truth.effects.drifting import (
     DriftingTwist,
     DriftingZero,
 )
+from armd.simulator.truth.effects.effect import Effect
 from armd.simulator.truth.effects.encoder.eccentric_disc import EccentricDisc
 from armd.simulator.truth.effects.encoder.interpolation import Interpolation
 from armd.simulator.truth.effects.encoder.late_latch import LateLatch

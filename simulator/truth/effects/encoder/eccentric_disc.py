@@ -7,11 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import Effect
-
-#: Radius of the grating of every joint's disc, mm.
-GRATING_RADIUS_MM = 25.0
+from armd.simulator.truth.effects.effect import Conditions, Effect
+from armd.simulator.truth.nominal import GRATING_RADIUS_MM
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.effects.effect import Conditions, Effect
 from armd.simulator.truth.rotations import ARC_SECOND
 
 

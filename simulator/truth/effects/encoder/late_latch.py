@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from armd.arrays import F64
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import Effect
+from armd.simulator.truth.effects.effect import Conditions, Effect
 
 
 @dataclass(frozen=True)

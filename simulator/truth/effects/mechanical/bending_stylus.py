@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import Effect
-from armd.simulator.truth.posture import Posture
+from armd.simulator.truth.effects.effect import Conditions, Effect, Posture
 
 #: Share of the deflection that is the contact's flattening, the same in every direction.
 FLATTENING = 0.25

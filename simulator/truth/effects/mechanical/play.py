@@ -6,10 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import Effect
-from armd.simulator.truth.posture import Posture
-from armd.simulator.truth.rotations import ARC_SECOND, SmallMotion
+from armd.simulator.truth.effects.effect import Conditions, Effect, Posture, SmallMotion
+from armd.simulator.truth.rotations import ARC_SECOND
 
 #: Below this rate friction does not press the play to its end, rad/s.
 CREEP_RAD_S = 2e-5

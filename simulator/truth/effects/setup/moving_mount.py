@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.simulator.truth.conditions import Conditions
-from armd.simulator.truth.effects.base import Effect
-from armd.simulator.truth.rotations import ARC_SECOND, SmallMotion
+from armd.simulator.truth.effects.effect import Conditions, Effect, SmallMotion
+from armd.simulator.truth.rotations import ARC_SECOND
 
 HOUR_S = 3600.0
 
