@@ -44,8 +44,7 @@ class MeasuredWith:
 
     @property
     def offset_mm(self) -> F64:
-        n = self.arm.n_joints
-        return self.constants[5 * n : 5 * n + 3]
+        return self.constants[self.arm.layout.tip]
 
     def write(self, folder: Path) -> tuple[Path, Path | None]:
         """arm.toml and, where there is one, the calibration, for commands to read."""

@@ -112,8 +112,7 @@ def _frames(
         one = slice(int(i), int(i) + 1)
         model.fold(states.temperature_c[i], float(states.time_s[i]))
         model.correct(states.q[one], states.rate[one], states.approach[one], points[one])
-    n = arm.n_joints
-    offset = np.array(model.constants[5 * n : 5 * n + 3])
+    offset = np.array(model.constants[arm.layout.tip])
     position = np.array(points["position_mm"])
     known = np.isfinite(position).all(axis=1)
     rotation = np.full((session.n, 3, 3), np.nan)

@@ -14,19 +14,20 @@ from armd.arrays import F64
 from armd.compensation.data.session import load_session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.interim.checks.columns import causes_of
-from armd.compensation.interim.checks.history import Check, Line
-from armd.compensation.interim.checks.reduce import Reduced, reduce
+from armd.compensation.interim.checks.history import Check, HistoryLine
+from armd.compensation.interim.checks.reduce import reduce
+from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, save_calibration
 from armd.simulator.campaigns import interim
 from armd.simulator.campaigns.calibration import calibration as calibration_campaign
 from armd.simulator.measured.artefact import Artefact
-from armd.simulator.measured.measuring import Measured, take_readings, write_session
+from armd.simulator.measured.measuring import Measured, carry_out, take_readings, write_session
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.placement import Placement
 from armd.simulator.measured.plan import Climate, SessionPlan
 from armd.simulator.truth import nominal
-from armd.simulator.truth.heat import SELF_HEATING_W
+from armd.simulator.truth.nominal import SELF_HEATING_W
 
 #: A check that was advised is made so long after the day's usual one.
 LATER_H = 4.0
@@ -43,7 +44,7 @@ class Bench:
         self.arm: Arm = load_arm(path)
         campaign = calibration_campaign(seed, Noise())
         sessions = []
-        for measured in campaign.carry_out(np.random.default_rng([seed, 0x5E55])):
+        for measured in carry_out(campaign, np.random.default_rng([seed, 0x5E55])):
             write_session(folder / measured.plan.name, measured)
             sessions.append(load_session(folder / measured.plan.name, self.arm))
         found = calibrate(sessions, self.arm, Options()).calibration
@@ -82,7 +83,7 @@ class Bench:
         """*checks* as a history has them."""
         return [
             Check(
-                Line.model_construct(name=f"day-{i:02}", first_unix_s=check.first_unix_s),
+                HistoryLine.model_construct(name=f"day-{i:02}", first_unix_s=check.first_unix_s),
                 self.arm,
                 self._loaded,
                 check,

@@ -23,9 +23,10 @@ from run_length import alarms_and_watched, noise_alone
 from threadpoolctl import threadpool_limits
 from whole_path import whole_path
 
-from armd.compensation.interim.checks.reduce import Reduced
+from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence import likelihood
-from armd.compensation.interim.told.judge import Epoch, Judgement, judge
+from armd.compensation.interim.told.judge import judge
+from armd.compensation.interim.told.judgement import Epoch, Judgement
 from armd.compensation.interim.told.tomorrow import Advised, tomorrow
 from armd.simulator.campaigns import interim
 

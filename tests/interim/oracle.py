@@ -12,7 +12,7 @@ from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.changes.growth import growth, origin_d
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence import likelihood
-from armd.compensation.interim.evidence.stack import Stack, Sums
+from armd.compensation.interim.evidence.stack import RunningSums, Stack
 
 
 def oracle_delay(
@@ -25,7 +25,7 @@ def oracle_delay(
         for k, c in enumerate(causes)
     ]  # fmt: skip
     kept = [i for i in range(of.n) if i not in bad]
-    sums = Sums(of.only(kept))
+    sums = RunningSums(of.only(kept))
     for count in range(1, len(kept) + 1):
         if kept[count - 1] < first:
             continue

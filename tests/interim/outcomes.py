@@ -15,6 +15,8 @@ from armd.simulator.plants.causes import CAUSES
 SIZE_CLASSES = (("a tenth", 0.18), ("a third", 0.55), ("the typical size", np.inf))
 #: A cause less likely than this is not among the alternatives: it counts as so likely.
 NAMED = 0.01
+#: A correction whose error is at most so many times the oracle's is as good.
+MOST_RATIO = 1.2
 #: Chances to be wrong are told apart at these.
 CHANCES = (0.0, 0.1, 0.3, 1.0)
 #: A name this sure or surer is held to be right.
@@ -124,6 +126,7 @@ def table(
             ", ".join(f"{v:.1f}" for v in rms[:3]) + f"; ratio {rms[1] / rms[2]:.2f}",
             "1.2",
         ),
+        *(("the same, " + what, said, "") for what, said in one_by_one(errors)),
         ("what the corrected calibration states of that, µm RMS", f"{rms[3]:.1f}", ""),
         (
             "the same with the advised check where one is advised at the end, µm RMS",
@@ -133,6 +136,32 @@ def table(
     ]  # fmt: skip
     lines = ["| Figure | Measured | Mark |", "|---|---|---|"]
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def one_by_one(told: list[Outcome]) -> list[tuple[str, str]]:
+    """Errors of corrected measurements against the oracle's, history by history: an RMS over all of
+    them is that of a few."""
+    errors, oracles = (np.array([getattr(o, k) for o in told]) for k in
+                       ("error_um", "oracle_error_um"))  # fmt: skip
+    if not len(errors):
+        return []
+    ratio = errors / oracles
+    found = [
+        ("history by history: median ratio", f"{np.median(ratio):.2f}"),
+        (f"histories within {MOST_RATIO} of the oracle", share(list(ratio <= MOST_RATIO))),
+        ("histories made worse than uncorrected",
+         share([o.error_um > o.uncorrected_um for o in told])),
+    ]  # fmt: skip
+    worst = int(np.argmax(errors**2 - oracles**2))
+    left = np.arange(len(errors)) != worst
+    if left.any():
+        ratio_left = np.sqrt((errors[left] ** 2).sum() / (oracles[left] ** 2).sum())
+        found.append((f"ratio without the worst ({told[worst].case.words})", f"{ratio_left:.2f}"))
+    for artefact in sorted({o.case.artefact for o in told}):
+        own = np.array([o.case.artefact == artefact for o in told])
+        of_it = np.sqrt((errors[own] ** 2).sum() / (oracles[own] ** 2).sum())
+        found.append((f"ratio on {artefact}, of {own.sum()}", f"{of_it:.2f}"))
+    return found
 
 
 def by_kind(outcomes: list[Outcome]) -> str:

@@ -22,12 +22,13 @@ from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.checks.reduce import Reduced
+from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import SIZES
 from armd.compensation.interim.evidence.stack import ALL_ALONG, DAY_S, RAMP_DAYS, TRUST, stack
 from armd.compensation.interim.evidence.watch import watch
 from armd.compensation.interim.told import tomorrow
-from armd.compensation.interim.told.judge import Epoch, Judgement, judge
+from armd.compensation.interim.told.judge import judge
+from armd.compensation.interim.told.judgement import Epoch, Judgement
 from armd.compensation.interim.told.planned import Planned, as_check, rows
 from armd.simulator.campaigns import interim
 

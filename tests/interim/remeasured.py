@@ -14,14 +14,14 @@ from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.told.amend import Amplitudes, amended, fit
-from armd.compensation.interim.told.judge import Epoch
+from armd.compensation.interim.told.judgement import Epoch
 from armd.compensation.interim.told.reach import placement_columns
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.state import States
 from armd.simulator.campaigns import interim
 from armd.simulator.measured.plan import MOUNTED
 from armd.simulator.truth import nominal
-from armd.simulator.truth.conditions import Conditions
+from armd.simulator.truth.effects.effect import Conditions
 
 #: Measured again by each mended calibration, at so many moments.
 MEASURED, MOMENTS = 300, 12

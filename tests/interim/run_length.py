@@ -10,9 +10,9 @@ from scipy.special import logsumexp
 
 from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.checks.reduce import Reduced
+from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import MOST_BACK, NOISE_WORD, SIZES
-from armd.compensation.interim.evidence.stack import DAY_S, Sums, stack
+from armd.compensation.interim.evidence.stack import DAY_S, RunningSums, stack
 
 
 def noise_alone(
@@ -28,7 +28,7 @@ def noise_alone(
     rng = np.random.default_rng([seed, 0x1C])
     known = rng.normal(size=(of.known[0].shape[1], draws))
     noise = [k @ known + rng.normal(size=(len(k), draws)) for k in of.known]
-    sums = Sums(of)
+    sums = RunningSums(of)
     towards = [c.T @ z for c, z in zip(of.columns, noise, strict=True)]
     days = of.time_d / 30.0
     plain = np.cumsum(np.stack(towards), axis=0)

@@ -17,11 +17,12 @@ from armd.compensation.effects.location import joint
 from armd.compensation.identify.evaluate import evaluate
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, SIZES, log_marginal, weigh
-from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack, Sums
+from armd.compensation.interim.evidence.stack import RAMP_DAYS, RunningSums, Stack
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.compensation.model.kinematics import forward
 from armd.daemon.measure.plan.poses import read_poses
+from armd.daemon.measure.plan.proposed import proposed_check
 from armd.errors import BadInput
 
 
@@ -55,7 +56,7 @@ def density(of: Stack, more: list[np.ndarray], size: float) -> float:
 def test_the_weights_are_likelihood_ratios(seed: int) -> None:
     of, causes = a_stack(np.random.default_rng(seed))
     first = np.arange(of.n)
-    weighed = weigh(Sums(of), causes, of.n, first)
+    weighed = weigh(RunningSums(of), causes, of.n, first)
     nothing = [np.zeros((len(z), 1)) for z in of.residual]
     days = of.time_d / RAMP_DAYS
     gap = np.median(np.diff(days))
@@ -108,7 +109,9 @@ def turned(arm: Arm, constants: np.ndarray, q: np.ndarray, by: np.ndarray) -> np
     return forward(off, np.tile(constants, (len(q), 1)))[0]
 
 
-def test_tomorrows_poses_tell_a_doubtful_cause_from_its_rival(tmp_path: Path) -> None:
+def test_tomorrows_poses_tell_a_doubtful_cause_from_its_rival(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     result, checks = judged(
         tmp_path, "--plant", "encoder_eccentricity@joint 3=0.4@5", "--artefact", "sphere"
     )
@@ -120,6 +123,14 @@ def test_tomorrows_poses_tell_a_doubtful_cause_from_its_rival(tmp_path: Path) ->
     arm = load_arm(checks / "arm.toml")
     poses = read_poses(table, arm.n_joints, arm.sensors)
     assert "come to rest turning joints" in poses[0].how
+    told = capsys.readouterr().out
+    assert f"armd measure interim --proposed --history {tmp_path / 'history'} -o SESSION" in told
+    # That command asks for the poses of the table, one seat and the other in turn.
+    asked = proposed_check(tmp_path / "history", arm)
+    for ours, theirs in zip(asked, poses, strict=True):
+        assert ours.posture_deg == pytest.approx(theirs.posture_deg, abs=0.06)
+        assert ours.tip_mm == pytest.approx(theirs.tip_mm, abs=0.06)
+        assert ours.how.partition(";")[2] == theirs.how.partition(";")[2]
     constants = load_calibration(checks / "calibration.json", arm).content.vector(arm.n_joints)
     q = np.radians([pose.posture_deg for pose in poses])
     after = result["next_check"]
@@ -144,6 +155,9 @@ def test_without_a_doubt_there_are_no_poses(tmp_path: Path) -> None:
     judged(tmp_path, "--days", "4")
     with pytest.raises(BadInput, match="--poses"):
         run("report", "--history", tmp_path / "history", "--poses", tmp_path / "poses.csv")
+    arm = load_arm(tmp_path / "checks" / "arm.toml")
+    with pytest.raises(BadInput, match="next_check: found no poses"):
+        proposed_check(tmp_path / "history", arm)
     assert not (tmp_path / "poses.csv").exists()
 
 
@@ -151,7 +165,7 @@ def test_without_a_doubt_there_are_no_poses(tmp_path: Path) -> None:
 def test_the_marginal_is_a_density(seed: int) -> None:
     of, _ = a_stack(np.random.default_rng(seed))
     nothing = [np.zeros((len(z), 1)) for z in of.residual]
-    assert log_marginal(Sums(of), of.n) == pytest.approx(density(of, nothing, 0.0), abs=1e-8)
+    assert log_marginal(RunningSums(of), of.n) == pytest.approx(density(of, nothing, 0.0), abs=1e-8)
 
 
 @pytest.mark.slow

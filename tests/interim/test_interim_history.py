@@ -6,9 +6,11 @@ import argparse
 import datetime
 import hashlib
 import json
+import re
 import shutil
 import subprocess
 import sys
+import time
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -120,6 +122,18 @@ def test_a_slip_and_a_bad_check_are_told(kept: Path) -> None:
     assert (kept / change["calibration_from"]).is_file()
 
 
+def test_how_to_correct_what_was_measured_since_is_said(
+    copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("report", "--history", copy) == 1
+    told = capsys.readouterr().out
+    (change,) = reported(copy)["changes"]
+    said = (
+        f"--calibration {copy / 'calibration-1.json'} --since {change['between'][0]} -o again.csv"
+    )
+    assert f"armd recorrect MEASUREMENTS --arm ARM.toml {said}" in told
+
+
 def test_the_order_of_adding_does_not_matter(checks: Path, kept: Path, tmp_path: Path) -> None:
     history = tmp_path / "backwards"
     add(checks, history, 8, 3)
@@ -194,6 +208,45 @@ def test_a_check_dated_after_now_is_refused_unless_it_is_wanted(
     assert reported(copy)["last_check"] == "2026-04-01T09:00:00Z"
     monkeypatch.setattr(interim.time, "time", lambda: now + 86400.0 - 120.0)
     assert run("add", late, *files, "--history", tmp_path / "new") == 0
+
+
+def test_a_check_dated_before_the_last_one_is_told_and_judged_by_its_date(
+    checks: Path, kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Added late, or of a clock set back: nobody can tell from the check, so a person is asked."""
+    history = tmp_path / "history"
+    add(checks, history, 1, 2, 3, 4)
+    add(checks, history, 7, 8)
+    assert "clock" not in capsys.readouterr().err  # in order of time there is nothing to say
+    add(checks, history, 5)
+    told = capsys.readouterr()
+    assert re.search(
+        r"day-05 \(2026-03-09T09:\S+Z\) is dated before the last check of the", told.err
+    )
+    assert "the history, day-08 (2026-03-12T09:" in told.err
+    assert "If measured after that check, a clock was set back" in told.err
+    assert "clock" not in told.out
+    again = shutil.copytree(history, tmp_path / "again")
+    add(checks, again, 6)
+    assert "day-06 (2026-03-10T09:" in capsys.readouterr().err
+    assert reported(again) == reported(kept)
+
+
+def test_this_computers_clock_set_back_since_the_last_adding_is_refused(
+    checks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    history, now = tmp_path / "history", time.time()
+    add(checks, history, 1, 2)
+    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
+    words = "add", checks / "day-03", *files, "--history", history
+    monkeypatch.setattr(interim.time, "time", lambda: now - 3600.0)
+    said = "history.jsonl: line 2, added: found check day-02 added at .*clock says.*--future"
+    refused(history, said, lambda: run(*words))
+    assert run(*words, "--future") == 0
+    assert [check["name"] for check in reported(history)["checks"]][-1] == "day-03"
+    # Two computers' clocks are never quite alike.
+    monkeypatch.setattr(interim.time, "time", lambda: now - 300.0)
+    assert add(checks, history, 4) == 0
 
 
 def test_a_torn_session_is_refused_and_nothing_begun(

@@ -21,7 +21,7 @@ AT_95 = 1.96
 
 
 @dataclass(frozen=True)
-class Change:
+class Impact:
     """What recorrecting n measurements came to."""
 
     serial: str
@@ -90,7 +90,7 @@ class Change:
 
 
 def quality_page(
-    change: Change,
+    change: Impact,
     inputs: Mapping[str, str],
     left_out: Sequence[str],
     operator: str | None,
@@ -147,7 +147,7 @@ def _rule(tolerance_mm: float | None) -> str:
     )
 
 
-def _affected(page: Page, change: Change) -> None:
+def _affected(page: Page, change: Impact) -> None:
     """The measurements that matter, or may; without a tolerance all of them, the worst first."""
     if change.tolerance_mm is None:
         page.heading("Measurements affected")

@@ -41,6 +41,20 @@ class Change:
         return self.cause, self.gradual, self.first
 
 
+#: One way in which all changes may have been, with its share of the probability.
+Way = tuple[float, tuple[Change, ...]]
+
+
+@dataclass(frozen=True)
+class ChangesFound:
+    """What became of an epoch's checks."""
+
+    statistic: F64  # (n,) the alarm's statistic after each check
+    alarm: int | None
+    changes: tuple[Change, ...]  # in order of onset
+    bad: tuple[int, ...]
+
+
 def shapes(of: Stack, change: Change) -> F64:
     """(n, 1 + bends) how far a change is at each check, per amplitude of each of its columns."""
     if not change.gradual:

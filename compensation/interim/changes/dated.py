@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.checks.reduce import Reduced
-from armd.compensation.interim.evidence.stack import DAY_S, Stack
+from armd.compensation.interim.checks.reduced import Reduced
+from armd.compensation.interim.evidence.stack import Stack
+from armd.compensation.model.slow_factors import DAY_S
 
 
 def between(

@@ -8,17 +8,17 @@ name it otherwise, and only what it cannot be is another change.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, with_changes
+from armd.compensation.interim.changes.change import Change, ChangesFound, with_changes
 from armd.compensation.interim.changes.growth import growth, origin_d
 from armd.compensation.interim.changes.likeliest import likeliest, weighed_again, weighed_since
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, weigh
-from armd.compensation.interim.evidence.stack import Stack, Sums
+from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import Watched, watch
 
 #: An alarm is withdrawn when the statistic, over all readings since, has fallen so low (natural
@@ -32,17 +32,7 @@ MOST_CHANGES = 5
 MOST_ROUNDS = 20
 
 
-@dataclass(frozen=True)
-class Found:
-    """What became of an epoch's checks."""
-
-    statistic: F64  # (n,) the alarm's statistic after each check
-    alarm: int | None
-    changes: tuple[Change, ...]  # in order of onset
-    bad: tuple[int, ...]
-
-
-def find(of: Stack, causes: Sequence[Cause]) -> Found:
+def find(of: Stack, causes: Sequence[Cause]) -> ChangesFound:
     """All changes of a stack of checks."""
     found: list[Change] = []
     alarms: list[int] = []
@@ -102,7 +92,7 @@ def find(of: Stack, causes: Sequence[Cause]) -> Found:
     found = _refined(of, causes, found, bad)
     assert first_look is not None
     statistic = _filled(first_look, of, causes, bad)
-    return Found(statistic, first_look.alarm, tuple(found), bad)
+    return ChangesFound(statistic, first_look.alarm, tuple(found), bad)
 
 
 def _refined(
@@ -133,7 +123,7 @@ def _filled(first_look: Watched, of: Stack, causes: Sequence[Cause], bad: Sequen
     if first_look.alarm is None:
         return statistic
     kept = [i for i in range(of.n) if i not in bad]
-    sums = Sums(of.only(kept))
+    sums = RunningSums(of.only(kept))
     for n in range(first_look.alarm + 2, of.n + 1):
         count = int(np.searchsorted(kept, n))
         first = np.arange(int(np.searchsorted(kept, max(0, first_look.alarm - 10))), count)

@@ -11,7 +11,7 @@ from armd.compensation.interim.changes.growth import growth, origin_d
 from armd.compensation.interim.changes.held import held
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import Weighed, weigh
-from armd.compensation.interim.evidence.stack import Stack, Sums
+from armd.compensation.interim.evidence.stack import RunningSums, Stack
 
 #: Rivals less likely than this are not worth a line.
 LEAST_SHARE = 0.01
@@ -24,7 +24,7 @@ def weighed_since(
     first = np.array([k for k, i in enumerate(kept) if since <= i < max(last, since + 1)])
     if not len(first):
         first = np.array([len(kept) - 1])
-    return weigh(Sums(of.only(kept)), causes, len(kept), first), kept
+    return weigh(RunningSums(of.only(kept)), causes, len(kept), first), kept
 
 
 def weighed_again(

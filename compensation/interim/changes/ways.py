@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change
+from armd.compensation.interim.changes.change import Change, Way
 from armd.compensation.interim.changes.growth import growths, origin_d
 from armd.compensation.interim.changes.likeliest import weighed_again
 from armd.compensation.interim.checks.columns import Cause
@@ -16,8 +16,6 @@ from armd.compensation.interim.evidence.stack import Stack
 
 #: The likeliest ways that together have so much of the probability, and no more than so many.
 KEPT_SHARE, MOST_WAYS = 0.99, 60
-
-Way = tuple[float, tuple[Change, ...]]
 
 
 def ways(

@@ -21,7 +21,8 @@ from pydantic import Field
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.interim.checks.columns import Cause, causes_of, digest
-from armd.compensation.interim.checks.reduce import Reduced, reduce
+from armd.compensation.interim.checks.reduce import reduce
+from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.statistics import from_json
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
@@ -34,7 +35,7 @@ STATISTICS = "statistics.json"
 BEGINNING = "0" * 64
 
 
-class Line(Strict):
+class HistoryLine(Strict):
     """One check, as the history has it."""
 
     schema_: str = Field(alias="schema", pattern="^armd.interim.check/1$")
@@ -56,7 +57,7 @@ class Line(Strict):
 class Check:
     """A check that the history has."""
 
-    line: Line
+    line: HistoryLine
     arm: Arm
     calibration: LoadedCalibration
     reduced: Reduced
@@ -114,7 +115,7 @@ def _of_today(folder: Path, check: Check, causes: Sequence[Cause]) -> Check:
     return replace(check, reduced=reduce(measured, check.arm, check.calibration.content, causes))
 
 
-def read_lines(folder: Path) -> list[Line]:
+def read_lines(folder: Path) -> list[HistoryLine]:
     """The history's lines in the order of adding, their chain checked; none without a history."""
     path = folder / HISTORY
     if not path.exists():
@@ -129,7 +130,7 @@ def read_lines(folder: Path) -> list[Line]:
     lines, previous = [], BEGINNING
     for number, text in enumerate(raw, 1):
         where = f"{path}: line {number}"
-        line = validate(where, json_data(where, text), Line)
+        line = validate(where, json_data(where, text), HistoryLine)
         if line.previous != previous or line.check != number:
             found = "a line that does not follow the one before (edited, or lines are missing)"
             raise BadInput(path, f"line {number}", found, f"the hash {previous[:16]}… of that line")

@@ -15,13 +15,21 @@ from pathlib import Path
 from typing import Any
 
 from armd.compensation.data.session import READINGS, Session
-from armd.compensation.interim.checks.history import BEGINNING, HEAD, HISTORY, STATISTICS, Line, iso
-from armd.compensation.interim.checks.reduce import Reduced
+from armd.compensation.interim.checks.history import (
+    BEGINNING,
+    HEAD,
+    HISTORY,
+    STATISTICS,
+    HistoryLine,
+    iso,
+)
+from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.statistics import to_json
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.writing import told, write_whole
+from armd.terminal.counted import counted
 
 #: Two computers' clocks may be so far apart, s.
 CLOCKS_APART_S = 600.0
@@ -62,7 +70,47 @@ def check_past(sessions: Sequence[Session], now_unix_s: float) -> None:
             raise BadInput(session.path / "session.toml", "started", found, expected)
 
 
-def check_new(folder: Path, lines: Sequence[Line], sessions: Sequence[Session]) -> None:
+def check_clock(folder: Path, lines: Sequence[HistoryLine], now_unix_s: float) -> None:
+    """Raise `BadInput` if this computer's clock says less than when it added the last check: it was
+    set back, and what it dates now would be taken for measured before checks that came first."""
+    if not lines:
+        return
+    added = datetime.datetime.fromisoformat(lines[-1].added).timestamp()
+    if now_unix_s < added - CLOCKS_APART_S:
+        found = (
+            f"check {lines[-1].name} added at {lines[-1].added}; this computer's clock says "
+            f"{iso(now_unix_s)}"
+        )
+        expected = (
+            "a clock that was not set back: set it right, or, if it is right now, take the check "
+            "as it is dated with --future"
+        )
+        raise BadInput(folder / HISTORY, f"line {len(lines)}, added", found, expected)
+
+
+def dated_before(lines: Sequence[HistoryLine], sessions: Sequence[Session]) -> str:
+    """What a person should know of *sessions* added after a check that was measured after them:
+    that is as good as any other order, unless a clock was set back in between. "" if there are
+    none."""
+    latest = max(lines, key=lambda line: line.last_unix_s, default=None)
+    if latest is None:
+        return ""
+    early = [s for s in sessions if float(s.states.time_s.max()) < latest.first_unix_s]
+    if not early:
+        return ""
+    first = early[0]
+    which = f"{first.name} ({iso(first.started_unix_s)})"
+    if others := len(early) - 1:
+        which += f" and {counted(others, 'other check')}"
+    are, they = ("are", "They are") if others else ("is", "It is")
+    return (
+        f"{which} {are} dated before the last check of the history, {latest.name} "
+        f"({latest.started}). {they} judged by date. If measured after that check, a clock was "
+        "set back, and a change will be dated wrongly."
+    )
+
+
+def check_new(folder: Path, lines: Sequence[HistoryLine], sessions: Sequence[Session]) -> None:
     """Raise `BadInput` for a check that is there, of another arm, or measured while another was."""
     spans = [(line.first_unix_s, line.last_unix_s, line.name) for line in lines]
     started = {line.started: line.name for line in lines}
@@ -89,7 +137,7 @@ def check_new(folder: Path, lines: Sequence[Line], sessions: Sequence[Session]) 
 
 def keep(
     folder: Path,
-    lines: Sequence[Line],
+    lines: Sequence[HistoryLine],
     new: Sequence[New],
     arm_file: Path,
     calibration: LoadedCalibration,

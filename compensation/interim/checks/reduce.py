@@ -1,9 +1,4 @@
-"""One check reduced to what it says of the arm: whitened rows, clear of placements and seats.
-
-Rows z ~ N(columns · amplitudes, I): residuals under the calibration, at the temperatures that were
-there, per standard deviation of a reading. Everything else about a check (where the artefact stood,
-where its seats are) is projected out, so two checks may stand anywhere.
-"""
+"""One check reduced to what it says of the arm: clear of placements and seats, whitened."""
 
 from __future__ import annotations
 
@@ -14,6 +9,7 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.problem.rests import REST_RAD
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import (
     Poses,
@@ -23,6 +19,7 @@ from armd.compensation.estimate.poses import (
     target_columns,
 )
 from armd.compensation.interim.checks.columns import Cause, digest
+from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
@@ -32,29 +29,8 @@ from armd.errors import BadInput
 NUISANCE_RANK = 1e-6
 #: Noise of a certified length or position beside its constant error, mm.
 LENGTH_FLOOR_MM = 1e-4
-#: Readings one after another at one target, closer than this in every joint, are one rest.
-REST_RAD = 1e-4
 #: Fewer rows than this beyond placement and seats tell nothing.
 LEAST_ROWS = 6
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """What one check says: r whitened rows on C named columns."""
-
-    residual: F64  # (r,)
-    causes: F64  # (r, K) per unit of each cause's columns, in the order of `causes_of`
-    known: F64  # (r, B) what may be wrong all along, per standard deviation
-    known_names: tuple[str, ...]  # (B,) the same name is the same unknown in every check
-    targets: F64  # (r, 3 T) per mm of a target's shift
-    target_names: tuple[str, ...]  # (T,) artefact and target
-    certified: tuple[bool, ...]  # (T,) whether its place is known beforehand
-    mean_unix_s: float
-    first_unix_s: float
-    last_unix_s: float
-    readings: int
-    rms_um: float  # of the residuals after placements and seats, per reading, 3-D
-    catalogue: str  # `digest` of the causes that the columns are of
 
 
 def reduce(

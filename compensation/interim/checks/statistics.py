@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from armd.arrays import F64
-from armd.compensation.interim.checks.reduce import Reduced
+from armd.compensation.interim.checks.reduced import Reduced
 from armd.files.schema import Strict, validate
 
 DIGITS = 7

@@ -21,7 +21,7 @@ from scipy.special import gammaln, logsumexp
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.stack import Sums
+from armd.compensation.interim.evidence.stack import RunningSums
 
 #: About so many checks pass on average until a false alarm.
 RUN_LENGTH = 500.0
@@ -54,7 +54,7 @@ class Weighed:
         return float(logsumexp(self.log_by_size))
 
 
-def weigh(sums: Sums, causes: Sequence[Cause], n: int, first: I64) -> Weighed:
+def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Weighed:
     """Weigh changes of the first *n* checks that begin at checks *first*."""
     factor, side, square = sums.without_change(n)
     left = NOISE_WORD + square
@@ -76,7 +76,7 @@ def weigh(sums: Sums, causes: Sequence[Cause], n: int, first: I64) -> Weighed:
     return Weighed(first, weights)
 
 
-def log_marginal(sums: Sums, n: int) -> float:
+def log_marginal(sums: RunningSums, n: int) -> float:
     """Log of Student's density of the first *n* checks' readings without a change, everything
     known integrated out."""
     factor, _, square = sums.without_change(n)
@@ -110,7 +110,9 @@ def _log_ratio(gram: F64, side: F64, left: float, freedom: float) -> F64:
     return np.stack(found, axis=-1)
 
 
-def run(sums: Sums, causes: Sequence[Cause], since: int = 0, until: int | None = None) -> F64:
+def run(
+    sums: RunningSums, causes: Sequence[Cause], since: int = 0, until: int | None = None
+) -> F64:
     """Log of the alarm's statistic after each check from *since* on, (until − since,)."""
     until = sums.of.n if until is None else until
     statistics = []

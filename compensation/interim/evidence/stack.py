@@ -15,7 +15,8 @@ from scipy.linalg import cholesky, solve_triangular
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.checks.reduce import Reduced
+from armd.compensation.interim.checks.reduced import Reduced
+from armd.compensation.model.slow_factors import DAY_S
 
 #: A calibration knows its constants as well as it says, within this factor: its model was fitted on
 #: other days, in other poses, on another artefact.
@@ -27,7 +28,6 @@ ALL_ALONG = 0.25
 LEAST_SEEN = 1e-3
 #: A growth is counted per so many days.
 RAMP_DAYS = 30.0
-DAY_S = 86400.0
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def _compressed(known: Sequence[F64]) -> list[F64]:
     return [one @ kept for one in known]
 
 
-class Sums:
+class RunningSums:
     """Running sums over the first i checks, for changes that begin at a check or between two.
 
     The causes' are made when first asked for: without a change they play no part.

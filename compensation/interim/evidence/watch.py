@@ -17,7 +17,7 @@ from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, spoilt
 from armd.compensation.interim.evidence.likelihood import LIMIT, MOST_BACK, log_marginal, weigh
-from armd.compensation.interim.evidence.stack import Stack, Sums
+from armd.compensation.interim.evidence.stack import RunningSums, Stack
 
 #: Until so many later checks are there, a check may turn out to have been bad; so many in a row
 #: that no cause of the catalogue explains are a change without a name.
@@ -37,8 +37,8 @@ class Watched:
 
 
 @dataclass(frozen=True)
-class Word:
-    """The word of all checks until now, some of the last of them doubted."""
+class Standing:
+    """What all checks until now say, some of the last of them doubted."""
 
     statistic: float
     strange: bool
@@ -58,13 +58,13 @@ def watch(
         open_ = [i for i in here if i >= max(since, n - UNSETTLED)]
         doubted = list(spoilt(of, here, open_)) if len(here) > 1 else []
         if doubted:
-            word = _weighed(of, causes, since, here, doubted)
+            standing = _weighed(of, causes, since, here, doubted)
         else:
-            word = Word(_statistic(sums, kept, causes, since, n), False, ())
-        statistics[n - 1] = word.statistic
-        if word.statistic >= LIMIT:
-            bad = tuple(sorted({*settled, *word.bad}))
-            return Watched(statistics, n - 1, word.strange, bad)
+            standing = Standing(_statistic(sums, kept, causes, since, n), False, ())
+        statistics[n - 1] = standing.statistic
+        if standing.statistic >= LIMIT:
+            bad = tuple(sorted({*settled, *standing.bad}))
+            return Watched(statistics, n - 1, standing.strange, bad)
         past = [i for i in doubted if i <= n - UNSETTLED]
         if past:
             settled = sorted({*settled, *past})
@@ -74,7 +74,7 @@ def watch(
 
 def _weighed(
     of: Stack, causes: Sequence[Cause], since: int, here: Sequence[int], doubted: Sequence[int]
-) -> Word:
+) -> Standing:
     """Log odds of a change after the checks *here*, whichever of the *doubted* are bad."""
     clean = [i for i in here if i not in doubted]
     rest = _marginal(of, clean)
@@ -95,7 +95,7 @@ def _weighed(
     if len(doubted) == UNSETTLED:
         nameless = np.log(STRANGE) + rest + sum(alone.values())
     strange = bool(nameless > logsumexp(change))
-    return Word(
+    return Standing(
         statistic=float(logsumexp([*change, nameless]) - logsumexp(nothing)),
         strange=strange,
         bad=() if strange else tuple(ways[int(np.argmax(change))]),
@@ -103,23 +103,23 @@ def _weighed(
 
 
 def _marginal(of: Stack, checks: Sequence[int]) -> float:
-    return log_marginal(Sums(of.only(checks)), len(checks)) if len(checks) else 0.0
+    return log_marginal(RunningSums(of.only(checks)), len(checks)) if len(checks) else 0.0
 
 
-def _sums(of: Stack, left_out: Sequence[int]) -> tuple[Sums, list[int]]:
+def _sums(of: Stack, left_out: Sequence[int]) -> tuple[RunningSums, list[int]]:
     kept = [i for i in range(of.n) if i not in left_out]
-    return Sums(of.only(kept)), kept
+    return RunningSums(of.only(kept)), kept
 
 
 def _statistic(
-    sums: Sums, kept: Sequence[int], causes: Sequence[Cause], since: int, n: int
+    sums: RunningSums, kept: Sequence[int], causes: Sequence[Cause], since: int, n: int
 ) -> float:
     """The alarm's statistic after *n* checks, of those kept."""
     count, begins = (int(np.searchsorted(kept, at)) for at in (n, since))
     return _log_ratio(sums, causes, begins, count)
 
 
-def _log_ratio(sums: Sums, causes: Sequence[Cause], begins: int, count: int) -> float:
+def _log_ratio(sums: RunningSums, causes: Sequence[Cause], begins: int, count: int) -> float:
     """Log of the summed ratio, of *count* checks, for changes from check *begins* on."""
     first = np.arange(max(begins, count - MOST_BACK), count)
     return weigh(sums, causes, count, first).log_sum if len(first) else -np.inf

@@ -12,9 +12,9 @@ from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change, amplitude_sizes, shapes, with_changes
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD
-from armd.compensation.interim.evidence.stack import DAY_S, RAMP_DAYS, Stack
+from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.slow_factors import After, Time
+from armd.compensation.model.slow_factors import DAY_S, After, Time
 from armd.compensation.model.terms import Factor, Term
 
 HOUR_S = 3600.0

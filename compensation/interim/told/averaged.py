@@ -12,15 +12,18 @@ over the amplitudes of all ways side by side, those that a way does not have bei
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.changes.ways import Way
+from armd.compensation.interim.changes.change import Change, Way
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.told.amend import Amplitudes, fit
+
+#: A calibration file has a covariance of so many rows at most: a file of more than 100 000 values
+#: is refused (`armd.files.schema`).
+MOST_ROWS = 300
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,41 @@ class Averaged:
     def until(self, index: int) -> int:
         """How many of them belong to the changes up to *index*."""
         return sum(number <= index for number in self.of_change)
+
+
+def affordable(ways: Sequence[Way], causes: Sequence[Cause], rows: int) -> list[Way]:
+    """The likeliest of *ways* that a calibration whose covariance has so many *rows* can hold,
+    beside as many again in the epochs to come; their shares add up to 1.
+
+    A growth of unsure course in doubtful months has a term for each bend of each cause. If the
+    likeliest way alone has too many, its growths go straight.
+    """
+    most = (MOST_ROWS - rows) // 2
+    kept: list[Way] = []
+    terms: set[tuple[object, ...]] = set()
+    for share, way in sorted(ways, key=lambda one: -one[0]):
+        more = terms.union(*(_terms(change, causes) for change in way))
+        if kept and len(more) > most:
+            break
+        kept.append((share, way))
+        terms = more
+    if len(terms) > most:
+        kept = [(share, tuple(replace(c, bends_d=()) for c in way)) for share, way in kept]
+    total = sum(share for share, _ in kept)
+    return [(share / total, way) for share, way in kept]
+
+
+def _terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ...]]:
+    """What a calibration has of a change: terms of its columns, each since every instant."""
+    if change.cause is None:
+        return set()
+    since = (change.origin_d, *change.bends_d) if change.gradual else (change.first,)
+    return {
+        (change.gradual, at, term.model_dump_json(include={"parameter", "basis"}))
+        for column in causes[change.cause].candidate.columns
+        for term in column.terms
+        for at in since
+    }
 
 
 def averaged(

@@ -3,73 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, shapes
+from armd.compensation.interim.changes.change import ChangesFound, shapes
 from armd.compensation.interim.changes.dated import between, instant
-from armd.compensation.interim.changes.find import Found, find
-from armd.compensation.interim.changes.ways import Way, ways
+from armd.compensation.interim.changes.find import find
+from armd.compensation.interim.changes.ways import ways
 from armd.compensation.interim.checks.columns import Cause, causes_of
 from armd.compensation.interim.checks.history import Check, iso
 from armd.compensation.interim.evidence.stack import Stack, stack
 from armd.compensation.interim.told.amend import Amplitudes, amended, at_the_end, fit
-from armd.compensation.interim.told.averaged import Averaged, averaged
+from armd.compensation.interim.told.averaged import Averaged, affordable, averaged
+from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
 from armd.compensation.interim.told.reach import tip_rms_um
-from armd.compensation.model.calibration import Calibration
-
-
-@dataclass(frozen=True)
-class Told:
-    """One change as it is told."""
-
-    change: Change
-    cause: Cause | None
-    rivals: tuple[tuple[Cause, float], ...]
-    between_unix_s: tuple[float, float]
-    instant_unix_s: float  # from when on the calibration has it
-    values: F64  # (p,) at the last check, in the columns' units
-    deviations: F64  # (p,) their standard uncertainties
-    per_day: F64 | None  # (p,) of a growth, its mean rate
-    tip_rms_um: float
-    calibration: Calibration | None  # with this change and all earlier ones
-
-
-@dataclass(frozen=True)
-class Epoch:
-    """Checks under one calibration, and what they say."""
-
-    checks: tuple[Check, ...]
-    stack: Stack
-    causes: tuple[Cause, ...]
-    found: Found
-    told: tuple[Told, ...]
-    ways: tuple[Way, ...]  # in which all changes may have been
-
-    def verdict(self, index: int) -> str:
-        if index in self.found.bad:
-            return "bad_check"
-        changed = any(index >= change.first for change in self.found.changes)
-        return "changed" if changed else "in_control"
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """What a history says; the epoch of the latest check decides the state."""
-
-    epochs: tuple[Epoch, ...]
-
-    @property
-    def latest(self) -> Epoch:
-        return max(self.epochs, key=lambda epoch: epoch.checks[-1].line.first_unix_s)
-
-    @property
-    def changed(self) -> bool:
-        return bool(self.latest.told)
 
 
 def judge(checks: Sequence[Check]) -> Judgement:
@@ -91,7 +40,8 @@ def _epoch(checks: tuple[Check, ...]) -> Epoch:
     amplitudes = fit(stacked, causes, found.changes, found.bad)
     instants = [instant(reduced, stacked, change, found.bad) for change in found.changes]
     possible = ways(stacked, causes, found.changes, found.bad)
-    every = averaged(stacked, causes, possible, found.bad)
+    rows = len(calibration.content.covariance_of)
+    every = averaged(stacked, causes, affordable(possible, causes, rows), found.bad)
     told = tuple(
         _told(checks, stacked, causes, found, amplitudes, instants, every, index)
         for index in range(len(found.changes))
@@ -103,7 +53,7 @@ def _told(
     checks: Sequence[Check],
     of: Stack,
     causes: Sequence[Cause],
-    found: Found,
+    found: ChangesFound,
     amplitudes: Amplitudes,
     instants: Sequence[float],
     every: Averaged,

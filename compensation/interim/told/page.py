@@ -17,7 +17,7 @@ from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import ARC_SECOND, plain
 from armd.compensation.interim.changes.change import shapes
 from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
-from armd.compensation.interim.told.judge import Epoch, Judgement, Told
+from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
 from armd.compensation.interim.told.result import in_words, minute
 from armd.compensation.report.drawing import COLOURS, one_drawing
 from armd.compensation.report.page import Page, report_number

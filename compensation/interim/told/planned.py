@@ -12,7 +12,7 @@ from armd.arrays import F64, I64
 from armd.compensation.design.clearance import from_the_column_mm, height_mm
 from armd.compensation.estimate.adjustment import adjusted
 from armd.compensation.interim.checks.columns import Cause, digest
-from armd.compensation.interim.checks.reduce import Reduced
+from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.told.reach import poses
 from armd.compensation.model.arm import Arm

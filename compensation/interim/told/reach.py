@@ -13,16 +13,12 @@ from armd.compensation.model.state import States
 
 POSES = 400
 RATE_RAD_S = 0.05
-#: A joint without limits may turn so far either way, rad.
-USUAL_RAD = np.pi
 
 
 def poses(arm: Arm, reference_c: float, count: int, seed: int) -> States:
     """Poses over the ranges of all joints, each joint coming to rest from either side."""
     rng = np.random.default_rng(seed)
-    low = [-USUAL_RAD if j.min_deg is None else np.radians(j.min_deg) for j in arm.joint]
-    high = [USUAL_RAD if j.max_deg is None else np.radians(j.max_deg) for j in arm.joint]
-    q = rng.uniform(low, high, (count, arm.n_joints))
+    q = rng.uniform(*arm.range_rad, (count, arm.n_joints))
     approach = rng.normal(size=(count, 3))
     return States(
         q=q,

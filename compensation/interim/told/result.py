@@ -12,10 +12,8 @@ from armd.compensation.effects.effect import ARC_SECOND, plain
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check, iso
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
-from armd.compensation.interim.told.judge import Epoch, Judgement, Told
+from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
 from armd.terminal.counted import counted
-
-DAY_S = 86400.0
 
 
 def as_json(

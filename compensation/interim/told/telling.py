@@ -23,8 +23,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armd.arrays import F64, I64
-from armd.compensation.interim.changes.change import Change, with_changes
-from armd.compensation.interim.changes.ways import Way
+from armd.compensation.interim.changes.change import Change, Way, with_changes
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD
 from armd.compensation.interim.evidence.stack import Stack

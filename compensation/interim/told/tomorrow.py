@@ -13,8 +13,8 @@ from threadpoolctl import threadpool_limits
 from armd.arrays import F64
 from armd.compensation.effects.effect import plain
 from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.evidence.stack import DAY_S, stack
-from armd.compensation.interim.told.judge import Epoch, Judgement
+from armd.compensation.interim.evidence.stack import stack
+from armd.compensation.interim.told.judgement import Epoch, Judgement
 from armd.compensation.interim.told.planned import as_check, planned, rows
 from armd.compensation.interim.told.result import named
 from armd.compensation.interim.told.telling import (
@@ -26,6 +26,7 @@ from armd.compensation.interim.told.telling import (
     numbers_of,
     overlap,
 )
+from armd.compensation.model.slow_factors import DAY_S
 from armd.compensation.model.state import States
 
 #: How many seats a check has, how many poses in all, and for how many of the best pairs of seats
@@ -48,6 +49,11 @@ class Advised:
     after_usual: float
     after_this: float
 
+    @property
+    def approach(self) -> list[str]:
+        """Pose by pose: a sign for each joint, in which sense it turns before it comes to rest."""
+        return ["".join("+" if v > 0 else "-" for v in rate) for rate in self.states.rate]
+
 
 @dataclass(frozen=True)
 class Tomorrow:
@@ -58,10 +64,12 @@ class Tomorrow:
 
     def as_json(self) -> dict[str, Any]:
         """As the result has it."""
-        found: dict[str, Any] = {"sentence": self.sentence, "seats_mm": [], "poses_deg": []}
+        found: dict[str, Any] = {"sentence": self.sentence}
+        found |= {"seats_mm": [], "poses_deg": [], "approach": []}
         if self.advised is not None:
             found["seats_mm"] = self.advised.seats_mm.round(1).tolist()
             found["poses_deg"] = np.degrees(self.advised.states.q).round(1).tolist()
+            found["approach"] = self.advised.approach
             found["chance_wrong"] = {
                 key: round(float(getattr(self.advised, key)), 4)
                 for key in ("now", "after_usual", "after_this")

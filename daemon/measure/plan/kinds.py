@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 
 from armd.compensation.data.session_format import Artefact
 from armd.compensation.model.arm import Arm
-from armd.daemon.measure.plan.poses import read_poses, stations_of
+from armd.daemon.measure.plan.poses import Pose, read_poses, stations_of
+from armd.daemon.measure.plan.proposed import proposed_check
 from armd.daemon.measure.plan.stations import (
     MOST_STATIONS,
     PLACES,
@@ -20,6 +21,7 @@ from armd.daemon.measure.plan.stations import (
     seats_artefact,
 )
 from armd.errors import BadInput
+from armd.terminal.counted import counted
 
 COMMAND_LINE = "the command line"
 #: Readings of a seat, each in another posture: as ASME B89.4.22 wants of a single point.
@@ -30,7 +32,7 @@ ARTEFACT_ROUNDS, ARTEFACT_PLACEMENTS = 3, 3
 TIP_SEAT_READINGS, TIP_SPHERE_READINGS = 12, 25
 #: A tip that is to be calibrated may be anywhere: only another seat is farther off than this.
 TIP_NEAR_MM = 100.0
-INTERIM_SEAT_READINGS, INTERIM_ROUNDS = 10, 2
+INTERIM_SEATS, INTERIM_SEAT_READINGS, INTERIM_ROUNDS = ("S1", "S2"), 10, 2
 SPAT = ("SPAT1", "SPAT2", "SPAT3")
 SPAT_WHERE = ("near the column", "in the middle of the reach", "far out")
 LENGTHS = tuple(f"L{i}" for i in range(6))
@@ -70,7 +72,8 @@ def _refuse_what_is_not_asked(kind: Kind, artefact: Artefact | None, wishes: Wis
     if kind in needed and needed[kind][1] is None:
         raise BadInput(COMMAND_LINE, needed[kind][0], "nothing", f"a file: `{kind}` wants one")
     only = {
-        "--poses": (wishes.poses, ("poses",)),
+        "--poses": (wishes.poses, ("poses", "interim")),
+        "--proposed": (wishes.proposed, ("interim",)),
         "--tests": (wishes.tests, ("verify",)),
         "--sphere-mm": (wishes.sphere_mm, ("tip",)),
         "--artefact": (artefact, ("artefact", "verify", "poses", "interim")),
@@ -214,15 +217,43 @@ def _tip(_arm: Arm, _none: Artefact | None, wishes: Wishes) -> Made:
     return seats_artefact(names), stations
 
 
-def _interim(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+def _interim(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+    if wishes.proposed is not None or wishes.poses is not None:
+        return _interim_poses(arm, artefact, wishes)
     if artefact is None:
-        targets = wishes.targets or ["S1", "S2"]
+        targets = wishes.targets or INTERIM_SEATS
         repeats = wishes.repeats or INTERIM_SEAT_READINGS
         artefact, how = seats_artefact(targets), SEAT_HOW
     else:
         targets, how = wishes.targets or artefact.target_names, BALL_HOW
         repeats = wishes.repeats or INTERIM_ROUNDS
     return artefact, rounds(wishes.placements or ["1"], targets, repeats, how)
+
+
+def _interim_poses(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+    """The check that a history proposes, or a table of it: each pose once, the seats in turn."""
+    option = "--poses" if wishes.proposed is None else "--proposed"
+    given = {
+        "--artefact": artefact is not None,
+        "--repeats": wishes.repeats is not None,
+        "--poses": wishes.poses is not None and option == "--proposed",
+    }
+    for name, there in given.items():
+        if there:
+            expected = f"one of both: {option} says what is touched and how often"
+            raise BadInput(COMMAND_LINE, name, f"it with {option}", expected)
+    seats, poses = list(wishes.targets or INTERIM_SEATS), _interim_table(arm, wishes)
+    if len(seats) != (wanted := len(INTERIM_SEATS)):
+        raise BadInput(COMMAND_LINE, "--targets", counted(len(seats), "name"), f"{wanted}: seats")
+    made = seats_artefact(seats)
+    return made, stations_of(poses, made, (wishes.placements or ["1"])[0])
+
+
+def _interim_table(arm: Arm, wishes: Wishes) -> list[Pose]:
+    if wishes.proposed is not None:
+        return proposed_check(wishes.proposed, arm)
+    assert wishes.poses is not None  # asked for
+    return read_poses(wishes.poses, arm.n_joints, arm.sensors)
 
 
 _MAKERS: dict[Kind, Callable[[Arm, Artefact | None, Wishes], Made]] = {

@@ -50,7 +50,7 @@ def read_poses(path: Path, n_joints: int, sensors: Sequence[str]) -> list[Pose]:
     for number, row in enumerate(rows, 2):
         x, y, z = (_number(path, number, row, name) for name in tip)
         posture = tuple(_number(path, number, row, name) for name in joints)
-        found.append(Pose((x, y, z), posture, _how(number - 1, row, n_joints, sensors)))
+        found.append(Pose((x, y, z), posture, how_to(number - 1, row, n_joints, sensors)))
     if not found:
         raise BadInput(path, "the file", "no pose", "a table of `armd design -o`")
     return found
@@ -118,13 +118,20 @@ def _in_words(point: F64) -> str:
     return "[" + ", ".join(f"{value:.0f}" for value in point) + "] mm"
 
 
-def _how(number: int, row: Mapping[str, str], n_joints: int, sensors: Sequence[str]) -> str:
+def how_to(
+    number: int,
+    row: Mapping[str, str],
+    n_joints: int,
+    sensors: Sequence[str],
+    whose: str = "`armd design`",
+) -> str:
+    """In words, of a *row* of the table: how to come to a pose, and how warm."""
     sides = [
         f"{k} {SIDES[side]}"
         for k in range(1, n_joints + 1)
         if (side := row.get(f"approach_joint_{k}", "")) in SIDES
     ]
-    words = f"pose {number} of `armd design`, as nearly as the target allows"
+    words = f"pose {number} of {whose}, as nearly as the target allows"
     if sides:
         words += f"; come to rest turning joints {', '.join(sides)}"
     warm = [f"{name} {row[f'{name}_c']} °C" for name in sensors if row.get(f"{name}_c")]

@@ -35,7 +35,7 @@ def propose(arm: Arm, constants: F64, target_mm: F64 | None, measured: F64, seed
     calibration's parameter vector. The same *seed* gives the same proposal."""
     if len(measured) == 0:
         return Proposal(None, "")
-    low, high = _limits(arm)
+    low, high = arm.range_rad
     k = int(np.argmin(np.ptp(measured, axis=0) / (high - low)))
     share = float(np.ptp(measured, axis=0)[k] / (high - low)[k])
     why = f"joint {k + 1} has turned over {100 * share:.0f} % of its range so far"
@@ -63,7 +63,7 @@ def designed(
 
 def _beyond(arm: Arm, q: F64, measured: F64) -> str:
     """The joint that leaves what was covered farthest is what a person should know; "" if none."""
-    low, high = _limits(arm)
+    low, high = arm.range_rad
     beyond = np.maximum(measured.min(axis=0) - q, q - measured.max(axis=0))
     j = int(np.argmax(beyond / (high - low)))
     if beyond[j] <= 0:
@@ -74,7 +74,7 @@ def _beyond(arm: Arm, q: F64, measured: F64) -> str:
 
 def _reaching(arm: Arm, constants: F64, target_mm: F64, seed: int) -> F64:
     """Postures (m, N) within the limits whose tip is at the target."""
-    low, high = _limits(arm)
+    low, high = arm.range_rad
     rng = np.random.default_rng(seed)
     q = rng.uniform(low + MARGIN_RAD, high - MARGIN_RAD, (CANDIDATES, arm.n_joints))
     return _solved(arm, constants, target_mm, q)
@@ -82,10 +82,10 @@ def _reaching(arm: Arm, constants: F64, target_mm: F64, seed: int) -> F64:
 
 def _solved(arm: Arm, constants: F64, target_mm: F64, q: F64) -> F64:
     """Of postures *q* (m, N) those that damped least squares brings to the target within limits."""
-    low, high = _limits(arm)
+    low, high = arm.range_rad
     for _ in range(ITERATIONS):
         tip, derivatives = jacobian(q, constants)
-        columns = derivatives[:, :, 0 : 5 * arm.n_joints : 5]
+        columns = derivatives[:, :, arm.layout.angles]
         way = (target_mm - tip)[:, :, None]
         squared = columns @ columns.transpose(0, 2, 1) + DAMPING_MM**2 * np.eye(3)
         step = (columns.transpose(0, 2, 1) @ np.linalg.solve(squared, way))[:, :, 0]
@@ -94,9 +94,3 @@ def _solved(arm: Arm, constants: F64, target_mm: F64, q: F64) -> F64:
     inside = ((q >= low) & (q <= high)).all(axis=1)
     reached: F64 = q[inside & (missed < REACHED_MM)]
     return reached
-
-
-def _limits(arm: Arm) -> tuple[F64, F64]:
-    low = [-180.0 if joint.min_deg is None else joint.min_deg for joint in arm.joint]
-    high = [180.0 if joint.max_deg is None else joint.max_deg for joint in arm.joint]
-    return np.radians(low), np.radians(high)

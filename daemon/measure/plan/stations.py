@@ -71,6 +71,7 @@ class Wishes:
     placements: Sequence[str] | None = None
     repeats: int | None = None
     poses: Path | None = None
+    proposed: Path | None = None  # a history of interim checks: the check that it proposes
     tests: Sequence[str] | None = None
     near_mm: float | None = None
     sphere_mm: float | None = None
