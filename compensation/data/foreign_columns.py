@@ -53,7 +53,7 @@ _WORDS = {
 
 
 @dataclass
-class Found:
+class FoundColumns:
     """Columns as a session has them."""
 
     angle_unit: str
@@ -68,7 +68,7 @@ def find_columns(
     given: Mapping[str, str],
     angle_unit: str | None = None,
     length_unit: str | None = None,
-) -> Found:
+) -> FoundColumns:
     """*given*: a session's column → the table's, where the person said so.
 
     Raises `BadInput` for a joint without a column, a cell that is no number, a unit not known.
@@ -81,7 +81,7 @@ def find_columns(
             raise BadInput(
                 table.path, f"q{k}", f"no such column among {few(table.header)}", expected
             )
-    found = Found(_angle_unit(table, places, angle_unit))
+    found = FoundColumns(_angle_unit(table, places, angle_unit))
     for name, at in places.items():
         header = table.header[at]
         if name in TEXTS:
@@ -182,7 +182,7 @@ def _in_unit(
     name: str,
     header: str,
     values: list[float],
-    found: Found,
+    found: FoundColumns,
     length_unit: str | None,
 ) -> tuple[str, list[float]]:
     """`, in inches` or the like, and the values as a session has them."""
@@ -221,7 +221,7 @@ def _number(table: ForeignTable, row: int, column: int) -> float:
         raise BadInput(table.path, where, repr(text), "a number") from error
 
 
-def _check_angles(table: ForeignTable, found: Found, arm: Arm, given: str | None) -> None:
+def _check_angles(table: ForeignTable, found: FoundColumns, arm: Arm, given: str | None) -> None:
     """Counts want counts per turn."""
     for k, joint in enumerate(arm.joint, 1):
         if found.angle_unit == "count" and joint.counts_per_turn is None:

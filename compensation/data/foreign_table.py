@@ -31,8 +31,6 @@ class ForeignTable:
     path: Path
     header: list[str]
     rows: list[list[str]]
-    first_line: int
-    """Of the first row, counted from 1, as the file or the sheet has it."""
     assumed: list[str] = field(default_factory=list)
     """How it was read: a sentence each."""
 
@@ -60,7 +58,7 @@ def read_table(path: Path, sheet: str | None = None) -> ForeignTable:
         if any(row[len(header) :]):
             raise BadInput(path, f"line {number}", f"{len(row)} columns", f"{len(header)}")
         rows.append([*row, *[""] * (len(header) - len(row))][: len(header)])
-    return ForeignTable(path, header, rows, begin + 2, assumed)
+    return ForeignTable(path, header, rows, assumed)
 
 
 def _header(cells: Sequence[Sequence[str]]) -> int | None:

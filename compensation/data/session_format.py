@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -11,6 +12,9 @@ from armd.arrays import F64
 from armd.compensation.model.arm import Vector3
 from armd.files.schema import Strict
 from armd.terminal.suggest import hint
+
+#: What a certified length may be off the certified positions, beside their uncertainties.
+CONTRADICTION_MM = 1.0
 
 AngleUnit = Literal["rad", "deg", "count"]
 Name = Annotated[str, Field(min_length=1)]
@@ -67,7 +71,22 @@ class Artefact(Strict):
                     raise ValueError(f"a target's name in distance[{i}], not {name!r}{like}")
             if distance.between[0] == distance.between[1]:
                 raise ValueError(f"distance[{i}] between two different targets")
+            self._agrees(i, distance)
         return self
+
+    def _agrees(self, i: int, distance: Distance) -> None:
+        """One certificate says a length once: between two certified positions, and as a length."""
+        ends = [self.targets[self.target_names.index(name)] for name in distance.between]
+        one, other = (end.position_mm for end in ends)
+        if one is None or other is None:
+            return
+        apart = math.dist(one, other)
+        known = sum(end.standard_uncertainty_mm for end in ends) + distance.standard_uncertainty_mm
+        if abs(apart - distance.length_mm) > CONTRADICTION_MM + 6.0 * known:
+            raise ValueError(
+                f"a length_mm in distance[{i}] as far as the positions of {ends[0].name} and"
+                f" {ends[1].name} are apart, {apart:.3f} mm, not {distance.length_mm:g}"
+            )
 
     @property
     def target_names(self) -> list[str]:

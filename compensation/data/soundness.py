@@ -28,6 +28,7 @@ OTHERS_APART_K = 0.75
 #: No link that stands still to the last digit is so far from all the others.
 FAR_K = 15.0
 STILL = "stands still while the others change"
+SOME_ROWS = "has values in some rows only"
 #: A clock that steps back by more than this was set back.
 BACK_S = 1.0
 MOST_SET_BACK = 2
@@ -52,6 +53,38 @@ def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
     mended = [_clock_on(_once(session, told), told) for session in sessions]
     told += _clocks(mended)
     mended, arm = _without_dead_channels(mended, arm, told)
+    return Sound(tuple(mended), arm, tuple(told))
+
+
+def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
+    """What an identification may count, and take for a temperature; no guess in its place.
+
+    Rows that stand twice count once. Where a channel shows nothing in some sessions, its values
+    there are missing; where it shows nothing in any, its links follow the mean of the others.
+    """
+    columns = {name: arm.sensors.index(name) for name in arm.used_sensors}
+    why = {
+        name: ["" if reason == SOME_ROWS else reason for reason in _dead(sessions, columns, name)]
+        for name in columns
+    }
+    live = [name for name in columns if not any(why[name])]
+    told: list[str] = []
+    mended = [_once(session, told) for session in sessions]
+    for name in columns if live else ():
+        reasons = " and ".join(dict.fromkeys(filter(None, why[name])))
+        if reasons and all(why[name]):
+            arm = _following(arm, name, live)
+            told.append(
+                f"sensor {name} {reasons}, in all sessions: its links follow the mean of the others"
+            )
+        still = [i for i, reason in enumerate(why[name]) if reason and not all(why[name])]
+        for i in still:
+            celsius = mended[i].states.temperature_c.copy()
+            celsius[:, columns[name]] = np.nan
+            mended[i] = replace(mended[i], states=replace(mended[i].states, temperature_c=celsius))
+        if still:
+            where = ", ".join(sessions[i].name for i in still)
+            told.append(f"sensor {name} {reasons} ({where}): no temperature there")
     return Sound(tuple(mended), arm, tuple(told))
 
 
@@ -138,7 +171,7 @@ def _without_dead_channels(
     sessions: list[Session], arm: Arm, told: list[str]
 ) -> tuple[list[Session], Arm]:
     """Channels that show nothing are filled with the mean of the others, where these are there."""
-    used = [name for name in arm.sensors if any(joint.weights.get(name) for joint in arm.joint)]
+    used = arm.used_sensors
     columns = {name: arm.sensors.index(name) for name in used}
     if not any(np.isfinite(s.states.temperature_c).any() for s in sessions):
         return sessions, arm  # no temperatures at all: an arm measured without, which is told
@@ -215,7 +248,7 @@ def _dead(sessions: Sequence[Session], columns: dict[str, int], name: str) -> li
             and abs(usual[k] - usual[i]) > OTHERS_APART_K
         ]
         if missing > MOST_MISSING:
-            found.append("has no value" if missing == 1.0 else "has values in some rows only")
+            found.append("has no value" if missing == 1.0 else SOME_ROWS)
         elif still or _far_and_still(values, session, rest):
             found.append(f"shows {values[0]:g} °C whatever the others do")
         elif _stands_still(values, session, rest):

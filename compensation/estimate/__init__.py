@@ -1,1 +1,1 @@
-"""One estimation problem: observations, placements, noise, elimination, solution."""
+"""One estimation problem: observations, placements, noise, `LinearModel`."""

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
+from armd.compensation.estimate.observations import Observations
+
+MOST_FOLDS = 8
 
 
 def whole_groups(labels: I64, most: int) -> I64:
@@ -19,3 +22,15 @@ def blocks_of_time(time_s: F64, blocks: int) -> I64:
     order = np.argsort(np.argsort(time_s, kind="stable"), kind="stable")
     folds: I64 = order * blocks // max(len(order), 1)
     return folds
+
+
+def placement_folds(observations: Observations, most: int = MOST_FOLDS) -> tuple[list[Mask], str]:
+    """At *most* so many sets of whole placements to leave out, and by what they are told apart.
+
+    With one placement only, every *most*-th reading is left out instead, at the pose that the
+    others tell: weaker, and said so.
+    """
+    fold, by = whole_groups(observations.placement, most), "placement"
+    if not fold.any():
+        fold, by = np.arange(observations.n) % most, "reading"
+    return [fold == i for i in np.unique(fold)], by

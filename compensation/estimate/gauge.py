@@ -9,7 +9,6 @@ import numpy as np
 from scipy.linalg import qr
 
 from armd.arrays import F64
-from armd.compensation.estimate.solution import ROUNDING
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 
@@ -17,6 +16,8 @@ from armd.compensation.model.arm import Arm
 PARALLEL_DEG = 5.0
 #: Plausible departures from the drawing; a direction known worse than a tenth of this is unknown.
 PLAUSIBLE = {"mm": 10.0, "rad": 0.02}
+#: What moves points by less than this, relative to what moves them most, moves none.
+ROUNDING = 1e-9
 #: A direction this close (cosine) to all lengths in proportion is the arm's size.
 ALL_LENGTHS = 0.8
 
@@ -89,6 +90,7 @@ def _sparse(null: F64, names: Sequence[str], arm: Arm) -> list[tuple[F64, int]]:
         return []
     last = f"_{arm.n_joints}"
     prefer = [100.0 if n.endswith(last) else 10.0 if n.endswith("_1") else 1.0 for n in names]
+    prefer = [p * (1.0 - 1e-6 * i) for i, p in enumerate(prefer)]  # of two alike the first
     pivots = qr(null.T * prefer, mode="r", pivoting=True)[1][: null.shape[1]]
     rows = np.linalg.solve(null.T[:, pivots], null.T)
     return sorted(zip(rows, map(int, pivots), strict=True), key=lambda found: found[1])

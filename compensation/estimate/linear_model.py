@@ -10,7 +10,10 @@ the rows do not hold:
   gauge) takes nothing: it is held softly, so that rounding is not mistaken for knowledge.
 - `solve`: the amplitudes, and their covariance. Along what the rows do not hold, each stays at
   its `drawing`, good to a stated departure; where none is stated, it stays 0 (pseudo-inverse).
+- `lean`: the same where the drawing has a say along *directions* that the rows hardly tell, and in
+  no other: what is known does not move for it.
 - `information`: what rows and priors tell of some blocks, all others being fitted along.
+- `clear_of`: the problem of the others, some blocks being fitted along, and how these follow.
 - `without`: the same problem without a block.
 """
 
@@ -25,12 +28,16 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from armd.arrays import F64, I64
+from armd.compensation.estimate.solution import FittedAlong, Solution, leaning
 
 #: Weight of nothing, beside columns of unit length: far above rounding (1e-16), far below what
 #: decides anything (a candidate's share of 1e-6 that survives projection).
 HELD = 1e-12
 #: Relative to the largest eigenvalue, each unknown in units of its own diagonal: still knowledge.
 LEAST_KNOWN = 1e-13
+#: A direction of a block this short (squared), beside the block's longest column, says nothing of
+#: others: what of a seat's motion its placement explains is rounding, not information.
+LEAST_TAKEN = 1e-10
 
 
 @dataclass(frozen=True)
@@ -105,6 +112,11 @@ class LinearModel:
         layout = Layout(tuple((name, columns.shape[1]) for name, columns, _ in blocks))
         rows = np.hstack([columns for _, columns, _ in blocks])
         return cls.of_products(layout, rows.T @ rows, np.concatenate([v for *_, v in blocks]))
+
+    @classmethod
+    def of_nothing(cls, layout: Layout) -> LinearModel:
+        """Of columns that nothing was measured of, every amplitude free."""
+        return cls.of_products(layout, np.zeros((layout.n, layout.n)), np.full(layout.n, np.inf))
 
     def only(self, columns: I64) -> LinearModel:
         """The problem of some columns, by number, ascending."""
@@ -206,6 +218,31 @@ class LinearModel:
         """(b, r), times its transpose the covariance."""
         factor = pseudo_inverse_factor(self._unit(np.minimum(self.variance, self.drawing)))
         return factor / self.length[:, None]
+
+    def lean(self, side: F64, drawn: F64, damping: float = 0.0, held: bool = False) -> Solution:
+        """Amplitudes from the products (b,) with a residual, and what is known of them.
+
+        Along directions known worse than a tenth of a departure (docs/decisions/0014) the drawing,
+        where the amplitudes are *drawn* (b,), counts as one more row, good to one; *held*: along
+        all. A departure is the root of `drawing`, which has to be finite. *damping* is relative to
+        the best known direction.
+        """
+        return leaning(self.gram, side, np.sqrt(self.drawing), drawn, damping, held)
+
+    def clear_of(self, *names: str) -> tuple[LinearModel, FittedAlong]:
+        """The problem of all other blocks, these, of columns in one unit, being fitted along.
+
+        What neither rows nor priors tell of these stays 0 and takes nothing.
+        """
+        own, others = self.layout.of(names), self.layout.but(names)
+        unit = float(self.length[own].max(initial=0.0)) ** 2 or 1.0
+        known = self.gram[np.ix_(own, own)] + np.diag(1.0 / self.variance[own])
+        values, vectors = np.linalg.eigh(known / unit)
+        kept = values > LEAST_TAKEN
+        factor = vectors[:, kept] / np.sqrt(values[kept] * unit)
+        taken = factor.T @ self.gram[np.ix_(own, others)]
+        left = self.only(others)
+        return replace(left, gram=left.gram - taken.T @ taken), FittedAlong(factor, -factor @ taken)
 
     def information(self, *names: str) -> F64:
         """(m, m) of some blocks, in the order of *names*, their own priors included, all other

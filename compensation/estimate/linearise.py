@@ -41,7 +41,9 @@ class Linearisation:
     poses: Poses
     position_mm: F64  # (n, 3) tip, base frame
     residual_mm: F64  # (n, 3)
-    jacobian: F64  # (n, 3, P) d residual / d parameter, at angles adjusted or as read
+    q: F64  # (n, N) rad, the angles at which columns are taken: adjusted or as read
+    there_mm: F64  # (n, 3) tip at these angles, base frame
+    jacobian: F64  # (n, 3, P) d residual / d parameter, at these angles
     basis: F64  # (n, T) values of the terms' basis functions
     centre_mm: F64  # (p, 3) what the placements' twists turn about
     pose_columns: F64  # (n, 3, 6)
@@ -55,6 +57,8 @@ class Linearisation:
             observations=(chosen := self.observations.rows(mask)),
             position_mm=self.position_mm[mask],
             residual_mm=self.residual_mm[mask],
+            q=self.q[mask],
+            there_mm=self.there_mm[mask],
             jacobian=self.jacobian[mask],
             basis=self.basis[mask],
             pose_columns=self.pose_columns[mask],
@@ -96,8 +100,9 @@ def linearise(
     rows = parameter_rows(constants, terms, basis)
     position = forward(states.q, rows)[0]
     placed = poses.placed(observations)
-    columns = jacobian(adjusted(states.q, rows, placed), rows)[1]
-    return _around(observations, poses, position, columns, basis, placed)
+    q = adjusted(states.q, rows, placed)
+    there, columns = jacobian(q, rows)
+    return _around(observations, poses, position, (q, there, columns), basis, placed)
 
 
 def linearise_as_read(
@@ -108,23 +113,27 @@ def linearise_as_read(
     rows = parameter_rows(constants, terms, basis)
     position, columns = jacobian(observations.states.q, rows)
     poses = fit_poses(observations, position)
-    return _around(observations, poses, position, columns, basis, position)
+    at = observations.states.q, position, columns
+    return _around(observations, poses, position, at, basis, position)
 
 
 def _around(
     observations: Observations,
     poses: Poses,
     position: F64,
-    columns: F64,
+    columns_at: tuple[F64, F64, F64],
     basis: F64,
     levers_to_mm: F64,
 ) -> Linearisation:
+    q, there, columns = columns_at
     centre = centres(observations, levers_to_mm)
     return Linearisation(
         observations=observations,
         poses=poses,
         position_mm=position,
         residual_mm=poses.residual(observations, position),
+        q=q,
+        there_mm=there,
         jacobian=columns,
         basis=basis,
         centre_mm=centre,

@@ -15,8 +15,9 @@ from armd.arrays import F64, Mask
 from armd.compensation.estimate.adjustment import backwards
 from armd.compensation.estimate.robust import far_off
 
-#: Below this a reading's noise is rounding (mm).
-LEAST_MM = 1e-9
+#: No reading is better than this (mm): a count of 23 bits at one metre is seven times as much.
+#: Readings without any noise would make everything look known; see docs/decisions/0082.
+LEAST_MM = 1e-4
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ class Distances:
     between: I64  # (D, 2) indices of targets
     length_mm: F64  # (D,)
     standard_uncertainty_mm: F64  # (D,)
+    certificate: I64  # (D,) alike where it is the same entry of the same artefact's certificate
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class Observations:
     stretch: F64  # (n,) the artefact's size relative to its reference temperature
     position_mm: F64  # (K, 3) certified, NaN for a seat
     uncertainty_mm: F64  # (K,) standard uncertainty per axis of a certified position
+    certificate: I64  # (K,) alike where it is the same target of the same artefact's certificate
     placement_session: I64  # (P,)
     target_session: I64  # (K,)
     distances: Distances
@@ -126,10 +128,24 @@ def gather(
         uncertainty_mm=np.array(
             [t.standard_uncertainty_mm for s in sessions for t in s.artefact.targets]
         ),
+        certificate=_numbered(
+            [
+                (s.artefact.name, t.name, t.position_mm, t.standard_uncertainty_mm)
+                for s in sessions
+                for t in s.artefact.targets
+            ]
+        ),
         placement_session=np.repeat(np.arange(len(sessions)), counts),
         target_session=np.repeat(np.arange(len(sessions)), sizes),
         distances=_distances(sessions, first_target),
     )
+
+
+def _numbered(entries: Sequence[object]) -> I64:
+    """Equal entries share a number."""
+    texts = [repr(entry) for entry in entries]
+    first = {text: i for i, text in reversed(list(enumerate(texts)))}
+    return np.array([first[text] for text in texts], dtype=np.int64)
 
 
 def _names(sessions: Sequence[Session]) -> list[str]:
@@ -166,12 +182,17 @@ def _positions(session: Session, correction: ArtefactCorrection) -> F64:
 
 def _distances(sessions: Sequence[Session], first_target: I64) -> Distances:
     found = [
-        ([first + s.artefact.target_names.index(name) for name in distance.between], distance)
+        (
+            [first + s.artefact.target_names.index(name) for name in distance.between],
+            distance,
+            (s.artefact.name, distance),
+        )
         for s, first in zip(sessions, first_target, strict=False)
         for distance in s.artefact.distances
     ]
     return Distances(
-        between=np.array([between for between, _ in found], dtype=np.int64).reshape(-1, 2),
-        length_mm=np.array([distance.length_mm for _, distance in found]),
-        standard_uncertainty_mm=np.array([d.standard_uncertainty_mm for _, d in found]),
+        between=np.array([between for between, _, _ in found], dtype=np.int64).reshape(-1, 2),
+        length_mm=np.array([distance.length_mm for _, distance, _ in found]),
+        standard_uncertainty_mm=np.array([d.standard_uncertainty_mm for _, d, _ in found]),
+        certificate=_numbered([entry for _, _, entry in found]),
     )

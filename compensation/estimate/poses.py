@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.placements import Placements
 
 #: A rotation by 1 rad moves a point at this lever by as much: it makes columns comparable.
 LEVER_MM = 100.0
@@ -213,49 +214,12 @@ def group_sum(values: F64, group: I64, n_groups: int) -> F64:
 def _gauss_newton_step(
     observations: Observations, poses: Poses, position_mm: F64, centre_mm: F64, weight: F64
 ) -> tuple[F64, F64]:
-    """Step of poses (P, 6) and seats (K, 3), session by session, of minimum norm."""
-    root = np.sqrt(weight)[:, None]
-    residual = root * poses.residual(observations, position_mm)
-    pose_block = root[:, :, None] * pose_columns(
-        observations, poses.placed(observations), centre_mm
-    )
-    row_seat = _touched_seats(observations)[observations.target] & ~observations.has_truth
-    target_block = target_columns(observations, poses) * (root[:, 0] * row_seat)[:, None, None]
-    n_placements, n_targets = len(observations.placement_names), len(observations.target_names)
-    placement, target = observations.placement, observations.target
-    pair = placement * n_targets + target
-    pairs, pair_of = np.unique(pair, return_inverse=True)
-    by_placement = _products(pose_block, pose_block, placement, n_placements)
-    by_target = _products(target_block, target_block, target, n_targets)
-    by_pair = _products(pose_block, target_block, pair_of, len(pairs))
-    pose_side = _products(pose_block, residual[:, :, None], placement, n_placements)[..., 0]
-    target_side = _products(target_block, residual[:, :, None], target, n_targets)[..., 0]
-    twist, step = np.zeros((n_placements, 6)), np.zeros((n_targets, 3))
-    for session in range(len(observations.session_names)):
-        ps: I64 = np.flatnonzero(observations.placement_session == session)
-        ks = np.flatnonzero(observations.target_session == session)
-        n_twist = 6 * len(ps)
-        normal = np.zeros((n_twist + 3 * len(ks),) * 2)
-        for i in range(len(ps)):
-            normal[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = by_placement[ps[i]]
-        for j in range(len(ks)):
-            at = n_twist + 3 * j
-            normal[at : at + 3, at : at + 3] = by_target[ks[j]]
-        for block, code in zip(by_pair, pairs, strict=True):
-            p, k = divmod(int(code), n_targets)
-            if observations.placement_session[p] == session:
-                i, at = int(p - ps[0]), int(n_twist + 3 * (k - ks[0]))
-                normal[6 * i : 6 * i + 6, at : at + 3] = block
-                normal[at : at + 3, 6 * i : 6 * i + 6] = block.T
-        side = np.concatenate([pose_side[ps].ravel(), target_side[ks].ravel()])
-        solution = -np.linalg.pinv(normal, rcond=1e-9, hermitian=True) @ side
-        twist[ps] = solution[:n_twist].reshape(-1, 6)
-        step[ks] = solution[n_twist:].reshape(-1, 3)
-    return twist, step
-
-
-def _products(a: F64, b: F64, group: I64, n_groups: int) -> F64:
-    """Σ aᵀb (G, p, q) over the rows of each group, of blocks (n, 3, p) and (n, 3, q)."""
-    product = np.einsum("nip,niq->npq", a, b)
-    shape = product.shape[1:]
-    return group_sum(product.reshape(len(product), -1), group, n_groups).reshape(-1, *shape)
+    """Step of poses (P, 6) and unknown seats (K, 3), of minimum norm."""
+    return Placements(
+        observations,
+        pose_columns(observations, poses.placed(observations), centre_mm),
+        target_columns(observations, poses),
+        np.flatnonzero(_touched_seats(observations)),
+        (poses.residual(observations, position_mm)[:, :, None],),
+        np.sqrt(weight)[:, None, None] * np.eye(3),
+    ).followed(np.ones(1))

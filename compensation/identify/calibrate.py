@@ -12,6 +12,8 @@ from threadpoolctl import threadpool_limits
 
 from armd import __version__
 from armd.compensation.data.session import Session
+from armd.compensation.data.soundness import fit_to_identify
+from armd.compensation.estimate.folds import placement_folds
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
@@ -28,7 +30,7 @@ from armd.compensation.identify.certificate import judge
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
-from armd.compensation.identify.heldout import HeldOut, placement_folds
+from armd.compensation.identify.heldout import HeldOut
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.sensor_noise import sensor_noise_c
 from armd.compensation.identify.thermal.comparison import Comparison, Trial
@@ -47,7 +49,8 @@ Method = Literal["polynomial", "zones", "components", "per-temperature"]
 class Options:
     """How to calibrate; the defaults decide from the data."""
 
-    thermal_order: int | None = None  # None: chosen by the error at temperatures left out
+    thermal_order: int | None = None  # None: chosen by the error on readings left out
+    compare: bool = True  # thermal models; without, the linear one wherever there can be one
     thermal_method: Method = "polynomial"
     offset: bool = False  # C of eq. 14, per temperature; in the other models it is in the constants
     command: str = ""  # for the provenance
@@ -71,8 +74,9 @@ def _calibrate(
     sessions: Sequence[Session], arm: Arm, options: Options, progress: Progress | None
 ) -> Result:
     files = ", ".join(str(session.path) for session in sessions)
+    sound = fit_to_identify(sessions, arm)
+    sessions, arm, notes = sound.sessions, sound.arm, list(sound.told)
     unknown = free_constants(arm)
-    notes: list[str] = []
     observations, groups = choose_readings(
         gather(sessions, arm), files, options.thermal_order, notes
     )
@@ -89,7 +93,9 @@ def _calibrate(
     trials: list[Trial] = []
     order, final = 0, first
     per_temperature = thermal and options.thermal_method == "per-temperature"
-    if thermal:
+    if thermal and not options.compare:
+        order, final = 1, _fit(observations, arm, unknown, terms, progress, first)
+    elif thermal:
         comparison = Comparison(first, groups)
         trials = comparison.trials()
         if per_temperature:
@@ -215,7 +221,7 @@ def _choose(
     options: Options,
     notes: list[str],
 ) -> tuple[int, list[Term]]:
-    """Thermal order and terms: as told, otherwise by the error at temperatures left out."""
+    """Thermal order and terms: as told, otherwise by the error on readings left out."""
     if options.thermal_method != "polynomial":
         name = {"zones": "two zones", "components": "principal components"}[options.thermal_method]
         if name not in comparison.models:
@@ -227,7 +233,7 @@ def _choose(
         return options.thermal_order, length_terms(arm, range(1, options.thermal_order + 1))
     order = comparison.best_order(trials)
     if order == 0:
-        notes.append("no thermal order lowers the error at temperatures left out")
+        notes.append("no thermal order lowers the error on readings left out")
         return 0, []
     terms = length_terms(arm, range(1, order + 1))
     for extension in comparison.extended(terms):

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-import numpy as np
+from functools import cached_property
 
 from armd.arrays import F64
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import Weighting
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import Poses, fit_poses
-from armd.compensation.estimate.solution import Solution, solve
+from armd.compensation.estimate.solution import Solution
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.elimination import Elimination
+from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.model.basis import parameter_rows
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.terms import Term
 
 MOST_STEPS = 40
-#: Where a step promises less than this share of the cost, columns and cost need not agree to the
-#: last: columns are taken where the angles have been adjusted, and how they change is left out of
-#: the cost. There the step is right, which `converged` tells by what a next one would gain.
+#: A step that promises less than this share of the cost may be judged by what it was made of:
+#: weights and adjusted angles held. How they follow is left out of the columns, and beside so small
+#: a promise that shows (docs/decisions/0062). One that promises more is judged with both following.
 NEAR = 0.01
 #: A step that promises less (χ²) and does not keep it is not tried again with damping: forty short
 #: ones would crawl towards what no figure shows.
@@ -34,7 +33,7 @@ class End:
 
     x: F64
     at: Linearisation
-    elimination: Elimination
+    alone: ArmAlone
     solution: Solution
     steps: int
     converged: bool
@@ -46,7 +45,23 @@ class _Place:
 
     x: F64
     at: Linearisation
-    elimination: Elimination
+    alone: ArmAlone
+
+
+@dataclass
+class _Trial:
+    """Where a step leads; what it is there is found when it is asked for."""
+
+    descent: Descent
+    x: F64
+    poses: Poses
+    floor_mm: float
+    held: bool
+
+    @cached_property
+    def place(self) -> _Place:
+        """Linearised there."""
+        return _Place(self.x, *self.descent.linearise(self.x, self.poses, self.floor_mm, self.held))
 
 
 @dataclass(frozen=True)
@@ -66,63 +81,82 @@ class Descent:
         """Step until what a step would gain is nothing beside the noise."""
         scale = self.unknowns.plausible(self.terms, self.basis)
 
-        here = _Place(x, *self._linearise(x, poses, floor_mm, held))
+        here = _Place(x, *self.linearise(x, poses, floor_mm, held))
         damping = 0.0
         steps = 0
         while steps < MOST_STEPS:
             steps += 1
-            triangle = self._triangle(here, scale)
-            solution = solve(triangle, scale, self.start - here.x, held=held)
-            converged = solution.gain < 1e-6 + 1e-8 * here.elimination.cost
+            pull = self.start - here.x
+            solution = here.alone.solve(scale, pull, held=held)
+            converged = solution.gain < 1e-6 + 1e-8 * here.alone.cost
             if converged:
                 break
 
-            def cost(place: _Place, solution: Solution = solution) -> float:
-                return place.elimination.cost + solution.off_drawing(place.x - self.start)
-
-            most = cost(here) + (solution.gain if solution.gain < NEAR * cost(here) else 0.0)
             while True:
-                damped = solve(triangle, scale, self.start - here.x, damping, held)
-                there = self._moved(here, damped.step, floor_mm, held)
-                if cost(there) > most:
+                damped = here.alone.solve(scale, pull, damping, held)
+                trial = self._moved(here, damped.step, floor_mm, held)
+                better = self._better(here, trial, solution, held)
+                if not better:
                     # The way may bend, where a link turns with what hangs on it: a second step
                     # from there comes back to the valley's floor.
-                    pull = self.start - there.x
-                    second = solve(self._triangle(there, scale), scale, pull, damping, held)
-                    there = self._moved(there, second.step, floor_mm, held)
-                better = cost(there) <= most
+                    bent = self.start - trial.x
+                    second = trial.place.alone.solve(scale, bent, damping, held)
+                    trial = self._moved(trial.place, second.step, floor_mm, held)
+                    better = self._better(here, trial, solution, held)
                 if better or damping > 1e3 or solution.gain < NOTHING:
                     break
                 damping = max(10.0 * damping, 1e-6)
             if not better:  # no step gains anything
                 converged = solution.gain < NOTHING
                 break
-            here = there
+            here = trial.place
             damping = damping / 10.0 if damping > 1e-8 else 0.0
-        return End(here.x, here.at, here.elimination, solution, steps, converged)
+        return End(here.x, here.at, here.alone, solution, steps, converged)
 
-    def _triangle(self, here: _Place, scale: F64) -> F64:
-        """Triangular factor (·, C+1) of the scaled columns and the residual, clear of nuisances."""
-        columns = self.unknowns.columns(here.at.jacobian, here.at.basis, self.terms)
-        elimination = here.elimination
-        clear = np.column_stack([elimination.columns(columns * scale), elimination.residual()])
-        return np.asarray(np.linalg.qr(clear, mode="r"))
-
-    def _moved(self, here: _Place, step: F64, floor_mm: float, held: bool) -> _Place:
+    def _moved(self, here: _Place, step: F64, floor_mm: float, held: bool) -> _Trial:
         """After a step (C,) of the unknowns, placements and targets following."""
-        columns = self.unknowns.columns(here.at.jacobian, here.at.basis, self.terms)
-        twist, shift = here.elimination.back_substitute(columns @ step)
+        twist, shift = here.alone.followed(step)
         poses = here.at.poses.moved(here.at.centre_mm, twist, shift)
-        return _Place(here.x + step, *self._linearise(here.x + step, poses, floor_mm, held))
+        return _Trial(self, here.x + step, poses, floor_mm, held)
 
-    def _linearise(
+    def _better(self, here: _Place, trial: _Trial, solution: Solution, held: bool) -> bool:
+        """Whether a trial is taken: judged by what made it where placements are fitted anew or
+        have followed it, but for less than it promises; otherwise by χ² where it stands."""
+        leans = solution.off_drawing(trial.x - self.start)
+        leans -= solution.off_drawing(here.x - self.start)
+        clear, near = here.alone.clear_cost, solution.gain < NEAR * here.alone.cost
+        if self._poses_anew(held):
+            there = self._held_cost(here, trial) if near else trial.place.alone.clear_cost
+            return there + leans <= clear
+        cost = trial.place.alone.cost
+        most = here.alone.cost + (solution.gain if near else 0.0)
+        if cost + leans <= most:
+            return True
+        followed = cost - trial.place.alone.clear_cost <= solution.gain
+        return near and followed and self._held_cost(here, trial) + leans <= clear
+
+    def _held_cost(self, here: _Place, trial: _Trial) -> float:
+        """What a trial costs with the weights and adjusted angles held of where it came from."""
+        rows = parameter_rows(*self.unknowns.put(trial.x, self.constants, self.terms), self.basis)
+        tip = forward(here.at.q, rows)[0] - here.at.there_mm
+        placed = trial.poses.placed(self.observations) - here.at.poses.placed(self.observations)
+        residual = here.at.residual_mm + tip - placed
+        return here.alone.clear_cost_of(residual, trial.poses)
+
+    def linearise(
         self, x: F64, poses: Poses, floor_mm: float, held: bool
-    ) -> tuple[Linearisation, Elimination]:
+    ) -> tuple[Linearisation, ArmAlone]:
+        """At the unknowns (C,), with poses as they are, or fitted anew while the fit is *held*."""
         constants, terms = self.unknowns.put(x, self.constants, self.terms)
-        if held and not len(self.observations.distances.length_mm):
+        if self._poses_anew(held):
             # Far off, poses are not linear: about a beam's own axis they turn by any angle.
             rows = parameter_rows(constants, terms, self.basis)
             position = forward(self.observations.states.q, rows)[0]
             poses = fit_poses(self.observations, position, self.weighting.weight, poses)
         at = linearise(self.observations, constants, terms, poses, self.reference_c, self.basis)
-        return at, Elimination(at, self.weighting.whitening(at.joints), floor_mm)
+        columns = self.unknowns.columns(at.jacobian, at.basis, terms)
+        return at, ArmAlone(at, self.weighting.whitening(at.joints), columns, floor_mm)
+
+    def _poses_anew(self, held: bool) -> bool:
+        """Whether poses are fitted at every place, and do not follow the steps alone."""
+        return held and not len(self.observations.distances.length_mm)

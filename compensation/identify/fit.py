@@ -1,4 +1,4 @@
-"""Least squares on constants and coefficients, placements and free targets eliminated.
+"""Least squares on constants and coefficients, placements and free targets fitted along.
 
 Gauss–Newton with Levenberg's damping where a step fails, on unknowns scaled by their plausible
 departure from the drawing. Between rounds the noise of a reading is found anew from the
@@ -32,8 +32,8 @@ from armd.compensation.estimate.robust import (
 )
 from armd.compensation.estimate.solution import Solution
 from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.descent import Descent
-from armd.compensation.identify.elimination import Elimination
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.parameters import ParameterLayout
@@ -57,7 +57,7 @@ class Identification:
     unknowns: Unknowns
     solution: Solution
     at: Linearisation  # at the solution
-    elimination: Elimination  # with the last round's weights
+    alone: ArmAlone  # with the last round's weights
     noise: ReadingNoise
     distance2: F64  # (n,) squared Mahalanobis distances of the readings
     region: Mask  # (n,) readings far off like their neighbours in posture: no outliers
@@ -134,10 +134,9 @@ def fit(
         stands = np.array_equal(end.x, x)
         x, poses, steps = end.x, end.at.poses, steps + end.steps
         constants, terms = unknowns.put(x, constants, terms)
-        fitted = end.elimination.rank + end.solution.told
+        fitted = end.alone.rank + end.solution.told
         joints = end.at.joints
-        moves = unknowns.columns(end.at.jacobian, end.at.basis, terms) @ end.solution.root
-        left, whiten = end.elimination.left(moves), end.elimination.whitening
+        left, whiten = end.alone.left(end.solution.root), end.alone.whitening
         before, weighing = weighing, estimate(end.at.residual_mm, joints, whiten, left, region)
         distance2 = mahalanobis2(end.at.residual_mm, weighing.covariance(joints))
         if not held:  # far off, everything is
@@ -159,18 +158,34 @@ def fit(
         )
         held = held and not settled and not repeats and round_ < rounds // 2
     # The last weights are those of the round before: what is left of the difference is a factor.
-    freedom = max(3 * float(weight.sum()) + end.elimination.n_certified - fitted, 1.0)
+    freedom = max(3 * float(weight.sum()) + end.alone.n_certified - fitted, 1.0)
     free = gauge_of(unknowns, constants, terms, basis, end.solution.scale)
-    factor = end.elimination.cost / freedom
-    covariance = end.solution.covariance(free) * factor
+    factor = end.alone.cost / freedom
+    covariance = end.solution.covariance(free)
+    covariance = (covariance + _shared(end.alone, covariance)) * factor
     deviation = np.sqrt(np.diag(covariance))[len(unknowns.constants) :]
     for i, u in zip(unknowns.terms, deviation, strict=True):
         terms[i] = terms[i].model_copy(update={"standard_uncertainty": float(u)})
     return Identification(
         observations, reference_c, constants, terms, unknowns, end.solution, end.at,
-        end.elimination, weighing, distance2, region, x - start, covariance, factor,
+        end.alone, weighing, distance2, region, x - start, covariance, factor,
         steps, end.converged,
     )  # fmt: skip
+
+
+def _shared(alone: ArmAlone, covariance: F64) -> F64:
+    """(C, C) what *covariance* lacks where sessions share a certificate: its error is one and the
+    same in all of them, and their number does not average it away (docs/decisions/0079)."""
+    entry = alone.certified_entries()
+    entries, of = np.unique(entry, axis=0, return_inverse=True)
+    if len(entries) == len(entry):
+        return np.zeros_like(covariance)
+    rows = alone.certified_rows()
+    together = np.zeros((len(entries), len(covariance)))
+    np.add.at(together, of.ravel(), rows)
+    one, each = together @ covariance, rows @ covariance
+    lacking: F64 = one.T @ one - each.T @ each
+    return lacking
 
 
 def gauge_of(

@@ -14,16 +14,12 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.folds import whole_groups
 from armd.compensation.estimate.linearise import Linearisation
 from armd.compensation.estimate.noise import whitening
-from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.robust import redescending_weights
-from armd.compensation.estimate.solution import Solution, solve
-from armd.compensation.identify.elimination import Elimination
+from armd.compensation.estimate.solution import Solution
+from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.fit import Identification, rms_um
-
-MOST_FOLDS = 8
 
 
 class HeldOut:
@@ -52,10 +48,8 @@ class HeldOut:
 
     def solve(self, fold: int, chosen: I64) -> Solution:
         """The chosen unknowns' changes (len(chosen),), fitted without the fold."""
-        triangle = self.folds[fold].triangle[:, [*chosen, -1]]
-        scale = self.scale[chosen]
-        triangle = np.asarray(np.linalg.qr(triangle * [*scale, 1.0], mode="r"))
-        return solve(triangle, scale, self.pull[chosen])
+        training = self.folds[fold].training
+        return training.solve(self.scale[chosen], self.pull[chosen], chosen=chosen)
 
     def errors(self, chosen: I64) -> Errors:
         """Of fits of *chosen* without each fold, on the fold."""
@@ -92,21 +86,23 @@ class _Fold:
     ) -> None:
         self._base, self._columns, self._out = base, columns, out
         self._weight = weight[out]  # a reading gone wrong does not move its placement
-        self._training = Elimination(base.rows(~out), whiten[~out])
-        clear = np.column_stack([self._training.columns(columns[~out]), self._training.residual()])
-        self.triangle = np.asarray(np.linalg.qr(clear, mode="r"))
+        observations = base.observations
+        touched = observations.target[~out & ~observations.has_truth]
+        free = base.free_targets[np.isin(base.free_targets, touched)]
+        # Rows left out weigh nothing: a copy of all others' columns for each fold would be large.
+        whiten = np.where(out[:, None, None], 0.0, whiten)
+        self.training = ArmAlone(replace(base, free_targets=free), whiten, columns)
 
     @cached_property
-    def _trial(self) -> Elimination | None:
+    def _trial(self) -> ArmAlone | None:
         """What is fitted to the readings left out: poses that no other reading tells, and seats."""
         own = self._base.rows(self._out)
         placement, target = own.observations.placement, own.observations.target
-        others = self._training.at.observations
-        told = np.isin(placement, others.placement)
+        told = np.isin(placement, self._base.observations.placement[~self._out])
         if told.all():
             return None
         pose_columns = np.where(told[:, None, None], 0.0, own.pose_columns)
-        seats = np.setdiff1d(own.free_targets, self._training.at.free_targets)
+        seats = np.setdiff1d(own.free_targets, self.training.at.free_targets)
         shifting = np.isin(target, seats)[:, None, None]
         alone = replace(
             own,
@@ -115,7 +111,7 @@ class _Fold:
             free_targets=seats,
         )
         alike = np.sqrt(self._weight)[:, None, None] * np.eye(3)
-        return Elimination(alone, alike, length_floor_mm=np.inf)
+        return ArmAlone(alone, alike, self._columns[self._out][:, :, :0], length_floor_mm=np.inf)
 
     def tried(self, chosen: I64, change: F64) -> F64:
         """Residuals (m, 3) mm of the readings left out after a change of the chosen unknowns.
@@ -123,28 +119,21 @@ class _Fold:
         Their poses and seats are those that the other readings tell, where these do: a seat lies
         where it lies in the artefact, whatever stands in the fold.
         """
-        own = self._base.rows(self._out)
-        moved = self._columns[:, :, chosen] @ change
-        twist, shift = self._training.back_substitute(moved[~self._out])
-        residual = own.residual_mm + moved[self._out]
-        residual += np.einsum("nij,nj->ni", own.target_columns, shift[own.observations.target])
-        residual += np.einsum("nij,nj->ni", own.pose_columns, twist[own.observations.placement])
+        own, step = self._base.rows(self._out), np.zeros(self._columns.shape[2])
+        step[chosen] = change
+        residual = own.residual_mm + self._columns[self._out] @ step
+        residual = _answered(residual, own, *self.training.followed(step))
         if self._trial is None:
             return residual
-        twist, shift = self._trial.back_substitute(residual - own.residual_mm)
         at = self._trial.at
-        residual += np.einsum("nij,nj->ni", at.pose_columns, twist[own.observations.placement])
-        residual += np.einsum("nij,nj->ni", at.target_columns, shift[own.observations.target])
-        return residual
+        there = replace(self._trial, at=replace(at, residual_mm=residual))
+        return _answered(residual, at, *there.followed(np.zeros(0)))
 
 
-def placement_folds(observations: Observations) -> tuple[list[Mask], str]:
-    """Sets of whole placements to leave out, and by what they are told apart.
-
-    With one placement only, every eighth reading is left out instead, at the pose that the others
-    tell: weaker, and said so.
-    """
-    fold, by = whole_groups(observations.placement, MOST_FOLDS), "placement"
-    if not fold.any():
-        fold, by = np.arange(observations.n) % MOST_FOLDS, "reading"
-    return [fold == i for i in np.unique(fold)], by
+def _answered(residual_mm: F64, at: Linearisation, twist: F64, shift: F64) -> F64:
+    """Residuals (n, 3) after twists (p, 6) of the placements and shifts (K, 3) of the targets."""
+    observations = at.observations
+    shifted = np.einsum("nij,nj->ni", at.target_columns, shift[observations.target])
+    turned = np.einsum("nij,nj->ni", at.pose_columns, twist[observations.placement])
+    answered: F64 = residual_mm + shifted + turned
+    return answered

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
@@ -20,6 +21,12 @@ Millimetres = Annotated[float, Field(ge=-1e5, le=1e5)]
 Degrees = Annotated[float, Field(ge=-3600, le=3600)]
 Celsius = Annotated[float, Field(ge=-273.15, le=1000)]
 Offset = Annotated[tuple[Millimetres, Millimetres, Millimetres], Field(description="x, y, z")]
+
+
+#: Columns of readings that are no sensor's.
+TAKEN = re.compile(r"time_s|placement|target|artefact_c|[qw][1-9]|approach_[xyz]|[xyz]_mm")
+#: Thirds written with two digits still make a mean.
+WEIGHTS_OFF = 0.011
 
 
 _layout = cache(ParameterLayout)  # which keeps the names that it has looked up
@@ -72,6 +79,8 @@ class Arm(Strict):
         sensors = self.sensors
         if len(set(sensors)) != len(sensors):
             raise ValueError("sensor names that differ from each other")
+        for name in filter(TAKEN.fullmatch, sensors):
+            raise ValueError(f"sensor names that are no other column's of readings, not {name!r}")
         for k, joint in enumerate(self.joint, 1):
             for name in joint.weights:
                 if name not in sensors:
@@ -80,6 +89,11 @@ class Arm(Strict):
                     )
             if joint.temperature is not None and not joint.weights:
                 raise ValueError(f"joint[{k}].temperature with at least one weight")
+            whole = sum(joint.weights.values())
+            if joint.weights and abs(whole - 1.0) > WEIGHTS_OFF:
+                raise ValueError(
+                    f"joint[{k}].temperature with weights that sum to 1, not {whole:g}"
+                )
             low, high = joint.min_deg, joint.max_deg
             if low is not None and high is not None and low >= high:
                 raise ValueError(f"joint[{k}].min_deg below max_deg, not {low} and {high}")
@@ -118,6 +132,12 @@ class Arm(Strict):
         low = [-math.inf if joint.min_deg is None else joint.min_deg for joint in self.joint]
         high = [math.inf if joint.max_deg is None else joint.max_deg for joint in self.joint]
         return np.radians(low), np.radians(high)
+
+    @property
+    def range_rad(self) -> tuple[F64, F64]:
+        """The same; a joint without limits turns half a turn either way."""
+        low, high = self.limits_rad
+        return np.where(np.isinf(low), -np.pi, low), np.where(np.isinf(high), np.pi, high)
 
     def nominal(self) -> F64:
         """The drawing's parameter vector (5 N + 9,), in mm and rad, ordered as `parameters`."""

@@ -38,7 +38,9 @@ class Instants:
     ) -> None:
         self.reference_c = reference_c
         self._states = states
-        self._delay = delay or self._by_series
+        # Not its own method: that would keep it, and a piece of a file with it, until the next
+        # collection of garbage.
+        self._delay = delay
         self._arm = arm
         self._constants = constants
         self._means: dict[str, F64] = {}
@@ -95,7 +97,8 @@ class Instants:
                     column = self._arm.sensors.index(sensor)
                     value += weight * self._states.temperature_c[:, column]
             if lag_s != 0:
-                value = self._delay(name, value, self.time_s, lag_s)
+                delay = self._delay or self._by_series
+                value = delay(name, value, self.time_s, lag_s)
             self._means[name] = value
         return self._means[name]
 

@@ -23,6 +23,9 @@ JOINT_PARAMETERS = ("theta", "d", "a", "alpha", "beta")
 TIP_PARAMETERS = ("tip_x", "tip_y", "tip_z")
 BASE_PARAMETERS = ("base_x", "base_y", "base_z", "base_rx", "base_ry", "base_rz")
 
+#: A length shorter than this does not matter thermally: 1 mm of aluminium grows 0.02 µm/K.
+LEAST_LENGTH_MM = 1.0
+
 PER_JOINT = len(JOINT_PARAMETERS)
 BESIDE_JOINTS = len(TIP_PARAMETERS) + len(BASE_PARAMETERS)
 

@@ -20,12 +20,9 @@ from armd.files.schema import Strict
 if TYPE_CHECKING:
     from armd.compensation.model.instants import Instants
 
-JointNumber = Annotated[int, Field(ge=1, le=9)]
-Axis = Literal["x", "y", "z"]
 #: Seconds since 1970, UTC; up to the year 9999, after which nobody writes dates.
 UnixSeconds = Annotated[float, Field(ge=0, le=253402300799)]
 Weights = Annotated[dict[str, float], Field(min_length=1)]
-AXES = "xyz"
 DAY_S = 86400.0
 #: Weights of the sensors and the lag in seconds of a mean temperature.
 Mean = tuple[dict[str, float], float]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armd.compensation.interim.again.quality_page import Change
+from armd.compensation.interim.again.quality_page import Impact
 from armd.compensation.report.diagnosis import headline
 
 
@@ -88,7 +88,7 @@ def test_measurements_corrected_again(
     good: bool | None,
 ) -> None:
     n = len(distance_mm)
-    change = Change(
+    change = Impact(
         "A-1", "00", range(n), [0] * n, np.array(distance_mm), np.array(uncertainty_mm),
         tolerance_mm,
     )  # fmt: skip

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.session import Session
-from armd.compensation.data.soundness import make_sound
+from armd.compensation.data.soundness import fit_to_identify, make_sound
 from armd.compensation.diagnose.fitting.noise import without_gross
 from armd.compensation.diagnose.heldout.gain import capped, gain
 from armd.compensation.diagnose.problem.whitening import RestNoise
+from armd.compensation.identify.calibrate import calibrate
+from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.arm import Arm
 from support import synthetic
 
@@ -157,3 +159,52 @@ def test_gross_errors_do_not_outvote_all_other_readings() -> None:
     after[::40] *= 1.0 + 0.01 * rng.normal(size=8)
     assert gain(*capped(before, after), groups).shown
     assert not gain(*capped(before, before[::-1]), groups).shown
+
+
+def test_calibrate_takes_no_still_channel_for_a_temperature() -> None:
+    given = sessions()
+    one = [with_channel(given[0], 2, 85.0), *given[1:]]
+    sound = fit_to_identify(one, ARM)
+    assert sound.arm is ARM
+    assert np.isnan(sound.sessions[0].states.temperature_c[:, 2]).all()
+    assert sound.sessions[1] is given[1]
+    (told,) = sound.told
+    assert "session-1" in told
+    none = fit_to_identify([with_channel(s, 2, 21.3) for s in given], ARM)
+    others = [name for name in ARM.sensors if name != ARM.sensors[2]]
+    assert none.arm.joint[2].weights == pytest.approx(dict.fromkeys(others, 1 / len(others)))
+    gaps = np.where(np.arange(30) % 5 == 0, np.nan, given[0].states.temperature_c[:, 2])
+    assert fit_to_identify([with_channel(given[0], 2, gaps), *given[1:]], ARM).told == ()
+
+
+@pytest.mark.parametrize("stuck_at", [21.3, np.nan])
+def test_calibrate_keeps_the_other_sensors_of_an_arm(stuck_at: float) -> None:
+    """One dead channel of six; all links expand, by 20 µm a metre and kelvin."""
+    terms = [
+        term.model_copy(
+            update={"coefficient": 2e-5 * ARM.nominal()[ARM.layout.index(term.parameter)]}
+        )
+        for term in length_terms(ARM, [1])
+    ]
+    measured = []
+    for i, celsius in enumerate((14.0, 20.0, 26.0)):
+        rng = np.random.default_rng([8, i])
+        one = synthetic.session(
+            ARM, ARM.nominal(), rng, terms=terms, readings=90, temperature_c=celsius,
+            encoder_rad=3e-6, name=f"session-{i + 1}",
+        )  # fmt: skip
+        measured.append(with_channel(one, 2, stuck_at))
+    result = calibrate(measured, ARM)
+    assert result.thermal_order == 1
+    assert any(ARM.sensors[2] in note for note in result.notes)
+    assert result.heldout.rms_um < 6.0  # 12 with the stuck one as it stands, or without any
+
+
+def test_a_table_pasted_twice_calibrates_no_better() -> None:
+    """Copies scatter no more than their originals, and know no more."""
+    given = sessions()
+    twice = [one.rows(np.tile(np.arange(one.n), 2)) for one in given]
+    once, again = calibrate(given, ARM), calibrate(twice, ARM)
+    assert again.fit.observations.n == once.fit.observations.n
+    assert again.fit.covariance == pytest.approx(once.fit.covariance)
+    assert sum("stand there twice" in note for note in again.notes) == len(given)

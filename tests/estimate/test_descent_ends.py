@@ -1,6 +1,6 @@
 """Where Gauss–Newton comes to rest: at the truth of exact data, and where the equations hold."""
 
-from types import SimpleNamespace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,12 @@ def measured(exact: bool = False, size: float = 1.0) -> tuple[Observations, np.n
     return gather([session], ARM), truth
 
 
-def descended(observations: Observations, begin: np.ndarray, held: bool = False) -> End:
+def descended(
+    observations: Observations,
+    begin: np.ndarray,
+    held: bool = False,
+    noise: ReadingNoise = NOISE,
+) -> End:
     """From constants *begin*, the drawing to lean on being the nominal one."""
     nominal, n = ARM.nominal(), observations.n
     position = forward(observations.states.q, np.tile(begin, (n, 1)))[0]
@@ -42,7 +47,7 @@ def descended(observations: Observations, begin: np.ndarray, held: bool = False)
     basis = np.zeros((n, 0))
     joints = linearise(observations, begin, [], poses, 20.0, basis).joints
     start = UNKNOWNS.values(nominal, [])
-    weighting = Weighting(NOISE, joints, np.ones(n))
+    weighting = Weighting(noise, joints, np.ones(n))
     descent = Descent(observations, begin, [], UNKNOWNS, 20.0, basis, start, weighting)
     return descent.run(UNKNOWNS.values(begin, []), poses, FLOOR_MM, held)
 
@@ -57,8 +62,8 @@ def standard(end: End, step: np.ndarray) -> np.ndarray:
 
 def per_freedom(end: End) -> float:
     """χ² of the readings per degree of freedom left."""
-    taken = end.elimination.rank + end.solution.told
-    return end.elimination.cost / (3 * end.at.observations.n - taken)
+    taken = end.alone.rank + end.solution.told
+    return end.alone.cost / (3 * end.at.observations.n - taken)
 
 
 def test_exact_readings_are_met() -> None:
@@ -78,7 +83,7 @@ def test_at_rest_whitened_columns_are_square_to_the_residual() -> None:
     for i, p in enumerate(observations.placement):
         poses[i, :, 6 * p : 6 * p + 6] = at.pose_columns[i]
     own = UNKNOWNS.columns(at.jacobian, at.basis, []) * end.solution.scale
-    whiten = end.elimination.whitening
+    whiten = end.alone.whitening
     white = (whiten @ np.concatenate([own, poses], axis=2)).reshape(3 * n, -1)
     residual = np.einsum("nij,nj->ni", whiten, at.residual_mm).ravel()
     slope = white.T @ residual / np.maximum(np.linalg.norm(white, axis=0), 1e-9)
@@ -104,7 +109,7 @@ def test_a_promise_of_nothing_that_is_not_kept_is_not_tried_again(
     off: float, tries: int, converged: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From *off* standard uncertainties beside the end no step leads down: as if the cost did not
-    agree with the columns. A step that promises 2e-4 of χ² ends there, one that promises 2 is tried
+    agree with the columns. A step that promises 4e-4 of χ² ends there, one that promises 4 is tried
     with damping."""
     observations, _ = measured()
     end = descended(observations, ARM.nominal())
@@ -114,15 +119,40 @@ def test_a_promise_of_nothing_that_is_not_kept_is_not_tried_again(
     begin, _ = UNKNOWNS.put(end.x + off * away, ARM.nominal(), [])
     moved, asked = Descent._moved, []
 
-    def upwards(self: Descent, here: Any, step: np.ndarray, *rest: Any) -> Any:
+    def counted(self: Descent, here: Any, step: np.ndarray, *rest: Any) -> Any:
         asked.append(step)
-        there = moved(self, here, step, *rest)
-        worse = SimpleNamespace(cost=here.elimination.cost + 10.0)
-        for name in ("columns", "residual", "back_substitute"):
-            setattr(worse, name, getattr(there.elimination, name))
-        return SimpleNamespace(x=there.x, at=there.at, elimination=worse)
+        return moved(self, here, step, *rest)
 
-    monkeypatch.setattr(Descent, "_moved", upwards)
+    monkeypatch.setattr(Descent, "_moved", counted)
+    monkeypatch.setattr(Descent, "_better", lambda *_: False)
     stuck = descended(observations, begin)
     assert stuck.converged is converged
     assert len(asked) == tries
+
+
+def test_of_many_readings_a_step_keeps_what_it_promises(monkeypatch: pytest.MonkeyPatch) -> None:
+    """While the drawing holds, placements are fitted with certified positions as exact, and columns
+    let these move: the sum of squares where a step leads may then rise, the more the more readings.
+    Judged so, this descent tried 132 places, crept uphill and had not settled after 40 steps."""
+    rng = np.random.default_rng(5)
+    truth = synthetic.disturbed(ARM, rng, 0.5)
+    session = synthetic.session(
+        ARM, truth, rng, readings=400, targets=12, placements=4, encoder_rad=NOISE.encoder_rad,
+        spread_mm=80.0, uncertainty_mm=0.02,
+    )  # fmt: skip
+    observations = gather([session], ARM)
+    noise = ReadingNoise(0.0, 0.02)
+    exact = replace(observations, uncertainty_mm=np.zeros(12))
+    first = descended(exact, ARM.nominal(), held=True, noise=noise)
+    begin, _ = UNKNOWNS.put(first.x, ARM.nominal(), [])
+    linearised: list[np.ndarray] = []
+    linear = Descent.linearise
+
+    def counted(self: Descent, x: np.ndarray, *rest: Any) -> Any:
+        linearised.append(x)
+        return linear(self, x, *rest)
+
+    monkeypatch.setattr(Descent, "linearise", counted)
+    end = descended(observations, begin, held=True, noise=noise)
+    assert end.converged
+    assert len(linearised) <= end.steps <= 4

@@ -11,7 +11,7 @@ from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import ReadingNoise, estimate, whitening
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.poses import fit_poses
-from armd.compensation.identify.elimination import Elimination
+from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.model.kinematics import forward
 from support import synthetic
 
@@ -104,6 +104,6 @@ def test_what_is_left_of_each_reading_is_that_of_the_dense_projection(known: boo
     own = np.vstack([(whiten @ moves).reshape(3 * n, 5), np.zeros((len(certified), 5))])
     own = own - u @ (u.T @ own)
     left = np.eye(len(own)) - u @ u.T - own @ own.T
-    found = Elimination(at, whiten, floor).left(moves)
+    found = ArmAlone(at, whiten, moves, floor).left(np.eye(5))
     wanted = [left[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] for i in range(n)]
     np.testing.assert_allclose(found, wanted, atol=1e-8)

@@ -3,13 +3,24 @@
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.solution import LEAST_KNOWN, solve
+from armd.compensation.estimate.linear_model import Layout, LinearModel
+from armd.compensation.estimate.solution import LEAST_KNOWN, Solution
 
 SCALE = np.array([10.0, 0.02, 3.0, 1.0])
 
 
-def triangle(columns: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    return np.asarray(np.linalg.qr(np.column_stack([columns * SCALE, residual]), mode="r"))
+def leaned(
+    columns: np.ndarray,
+    residual: np.ndarray,
+    drawn: np.ndarray | None = None,
+    damping: float = 0.0,
+    held: bool = False,
+) -> Solution:
+    """What to change of the unknowns so that *residual* (n,) becomes least."""
+    free, layout = np.full(4, np.inf), Layout((("unknowns", 4),))
+    model = LinearModel.of_products(layout, columns.T @ columns, free, drawing=SCALE**2)
+    drawn = np.zeros(4) if drawn is None else drawn
+    return model.lean(-columns.T @ residual, drawn, damping, held)
 
 
 def rows(strengths: list[float], seed: int = 1, n: int = 30) -> tuple[np.ndarray, np.ndarray]:
@@ -23,7 +34,7 @@ def rows(strengths: list[float], seed: int = 1, n: int = 30) -> tuple[np.ndarray
 def test_where_all_is_known_it_is_least_squares() -> None:
     columns, residual = rows([900.0, 300.0, 70.0, 20.0])
     pull = np.array([1.0, 0.01, -1.0, 0.3])  # the drawing has no say
-    found = solve(triangle(columns, residual), SCALE, pull)
+    found = leaned(columns, residual, pull)
     wanted, rest, *_ = np.linalg.lstsq(columns, -residual, rcond=None)
     np.testing.assert_allclose(found.step, wanted, rtol=1e-9)
     assert found.rank == 4 and found.told == pytest.approx(4.0) and found.null.shape == (4, 0)
@@ -37,7 +48,7 @@ def test_where_all_is_known_it_is_least_squares() -> None:
 def test_along_what_is_not_known_the_drawing_is_one_more_reading() -> None:
     columns, residual = rows([900.0, 300.0, 4.0, 0.0])
     pull = np.array([1.0, 0.01, -1.0, 0.3])
-    found = solve(triangle(columns, residual), SCALE, pull)
+    found = leaned(columns, residual, pull)
     assert found.rank == 2 and found.known.tolist() == [True, True, False, False]
     # The same as rows for the drawing along these directions, of weight one each.
     leaning = found.null.T / SCALE
@@ -59,13 +70,11 @@ def test_along_what_is_not_known_the_drawing_is_one_more_reading() -> None:
 
 def test_held_all_lean_and_damping_shortens() -> None:
     columns, residual = rows([900.0, 300.0, 70.0, 20.0])
-    found = solve(triangle(columns, residual), SCALE, np.zeros(4), held=True)
+    found = leaned(columns, residual, held=True)
     ridged = columns.T @ columns + np.diag(1.0 / SCALE**2)
     np.testing.assert_allclose(found.step, np.linalg.solve(ridged, -columns.T @ residual))
     lengths = [
-        float(
-            np.linalg.norm(solve(triangle(columns, residual), SCALE, np.zeros(4), d).step / SCALE)
-        )
+        float(np.linalg.norm(leaned(columns, residual, damping=d).step / SCALE))
         for d in (0.0, 1e-4, 1e-2, 1.0)
     ]
     assert lengths == sorted(lengths, reverse=True) and lengths[-1] < lengths[0]
@@ -75,7 +84,7 @@ def test_held_all_lean_and_damping_shortens() -> None:
 def test_fewer_rows_than_unknowns_are_solved_with_the_drawing(n: int) -> None:
     columns, residual = rows([900.0, 300.0, 70.0, 20.0], n=30)
     pull = np.array([1.0, 0.01, -1.0, 0.3])
-    found = solve(triangle(columns[:n], residual[:n]), SCALE, pull)
+    found = leaned(columns[:n], residual[:n], pull)
     if n < 4:
         np.testing.assert_allclose(
             found.null.T @ (found.step / SCALE), found.null.T @ (pull / SCALE)
@@ -87,12 +96,14 @@ def test_fewer_rows_than_unknowns_are_solved_with_the_drawing(n: int) -> None:
 def test_what_it_says_of_its_errors_is_what_they_are() -> None:
     columns, _ = rows([900.0, 300.0, 70.0, 20.0])
     rng = np.random.default_rng(8)
-    steps = np.array(
-        [
-            solve(triangle(columns, rng.normal(size=30)), SCALE, np.zeros(4)).step
-            for _ in range(3000)
-        ]
-    )
-    stated = solve(triangle(columns, np.zeros(30)), SCALE, np.zeros(4)).covariance(np.zeros((4, 0)))
+    steps = np.array([leaned(columns, rng.normal(size=30)).step for _ in range(3000)])
+    stated = leaned(columns, np.zeros(30)).covariance(np.zeros((4, 0)))
     np.testing.assert_allclose(np.cov(steps.T) / stated, 1.0, atol=0.25)
     np.testing.assert_allclose(steps.std(axis=0), np.sqrt(np.diag(stated)), rtol=0.05)
+
+
+def test_rounding_of_readings_without_noise_is_not_taken_for_knowledge() -> None:
+    """A gauge that products cannot show as zero: the directions known to ten digits stay apart."""
+    columns, residual = rows([1e8, 3e7, 2e6, 0.0])
+    found = leaned(columns, residual)
+    assert found.known.tolist() == [True, True, True, False]

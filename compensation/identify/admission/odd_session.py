@@ -31,7 +31,7 @@ from armd.compensation.identify.admission.mistakes import (
 from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit, rms_um
-from armd.compensation.identify.thermal.comparison import temperature_groups
+from armd.compensation.identify.thermal.temperatures import temperature_groups
 from armd.compensation.identify.thermal.terms import length_terms
 from armd.errors import BadInput
 

@@ -10,7 +10,7 @@ from armd.arrays import Mask
 from armd.compensation.estimate.gauge import unidentifiable
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.fit import Identification
-from armd.compensation.identify.thermal.comparison import temperature_groups
+from armd.compensation.identify.thermal.temperatures import temperature_groups
 from armd.errors import BadInput
 from armd.terminal.counted import counted
 

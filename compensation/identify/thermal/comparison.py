@@ -2,9 +2,10 @@
 
 A length that matters grows with the temperature of its joint: d, a and the tip's offset as
 polynomials of ΔT, all coefficients at once from all sessions. How high the order, and whether
-angles move with temperature too, is decided by the error at temperatures left out. The paper's
-own way (identify at each temperature, then regress), temperature zones and principal components
-of the sensors are tried on the same data, for comparison or by choice.
+angles move with temperature too, is decided by the error on readings left out in turn: whole
+temperatures, and parts of the lowest and the highest. The paper's own way (identify at each
+temperature, then regress), temperature zones and principal components of the sensors are tried on
+the same data, for comparison or by choice.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.solution import Solution
 from armd.compensation.identify.fit import Identification
-from armd.compensation.identify.heldout import Errors, HeldOut, placement_folds
+from armd.compensation.identify.heldout import Errors, HeldOut
 from armd.compensation.identify.thermal.per_temperature import regressed, regression
+from armd.compensation.identify.thermal.temperatures import left_out_in_turn
 from armd.compensation.identify.thermal.terms import (
     angle_terms,
     component_terms,
@@ -34,15 +35,13 @@ from armd.errors import ArmdError
 from armd.terminal.counted import counted
 
 MOST_ORDER = 4
-#: Placements closer than this in temperature count as one temperature.
-SAME_TEMPERATURE_K = 0.75
 #: A larger model must lower the held-out error by this much to be worth it.
 WORTH = 0.99
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One way to model temperature, tried on temperatures left out."""
+    """One way to model temperature, tried on readings left out."""
 
     name: str
     terms: list[Term]
@@ -54,30 +53,10 @@ class Trial:
         return self.errors.rms_um
 
 
-def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
-    """Temperatures measured at, ascending: mean in °C, and its readings (n,)."""
-    used = observations.arm.used_sensors
-    if not used:
-        return []
-    columns = [observations.arm.sensors.index(name) for name in used]
-    row_c = observations.states.temperature_c[:, columns].mean(axis=1)
-    counts = np.bincount(observations.placement, minlength=len(observations.placement_names))
-    mean = np.bincount(observations.placement, row_c, len(counts)) / np.maximum(counts, 1)
-    order = [p for p in np.argsort(mean) if counts[p]]
-    groups: list[list[int]] = []
-    for p in order:
-        if groups and mean[p] - mean[groups[-1][-1]] < SAME_TEMPERATURE_K:
-            groups[-1].append(int(p))
-        else:
-            groups.append([int(p)])
-    masks = [np.isin(observations.placement, group) for group in groups]
-    return [(float(row_c[mask].mean()), mask) for mask in masks]
-
-
 class Comparison:
-    """Tries thermal models on temperatures left out, around one fit."""
+    """Tries thermal models on readings left out in turn, around one fit."""
 
-    def __init__(self, fit: Identification, groups: Sequence[tuple[float, Mask]]) -> None:
+    def __init__(self, fit: Identification, groups: list[tuple[float, Mask]]) -> None:
         observations, arm = fit.observations, fit.observations.arm
         self.fit = fit
         self.groups = groups
@@ -118,15 +97,12 @@ class Comparison:
         scale = np.concatenate(
             [fit.solution.scale[: self._n_constants], sizes / np.maximum(typical, 1e-12)]
         )
-        # The lowest and the highest temperature are never left out when there are others: the
-        # daemon flags what lies beyond them, so extrapolation is not what to choose by. Two
-        # temperatures cannot spare one: then placements are left out.
-        self._out = list(groups[1:-1])
-        folds = [mask for _, mask in self._out] or placement_folds(observations)[0]
+        self._out = left_out_in_turn(observations, groups)
+        folds = [left.rows for left in self._out]
         self._heldout = HeldOut(fit, columns, scale, self._residual, self._pull, folds)
 
     def errors(self, terms: Sequence[Term]) -> Errors:
-        """At temperatures left out, all coefficients fitted at once."""
+        """On readings left out, all coefficients fitted at once."""
         return self._heldout.errors(self._chosen(terms))
 
     def trials(self) -> list[Trial]:
@@ -164,7 +140,7 @@ class Comparison:
     def regressed(
         self, trials: Sequence[Trial], wanted: int | None, offset: bool
     ) -> tuple[int, Identification, Errors]:
-        """The paper's way: order, fit, and its errors at temperatures left out.
+        """The paper's way: order, fit, and its errors on readings left out.
 
         Raises `ArmdError` where the temperatures are too few for the order.
         """
@@ -204,13 +180,20 @@ class Comparison:
         constants = np.arange(self._n_constants)
         identified = np.array([solution.known_step for solution in self._identified_alone])
         rows = []
-        for fold, (temperature, _) in zip(self._heldout.folds, self._out, strict=True):
-            kept = self._temperature_c != temperature
+        for fold, left, part in zip(
+            self._heldout.folds, self._out, self._identified_in_part, strict=True
+        ):
+            told = identified.copy()
+            kept = np.ones(len(told), dtype=bool)
+            kept[left.group] = part is not None
+            if part is not None:
+                told[left.group] = part.known_step
             from_c, linear = regression(
                 self._temperature_c[kept], order, offset, self.fit.reference_c
             )
-            powers = np.vander([temperature - from_c], order + 1, increasing=True)[0]
-            rows.append(fold.tried(constants, powers @ linear @ identified[kept]))
+            temperature_c = self._temperature_c[left.group]
+            powers = np.vander([temperature_c - from_c], order + 1, increasing=True)[0]
+            rows.append(fold.tried(constants, powers @ linear @ told[kept]))
         return self._heldout.of(rows)
 
     @property
@@ -220,12 +203,22 @@ class Comparison:
     @cached_property
     def _identified_alone(self) -> list[Solution]:
         """Changes of the constants identified from each temperature's readings only."""
+        return self._identified_from([mask for _, mask in self.groups])
+
+    @cached_property
+    def _identified_in_part(self) -> list[Solution | None]:
+        """Likewise from what stays of a temperature whose other readings are left out, one for
+        each set left out; None where nothing stays."""
+        parts = iter(self._identified_from([o.stays for o in self._out if o.stays.any()]))
+        return [next(parts) if left.stays.any() else None for left in self._out]
+
+    def _identified_from(self, sets: Sequence[Mask]) -> list[Solution]:
         constants = np.arange(self._n_constants)
         alone = HeldOut(
             self.fit, self._columns[:, :, constants], self._heldout.scale[constants],
-            self._residual, self._pull[constants], [~mask for _, mask in self.groups],
+            self._residual, self._pull[constants], [~rows for rows in sets],
         )  # fmt: skip
-        return [alone.solve(i, constants) for i in range(len(self.groups))]
+        return [alone.solve(i, constants) for i in range(len(sets))]
 
 
 def _regression_name(order: int, offset: bool) -> str:

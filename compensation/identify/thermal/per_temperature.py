@@ -15,9 +15,9 @@ from armd.arrays import F64
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise import estimate, whitening
 from armd.compensation.estimate.robust import mahalanobis2, redescending_weights
-from armd.compensation.estimate.solution import Solution, solve
+from armd.compensation.estimate.solution import Solution
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.elimination import Elimination
+from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification
 from armd.compensation.model.slow_factors import Temperature
@@ -86,21 +86,18 @@ def _standing(around: Identification, constants: F64, terms: list[Term]) -> Iden
     poses = evaluate_model(observations, constants, terms, reference_c).poses
     at = linearise(observations, constants, terms, poses, reference_c)
     joints = at.joints
-    moves = around.unknowns.columns(around.at.jacobian, around.at.basis, around.terms)
-    left = around.elimination.left(moves @ around.solution.root)
-    noise = estimate(at.residual_mm, joints, around.elimination.whitening, left, around.region)
+    left = around.alone.left(around.solution.root)
+    noise = estimate(at.residual_mm, joints, around.alone.whitening, left, around.region)
     covariance = noise.covariance(joints)
     distance2 = mahalanobis2(at.residual_mm, covariance)
-    elimination = Elimination(
-        at, whitening(covariance, redescending_weights(distance2, around.region))
-    )
     unknowns = Unknowns(around.unknowns.constants, range(len(terms)))
     scale = unknowns.plausible(terms, at.basis)
-    columns = elimination.columns(unknowns.columns(at.jacobian, at.basis, terms) * scale)
-    clear = np.column_stack([columns, elimination.residual()])
-    triangle = np.asarray(np.linalg.qr(clear, mode="r"))
+    alone = ArmAlone(
+        at,
+        whitening(covariance, redescending_weights(distance2, around.region)),
+        unknowns.columns(at.jacobian, at.basis, terms),
+    )
     return replace(
         around, constants=constants, terms=terms, unknowns=unknowns, at=at, noise=noise,
-        elimination=elimination, distance2=distance2,
-        solution=solve(triangle, scale, np.zeros(len(scale))),
+        alone=alone, distance2=distance2, solution=alone.solve(scale, np.zeros(len(scale))),
     )  # fmt: skip

@@ -11,11 +11,10 @@ from scipy.spatial.transform import Rotation
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
+from armd.compensation.model.parameters import LEAST_LENGTH_MM
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 
-#: A length shorter than this does not matter thermally: 1 mm of aluminium grows 0.02 µm/K.
-LEAST_LENGTH_MM = 1.0
 #: Principal components are added until they explain this share of the variance.
 EXPLAINED = 0.995
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import subprocess
 import sys
@@ -255,10 +256,16 @@ def test_poses_that_say_nothing_are_refused(
     still = tmp_path / "still"
     still.mkdir()
     lines = (measured / "T20" / "readings.csv").read_text().splitlines()
-    (still / "readings.csv").write_text("\n".join([lines[0], *[lines[1]] * 200]) + "\n")
+    time_s, rest = lines[1].split(",", 1)
+    assert lines[0].startswith("time_s,")
+    timed = [f"{float(time_s) + i},{rest}" for i in range(200)]
     (still / "session.toml").write_text((measured / "T20" / "session.toml").read_text())
+    (still / "readings.csv").write_text("\n".join([lines[0], *timed]) + "\n")
     assert calibrate(measured, tmp_path, still) == 2
     assert "poses: found rank" in capsys.readouterr().err
+    (still / "readings.csv").write_text("\n".join([lines[0], *[lines[1]] * 200]) + "\n")
+    assert calibrate(measured, tmp_path, still) == 2  # one row, 200 times: one reading
+    assert "readings: found 1 poses" in capsys.readouterr().err
 
 
 def test_quiet_says_no_remarks(
@@ -275,3 +282,36 @@ def test_quiet_says_no_remarks(
     assert quiet.err == ""
     # The last line names the file's hash, which holds when it was made.
     assert quiet.out.splitlines()[:-1] == loud.out.splitlines()[:-1]
+
+
+def test_names_are_printed_as_they_stand(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A square bracket is no markup, and a closing one no error of armd."""
+    added = '\n[[artefact.distance]]\nbetween = ["[/x]", "B2"]\nlength_mm = {}\n'
+    toml = (measured / "T20" / "session.toml").read_text()
+    ends = re.findall(r"position_mm = \[(.*?)\]", toml)[:2]
+    length = math.dist(*(map(float, end.split(",")) for end in ends))
+    here = changed(
+        measured, tmp_path / "T[red]:star:",
+        session=(r"\Z", added.format(length)), readings=(r",B1,", ",[/x],"),
+    )  # fmt: skip
+    text = (here / "session.toml").read_text()
+    (here / "session.toml").write_text(text.replace('name = "B1"', 'name = "[/x]"'))
+    capsys.readouterr()
+    assert armd(["evaluate", str(here), "--arm", str(measured / "arm.toml")]) == 0
+    printed = capsys.readouterr().out
+    assert "T[red]:star:" in printed
+    assert "[/x]" in printed
+
+
+def test_a_length_that_contradicts_positions_is_named(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    added = '\n[[artefact.distance]]\nbetween = ["B1", "B2"]\nlength_mm = 9999.0\n'
+    here = changed(measured, tmp_path / "typed", session=(r"\Z", added))
+    assert armd(["evaluate", str(here), "--arm", str(measured / "arm.toml")]) == 2
+    said = capsys.readouterr().err
+    assert "session.toml: artefact" in said
+    assert "distance[1]" in said
+    assert "9999" in said

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -143,6 +145,19 @@ def test_missing_values() -> None:
         assert not value_of([kind], states).any()
     for frame in ("base", "tip"):
         assert not value_of([{"kind": "approach", "axis": "x", "frame": frame}], states).any()
+
+
+def test_states_go_with_their_last_use_not_at_the_next_collection_of_garbage() -> None:
+    """A long table goes by in pieces: what kept them that long was most of its memory."""
+    states = some_states()
+    gone = weakref.ref(states)
+    gc.disable()
+    try:
+        value_of([{"kind": "rate", "joint": 2}], states)
+        del states
+        assert gone() is None
+    finally:
+        gc.enable()
 
 
 def test_temperature_rate_is_the_slope_of_the_smoothed_temperature() -> None:

@@ -9,8 +9,8 @@ from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.result import Result
-from armd.compensation.identify.thermal.comparison import temperature_groups
 from armd.compensation.identify.thermal.per_temperature import regression
+from armd.compensation.identify.thermal.temperatures import left_out_in_turn, temperature_groups
 from armd.compensation.identify.thermal.terms import angle_terms, length_terms
 from armd.compensation.model.terms import Term
 from support import synthetic
@@ -61,6 +61,25 @@ def test_linear_expansion_is_order_1() -> None:
     deviations = (np.array(coefficients) - 5e-3) / np.array(uncertainties)
     tip = np.array([term.parameter.startswith("tip") for term in result.calibration.terms])
     assert np.abs(deviations[~tip]).max() < 4
+
+
+@pytest.mark.parametrize("placements", [1, 3])
+def test_one_temperature_between_two_does_not_hide_the_expansion(placements: int) -> None:
+    """A fit without temperatures is right at the mean of them, which the one between is."""
+    rng = np.random.default_rng(placements)
+    truth = synthetic.disturbed(ARM, rng, 0.2)
+    terms = with_coefficients(length_terms(ARM, [1]), 3e-3)
+    sessions = [
+        synthetic.session(
+            ARM, truth, rng, terms=terms, readings=60, placements=placements,
+            temperature_c=celsius, scatter_k=0.02, encoder_rad=ARCSEC, name=f"T{celsius:.0f}",
+        )
+        for celsius in (15.0, 20.0, 25.0)
+    ]  # fmt: skip
+    result = calibrate(sessions, ARM)
+    assert result.thermal_order == 1
+    by_name = {trial.name: trial.heldout_rms_um for trial in result.trials}
+    assert by_name["no thermal model"] > 2.0 * by_name["all at once, order 1"]
 
 
 def test_expansion_that_bends_is_order_2() -> None:
@@ -144,3 +163,24 @@ def test_placements_are_grouped_by_their_temperature() -> None:
     groups = temperature_groups(gather(sessions, ARM))
     assert [int(mask.sum()) for _, mask in groups] == [60, 30]
     assert [mean for mean, _ in groups] == pytest.approx([20.1, 26.0], abs=0.2)
+
+
+@pytest.mark.parametrize("placements", [1, 2, 3, 4])
+def test_every_reading_is_left_out_once_and_each_end_keeps_some(placements: int) -> None:
+    rng = np.random.default_rng(3)
+    truth = synthetic.disturbed(ARM, rng, 0.2)
+    sessions = [
+        synthetic.session(
+            ARM, truth, rng, readings=24, placements=placements, temperature_c=c, name=f"T{c:.0f}"
+        )
+        for c in (15.0, 20.0, 25.0)
+    ]
+    observations = gather(sessions, ARM)
+    groups = temperature_groups(observations)
+    sets = left_out_in_turn(observations, groups)
+    assert (np.sum([left.rows for left in sets], axis=0) == 1).all()
+    for left in sets:
+        own = groups[left.group][1]
+        assert not (left.rows & left.stays).any()
+        assert ((left.rows | left.stays) == own).all() or left.group == 1
+        assert left.stays.any() == (left.group != 1)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+from armd.arrays import F64
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
@@ -76,3 +77,34 @@ def test_a_larger_scatter_does_not_shrink_the_arm(encoder_rad: float) -> None:
     assert min(stated) > 0.9 * CALLIPER_MM / length_mm
     normalised = np.array(sizes) / np.array(stated)
     assert 0.4 < np.mean(normalised**2) < 2.0  # 16 unit normals: within three sigma
+
+
+def sessions_on_one_bar(rng: np.random.Generator, artefacts: list[str]) -> tuple[F64, Observations]:
+    """As many sessions as *artefacts*, each of which touches both ends of the bar so named."""
+    truth = synthetic.disturbed(ARM, rng, 0.3)
+    whole = synthetic.session(
+        ARM, truth, rng, readings=300, targets=2, placements=6, known=False,
+        distances=[(0, 1)], spread_mm=25.0, encoder_rad=5e-6,
+    )  # fmt: skip
+    bar = whole.artefact.distances[0].model_copy(update={"standard_uncertainty_mm": CALLIPER_MM})
+    sessions = [
+        replace(
+            whole.rows(whole.placement % len(artefacts) == i),
+            name=f"day {i}",
+            artefact=whole.artefact.model_copy(update={"name": name, "distances": [bar]}),
+        )
+        for i, name in enumerate(artefacts)
+    ]
+    return truth, gather(sessions, ARM)
+
+
+def test_a_bar_measured_six_times_is_no_better_known() -> None:
+    """The certificate's error is the same each time; six bars' errors are six."""
+    stated = []
+    for artefacts in (["bar"] * 6, [f"bar {i}" for i in range(6)]):
+        truth, observations = sessions_on_one_bar(np.random.default_rng(7), artefacts)
+        found = fit(observations, ARM.nominal(), [], UNKNOWNS, 20.0)
+        share = CALLIPER_MM / float(observations.distances.length_mm[0])
+        stated.append(size_of(found, truth)[1] / share / np.sqrt(found.variance_factor))
+    assert stated[0] == pytest.approx(1.0, rel=0.03)
+    assert stated[1] == pytest.approx(1.0 / np.sqrt(6.0), rel=0.03)

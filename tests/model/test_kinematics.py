@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,33 +9,12 @@ from hypothesis import strategies as st
 
 from armd.compensation.model import kinematics, parameters
 from armd.compensation.model.parameters import ParameterLayout
-
-
-def rotation(axis: int, angle: float) -> np.ndarray:
-    matrix = np.eye(4)
-    c, s = math.cos(angle), math.sin(angle)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    matrix[i, i] = matrix[j, j] = c
-    matrix[i, j], matrix[j, i] = -s, s
-    return matrix
-
-
-def translation(x: float, y: float, z: float) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, 3] = x, y, z
-    return matrix
+from support.plain_kinematics import tip_pose
 
 
 def matrix_product(q: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """The contract's definition, one matrix after the other."""
-    n = len(q)
-    bx, by, bz, rx, ry, rz = p[5 * n + 3 :]
-    pose = translation(bx, by, bz) @ rotation(2, rz) @ rotation(1, ry) @ rotation(0, rx)
-    for k in range(n):
-        theta, d, a, alpha, beta = p[5 * k : 5 * k + 5]
-        pose = pose @ rotation(2, q[k] + theta) @ translation(0, 0, d) @ translation(a, 0, 0)
-        pose = pose @ rotation(0, alpha) @ rotation(1, beta)
-    return pose @ translation(*p[5 * n : 5 * n + 3])
+    """The contract's definition at one row."""
+    return tip_pose(q[None], p[None])[0]
 
 
 def an_arm(seed: int, n_joints: int, n: int) -> tuple[np.ndarray, np.ndarray]:

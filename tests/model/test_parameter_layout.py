@@ -7,6 +7,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import joint_jacobian
 from armd.compensation.model.parameters import ParameterLayout, unit
 from armd.errors import ArmdError
+from support.small_arm import small_arm
 
 
 @pytest.mark.parametrize("n_joints", [3, 6, 9])
@@ -68,3 +69,14 @@ def test_what_an_arm_says_of_itself() -> None:
     levers = np.linalg.norm(joint_jacobian(q, arm.nominal()), axis=1)
     assert levers.max() <= arm.reach_mm
     assert arm.nominal()[arm.layout.joint(2)].tolist() == [0.0, 0.0, 200.0, np.pi / 6, 0.0]
+
+
+def test_a_joint_without_limits_turns_half_a_turn_either_way() -> None:
+    arm = small_arm()
+    free = arm.model_copy(
+        update={"joint": [arm.joint[0], arm.joint[1].model_copy(update={"min_deg": None})]}
+    )
+    low, high = free.range_rad
+    assert low == pytest.approx(np.radians([-170.0, -180.0]))
+    assert high == pytest.approx(np.radians([170.0, 170.0]))
+    assert np.isneginf(free.limits_rad[0][1])

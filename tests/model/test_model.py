@@ -259,7 +259,7 @@ def test_without_a_calibration_uncertainty_is_unknown() -> None:
 def test_uncorrected_is_by_the_constants_alone() -> None:
     constants = calibrated(LIVE_ARM, []).content.vector(4)
     position = np.empty((STATES.n, 3))
-    kernel.uncorrected(np.ascontiguousarray(STATES.q), LIVE.state, position)
+    kernel.uncorrected(np.ascontiguousarray(STATES.q), LIVE.flat, position)
     assert position == pytest.approx(forward(STATES.q, constants)[0], abs=1e-9)
 
 

@@ -1,0 +1,158 @@
+"""What the readings say of the arm alone, around a linearisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.estimate.linearise import Linearisation
+from armd.compensation.estimate.placements import Placements
+from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.solution import Solution
+
+
+@dataclass(frozen=True)
+class ArmAlone:
+    """The linear problem of unknowns with columns (n, 3, C) mm around a linearisation, placements
+    and free targets fitted along.
+
+    *whitening* (n, 3, 3): W with WᵀW the inverse covariance of a reading, per mm². A certified
+    length without uncertainty counts as good to *length_floor_mm*.
+    """
+
+    at: Linearisation
+    whitening: F64
+    columns: F64
+    length_floor_mm: float = 1e-6
+
+    def solve(
+        self,
+        scale: F64,
+        pull: F64,
+        damping: float = 0.0,
+        held: bool = False,
+        chosen: I64 | slice = slice(None),
+    ) -> Solution:
+        """The step of the *chosen* unknowns, all by default, that leans on the drawing: that lies
+        *pull* away and is good to *scale*, as `LinearModel.lean` has it."""
+        numbers = np.arange(self.columns.shape[2])[chosen]
+        whole = self._placements.alone
+        arm = replace(whole.only(numbers), drawing=scale**2)
+        return arm.lean(-whole.gram[numbers, -1], pull, damping, held)
+
+    @property
+    def rank(self) -> int:
+        """Degrees of freedom that placements and targets took."""
+        return self._placements.rank
+
+    @property
+    def n_certified(self) -> int:
+        """Rows of what is certified about free targets."""
+        return sum(len(rows) for rows in self._certified_by_session())
+
+    def certified_entries(self) -> I64:
+        """(E, 2) what each row of what is certified is: the certificate's entry, and 0, 1, 2 for
+        an axis of a position, 3 for a distance."""
+        of = self.at.observations
+        found = []
+        for session in self._sessions:
+            targets, distances = self._certificate_of(self._placements.targets_of(session))
+            axes = np.tile(np.arange(3), len(targets))
+            found.append(np.column_stack([np.repeat(of.certificate[targets], 3), axes]))
+            numbers = of.distances.certificate[distances]
+            found.append(np.column_stack([numbers, np.full(len(numbers), 3)]))
+        return np.vstack(found)
+
+    def certified_rows(self) -> F64:
+        """(E, C) how these rows, whitened, answer the unknowns, placements and targets fitted
+        along."""
+        found = []
+        for session, rows in zip(self._sessions, self._certified_by_session(), strict=True):
+            shifting = self._placements.shifting(session)
+            found.append(rows[:, : len(shifting)] @ shifting[:, :-1])
+        return np.vstack(found)
+
+    @cached_property
+    def cost(self) -> float:
+        """Sum of squares of all whitened residuals where the linearisation stands."""
+        whitened = np.einsum("nij,nj->ni", self.whitening, self.at.residual_mm)
+        certified = [rows[:, -1] for rows in self._certified_by_session()]
+        return float(np.sum(whitened**2) + np.sum(np.concatenate(certified) ** 2))
+
+    @property
+    def clear_cost(self) -> float:
+        """The same with placements and targets at their best, wherever they stand: half its slope
+        is what `solve` finds a step by."""
+        return float(self._placements.alone.gram[-1, -1])
+
+    def clear_cost_of(self, residual_mm: F64, poses: Poses) -> float:
+        """The same of other residuals (n, 3), with *poses* near by."""
+        there = replace(self.at, residual_mm=residual_mm, poses=poses)
+        return replace(self, at=there, columns=self.columns[:, :, :0]).clear_cost
+
+    def followed(self, step: F64) -> tuple[F64, F64]:
+        """Twists (p, 6) and target shifts (K, 3) that answer a *step* (C,) of the unknowns: least
+        squares, of minimum norm."""
+        return self._placements.followed(np.append(step, 1.0))
+
+    def left(self, root: F64) -> F64:
+        """(n, 3, 3) I − H of each whitened reading, H by how much it pulls its own fit, the
+        unknowns' covariance being *root* (C, r) times its transpose."""
+        return self._placements.left(np.vstack([root, np.zeros((1, root.shape[1]))]))
+
+    @cached_property
+    def _placements(self) -> Placements:
+        return Placements(
+            self.at.observations,
+            self.at.pose_columns,
+            self.at.target_columns,
+            self.at.free_targets,
+            (self.columns, self.at.residual_mm[:, :, None]),
+            self.whitening,
+            self._certified,
+        )
+
+    @property
+    def _sessions(self) -> list[int]:
+        """Those with readings."""
+        sessions: list[int] = np.unique(self.at.observations.session).tolist()
+        return sessions
+
+    def _certified_by_session(self) -> list[F64]:
+        return [self._certified(self._placements.targets_of(session)) for session in self._sessions]
+
+    def _certificate_of(self, targets: I64) -> tuple[I64, I64]:
+        """Which of a session's free *targets*, and which distances, have rows of a certificate."""
+        of = self.at.observations
+        between = of.distances.between
+        told = self.at.poses.apart(between)[0] != 0
+        distances: I64 = np.flatnonzero(told & np.isin(between, targets).any(axis=1))
+        return targets[~of.unknown[targets]], distances
+
+    def _certified(self, targets: I64) -> F64:
+        """(E, 3 K + C + 1) rows of what is certified about a session's free *targets*: these, no
+        unknown, and by how much it is missed."""
+        observations, position = self.at.observations, self.at.poses.target_mm
+        place = {int(k): 3 * j for j, k in enumerate(targets)}
+        last = 3 * len(targets) + self.columns.shape[2]
+        rows = []
+        positions, lengths = self._certificate_of(targets)
+        for k in positions.tolist():
+            of_position = np.zeros((3, last + 1))
+            of_position[:, place[k] : place[k] + 3] = np.eye(3)
+            of_position[:, last] = position[k] - observations.position_mm[k]
+            rows.append(of_position / observations.uncertainty_mm[k])
+        distances = observations.distances
+        uncertain = np.maximum(distances.standard_uncertainty_mm, self.length_floor_mm)
+        found, directions = self.at.poses.apart(distances.between)
+        for i in lengths.tolist():
+            of_distance = np.zeros((1, last + 1))
+            for k, sign in zip(distances.between[i].tolist(), (1.0, -1.0), strict=True):
+                if k in place:
+                    of_distance[0, place[k] : place[k] + 3] = sign * directions[i]
+            of_distance[0, last] = found[i] - distances.length_mm[i]
+            rows.append(of_distance / uncertain[i])
+        return np.vstack([np.zeros((0, last + 1)), *rows])

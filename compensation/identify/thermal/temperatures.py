@@ -1,0 +1,67 @@
+"""The temperatures measured at, and what is left out of them in turn to choose a thermal model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import Mask
+from armd.compensation.estimate.folds import placement_folds
+from armd.compensation.estimate.observations import Observations
+
+#: Placements closer than this in temperature count as one temperature.
+SAME_TEMPERATURE_K = 0.75
+#: So many sets the lowest and the highest temperature's placements are left out in: few, as each
+#: set costs a fit, and more than two, as what stays has to tell the temperature.
+SETS_AT_AN_END = 3
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """One set of readings to leave out, all of one temperature."""
+
+    group: int  # of the temperatures, ascending
+    rows: Mask  # (n,)
+    stays: Mask  # (n,) readings at the same temperature that stay
+
+
+def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
+    """Temperatures measured at, ascending: mean in °C, and its readings (n,)."""
+    used = observations.arm.used_sensors
+    if not used:
+        return []
+    columns = [observations.arm.sensors.index(name) for name in used]
+    row_c = observations.states.temperature_c[:, columns].mean(axis=1)
+    counts = np.bincount(observations.placement, minlength=len(observations.placement_names))
+    mean = np.bincount(observations.placement, row_c, len(counts)) / np.maximum(counts, 1)
+    order = [p for p in np.argsort(mean) if counts[p]]
+    groups: list[list[int]] = []
+    for p in order:
+        if groups and mean[p] - mean[groups[-1][-1]] < SAME_TEMPERATURE_K:
+            groups[-1].append(int(p))
+        else:
+            groups.append([int(p)])
+    masks = [np.isin(observations.placement, group) for group in groups]
+    return [(float(row_c[mask].mean()), mask) for mask in masks]
+
+
+def left_out_in_turn(observations: Observations, groups: list[tuple[float, Mask]]) -> list[LeftOut]:
+    """Every temperature between the lowest and the highest as a whole, these two in parts.
+
+    The daemon flags what lies beyond the temperatures measured at, so extrapolation is not what
+    to choose by: something of the lowest and of the highest always stays. They must have a voice
+    all the same. What expands evenly is as long at the mean temperature as a fit without any
+    thermal model says: an only temperature between the two hardly tells whether there is one.
+    """
+    found = [
+        LeftOut(g, rows, np.zeros(observations.n, dtype=bool))
+        for g, (_, rows) in enumerate(groups[1:-1], 1)
+    ]
+    for g in (0, len(groups) - 1):
+        rows = groups[g][1]
+        for part in placement_folds(observations.rows(rows), SETS_AT_AN_END)[0]:
+            out = np.zeros(observations.n, dtype=bool)
+            out[np.flatnonzero(rows)[part]] = True
+            found.append(LeftOut(g, out, rows & ~out))
+    return found

@@ -1,0 +1,95 @@
+"""Placements and targets fitted along with other columns, against dense algebra of all at once."""
+
+import numpy as np
+import pytest
+
+from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.placements import Placements
+from armd.compensation.estimate.poses import centres, fit_poses, pose_columns, target_columns
+from armd.compensation.model.kinematics import forward
+from support import synthetic
+
+ARM = synthetic.arm()
+N, TARGETS, PLACEMENTS = 48, 4, 3
+
+
+def measured(known: bool) -> tuple[Placements, np.ndarray]:
+    """Two sessions, what is known of their targets' positions to 0.5 mm; and dense whitened columns
+    of all placements and targets, with one row for each certified coordinate."""
+    rng = np.random.default_rng(5)
+    truth = synthetic.disturbed(ARM, rng)
+    sessions = [
+        synthetic.session(
+            ARM, truth, rng, readings=N // 2, targets=TARGETS, placements=PLACEMENTS, known=known,
+            uncertainty_mm=0.5 * known, name=name,
+        )
+        for name in ("a", "b")
+    ]  # fmt: skip
+    observations = gather(sessions, ARM)
+    position = forward(observations.states.q, np.tile(ARM.nominal(), (N, 1)))[0]
+    poses = fit_poses(observations, position)
+    placed = poses.placed(observations)
+    whitening = rng.normal(size=(N, 3, 3)) + 3.0 * np.eye(3)
+    certified = None
+    if known:
+
+        def certified(targets: np.ndarray) -> np.ndarray:
+            return np.hstack([np.eye(3 * len(targets)) / 0.5, np.zeros((3 * len(targets), 3))])
+
+    problem = Placements(
+        observations,
+        pose_columns(observations, placed, centres(observations, placed)),
+        target_columns(observations, poses),
+        np.arange(2 * TARGETS),
+        [rng.normal(size=(N, 3, 2)), rng.normal(size=(N, 3, 1))],
+        whitening,
+        certified,
+    )
+    dense = np.zeros((N, 3, 6 * 2 * PLACEMENTS + 3 * 2 * TARGETS))
+    for i in range(N):
+        first = 6 * observations.placement[i]
+        dense[i, :, first : first + 6] = problem.pose[i]
+        first = 6 * 2 * PLACEMENTS + 3 * observations.target[i]
+        dense[i, :, first : first + 3] = problem.target[i]
+    rows = (whitening @ dense).reshape(3 * N, -1)
+    if known:
+        held = np.zeros((3 * 2 * TARGETS, rows.shape[1]))
+        held[:, 6 * 2 * PLACEMENTS :] = np.eye(3 * 2 * TARGETS) / 0.5
+        rows = np.vstack([rows, held])
+    return problem, rows
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_what_is_left_and_what_follows_are_those_of_all_at_once(known: bool) -> None:
+    """Of seats an artefact may stand anywhere in its own frame: six directions that nothing tells,
+    in each session."""
+    problem, rows = measured(known)
+    others = (problem.whitening @ np.concatenate(problem.others, axis=2)).reshape(3 * N, 3)
+    others = np.vstack([others, np.zeros((len(rows) - 3 * N, 3))])
+    found, *_ = np.linalg.lstsq(rows, -others, rcond=1e-9)
+    clear = others + rows @ found
+    np.testing.assert_allclose(problem.alone.gram, clear.T @ clear, rtol=1e-9)
+    assert problem.rank == np.linalg.matrix_rank(rows, tol=1e-9 * np.linalg.norm(rows))
+    assert problem.rank == rows.shape[1] - 12 * (not known)
+    amplitudes = np.array([0.3, -1.0, 2.0])
+    twist, shift = problem.followed(amplitudes)
+    answered = rows @ np.concatenate([twist.ravel(), shift.ravel()])
+    np.testing.assert_allclose(others @ amplitudes + answered, clear @ amplitudes, atol=1e-8)
+
+
+def test_seats_of_hundreds_of_placements_are_found() -> None:
+    """The distances between the seats are those at which the arm met them, in one placement."""
+    rng = np.random.default_rng(2)
+    truth = synthetic.disturbed(ARM, rng)
+    session = synthetic.session(
+        ARM, truth, rng, readings=1200, targets=3, placements=300, spread_mm=80.0, known=False
+    )
+    observations = gather([session], ARM)
+    position = forward(observations.states.q, np.tile(truth, (1200, 1)))[0]
+    poses = fit_poses(observations, position)
+    assert np.abs(poses.residual(observations, position)).max() < 1e-6
+    one = observations.placement == 0
+    met = np.array([position[one & (observations.target == k)][0] for k in range(3)])
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        apart = np.linalg.norm(poses.target_mm[a] - poses.target_mm[b])
+        assert apart == pytest.approx(np.linalg.norm(met[a] - met[b]), abs=1e-6)
