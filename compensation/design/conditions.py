@@ -18,6 +18,7 @@ from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import jacobian, joint_jacobian
+from armd.compensation.model.slow_factors import DAY_S
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
@@ -29,7 +30,6 @@ LOWEST_MM, CLEAR_MM = 0.0, 150.0
 AIR_K = (0.0, -5.0, 5.0)
 HEATED_K = 4.0  # of one sensor's link, by hand or by its own motor
 RATE_RAD_S = 0.05
-DAY_S = 86400.0
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -13,6 +14,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.data.soundness import make_sound
 from armd.compensation.diagnose.diagnosis import (
     Diagnosis,
+    Finding,
     Gain,
     Outlier,
     Progress,
@@ -32,8 +34,10 @@ from armd.compensation.diagnose.heldout.borne_out import (
 from armd.compensation.diagnose.heldout.cross_validation import cross_validate
 from armd.compensation.diagnose.heldout.gain import gain, gains, groups_of
 from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
+from armd.compensation.diagnose.heldout.sets import better_by
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.layout import PLACEMENTS
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
 from armd.compensation.diagnose.search.search import Search
@@ -84,7 +88,7 @@ def _diagnose(
         rests = gather_rests(sessions, arm)
         baseline = model_under_test(sessions, arm, calibration)
         progress("search", 0.0)
-        search = Search(rests, arm, baseline, progress)
+        search = Search(rests, arm, baseline, progress, partial(better_by, arm=arm))
         found = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
         if found is None:
             result = search.run()
@@ -133,6 +137,7 @@ def _diagnose(
             g if i in written.further else replace(g, without_outliers_um=pair)
             for i, (g, pair) in enumerate(zip(measured, pairs, strict=True))
         ]
+    result = replace(result, found=_doubted(result.found, written.doubts))
     extension = _extension(written, result, rests, arm, sessions, command)
     repeated = holdout or not written.growth  # the search repeated without readings has no growth
     if len(written.some) == len(result.found) and not written.further and repeated:
@@ -188,6 +193,16 @@ def _extension(
     """The calibration with what is written of the findings; with none, it predicts what the one
     under test does."""
     last, some = result.last, written.some
+    lost = any(session.lost_links for session in rests.sessions)
+    if last.findings and lost and not last.baseline.held:
+        # In the search the lengths of a link without a sensor are free in each session, and nothing
+        # tells its expansion. What is written has that which the calibration under test has: by
+        # the mean of the other sensors, as far as that goes.
+        tied = tuple(replace(session, lost_links=()) for session in rests.sessions)
+        rests, start = replace(rests, sessions=tied), last.baseline.model
+        last = fit(
+            rests, arm, last.baseline, start, last.findings, last.amplitudes, noise=last.noise
+        )
     model = last
     if len(some) < len(last.findings):
         model = fit(
@@ -210,33 +225,38 @@ def model_under_test(
 ) -> Baseline:
     """The calibration given, held; otherwise what `armd calibrate` makes of the sessions.
 
-    The latter chooses a thermal model by its error: one that goes far would swallow causes that
+    By itself that chooses a thermal model by its error: one that goes far would swallow causes that
     have a name (a link expanding in a curve, a joint that turns with temperature), and beside a
     strong error it chooses none, so that plain expansion would be found. The plain linear thermal
-    model is the one under test wherever there can be one.
+    model is the one under test wherever there can be one, and others are not tried.
     """
     if calibration is not None:
         return from_calibration(calibration, arm, held=True)
-    result = calibrate(sessions, arm)
-    plain = result.thermal_order == 1 and not any(
-        _turns(term.parameter) for term in result.calibration.terms
-    )
-    if result.trials and not plain:  # without temperatures there are no trials
-        result = calibrate(sessions, arm, Options(thermal_order=1))
+    result = calibrate(sessions, arm, Options(compare=False))
     return from_calibration(result.calibration, arm, held=False)
 
 
-def _turns(parameter: str) -> bool:
-    return parameter.startswith(("theta", "alpha", "beta"))
+def _doubted(found: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
+    """With the odds of what readings held out speak against lowered."""
+    told = []
+    for i, finding in enumerate(found):
+        odds, p = doubts.get(i, 1.0), finding.probability
+        told.append(replace(finding, probability=p * odds / (p * odds + 1.0 - p)))
+    return tuple(told)
 
 
 def noise_floor_um(last: Fit) -> float:
-    """3-D RMS that the noise alone would leave, before placements absorb some of it."""
+    """3-D RMS that the noise alone leaves: of each rest its own, before placements absorb some of
+    it, and of what rests share (a base that wanders, certified positions) what a placement does
+    not follow. From session to session a base may wander far, and no residual shows it.
+    """
     covariance = np.linalg.inv(last.noise.whitener)
     independent = float((covariance**2).sum(axis=(1, 2)).mean())
-    shared = slice(last.layout.shared, None)
+    free, shared = last.layout.blocks.of([PLACEMENTS]), slice(last.layout.shared, None)
     columns, variance = last.nuisance.columns[:, shared], last.nuisance.variance[shared]
-    common = float((columns**2 @ variance).sum()) / max(last.linear.rests.n, 1)
+    taken = last.problem.only(free).amplitudes(last.across(columns)[free])
+    left = (columns - last.nuisance.columns[:, free] @ taken)[: 3 * last.linear.rests.n]
+    common = float((left**2 @ variance).sum()) / max(last.linear.rests.n, 1)
     return 1e3 * float(np.sqrt(independent + common))
 
 

@@ -157,7 +157,7 @@ class Diagnosis:
     written: tuple[int, ...]  # findings in the extended calibration, by number
     written_rms_um: tuple[float, float]  # held out, without any and with these
     written_clear_um: tuple[float, float] | None  # the same without the outliers, if any are named
-    unforeseen: tuple[int, ...]  # drifts not written: what came after does not confirm them
+    unforeseen: tuple[int, ...]  # go with time and are not written: what came later contradicts
     by_target: bool  # these two of targets left out within placements: others could not tell
     extended: Calibration
     told: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be

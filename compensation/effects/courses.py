@@ -17,7 +17,15 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects.effect import Candidate, Column, SessionFacts, plain, tie
 from armd.compensation.effects.location import Location
-from armd.compensation.model.slow_factors import After, Daily, Dated, Period, Relaxation, Time
+from armd.compensation.model.slow_factors import (
+    After,
+    Daily,
+    Dated,
+    Period,
+    Relaxation,
+    SlowFactor,
+    Time,
+)
 from armd.compensation.model.terms import Factor, Term
 
 #: Time constants, as shares of the time seen: with a shorter one all is over before much was
@@ -29,7 +37,8 @@ SETTLING_SHARES = (1 / 12, 1 / 6, 1 / 3, 2 / 3)
 DAY_S = 86400.0
 #: Less of a day than this looks like a curve.
 LEAST_DAYS = 0.6
-#: A wandering is followed from knot to knot: the ends of the sessions, or so many pieces at least.
+#: A wandering is followed from knot to knot: the ends of the sessions; where these are few, each
+#: session in pieces, so many in a single one.
 LEAST_PIECES = 12
 
 
@@ -72,27 +81,33 @@ def drifts(
     depends_on: tuple[str, ...] = ("time_s",),
 ) -> Iterator[Candidate]:
     """Candidates for something that goes along each course; *make*: a function's columns."""
+    before = _come_to_before(facts)
     for course in courses(facts):
-        yield _along(course, cause, location, make, depends_on)
+        yield _along(course, before, cause, location, make, depends_on)
 
 
 def _along(
-    course: Course, cause: str, location: Location, make: Make, depends_on: tuple[str, ...]
+    course: Course,
+    before: Sequence[Function],
+    cause: str,
+    location: Location,
+    make: Make,
+    depends_on: tuple[str, ...],
 ) -> Candidate:
     finer, elsewhere = course.finer, course.elsewhere
 
     def at(value: float) -> Candidate:
         assert elsewhere is not None
-        return _along(elsewhere(value), cause, location, make, depends_on)
+        return _along(elsewhere(value), before, cause, location, make, depends_on)
 
     def refine() -> list[Candidate]:
         assert finer is not None
-        return [_along(one, cause, location, make, depends_on) for one in finer()]
+        return [_along(one, before, cause, location, make, depends_on) for one in finer()]
 
     return Candidate(
         cause,
         location,
-        tuple(column for function in course.functions for column in make(function)),
+        tuple(column for function in (*course.functions, *before) for column in make(function)),
         depends_on,
         course.setting,
         refine if finer else None,
@@ -122,6 +137,14 @@ def courses(facts: SessionFacts) -> list[Course]:
     if facts.spells_unix_s:
         found.append(Course(tuple(_wandering(facts))))
     return found
+
+
+def _come_to_before(facts: SessionFacts) -> list[Function]:
+    """What a drift had come to when the readings began, under a calibration from before. Courses
+    begin at nothing: without it, whatever is as constant in the first session stands in for it."""
+    if not facts.held:  # the constants of the same sessions have it
+        return []
+    return [Function("before", "", 1.0, ((1.0, After(instant_unix_s=facts.start_unix_s)),))]
 
 
 def _relaxing(facts: SessionFacts, time_constant_s: float, finest: bool = False) -> Course:
@@ -194,6 +217,12 @@ def is_drift(candidate: Candidate) -> bool:
     """Whether a candidate goes along a course rather than steps at an instant."""
     terms = (term for column in candidate.columns for term in column.terms)
     return any(isinstance(factor, Period) for term in terms for factor in term.basis)
+
+
+def is_slow(candidate: Candidate) -> bool:
+    """Whether what a candidate adds goes with time or with a temperature."""
+    terms = (term for column in candidate.columns for term in column.terms)
+    return any(isinstance(factor, SlowFactor) for term in terms for factor in term.basis)
 
 
 def goes(candidate: Candidate) -> str:

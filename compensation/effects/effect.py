@@ -18,10 +18,12 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects.location import Location
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.parameters import TIP_PARAMETERS
+from armd.compensation.model.parameters import LEAST_LENGTH_MM, TIP_PARAMETERS
+from armd.compensation.model.pose_factors import Axis
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Factor, Term
 
+AXES: tuple[Axis, ...] = ("x", "y", "z")
 ARC_SECOND = np.pi / 180.0 / 3600.0
 #: Amplitudes may be this many times their typical size, with these probabilities.
 SCALES = {1.0: 0.6, 5.0: 0.3, 50.0: 0.1}
@@ -203,17 +205,27 @@ def tie(parameter_weights: Sequence[tuple[str, float]], *basis: Factor) -> tuple
     )
 
 
+def of_tip(response: F64, along: Callable[[Axis], Factor]) -> tuple[Term, ...]:
+    """The tip gives way by *response* (3, 3) times a vector, both in the last frame; *along*: the
+    factor that is the vector's component along an axis there."""
+    return tuple(
+        term
+        for weights, axis in zip(response.T, AXES, strict=True)
+        for term in tie(list(zip(TIP_PARAMETERS, map(float, weights), strict=True)), along(axis))
+    )
+
+
 def lengths(facts: SessionFacts, joint: int) -> list[tuple[str, float]]:
     """The lengths of link *joint* in mm by parameter, those that an expansion would change."""
     pairs = [(name, facts.constant(joint, name)) for name in ("d", "a")]
-    return [(f"{name}_{joint}", value) for name, value in pairs if abs(value) > 1.0]
+    return [(f"{name}_{joint}", value) for name, value in pairs if abs(value) > LEAST_LENGTH_MM]
 
 
 def stylus(facts: SessionFacts) -> list[tuple[str, float]]:
     """The tip's offset in mm by parameter: what the stylus would change by expanding."""
     values = facts.constants[facts.arm.layout.tip]
     named = zip(TIP_PARAMETERS, values, strict=True)
-    return [(name, float(value)) for name, value in named if abs(value) > 1.0]
+    return [(name, float(value)) for name, value in named if abs(value) > LEAST_LENGTH_MM]
 
 
 def temperature(weights: dict[str, float], **options: float) -> Temperature:

@@ -11,6 +11,8 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects.effect import SessionFacts
 
+SHORTEST_MM = 20.0  # a shorter link does not bend by anything that matters
+
 
 def outgoing(alpha: float, beta: float) -> F64:
     """Rotation that takes vectors of the frame before Rx(α)·Ry(β) to the outgoing frame."""

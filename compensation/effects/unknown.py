@@ -13,6 +13,7 @@ from itertools import combinations
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
+    AXES,
     Candidate,
     Column,
     Effect,
@@ -134,9 +135,8 @@ def _functions(
             yield (f"w{j}",), [(f"side {j}", "", 1.0, (Side(joint=j),))]
             yield (f"w{j}",), [(f"w{j}", "s/rad", 0.1, (Rate(joint=j),))]
     if facts.approach:
-        axes = ("x", "y", "z")
-        variables = tuple(f"approach_{axis}" for axis in axes)
-        yield variables, [(f"approach {a}", "", 1.0, (Approach(axis=a),)) for a in axes]
+        variables = tuple(f"approach_{axis}" for axis in AXES)
+        yield variables, [(f"approach {a}", "", 1.0, (Approach(axis=a),)) for a in AXES]
     if turning is not None:
         yield from _pairs(facts)
         if facts.rates:

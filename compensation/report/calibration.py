@@ -15,7 +15,7 @@ from armd.compensation.identify.certificate import RULE
 from armd.compensation.identify.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.result import Result
-from armd.compensation.identify.thermal.comparison import temperature_groups
+from armd.compensation.identify.thermal.temperatures import temperature_groups
 from armd.compensation.model import parameters
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.terms import Term
@@ -238,8 +238,8 @@ def _thermal_trials(page: Page, result: Result) -> None:
         return
     page.heading("Thermal models compared")
     page.text(
-        "Each fitted without one temperature and tried on it, every temperature but the lowest"
-        " and the highest in turn; 3-D RMS over all."
+        "Each fitted without one set of readings and tried on it, in turn: every temperature, the"
+        " lowest and the highest in parts, so that something of them stays; 3-D RMS over all."
     )
     page.table(
         ["model", "held out"],

@@ -5,11 +5,6 @@ import pytest
 
 from armd.compensation.diagnose.heldout.gain import gain, gains
 
-
-def squares(rng: np.random.Generator, groups: np.ndarray, sigma_mm: float) -> np.ndarray:
-    return (sigma_mm * rng.normal(size=(len(groups), 3)) ** 2).sum(axis=1)
-
-
 GROUPS = np.repeat(np.arange(40), 5)
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.problem.whitening import RestNoise
-from armd.compensation.diagnose.scoring.memory import Sequence, memory_s, variance_of_sums
+from armd.compensation.diagnose.scoring.memory import Lasting, Sequence, variance_of_sums
 
 N = 400
 PLACEMENT = np.repeat(np.arange(8), 50)
@@ -63,8 +63,41 @@ def test_the_time_constant_is_that_of_the_sources(of_encoders: bool) -> None:
         time_s = times(rng)
         sources = encoders(rng) if of_encoders else TIP
         noise = noise_of(sources, time_s, rng)
-        found.append(memory_s(noise, sources, Sequence.of(PLACEMENT, time_s)))
-    assert np.median(found) == pytest.approx(45.0, rel=0.1)
+        found.append(Lasting(sources, Sequence.of(PLACEMENT, time_s)).memory(noise))
+    assert np.median([one.tau_s for one in found if one]) == pytest.approx(45.0, rel=0.1)
+    assert {one.variance for one in found if one} == {1.0}
+
+
+def test_what_was_absorbed_hid_a_part_of_the_memory() -> None:
+    """A base that may wander takes up what is slow: taken from independent noise nothing lasts, and
+    of noise that does, τ and variance are those before it was taken. The variance is in units of
+    that of independent noise of which as much is left."""
+    taus, sizes, independent = [], [], []
+    for seed in range(40):
+        rng = np.random.default_rng([5, seed])
+        time_s, sources = times(rng), encoders(rng)
+        noise = noise_of(sources, time_s, rng)
+        fresh = np.einsum("nis,ns->ni", sources, rng.normal(size=(N, sources.shape[2])))
+        before = float((noise**2).sum() / (fresh**2).sum())
+        absorbed = []
+        for placement in range(8):
+            rests = np.flatnonzero(placement == PLACEMENT)
+            ramps = np.clip(np.arange(50)[:, None] / 10.0 - np.arange(6), 0.0, 1.0)
+            columns = np.kron(ramps, np.eye(3))  # ridged: it takes a part of each
+            values, vectors = np.linalg.eigh(columns.T @ columns + 4.0 * np.eye(18))
+            own = columns @ (vectors / np.sqrt(values))
+            absorbed.append((rests, own))
+            for of in (noise, fresh):
+                of[rests] -= (own @ (own.T @ of[rests].ravel())).reshape(-1, 3)
+        lasting = Lasting(sources, Sequence.of(PLACEMENT, time_s), absorbed)
+        independent.append(lasting.memory(fresh))
+        memory = lasting.memory(noise)
+        assert memory is not None
+        taus.append(memory.tau_s)
+        sizes.append(memory.variance * float((noise**2).sum() / (fresh**2).sum()) / before)
+    assert not any(independent)
+    assert np.median(taus) == pytest.approx(45.0, rel=0.15)
+    assert np.median(sizes) == pytest.approx(1.0, rel=0.05)
 
 
 def test_a_step_of_one_encoder_meets_all_of_its_memory() -> None:
@@ -83,5 +116,29 @@ def test_independent_noise_has_no_memory_nor_have_readings_without_times() -> No
     for i in range(300):
         noise = rng.standard_t(4, (N, 3))
         sources = encoders(rng) if i % 2 else TIP
-        assert memory_s(noise, sources, Sequence.of(PLACEMENT, times(rng))) == 0.0
-    assert memory_s(np.ones((N, 3)), TIP, Sequence.of(PLACEMENT, np.full(N, np.nan))) == 0.0
+        assert Lasting(sources, Sequence.of(PLACEMENT, times(rng))).memory(noise) is None
+    untimed = Sequence.of(PLACEMENT, np.full(N, np.nan))
+    assert Lasting(TIP, untimed).memory(np.ones((N, 3))) is None
+
+
+def test_readings_left_out_say_nothing_of_a_memory() -> None:
+    """Zeros in their place would make what is left look more alike than it is."""
+    found = []
+    for seed in range(40):
+        rng = np.random.default_rng([6, seed])
+        time_s, sources = times(rng), encoders(rng)
+        noise = noise_of(sources, time_s, rng)
+        noise[PLACEMENT < 4], sources[PLACEMENT < 4] = 0.0, 0.0
+        found.append(Lasting(sources, Sequence.of(PLACEMENT, time_s)).memory(noise))
+    assert np.median([one.tau_s for one in found if one]) == pytest.approx(45.0, rel=0.1)
+
+
+def test_where_all_is_absorbed_no_memory_shows() -> None:
+    """Placements of two rests whose poses take up all but a rounding of what they leave."""
+    rng = np.random.default_rng(7)
+    placement = np.repeat(np.arange(200), 2)
+    rounding = 1e-9 * np.repeat(rng.normal(size=(200, 3)), 2, axis=0)
+    sequence = Sequence.of(placement, np.arange(400.0) * 20.0)
+    absorbed = [(np.array([2 * k, 2 * k + 1]), np.eye(6)) for k in range(200)]
+    assert Lasting(TIP, sequence).memory(rounding) is not None
+    assert Lasting(TIP, sequence, absorbed).memory(rounding) is None

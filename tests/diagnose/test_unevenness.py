@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.heldout.forward import parts_in_time
+from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.diagnose.scoring import unevenness
 from armd.compensation.diagnose.scoring.evidence import log_bayes_factors
 from armd.compensation.effects import location
@@ -16,6 +17,8 @@ from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from support import synthetic
+
+NO_NOISE = RestNoise(0.0, 0.5, 0.0, 0.0, 0.0, np.zeros((0, 3, 3)), np.zeros(0))
 
 
 def test_the_principal_functions_make_a_random_walk() -> None:
@@ -98,13 +101,16 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
         residual=np.zeros(3 * n),
         signature=lambda at, values: np.kron(values, np.eye(3)[at % 3]),
     )
-    columns = unevenness.uneven(linear, lag, np.array([1.5]), arm)
+    exact = replace(NO_NOISE, whitener=np.tile(1e9 * np.eye(3), (n, 1, 1)))
+    columns = unevenness.uneven(linear, exact, lag, np.array([1.5]), arm)
     assert columns.shape == (3 * n, 2 + 2 * 2)  # each length; two fadings in each session
     rise = temperature_c[:, 0] - 20.0
     behind = lagged(time_s, rise, lag_s) - rise
     for column, name, mm in zip(columns.T, ("d_2", "a_2"), (0.002, 0.004), strict=False):
         own = column.reshape(n, 3)[:, arm.layout.index(name) % 3]
         np.testing.assert_allclose(own, unevenness.OF_A_LENGTH * 1.5 * mm * behind, atol=2e-4 * mm)
+    coarse = replace(NO_NOISE, whitener=np.tile(1e-9 * np.eye(3), (n, 1, 1)))
+    assert unevenness.uneven(linear, coarse, lag, np.array([1.5]), arm).shape == (3 * n, 0)
 
 
 def lagged(time_s: np.ndarray, values: np.ndarray, lag_s: float) -> np.ndarray:

@@ -125,9 +125,9 @@ def test_the_verdict_calls_a_guess_a_guess(monkeypatch: pytest.MonkeyPatch) -> N
 def test_the_verdict_tells_a_drift_that_foretells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     gains = [SimpleNamespace(shown=False)]
     text = told_of(monkeypatch, gains=gains, written=(), unforeseen=(0,))
-    assert "What drifts, 1, is not in it: fitted to the earlier readings" in text
+    assert "What goes with time, 1, is not in it: fitted to the earlier readings" in text
     assert "none of them written" in text and "leads" not in text
-    assert "What drifts" not in told_of(monkeypatch)
+    assert "What goes with time" not in told_of(monkeypatch)
 
 
 def test_the_verdict_tells_what_remains_beyond_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:

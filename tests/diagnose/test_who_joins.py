@@ -9,6 +9,7 @@ from scipy.stats import chi2
 
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.evidence import Scores
+from armd.compensation.diagnose.scoring.threshold import family_wise
 from armd.compensation.diagnose.search import selection
 from armd.compensation.effects.effect import Candidate
 from support.small_fit import candidate
@@ -76,6 +77,20 @@ def test_what_few_rests_bear_is_refused_for_the_next(
     assert compared == [[SECOND.place, FIRST.place]]  # and asked whether it is the same signal
     scatter[id(OTHER)] = -1.0
     assert selection.choose(NOTHING, scores, TESTS) is None
+
+
+def test_what_few_rests_bear_is_not_left_over(scatter: dict[int, float]) -> None:
+    """What is not named as its rests scatter too much is nothing that stays unexplained."""
+    scored: Any = SimpleNamespace(
+        scores=scores_of([FIRST, OTHER], [-30.0, -25.0], [0.9, 0.1]), projection=NOTHING
+    )
+    assert selection.strongest_left(scored, TESTS) == (FIRST, -30.0)
+    scatter[id(FIRST)] = -2.0
+    assert selection.strongest_left(scored, TESTS) == (OTHER, -25.0)
+    scatter[id(OTHER)] = -3.0
+    left, log_p = selection.strongest_left(scored, TESTS)
+    assert (left, log_p) == (OTHER, -3.0)
+    assert float(family_wise(log_p, TESTS)) > 0.9
 
 
 def test_a_finding_taken_out_is_a_candidate_again_as_in_dense_least_squares() -> None:

@@ -48,6 +48,7 @@ CONSTANTS = (
     Constant("diagnose.scoring.shape", "OFF", "discs and bearings err by 10 to 30 % in form"),
     Constant("diagnose.scoring.unevenness", "OF_A_WALK", "what wanders does so between knots, too"),
     Constant("diagnose.scoring.unevenness", "OF_A_COURSE", "no creep is quite an exponential"),
+    Constant("diagnose.scoring.unevenness", "LEAST_SHOWN", "what shows less is no finding"),
     Constant("diagnose.scoring.unevenness", "OF_A_LENGTH", "lengths are late by a third more"),
     Constant("diagnose.scoring.scatter", "MOST_LEVERAGE", "such a rest has no residual", True),
     Constant("diagnose.scoring.evidence", "MOST_COUNTED", "χ² of more columns is mostly noise"),
@@ -84,6 +85,11 @@ CONSTANTS = (
     Constant("diagnose.search.touched", "MOST_TOUCHED", "more is not now and then"),
     Constant("diagnose.search.explains", "PARTS", "parts of a range with rests enough in each"),
     Constant("diagnose.diagnosis", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
+    Constant("diagnose.search.search", "LEAST_REVISITED", "one alone was chosen beside nothing"),
+    Constant(
+        "diagnose.search.search", "BEYOND_DOUBT", "chosen by what is held out: no chance of 2.5"
+    ),
+    Constant("diagnose.search.revisit", "MOST_IN_PLACE", "one cause stands for two or three"),
     Constant("diagnose.search.search", "MOST_STEPS", "ten findings, and some renamed or refused"),
     Constant("diagnose.search.search", "MOST_RENAMINGS", "a name that changes thrice is a circle"),
     Constant(
@@ -97,6 +103,7 @@ CONSTANTS = (
     Constant(
         "diagnose.heldout.judge", "MOST_WORSE", "gross errors move the error over all by less"
     ),
+    Constant("diagnose.heldout.judge", "CHANGED", "an arm may change between two measurements"),
     Constant("diagnose.extend", "GROWTH_KNOWN", "a growth known to a fifth of its size"),
     Constant("diagnose.fitting.follow", "MOST_ROUNDS", "most cases settle in three to six"),
     Constant("diagnose.fitting.follow", "STAYS", "a tenth of what the readings tell"),

@@ -23,7 +23,7 @@ from armd.compensation.diagnose.told.verdict import um, verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.slow_factors import Time
+from armd.compensation.model.slow_factors import Temperature, Time
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
@@ -73,10 +73,54 @@ def test_a_drift_that_makes_later_readings_worse_is_told_and_not_written() -> No
     assert (chosen.some, chosen.unforeseen) == ((0, 1), ())
 
 
+def test_a_temperature_that_stands_in_for_a_drift_is_asked_for_later_readings_too() -> None:
+    """Placements between the others bear both out; only the eccentricity is the same at all times.
+    Where nothing drifts, later readings are not asked."""
+    along, warm = Time(since_unix_s=0.0, until_unix_s=9.0), Temperature(weights={"t1": 1.0})
+    drift, expansion = (
+        Candidate(
+            "a cause", location.joint(k), (Column("a", "1", 1.0, tie([("d_1", 1.0)], f)),), ()
+        )
+        for k, f in ((1, along), (2, warm))
+    )
+    worth = {(): 4.0, (0,): 4.1, (1,): 3.0, (2,): 3.5, (0, 1): 3.1, (0, 2): 3.6, (1, 2): 2.5}
+    look = Look(squares_of(worth | {(0, 1, 2): 2.6}), GROUPS)
+    later = squares_of({some: 4.0 + sum(some) for some in (*worth, (0, 1, 2))})
+    chosen = choose(search_of(drift, expansion, cause(3)), [look], [True] * 3, later=later)
+    assert (chosen.some, chosen.unforeseen) == ((2,), (1,))
+    chosen = choose(search_of(drift, expansion, cause(3)), [look], [True] * 3)
+    assert chosen.some == (1, 2)
+
+
 def test_what_helps_beside_a_later_one_only_gets_its_turn_again() -> None:
     worth = {(): 4.0, (0,): 4.5, (1,): 3.0, (0, 1): 2.0}
     chosen = choose(search_of(cause(1), cause(2)), [Look(squares_of(worth), GROUPS)], [True] * 2)
     assert chosen.some == (0, 1)
+
+
+def test_a_set_that_helps_together_carries_nothing_along_that_harms() -> None:
+    """Two that help only together, and a third beside which they still do."""
+    worth = {
+        (): 4.0, (0,): 4.0, (1,): 4.0, (2,): 4.2, (0, 1): 2.0, (0, 2): 4.2, (1, 2): 4.2,
+        (0, 1, 2): 2.2,
+    }  # fmt: skip
+    chosen = choose(
+        search_of(cause(1), cause(2), cause(3)), [Look(squares_of(worth), GROUPS)], [True] * 3
+    )
+    assert chosen.some == (0, 1)
+    assert set(chosen.doubts) == {2}
+
+
+def test_readings_held_out_make_doubtful_what_they_contradict() -> None:
+    """By their likelihood ratio, and by no more than that the arm changed."""
+    n = len(GROUPS)
+    for share, expected in ((1.0, None), (1.0 + 2.0 / (1.5 * n), np.exp(-2.0)), (1.2, 0.05)):
+        worth = {(): 4.0, (0,): 3.0, (1,): 4.0 * share, (0, 1): 3.0 * share}
+        chosen = choose(
+            search_of(cause(1), cause(2)), [Look(squares_of(worth), GROUPS)], [True] * 2
+        )
+        assert chosen.some == (0,)
+        assert chosen.doubts == {1: pytest.approx(1.0 if expected is None else expected)}
 
 
 def test_nothing_is_written_that_could_not_be_found_again() -> None:
@@ -90,9 +134,23 @@ def test_what_one_placement_shows_its_targets_bear_out() -> None:
     one, first = Look(squares_of(shown), GROUPS), search_of(cause(1))
     assert choose(first, [Look(squares_of(silent), GROUPS), one], [True]).some == (0,)
     assert choose(first, [Look(squares_of(harm), GROUPS), one], [True]).some == ()
-    deaf = choose(first, [Look(squares_of(harm), GROUPS), one], [True], [True])
+    looks = [Look(squares_of(harm), GROUPS), one]
+    deaf = choose(first, looks, [True], lambda _finding, _some: True)
     assert deaf.some == (0,)
     assert deaf.further[0].shown
+
+
+def test_placements_hear_a_finding_that_only_another_one_hides_from_them() -> None:
+    """Beside the other, one placement alone shows it; by itself they all do, and contradict it."""
+    worth = {(): 4.0, (0,): 4.4, (1,): 4.6, (0, 1): 4.8}
+    by_target = Look(squares_of({(): 4.0, (0,): 3.0, (1,): 3.0, (0, 1): 2.0}), GROUPS)
+    looks, findings = [Look(squares_of(worth), GROUPS), by_target], search_of(cause(1), cause(2))
+
+    def beside_the_other(finding: int, some: tuple[int, ...]) -> bool:
+        return finding == 0 and 1 in some
+
+    assert choose(findings, looks, [True] * 2, beside_the_other).some == ()
+    assert choose(findings, looks, [True] * 2, lambda finding, _: finding == 0).some == (0,)
 
 
 def test_gross_readings_have_no_voice_but_a_finding_that_makes_them_worse_is_not_written() -> None:

@@ -53,9 +53,11 @@ def test_a_zero_that_relaxes_has_its_time_constant(healthy: Any) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [8100, 8104, 8110, 8403, 8408])
+@pytest.mark.parametrize("seed", [8100, 8104, 8110, 8403, 8408, 31337080002, 7373080010])
 def test_a_drift_is_no_staircase(seed: int) -> None:
-    """The day, a creep, a mount that wanders; a wave that does not come again; the mount again."""
+    """The day, a creep, a mount that wanders; a wave that does not come again; the mount again; a
+    day that had gone its way before the first reading, beside which an expansion stood in; a
+    length that walks far within sessions."""
     found = run_drift("drift", seed)
     assert found.right, found
     assert found.worse < 0.002

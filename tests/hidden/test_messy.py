@@ -15,6 +15,23 @@ def test_a_touched_artefact_is_no_step_of_the_arm() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [31337120002, 510012004])
+def test_noise_that_lasts_is_no_drift_and_no_slip(seed: int) -> None:
+    """A step of the base, with 0.99, and a slip of joint 1 where nothing was planted."""
+    assert run_mess("correlated", seed).found == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "most"), [(7373150001, 0.6), (7474150005, 1.0)])
+def test_a_link_without_a_sensor_keeps_its_expansion(seed: int, most: float) -> None:
+    """With its length free in each session nothing told how it expands, and what was written said
+    28 µm a kelvin of 40 mm."""
+    outcome = run_mess("dead", seed)
+    assert outcome.right
+    assert outcome.after_um < most * outcome.before_um
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_mess_is_told_and_a_cause_beside_it_named(kind: str) -> None:
     outcome = run_mess(kind, 4407)

@@ -85,3 +85,24 @@ def test_a_base_that_steps_beside_others_is_no_slip_of_joint_1() -> None:
     assert judged.named == len(judged.due) == 4
     assert judged.sure_and_wrong == 0
     assert judged.after_um < 1.02 * judged.oracle_um
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [20101190002, 20107190001, 777190002, 777190009])
+def test_an_early_choice_is_looked_at_again_with_all_others_in(seed: int) -> None:
+    """An eccentricity and an ellipticity stood for a joint that shifted; a walk in time for a slip
+    and a joint that turns with temperature; a bending that was refused beside what was not found
+    yet stayed refused, and two false names stood for it, all sure; one function without a name for
+    play and a delay."""
+    judged = run_strange("crowd", seed)
+    assert judged.right, judged
+    assert judged.named == len(judged.due) >= 3
+    assert not judged.worse
+
+
+@pytest.mark.slow
+def test_a_name_is_no_surer_than_a_set_without_it_allows() -> None:
+    """A wobble, sure by itself, stood for gears and a sensor's offset."""
+    judged = run_strange("crowd", 20106190000)
+    assert judged.sure_and_wrong == 0
+    assert judged.named >= 2

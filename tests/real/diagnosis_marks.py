@@ -17,12 +17,12 @@ import numpy as np
 from convert import VENDORED, convert
 from rich.console import Console
 from rich.table import Table
+from thermal_series import diagnose_series
 
 from armd.arrays import F64, Mask
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.thermal_series import diagnose_series
 from armd.compensation.diagnose.told.result import needs_of, place_of
 from armd.compensation.diagnose.told.verdict import verdict
 from armd.compensation.estimate.gauge import free_constants

@@ -7,8 +7,7 @@ import pytest
 from convert import VENDORED
 from diagnosis_marks import spindle
 from rich.console import Console
-
-from armd.compensation.diagnose.thermal_series import diagnose_series
+from thermal_series import diagnose_series
 
 HOURS, STEP_S = 40, 30.0
 

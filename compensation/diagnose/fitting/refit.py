@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from armd.arrays import F64
-from armd.compensation.diagnose.fitting.fit import CURVE_SCALE, normal_equations, sized
+from armd.compensation.diagnose.fitting.fit import (
+    CURVE_SCALE,
+    columns_told_of,
+    normal_equations,
+    sized,
+)
 from armd.compensation.diagnose.fitting.nuisance import with_other_findings
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.layout import FitLayout, with_some_findings
+from armd.compensation.diagnose.problem.layout import FitLayout, finding, with_some_findings
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
@@ -61,12 +68,15 @@ def solved(
     noise: RestNoise,
 ) -> Fit:
     """A fit about the same point, solved anew with other nuisance columns (N, b)."""
-    solution = problem.amplitudes(side)
+    told = columns_told_of(problem)
+    some, solution = problem.only(told), np.zeros(len(side))
+    solution[told] = some.amplitudes(side[told])
+    names = [finding(i) for i in range(len(layout.findings))]
     return replace(
         known,
         findings=tuple(findings),
         amplitudes=tuple(-solution[at] for at in layout.findings),
-        covariances=tuple(problem.covariance_of(at) for at in layout.findings),
+        covariances=tuple(some.covariance_of(some.layout[name]) for name in names),
         noise=noise,
         nuisance=Nuisance(columns, problem.variance),
         layout=layout,

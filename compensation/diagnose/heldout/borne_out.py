@@ -10,8 +10,9 @@ What this costs and saves: a finding that is worth nothing passes once in forty 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
 from armd.compensation.diagnose.fitting.refit import Refits
 from armd.compensation.diagnose.heldout.forward import later_squares
 from armd.compensation.diagnose.heldout.gain import folds_of, groups_of, left_out
-from armd.compensation.diagnose.heldout.judge import MOST_WORSE, Judge, Look
+from armd.compensation.diagnose.heldout.judge import MOST_WORSE, Deaf, Judge, Look
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
@@ -52,15 +53,17 @@ class BorneOut:
     before: F64
     after: F64
     further: dict[int, Gain]  # of those that a further look bears out
-    unforeseen: tuple[int, ...] = ()  # drifts confirmed, but not by what came after them
+    unforeseen: tuple[int, ...] = ()  # confirmed, but not by what came after
     growth: bool = False  # the first link's joins them
+    #: factors for the odds of findings that the readings held out speak against
+    doubts: Mapping[int, float] = field(default_factory=dict)
 
 
 def choose(
     result: SearchResult,
     looks: Sequence[Look],
     able: Sequence[bool],
-    deaf: Sequence[bool] = (),
+    deaf: Deaf = lambda _finding, _some: False,
     later: Callable[[Sequence[int], bool], F64] | None = None,
     growth: bool = False,
     deaf_to_growth: bool = False,
@@ -69,8 +72,8 @@ def choose(
 
     The first look decides. What shows in one placement only, nobody can learn from the others:
     where the first look does not speak against a finding, or is *deaf* to it, a further one may
-    bear it out. Nor must a drift make *later* readings worse: their squared residuals by findings,
-    predicted from earlier ones.
+    bear it out. Nor must a drift make *later* readings worse, or beside one what goes with
+    temperature: their squared residuals by findings, predicted from earlier ones.
 
     The findings were fitted beside the first link's *growth*. Where all readings tell that beyond
     doubt, findings are judged with it, and it is written too if that is borne out beside them. A
@@ -115,12 +118,29 @@ def _chosen(result: SearchResult, judge: Judge, able: Sequence[bool], growth: bo
     now, whole = (chosen, growth), (every, growth)
     together = judge.shown_by(now, whole) if len(every) > len(chosen) + 1 else None
     if together is not None and judge.foreseen(now, whole):
-        chosen = every  # some help only together
+        chosen = _without_harm(result.last, judge, every, growth)  # some help only together
     decides = -1 if further else 0
     told = tuple(i for i in dict.fromkeys(unforeseen) if i not in chosen)
+    doubts = {
+        i: judge.doubt(i, (chosen, growth), (tuple(sorted((*chosen, i))), growth))
+        for i in every
+        if i not in chosen
+    }
     growth = growth and bool(chosen)
     before, after = (judge.errors(model)[decides] for model in (((), False), (chosen, growth)))
-    return BorneOut(chosen, before, after, further, told, growth)
+    return BorneOut(chosen, before, after, further, told, growth, doubts)
+
+
+def _without_harm(last: Fit, judge: Judge, every: tuple[int, ...], growth: bool) -> tuple[int, ...]:
+    """Of findings borne out together, those that the rest does not predict better without, the
+    last found asked first: a set that helps must not carry along what harms."""
+    kept = every
+    for i in reversed(every):
+        some = tuple(j for j in kept if j != i)
+        causes = all(_has_its_cause(last, j, some) for j in some)
+        if some and causes and judge.harmful(i, (some, growth), (kept, growth)):
+            kept = some
+    return kept
 
 
 def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> BorneOut:
@@ -138,15 +158,26 @@ def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> Bo
         and own.after_um <= (1.0 + (MOST_WORSE if _sure(found) else 0.0)) * own.before_um
         for found, own in zip(result.found, stepwise, strict=True)
     ]
-    deaf = [_in_one_fold(last, last.net_signature(i)) for i in range(len(result.found))]
     later = later_squares(last, arm) if any(map(is_drift, last.findings)) else None
     growth = knows_growth(last, arm)
     deaf_to_growth = growth and _in_one_fold(last, last.net_growth())
-    return choose(result, looks, able, deaf, later, growth, deaf_to_growth)
+    return choose(result, looks, able, _deaf_by_placement(last), later, growth, deaf_to_growth)
 
 
 def _sure(found: Finding) -> bool:
     return found.p_value < SURE_P and found.candidate.cause != "unknown"
+
+
+def _deaf_by_placement(last: Fit) -> Deaf:
+    """Whether placements left out cannot tell of a finding: beside the findings that it is judged
+    with. Another that is not among them may take up what most placements show of it."""
+    refits = Refits(last, last.noise)
+
+    @cache
+    def deaf(finding: int, some: tuple[int, ...]) -> bool:
+        return _in_one_fold(last, refits.with_some(some).net_signature(some.index(finding)))
+
+    return deaf
 
 
 def _in_one_fold(last: Fit, moves: F64) -> bool:

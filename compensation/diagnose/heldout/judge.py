@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,11 +10,15 @@ from armd.arrays import F64, I64
 from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.heldout.gain import capped, gain
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.effects.courses import is_drift
+from armd.compensation.effects.courses import is_slow
 
 #: Gross errors have no voice in the decision, and they move the error over all readings by chance,
 #: of noise-sized findings by far less than this share: beyond it a finding does harm somewhere.
 MOST_WORSE = 0.02
+#: How likely it is that an arm was no longer the same when the readings held out were taken: so far
+#: these can make a finding of the others doubtful, and no further.
+CHANGED = 0.05
+TINY_MM2 = 1e-18
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,8 @@ class Look:
 
 #: Findings in a model, by number, and whether the first link grows in it.
 Model = tuple[tuple[int, ...], bool]
+#: Whether the first look cannot hear a finding, by number, beside the findings in a model.
+Deaf = Callable[[int, tuple[int, ...]], bool]
 
 
 class Judge:
@@ -36,7 +43,7 @@ class Judge:
         self,
         last: Fit,
         looks: Sequence[Look],
-        deaf: Sequence[bool],
+        deaf: Deaf,
         later: Callable[[Sequence[int], bool], F64] | None,
     ) -> None:
         self._last, self._looks, self._deaf, self._later = last, looks, deaf, later
@@ -49,9 +56,10 @@ class Judge:
         return self._known[model]
 
     def foreseen(self, before: Model, after: Model) -> bool:
-        """Whether what drifts in *after* only makes nothing worse that was measured later."""
+        """Whether what goes with time or temperature in *after* only makes nothing worse that was
+        measured later: where something drifts, a temperature may stand in for the time."""
         new = {*after[0]} - {*before[0]}
-        if self._later is None or not any(is_drift(self._last.findings[i]) for i in new):
+        if self._later is None or not any(is_slow(self._last.findings[i]) for i in new):
             return True
         old_mm2, new_mm2 = capped(self._later(*before), self._later(*after))
         return float(new_mm2.sum()) <= float(old_mm2.sum())
@@ -67,13 +75,32 @@ class Judge:
         decided = [gain(*capped(old, new), groups) for old, new, groups in pairs]
         of_all = [gain(*pair) for pair in pairs]
         new = {*after[0]} - {*before[0]}
-        heard = not (self._deaf and new) or not all(self._deaf[i] for i in new)
+        heard = not new or not all(self._deaf(i, after[0]) for i in new)
         if heard and (decided[0].interval_um[1] < 0.0 or _harms(of_all[0])):
             return None
         for k, found in enumerate(decided):
             if found.shown and not _harms(of_all[k]):
                 return k, replace(of_all[k], shown=True)
         return None
+
+    def harmful(self, finding: int, without: Model, beside: Model) -> bool:
+        """Whether the first look, if it can hear a finding, predicts better *without* it."""
+        if self._deaf(finding, beside[0]):
+            return False
+        without_mm2, with_mm2 = capped(self.errors(without)[0], self.errors(beside)[0])
+        return float(without_mm2.sum()) < float(with_mm2.sum())
+
+    def doubt(self, finding: int, without: Model, beside: Model) -> float:
+        """Factor, at most 1, for the odds of a finding with which the first look predicts worse
+        beyond doubt: the likelihood ratio of what it holds out, or that the arm changed."""
+        if self._deaf(finding, beside[0]):
+            return 1.0
+        old, new = capped(self.errors(without)[0], self.errors(beside)[0])
+        if gain(old, new, self._looks[0].groups).interval_um[1] >= 0.0:
+            return 1.0
+        variance_mm2 = max(float(old.mean()) / 3.0, TINY_MM2)  # of one of the three directions
+        nats = 0.5 * float((new - old).sum()) / variance_mm2
+        return max(math.exp(-max(nats, 0.0)), CHANGED)
 
     def predicts_better(self, some: tuple[int, ...]) -> bool:
         """Whether the last look predicts better where the first link grows beside *some*, all

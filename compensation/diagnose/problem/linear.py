@@ -6,6 +6,7 @@ Rows are flat: x, y, z of every rest in mm, then one row per certified distance.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -66,6 +67,11 @@ class Linear:
         column[: 3 * self.rests.n] *= np.repeat(values, 3)
         return column
 
+    @cached_property
+    def _placed_mm(self) -> F64:
+        """(n, 3) where the tip should stand, in the base frame."""
+        return self.poses.placed(self.rests.observations)
+
     def artefact_column(self, change: ArtefactChange) -> F64:
         """Column (N,) of a change of the artefact: the residual is tip minus target."""
         observations = self.rests.observations
@@ -111,7 +117,7 @@ class Linear:
         observations = self.rests.observations
         own = np.flatnonzero(observations.placement == change.index)
         own = own[np.argsort(observations.states.time_s[own], kind="stable")]
-        points = self.poses.placed(observations)[own]
+        points = self._placed_mm[own]
         along = np.eye(3)[change.axis % 3]
         moves = np.zeros((self.rests.n, 3))
         turned = np.cross(along, points - points.mean(axis=0))

@@ -13,7 +13,6 @@ from scipy.sparse import csr_array
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.use import warmth
-from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Use
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
@@ -45,11 +44,17 @@ class Signatures:
         """Column numbers of a candidate."""
         return range(self.first[candidate], self.first[candidate] + self.count[candidate])
 
-    def rows(
-        self, linear: Linear, jacobian: F64, columns: I64, noise: RestNoise | None = None
-    ) -> F64:
-        """Columns as rows (len(columns), N), from a Jacobian (P, N): plain, or whitened with its
-        noise."""
+    def rows(self, linear: Linear, columns: I64) -> F64:
+        """Columns as rows (len(columns), N), in mm."""
+        found = self.rows_of_terms(linear, linear.jacobian, columns)
+        for row, column in zip(found, columns, strict=True):
+            if (change := self.changes[column]) is not None:
+                row += linear.artefact_column(change)
+        return found
+
+    def rows_of_terms(self, linear: Linear, jacobian: F64, columns: I64) -> F64:
+        """The same without what changes the artefact, from any Jacobian (P, N), such as a whitened
+        one."""
         n = 3 * linear.rests.n
         found = np.zeros((len(columns), len(linear.residual)))
         at_rests = found[:, :n].reshape(len(columns), -1, 3)
@@ -64,10 +69,6 @@ class Signatures:
                 np.multiply(of_rests[list(named)], values[:, :, None], out=at_rests)
             else:
                 at_rests[having] += of_rests[list(named)] * values[:, :, None]
-        for row, column in zip(found, columns, strict=True):
-            if (change := self.changes[column]) is not None:
-                plain = linear.artefact_column(change)
-                row += plain if noise is None else noise.whiten(plain)
         return found
 
     def products(self, jacobian: F64, others: F64, rests: slice | I64) -> F64:
@@ -172,6 +173,5 @@ def finding_columns(linear: Linear, findings: Sequence[Candidate], arm: Arm) -> 
     """Columns (N, m) of each finding, in mm."""
     signatures = compile_candidates(findings, linear, arm)
     return [
-        signatures.rows(linear, linear.jacobian, np.array(signatures.columns_of(i))).T
-        for i in range(len(findings))
+        signatures.rows(linear, np.array(signatures.columns_of(i))).T for i in range(len(findings))
     ]

@@ -73,9 +73,14 @@ class Scores:
     typical_snr: F64  # (C,) noise units that one of the catalogue's typical size would show, clear
 
     @cached_property
+    def log_prior(self) -> F64:
+        """(C,) log of the candidates' priors; −inf of those absorbed."""
+        return _log_prior(self)
+
+    @cached_property
     def _log_weight(self) -> F64:
         """(C,) log of evidence × prior."""
-        weighted: F64 = self.log_evidence + _log_prior(self)
+        weighted: F64 = self.log_evidence + self.log_prior
         return weighted
 
     def without(self, held: Mask) -> Scores:

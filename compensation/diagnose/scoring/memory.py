@@ -8,21 +8,31 @@ left beside a candidate; where it is not beyond doubt, nothing changes.
 What remembers are the sources, the encoders and the hand, not the tip: between two postures the
 error of one encoder turns, so of an encoder's memory the tip shows a part, and a step of that
 encoder's angle meets all of it.
+
+What is left shows less of a memory than there was: a placement's pose, and above all a base that
+may wander while it stands, take up what is slow. τ is that of which as much would be left.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence as Several
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.estimate.observations import Observations
 
 #: Standard deviations from which on a correlation is beyond doubt: of independent rests one in a
 #: million data sets. Rests further apart than so many usual gaps tell nothing of it.
 BEYOND_DOUBT, LONGEST_GAPS = 5.0, 3.0
 #: More than this is no noise but something that drifts; less than that has no weight.
 MOST, LEAST = 0.9, 0.01
+#: Correlations of which it is worked out what is left; between them it goes along a line.
+TRIED = (0.3, 0.5, 0.65, 0.8, MOST)
+#: In a placement of more rests too small a share is absorbed to hide a memory.
+MOST_RESTS = 400
 
 
 @dataclass(frozen=True)
@@ -46,28 +56,120 @@ class Sequence:
         return first, self.time_s[first + apart] - self.time_s[first]
 
 
-def memory_s(left: F64, sources: F64, sequence: Sequence) -> float:
-    """The time constant τ in s of what is left (n, 3), in units of its noise; 0: none seen.
+@dataclass(frozen=True)
+class Memory:
+    """Of a noise that lasts: τ in s, and its variance in units of the one that is stated."""
 
-    *sources* (n, 3, s): how that moves with each of the independent sources of a rest's noise, of
-    unit variance.
+    tau_s: float
+    variance: float
+
+
+@dataclass(frozen=True)
+class Lasting:
+    """Rests by which a memory is seen.
+
+    *sources* (n, 3, s): how one moves, in units of its noise, with each independent source of it,
+    of unit variance; zero for rests left out. *absorbed*: of each placement its rests (r,), and
+    the columns U (3r, l) by which U Uᵀ was taken from what they leave.
     """
-    first, gap_s = sequence.pairs(1)
-    if not np.isfinite(gap_s).all() or not len(gap_s) or not np.median(gap_s) > 0.0:
-        return 0.0
-    near = gap_s <= LONGEST_GAPS * np.median(gap_s)
-    moves = sources[sequence.order]
-    of_sources = np.einsum("nis,ni->ns", moves, left[sequence.order])
-    one, two = first[near], first[near] + 1
-    # Of products with what they would be if the sources stayed: least squares.
-    alike = (np.einsum("nis,njs->nij", moves[one], moves[two]) ** 2).sum()
-    square = float((left**2).mean() * alike)
-    if not square > 0.0:
-        return 0.0
-    correlation = float((of_sources[one] * of_sources[two]).sum()) / square
-    if correlation * np.sqrt(alike) < BEYOND_DOUBT:
-        return 0.0
-    return float(-gap_s[near].mean() / np.log(min(correlation, MOST)))
+
+    sources: F64
+    sequence: Sequence
+    absorbed: Several[tuple[I64, F64]] = ()
+
+    @classmethod
+    def of(
+        cls, observations: Observations, sources: F64, absorbed: Several[tuple[I64, F64]]
+    ) -> Lasting:
+        """Of rests in the order of the *observations*."""
+        sequence = Sequence.of(observations.placement, observations.states.time_s)
+        return cls(sources, sequence, absorbed)
+
+    def memory(self, left: F64) -> Memory | None:
+        """The memory of what is *left* (n, 3), in units of its noise; None: none beyond doubt."""
+        one, two = self._pairs
+        of_sources = np.einsum("nis,ni->ns", self.sources, left)
+        products = float((of_sources[one] * of_sources[two]).sum())
+        square = float((left**2).sum()) * self._alike
+        if not square > 0.0:
+            return None
+        seen = products / square * self._size
+        shown, share = self._shown(0.0)
+        if share <= LEAST or (seen - shown) * np.sqrt(self._alike) < BEYOND_DOUBT:
+            return None
+        expected, kept = self._curve
+        rising = slice(int(np.argmax(expected)) + 1)  # what lasts still longer shows less
+        tried = np.array([0.0, *TRIED])
+        correlation = float(np.interp(seen, expected[rising], tried[rising]))
+        if correlation < LEAST:  # so much is absorbed that none would show
+            return None
+        variance = float(kept[0] / np.interp(correlation, tried, kept))
+        return Memory(-self._usual_s / float(np.log(correlation)), variance)
+
+    @cached_property
+    def _pairs(self) -> tuple[I64, I64]:
+        """Rests and the next ones, where these are not far off; none without times."""
+        first, gap_s = self.sequence.pairs(1)
+        if not np.isfinite(gap_s).all() or not len(gap_s) or not np.median(gap_s) > 0.0:
+            return first[:0], first[:0]
+        near = first[gap_s <= LONGEST_GAPS * np.median(gap_s)]
+        return self.sequence.order[near], self.sequence.order[near + 1]
+
+    @cached_property
+    def _usual_s(self) -> float:
+        one, two = self._pairs
+        return float((self._time_s[two] - self._time_s[one]).mean())
+
+    @cached_property
+    def _time_s(self) -> F64:
+        """(n,) in the order of the rests."""
+        time_s = np.empty(len(self.sequence.order))
+        time_s[self.sequence.order] = self.sequence.time_s
+        return time_s
+
+    @cached_property
+    def _alike(self) -> float:
+        """What products of rests with the next ones would be if the sources stayed."""
+        one, two = self._pairs
+        return float((np.einsum("nis,njs->nij", self.sources[one], self.sources[two]) ** 2).sum())
+
+    @cached_property
+    def _size(self) -> float:
+        return float((self.sources**2).sum())
+
+    @cached_property
+    def _curve(self) -> tuple[F64, F64]:
+        """For no correlation and those `TRIED`, what is shown of it, and of the variance."""
+        shown, kept = np.array([self._shown(correlation) for correlation in (0.0, *TRIED)]).T
+        return shown, kept
+
+    def _shown(self, correlation: float) -> tuple[float, float]:
+        """The correlation that what is left shows of a *correlation*, and the share of the
+        variance."""
+        product = square = 0.0
+        following = np.full(len(self.sources), -1)
+        following[self._pairs[0]] = self._pairs[1]
+        for rests, own in self.absorbed:
+            if len(rests) > MOST_RESTS or not own.size:
+                continue
+            sources = self.sources[rests]
+            white = own
+            if correlation > 0.0:
+                gap = np.abs(np.subtract.outer(self._time_s[rests], self._time_s[rests]))
+                covariance = np.einsum("nis,mjs->nimj", sources, sources)
+                covariance *= (correlation ** (gap / self._usual_s))[:, None, :, None]
+                white = covariance.reshape(len(own), len(own)) @ own
+            u, v = own.reshape(len(rests), 3, -1), white.reshape(len(rests), 3, -1)
+            half = v - 0.5 * u @ (own.T @ white)  # U Uᵀ V + V U Uᵀ − U Uᵀ V U Uᵀ is U Hᵀ + H Uᵀ
+            square += 2.0 * float((u * half).sum())
+            where = {rest: k for k, rest in enumerate(rests.tolist())}
+            steps = [(k, where[m]) for k, m in enumerate(following[rests].tolist()) if m in where]
+            one, two = np.array(steps, dtype=np.int64).reshape(-1, 2).T
+            taken = u[one] @ half[two].transpose(0, 2, 1) + half[one] @ u[two].transpose(0, 2, 1)
+            stayed = np.einsum("nis,njs->nij", sources[one], sources[two])
+            product += float((taken * stayed).sum())
+        share = max(1.0 - square / self._size, LEAST)
+        return (correlation - product / self._alike) / share, share
 
 
 def variance_of_sums(weights: F64, sources: F64, tau_s: float, sequence: Sequence) -> float:

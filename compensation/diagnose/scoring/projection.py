@@ -19,6 +19,7 @@ from armd.arrays import F64, I64
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.evidence import Sums, total
+from armd.compensation.diagnose.scoring.memory import Lasting
 from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
 from armd.compensation.estimate.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
@@ -54,6 +55,14 @@ class Projection:
     def shared(self) -> LinearModel:
         """The shared columns' problem, on all rows."""
         return reduce(operator.add, self.parts)
+
+    @cached_property
+    def lasting(self) -> Lasting:
+        """By what noise shows that it lasts from rest to rest."""
+        linear, absorbed = self.fit.linear, [(cell.rests, cell.own) for cell in self.cells]
+        return Lasting.of(
+            linear.rests.observations, self.fit.noise.sources(linear.joints), absorbed
+        )
 
     def clear_of_all(self, columns: F64) -> tuple[F64, F64]:
         """Columns (N, m), whitened, and the same clear of all that absorbs, the shapes included."""
@@ -121,8 +130,9 @@ class Projection:
 
     def sums_by_part(self, signatures: Signatures) -> list[Sums]:
         """The same of each part by itself."""
-        products, taken = self._products(signatures)
-        lengths, grams = self._grams(signatures)
+        changed = self._changed(signatures)
+        products, taken = self._products(signatures, changed)
+        lengths, grams = self._grams(signatures, changed)
         for part, t in taken.items():
             for m, (members, gram) in grams.items():
                 tc = t[signatures.first[members][:, None] + np.arange(m)]
@@ -140,22 +150,25 @@ class Projection:
             for part in range(len(self.parts))
         ]
 
-    def _products(self, signatures: Signatures) -> tuple[F64, dict[int, F64]]:
+    def _products(
+        self, signatures: Signatures, changed: tuple[I64, F64]
+    ) -> tuple[F64, dict[int, F64]]:
         """Products (parts, K, b + 1) of all columns with the shared ones and the residual; and of
-        each part, what its cells' own columns take of them (K, l)."""
+        each part, what its cells' own columns take of them (K, l). *changed*: see `_changed`."""
         k = signatures.n_columns
-        products = np.zeros((len(self.parts), k, self.clear.shape[1]))
-        taken: dict[int, list[F64]] = {cell.part: [] for cell in self.cells}
-        changes, changed = self._changed(signatures)
+        changes, change = changed
         at_rests = self.jacobian[:, : 3 * self.fit.linear.rests.n]
         at_rests = at_rests.reshape(len(self.jacobian), -1, 3)
+        products = np.zeros((len(self.parts), k, self.clear.shape[1]))
+        taken: dict[int, list[F64]] = {cell.part: [] for cell in self.cells}
         for cell in self.cells:
             others = np.hstack([cell.own, self.clear[cell.rows]])
             found = np.zeros((k, others.shape[1]))
             if len(cell.rests):
                 by_axis = others.reshape(-1, 3, others.shape[1])
                 found = signatures.products(at_rests[:, cell.rests], by_axis, cell.rests)
-            found[changes] += changed[cell.rows].T @ others
+            here = np.flatnonzero(change[cell.rows].any(axis=0))
+            found[changes[here]] += change[cell.rows][:, here].T @ others
             own = cell.own.shape[1]
             taken[cell.part].append(found[:, :own])
             products[cell.part] += found[:, own:]
@@ -179,18 +192,20 @@ class Projection:
             bx=np.vstack([known.bx, found.T]),
         )
 
-    def _changed(self, signatures: Signatures) -> tuple[list[int], F64]:
+    def _changed(self, signatures: Signatures) -> tuple[I64, F64]:
         """Which columns change the artefact, and these changes (N, so many) whitened."""
         linear = self.fit.linear
         changes = {c: change for c, change in enumerate(signatures.changes) if change is not None}
         columns = np.zeros((len(linear.residual), len(changes)))
         for column, change in zip(columns.T, changes.values(), strict=True):
             column[:] = linear.artefact_column(change)
-        return list(changes), self.fit.noise.whiten(columns)
+        return np.array(list(changes), dtype=np.int64), self.fit.noise.whiten(columns)
 
-    def _grams(self, signatures: Signatures) -> tuple[F64, dict[int, tuple[I64, F64]]]:
+    def _grams(
+        self, signatures: Signatures, changed: tuple[I64, F64]
+    ) -> tuple[F64, dict[int, tuple[I64, F64]]]:
         """Squared lengths (parts, K) of all columns, and products (parts, c, m, m) within each
-        candidate, by how many columns it has."""
+        candidate, by how many columns it has. *changed*: see `_changed`."""
         lengths = np.zeros((len(self.parts), signatures.n_columns))
         grams = {}
         rows_of = self._rows_of_parts()
@@ -201,12 +216,15 @@ class Projection:
             for low in range(0, len(members), step):
                 some = members[low : low + step]
                 columns = signatures.first[some][:, None] + np.arange(m)
-                x = signatures.rows(
-                    self.fit.linear, self.jacobian, columns.ravel(), self.fit.noise
-                ).reshape(len(some), m, -1)
+                x = signatures.rows_of_terms(self.fit.linear, self.jacobian, columns.ravel())
+                _, own, of_change = np.intersect1d(
+                    columns.ravel(), changed[0], assume_unique=True, return_indices=True
+                )
+                x[own] += changed[1][:, of_change].T
+                x = x.reshape(len(some), m, -1)
                 for part, rows in rows_of.items():
-                    own = x[:, :, rows]
-                    gram[part, low : low + step] = own @ own.transpose(0, 2, 1)
+                    here = x[:, :, rows]
+                    gram[part, low : low + step] = here @ here.transpose(0, 2, 1)
                     lengths[part, columns] = np.einsum("cii->ci", gram[part, low : low + step])
             grams[m] = (members, gram)
         return lengths, grams

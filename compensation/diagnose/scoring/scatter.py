@@ -15,7 +15,7 @@ from scipy.special import fdtrc
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.scoring.evidence import ABSORBED, MOST_COUNTED, log_bayes_factors
-from armd.compensation.diagnose.scoring.memory import Sequence, memory_s, variance_of_sums
+from armd.compensation.diagnose.scoring.memory import variance_of_sums
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
 
@@ -42,11 +42,10 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     pulls /= 1.0 - np.minimum(leverage, MOST_LEVERAGE)[:, None]
     # What rests share (a certified target, drift) has the variance that is stated.
     scatter = float((pulls**2).sum() + m - leverage.sum()) / m  # 1: as the noise says
-    observations = projection.fit.linear.rests.observations
-    sequence = Sequence.of(observations.placement, observations.states.time_s)
-    sources = projection.fit.noise.sources(projection.fit.linear.joints)
-    if lasting := memory_s(left, sources, sequence):
-        scatter *= max(variance_of_sums(rests, sources, lasting, sequence), 1.0)
+    lasting = projection.lasting
+    if memory := lasting.memory(left):
+        larger = variance_of_sums(rests, lasting.sources, memory.tau_s, lasting.sequence)
+        scatter *= max(memory.variance * larger, 1.0)
     speaking = leverage.sum() ** 2 / max(float((leverage**2).sum()), 1e-300)  # rests, effectively
     freedom = max((speaking - 1.0) * min(m, 3), 1.0)
     tail = float(fdtrc(m, freedom, float(score @ score) / (m * scatter)))

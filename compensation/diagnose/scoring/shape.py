@@ -72,7 +72,7 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
     )
     bent = iter(finding_columns(current.linear, [c for c in candidates if c is not None], arm))
     blocks = [
-        uneven(current.linear, c, values, arm) / OFF if shape is None else next(bent)
+        uneven(current.linear, current.noise, c, values, arm) / OFF if shape is None else next(bent)
         for shape, c, values in zip(candidates, current.findings, current.amplitudes, strict=True)
     ]
     at, columns = current.nuisance.columns.shape[1], []

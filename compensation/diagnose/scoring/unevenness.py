@@ -17,6 +17,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.linear import Linear
+from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.courses import is_drift, swing
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
@@ -34,18 +35,23 @@ OF_A_LENGTH = 0.3
 #: The difference between highest and lowest of a random walk, in standard deviations of its end
 #: (Feller 1951: √(8/π)).
 RANGE = 1.6
-#: A walk's principal functions: so many leave 1/(π² m) of its variance, below a tenth of its size.
-MOST_FUNCTIONS = 12
+#: A walk's principal functions: so many leave 1/(π² m) of its variance, a twentieth of its size.
+#: Each session may need several: one that goes far walks visibly within each, too.
+MOST_FUNCTIONS = 40
+#: In units of the noise, over all readings: what shows less is left out.
+LEAST_SHOWN = 0.5
 #: Moments at which the walk's covariance is taken; between them it goes straight.
 MOMENTS = 160
 
 
-def uneven(linear: Linear, found: Candidate, amplitudes: F64, arm: Arm) -> F64:
+def uneven(linear: Linear, noise: RestNoise, found: Candidate, amplitudes: F64, arm: Arm) -> F64:
     """Columns (N, m) in mm, for amplitudes of unit variance; none for what is neither."""
     if not may_be_uneven(found):
         return np.zeros((len(linear.residual), 0))
     of = _unsettled if found.cause == "thermal_lag" else _strayed
-    return np.stack(of(linear, found, amplitudes, arm), axis=1)
+    columns = np.stack(of(linear, found, amplitudes, arm), axis=1)
+    shown: F64 = columns[:, np.linalg.norm(noise.whiten(columns), axis=0) > LEAST_SHOWN]
+    return shown
 
 
 def may_be_uneven(found: Candidate) -> bool:

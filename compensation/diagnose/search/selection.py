@@ -21,7 +21,7 @@ from armd.compensation.diagnose.scoring.evidence import Scores, estimates, kind,
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
 from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
-from armd.compensation.diagnose.scoring.shape import shape_candidate
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
 from armd.compensation.diagnose.scoring.threshold import significant
 from armd.compensation.effects.effect import Candidate
 
@@ -51,6 +51,17 @@ def next_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
 def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
     """The findings with one more, which takes the place of those it contains."""
     return [*(c for c in findings if not c.within(more)), more]
+
+
+def key_of(findings: Sequence[Candidate]) -> str:
+    """What a set of findings is known by."""
+    return "".join(sorted(repr((c.place, c.setting)) for c in findings))
+
+
+def with_their_causes(findings: Sequence[Candidate]) -> list[Candidate]:
+    """No shape without the finding whose shape it is."""
+    named = {shape_place(c) for c in findings}
+    return [c for c in findings if not is_shape(c) or c.location in named]
 
 
 def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | None:
@@ -83,6 +94,21 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
         refused.append(candidates[best])
         able.remove(best)
     return None
+
+
+def strongest_left(scored: ScoredCandidates, tests: int) -> tuple[Candidate, float]:
+    """The candidate that is most wanted of those not in the model, and its log p value: the larger
+    of the two that `choose` asks for, so that what is not named for want of the second does not
+    count as left over."""
+    candidates, log_p = scored.scores.signatures.candidates, scored.scores.log_p.copy()
+    for i in np.argsort(log_p, kind="stable"):
+        if not significant(log_p[i], tests):
+            break
+        log_p[i] = max(log_p[i], log_p_by_scatter(candidates[i], scored.projection))
+        if significant(log_p[i], tests):
+            return candidates[i], float(log_p[i])
+    best = int(np.argmin(log_p))
+    return candidates[best], float(log_p[best])
 
 
 def _refined(scores: Scores, projection: Projection) -> tuple[list[Candidate], F64, F64]:

@@ -27,7 +27,7 @@ from armd.compensation.diagnose.scoring.robust_refit import clipped_about, uncli
 from armd.compensation.diagnose.scoring.threshold import family_wise, significant
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
-from armd.compensation.estimate.robust import WINSOR_AT
+from armd.compensation.estimate.robust import OUTLIER_D2, WINSOR_AT
 from armd.compensation.model.arm import Arm
 
 #: Rests before and after that tell where an artefact stood, and targets among them: of a single
@@ -67,6 +67,9 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
     if not significant(own.log_p[best], tests):
         return None
     candidate = _refined(coarse[best], projection)
+    _, pose, left = _as_measured(_change(candidate).index, projection)
+    if not borne_by_enough(pose, left, _change(candidate).after):
+        return None
     if not _best_of_all(candidate, scored):
         return None
     about = _clipped_about(candidate, projection)
@@ -144,8 +147,26 @@ def _grid(possible: I64) -> list[int]:
 def _refined(candidate: Candidate, projection: Projection) -> Candidate:
     """The same placement's step at the instant that leaves the least (Huber's loss), its pose
     fitted before and after by what was measured: about another instant the right one is a tail."""
-    fit = projection.fit
     number = _change(candidate).index
+    own, pose, left = _as_measured(number, projection)
+
+    def loss(k: int) -> float:
+        cut = 3 * k
+        return _loss(pose[:cut], left[:cut]) + _loss(pose[cut:], left[cut:])
+
+    possible = _possible(projection.fit.linear.rests, own)
+    while True:  # a placement of thousands of rests is searched more and more finely
+        step = max(len(possible) // FINER, 1)
+        best = min(possible[::step].tolist(), key=loss)
+        if step == 1:
+            return moved(number, best)
+        possible = possible[np.abs(possible - best) <= 2 * step]
+
+
+def _as_measured(number: int, projection: Projection) -> tuple[I64, F64, F64]:
+    """Of a placement: its rests in order, the whitened columns of its pose (3 k, 6), and what is
+    left of its readings (3 k,), whitened."""
+    fit = projection.fit
     own = in_order(fit.linear.rests, number)
     rows = (3 * own[:, None] + np.arange(3)).ravel()
     whitener = fit.noise.whitener[own]
@@ -155,23 +176,28 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
     known = [j for at in fit.layout.findings for j in range(at.start, at.stop)]
     explained = fit.nuisance.columns[rows][:, known] @ fit.solution[known]
     raw = fit.raw_residual[rows] - explained
-    left = (whitener @ raw.reshape(-1, 3, 1)).ravel()
+    return own, pose, (whitener @ raw.reshape(-1, 3, 1)).ravel()
 
-    def loss(k: int) -> float:
-        cut = 3 * k
-        return _loss(pose[:cut], left[:cut]) + _loss(pose[cut:], left[cut:])
 
-    possible = _possible(fit.linear.rests, own)
-    while True:  # a placement of thousands of rests is searched more and more finely
-        step = max(len(possible) // FINER, 1)
-        best = min(possible[::step].tolist(), key=loss)
-        if step == 1:
-            return moved(number, best)
-        possible = possible[np.abs(possible - best) <= 2 * step]
+def borne_by_enough(pose: F64, left: F64, after: int) -> bool:
+    """Whether as many rests as tell where an artefact stood are where the poses before and after
+    put them: one gross error among four buys a pose of its own.
+
+    *pose* (3 k, 6) and *left* (3 k,) whitened, of the placement's rests in order."""
+    parts = (slice(None, 3 * after), slice(3 * after, None))
+    sound = [int((_distance(pose[at], left[at]) ** 2 <= OUTLIER_D2).sum()) for at in parts]
+    return min(sound) >= LEAST_RESTS
 
 
 def _loss(columns: F64, left: F64) -> float:
     """Huber's loss of whitened rests (3 k,) about the pose that fits them, gross errors aside."""
+    size = _distance(columns, left)
+    within = np.minimum(size, WINSOR_AT)
+    return float((within * (size - 0.5 * within)).sum())
+
+
+def _distance(columns: F64, left: F64) -> F64:
+    """(k,) how far whitened rests (3 k,) are from the pose that fits them, gross errors aside."""
     weight = np.ones(len(left))
     size = np.zeros(0)
     for _ in range(REWEIGHTINGS):
@@ -179,8 +205,7 @@ def _loss(columns: F64, left: F64) -> float:
         solution = np.linalg.lstsq(columns * root[:, None], left * root, rcond=1e-9)[0]
         size = np.linalg.norm((left - columns @ solution).reshape(-1, 3), axis=1)
         weight = np.repeat(WINSOR_AT / np.maximum(size, WINSOR_AT), 3)
-    within = np.minimum(size, WINSOR_AT)
-    return float((within * (size - 0.5 * within)).sum())
+    return size
 
 
 def _change(candidate: Candidate) -> ArtefactChange:

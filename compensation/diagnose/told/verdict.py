@@ -51,7 +51,7 @@ def verdict(diagnosis: Diagnosis) -> str:
             sentences.append(f"Held-out readings do not confirm {doubtful}: leads, not facts.")
         if unforeseen:
             sentences.append(
-                f"What drifts, {_numbers(unforeseen)}, is not in it: fitted to the earlier "
+                f"What goes with time, {_numbers(unforeseen)}, is not in it: fitted to the earlier "
                 "readings, it makes the later ones worse. Measure longer."
             )
         if told_only:

@@ -12,13 +12,11 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain
-from armd.compensation.effects.twist import link_vector, twist_weights
+from armd.compensation.effects.effect import AXES, Candidate, Column, Effect, SessionFacts, plain
+from armd.compensation.effects.twist import SHORTEST_MM, link_vector, twist_weights
 from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
 from armd.compensation.model.pose_factors import GravityDirection, GravityMoment
 from armd.compensation.model.terms import Factor, Term
-
-SHORTEST_MM = 20.0  # a shorter link does not bend by anything that matters
 
 
 def _cross(vector: F64) -> F64:
@@ -40,8 +38,8 @@ def _column(facts: SessionFacts, link: int) -> Column | None:
     bow = np.hstack([across / 2, (beyond / 3 + own / 8) * length * _cross(u)])
     shift = -_cross(u) @ bow * length * 1e3
     names, weights = twist_weights(facts, link, np.vstack([turn, shift]))
-    factors: list[Factor] = [GravityMoment(link=link, axis=axis) for axis in ("x", "y", "z")]
-    factors += [GravityDirection(link=link, axis=axis) for axis in ("x", "y", "z")]
+    factors: list[Factor] = [GravityMoment(link=link, axis=axis) for axis in AXES]
+    factors += [GravityDirection(link=link, axis=axis) for axis in AXES]
     terms = tuple(
         Term(parameter=name, basis=[factor], coefficient=float(weights[i, j]))
         for i, name in enumerate(names)

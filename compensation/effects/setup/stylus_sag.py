@@ -1,16 +1,14 @@
 """A long stylus hangs by its own weight, the more the more level it is."""
 
 from collections.abc import Iterator
-from typing import Literal
 
 import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain, tie
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, of_tip, plain
 from armd.compensation.model.pose_factors import GravityDirection
 
-AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 SHORTEST_MM = 20.0  # a shorter one does not sag
 
 
@@ -20,14 +18,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if length < SHORTEST_MM:
         return
     across = np.eye(3) - np.outer(stylus, stylus) / length**2
-    terms = tuple(
-        term
-        for i, axis in enumerate(AXES)
-        for term in tie(
-            [(f"tip_{to}", float(across[j, i])) for j, to in enumerate(AXES)],
-            GravityDirection(link=facts.arm.n_joints, axis=axis),
-        )
-    )
+    last = facts.arm.n_joints
+    terms = of_tip(across, lambda axis: GravityDirection(link=last, axis=axis))
     depends = tuple(f"q{k}" for k in facts.joints if k > 1)
     column = Column("sag when level", "mm", 10e-3, terms)
     yield Candidate("stylus_sag", location.TIP, (column,), depends)

@@ -18,10 +18,9 @@ from armd.compensation.effects.effect import (
     temperature,
     tie,
 )
-from armd.compensation.effects.twist import link_vector, twist_weights
+from armd.compensation.effects.twist import SHORTEST_MM, link_vector, twist_weights
 
 TYPICAL_RAD_PER_M_K = 1.2e-4
-SHORTEST_MM = 20.0
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:

@@ -1,0 +1,57 @@
+"""How sure a finding can be where the noise lasts from rest to rest.
+
+The evidence takes rests as independent. Where what is left of them remembers, the score varies more
+than that, and a probability among causes says nothing of the chance that there is none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armd.compensation.diagnose.diagnosis import Finding
+from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
+from armd.compensation.diagnose.scoring.projection import Projection, make_projection
+from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
+from armd.compensation.diagnose.scoring.shape import shape_place
+from armd.compensation.diagnose.scoring.threshold import family_wise
+
+
+def beside_lasting_noise(
+    found: Sequence[Finding], scored: ScoredCandidates, tests: int
+) -> tuple[Finding, ...]:
+    """The findings of a fit, no surer than their p values by the scatter of the rests allow, where
+    the noise lasts."""
+    projection = scored.projection
+    if not found or not _lasts(projection):
+        return tuple(found)
+    told = []
+    for finding, candidate in zip(found, scored.fit.findings, strict=True):
+        fit = scored.fit
+        others = [
+            c for c in fit.findings if c is not candidate and c.location != shape_place(candidate)
+        ]
+        without = make_projection(
+            solve_again(fit, others, fit.noise, projection.arm), projection.arm
+        )
+        p = float(family_wise(log_p_by_scatter(candidate, without), tests))
+        told.append(replace(finding, probability=finding.probability * surest(p)))
+    return tuple(told)
+
+
+def surest(p: float) -> float:
+    """The highest probability that something is there which a p value allows, as likely as not
+    before: the Bayes factor of nothing is at least −e p ln p (Sellke, Bayarri and Berger, American
+    Statistician 55, 2001)."""
+    if p >= np.exp(-1.0):
+        return 0.5
+    return 1.0 / (1.0 - np.e * p * np.log(p)) if p > 0.0 else 1.0
+
+
+def _lasts(projection: Projection) -> bool:
+    n = projection.fit.linear.rests.n
+    _, clear = projection.clear_of_all(projection.fit.residual[:, None])
+    return projection.lasting.memory(clear[: 3 * n].reshape(n, 3)) is not None

@@ -1,0 +1,195 @@
+"""Whether another set of causes is likelier than the one that the search came to.
+
+One cause after another joins, and an early choice was made while all others were still in the
+residual: an eccentricity may stand where a shift and a bending do, a walk in time where a slip does
+and a joint that turns with temperature. No single renaming leads from one to the other. So each
+finding is taken out in turn, its place barred, the others are added to as the search does, and what
+comes of it is compared as a whole: evidence of all amplitudes together, the causes' priors with it.
+
+No set with more amplitudes takes another's place: on a real arm, many small errors that no cause of
+the catalogue has make several names likelier than the one that is true.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.problem.amplitudes import is_sized
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.scoring.candidates import (
+    SHAPE_PRIOR,
+    ScoredCandidates,
+    score_candidates,
+)
+from armd.compensation.diagnose.scoring.evidence import UNKNOWN_PRIOR, Scores, kind
+from armd.compensation.diagnose.scoring.projection import Projection, make_projection
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_place, with_shapes
+from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.diagnose.search.selection import LEAST_SHARE, choose, joined
+from armd.compensation.effects.effect import SCALES, Candidate
+from armd.compensation.model.arm import Arm
+
+#: So many causes may take the place of one.
+MOST_IN_PLACE = 3
+
+
+@dataclass(frozen=True)
+class RivalSet:
+    """Another set of causes for the same residual."""
+
+    findings: tuple[Candidate, ...]
+    likelier: float  # nats, than the set there is
+
+
+class Revisit:
+    """One fit's findings against other sets, all about its point and in its noise."""
+
+    def __init__(self, scored: ScoredCandidates, arm: Arm, tests: int) -> None:
+        self._scored, self._arm, self._tests = scored, arm, tests
+        self._fit = scored.fit
+        self._first = score_candidates(
+            make_projection(solve_again(self._fit, [], self._fit.noise, arm), arm),
+            scored.sums.signatures,
+        )
+
+    def others(self) -> list[RivalSet]:
+        """Other sets of no more amplitudes, the likeliest first."""
+        findings = self._fit.findings
+        own, found = self._log_weight(findings), {}
+        for i, finding in enumerate(findings):
+            if is_shape(finding) or not self._may_be_another(i):
+                continue
+            others = [
+                c for c in findings if c is not finding and c.location != shape_place(finding)
+            ]
+            tried = self._filled(others, finding.place)
+            places = frozenset(c.place for c in tried)
+            if _amplitudes(tried) > _amplitudes(findings) or places == {c.place for c in findings}:
+                continue
+            found[places] = RivalSet(tuple(tried), self._log_weight(tried) - own)
+        return sorted(found.values(), key=lambda one: -one.likelier)
+
+    def _may_be_another(self, index: int) -> bool:
+        """Whether any other cause explains a good part of what a finding does."""
+        scores = self._scored.without(index)
+        place = self._fit.findings[index].place
+        others = np.array([c.place != place for c in scores.signatures.candidates])
+        own = float(self._scored.alone(index).statistic[index])
+        return bool((scores.statistic * others * (scores.freedom > 0)).max() >= LEAST_SHARE * own)
+
+    def _filled(self, findings: list[Candidate], barred: tuple[str, str]) -> list[Candidate]:
+        """The findings with what else is wanted, none of the *barred* place; significant ones.
+
+        Causes only: what has no name joins where no cause does, and takes the place of none.
+        """
+        held = np.array(
+            [
+                c.place == barred or c.cause == "unknown"
+                for c in self._first.sums.signatures.candidates
+            ]
+        )
+        for _ in range(MOST_IN_PLACE):
+            scored = self._survey(findings)
+            more = choose(scored.projection, scored.scores.without(held), self._tests)
+            if more is None:
+                break
+            findings = joined(findings, more)
+        while findings:
+            own = score_candidates(self._survey(findings).projection, findings)
+            log_p = [float(own.freed(i).log_p[i]) for i in range(len(findings))]
+            weakest = int(np.argmax(log_p))
+            if significant(log_p[weakest], self._tests):
+                break
+            findings = findings[:weakest] + findings[weakest + 1 :]
+        return findings
+
+    def _log_weight(self, findings: Sequence[Candidate]) -> float:
+        first = self._first
+        return _log_weight(first.fit, findings, first.projection, first.scores)
+
+    def _survey(self, findings: Sequence[Candidate]) -> ScoredCandidates:
+        fitted = solve_again(self._fit, findings, self._fit.noise, self._arm)
+        projection = self._first.projection.with_findings_of(fitted)
+        return ScoredCandidates(projection, projection.sums_with(self._first.sums))
+
+
+def _amplitudes(findings: Sequence[Candidate]) -> int:
+    return sum(len(c.columns) for c in findings)
+
+
+def log_weight(about: Fit, findings: Sequence[Candidate], arm: Arm, scores: Scores) -> float:
+    """Log of evidence × prior of all findings together, about a fit's point, in its noise; *scores*
+    of the catalogue have the priors.
+
+    Straight, or with their shapes a little off; each cause's amplitudes at the likeliest of the
+    scales.
+    """
+    nothing = solve_again(about, [], about.noise, arm)
+    return _log_weight(nothing, findings, make_projection(nothing, arm), scores)
+
+
+def _log_weight(
+    nothing: Fit, findings: Sequence[Candidate], projection: Projection, scores: Scores
+) -> float:
+    """The same about a fit of no findings, by its projection."""
+    fitted = solve_again(nothing, findings, nothing.noise, projection.arm)
+    own = [n for at in fitted.layout.findings for n in range(at.start, at.stop)]
+    shapes = with_shapes(fitted, projection.arm).nuisance
+    columns = np.hstack([fitted.nuisance.columns[:, own], shapes.columns])
+    white, clear = projection.clear_of_all(columns)
+    gram, side = white.T @ clear, clear.T @ nothing.noise.whiten(nothing.residual)
+    variance, log_prior = _amplitudes_a_priori(fitted)
+    straight = _log_evidence(gram, side, variance)
+    bent = _log_evidence(gram, side, np.concatenate([variance, shapes.variance]))
+    prior = log_prior + sum(_log_prior(c, scores) for c in findings)
+    return float(np.logaddexp(straight, bent + math.log(SHAPE_PRIOR))) + prior
+
+
+def _log_evidence(gram: F64, side: F64, variance: F64) -> float:
+    """Log Bayes factor of the first columns, amplitudes normal with a *variance* (m,), against
+    nothing; from products (M, M) and (M,) with the residual, clear of what absorbs."""
+    m = len(variance)
+    size = np.sqrt(variance)
+    inner = gram[:m, :m] * np.outer(size, size) + np.eye(m)
+    b = side[:m] * size
+    return 0.5 * float(b @ np.linalg.solve(inner, b)) - 0.5 * float(np.linalg.slogdet(inner)[1])
+
+
+def _amplitudes_a_priori(fitted: Fit) -> tuple[F64, float]:
+    """Variances of all findings' amplitudes, and log of the prior of the scales chosen."""
+    variances, log_prior = [np.empty(0)], 0.0
+    for candidate, values, at in zip(
+        fitted.findings, fitted.amplitudes, fitted.layout.findings, strict=True
+    ):
+        if is_sized(candidate):  # the data have their size
+            variances.append(fitted.nuisance.variance[at])
+            continue
+        typical = np.array([column.typical for column in candidate.columns])
+        reach = np.array([column.reach for column in candidate.columns])
+        able = []
+        for scale, share in SCALES.items():
+            size = np.minimum(scale, reach) * typical
+            log_density = -0.5 * ((values / size) ** 2).sum() - np.log(size).sum()
+            able.append((math.log(share) + log_density, size, share))
+        _, size, share = max(able, key=lambda one: one[0])
+        variances.append(size**2)
+        log_prior += math.log(share)
+    return np.concatenate(variances), log_prior
+
+
+def _log_prior(candidate: Candidate, scores: Scores) -> float:
+    """Of a cause, its place, its kind and its value among those of the catalogue."""
+    if is_shape(candidate):
+        return math.log(SHAPE_PRIOR)
+    alike: dict[bool, list[float]] = {True: [], False: []}
+    for i in np.flatnonzero(scores.freedom > 0):
+        other = scores.signatures.candidates[i]
+        if other.cause == candidate.cause:
+            alike[kind(other) == kind(candidate)].append(float(scores.log_prior[i]))
+    return max(alike[True]) if alike[True] else min(alike[False], default=math.log(UNKNOWN_PRIOR))

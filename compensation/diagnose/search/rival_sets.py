@@ -1,0 +1,82 @@
+"""How sure a finding is beside whole sets of causes that lack it.
+
+A finding's rivals are weighed one by one, all other findings given: a bearing that wobbles is far
+likelier than a gear, if that is all there may be, and a gear and a sensor together explain as much.
+Which of two such sets predicts readings held out better is then a question of chance, and as
+probable is the finding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from scipy.special import ndtr
+
+from armd.compensation.diagnose.diagnosis import Finding, Rival
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.scoring.confusion import compare
+from armd.compensation.diagnose.scoring.shape import is_shape
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.model.arm import Arm
+
+#: A set that has not replaced the one there is is at most as probable.
+MOST = 0.5
+#: One this improbable is not told.
+LEAST = 0.01
+
+
+def beside_rival_sets(
+    found: Sequence[Finding],
+    last: Fit,
+    rivals: Sequence[tuple[Sequence[Candidate], float]],
+    arm: Arm,
+) -> tuple[Finding, ...]:
+    """The findings, each with the chances of rival sets that lack it and have others instead.
+
+    *rivals*: sets, and by how many standard errors each predicts readings held out better than the
+    findings of the fit *last*, normal about the truth (pseudo-BMA+: Yao, Vehtari, Simpson, Gelman
+    2018, Bayesian Analysis 13, 917).
+    """
+    own = {c.place for c in last.findings}
+    told = []
+    for finding, candidate in zip(found, last.findings, strict=True):
+        instead: list[tuple[Candidate, float]] = []
+        every = 0.0
+        for candidates, better in rivals:
+            others = [c for c in candidates if c.place not in own and not is_shape(c)]
+            chance = min(float(ndtr(better)), MOST)
+            lacks = candidate.place not in {c.place for c in candidates}
+            if not (lacks and others) or is_shape(candidate) or chance < LEAST:
+                continue
+            odds = chance / (1.0 - chance)
+            every += odds
+            instead += [(other, odds) for other in others]
+        told.append(_with(finding, candidate, instead, every, last, arm))
+    return tuple(told)
+
+
+def _with(
+    finding: Finding,
+    candidate: Candidate,
+    instead: Sequence[tuple[Candidate, float]],
+    every: float,
+    last: Fit,
+    arm: Arm,
+) -> Finding:
+    """A finding beside others *instead*, each with the odds of its set, and those of *every* set
+    without the finding together."""
+    if not instead:
+        return finding
+    share = finding.probability / (1.0 + every)
+    likely: dict[tuple[str, str], tuple[Candidate, float]] = {}
+    for other, odds in instead:
+        likely[other.place] = other, likely.get(other.place, (other, 0.0))[1] + share * odds
+    alike = compare(candidate, [other for other, _ in likely.values()], last, arm)
+    more = [
+        Rival(other, probability, likeness.angle_deg)
+        for (other, probability), likeness in zip(likely.values(), alike, strict=True)
+    ]
+    kept = [rival for rival in finding.rivals if rival.candidate.place not in likely]
+    ordered = sorted([*kept, *more], key=lambda rival: -rival.probability)
+    return replace(finding, probability=share, rivals=tuple(ordered))

@@ -1,0 +1,121 @@
+"""What a fit may not do: go far from the model under test, shrink the arm, lose a length, or be of
+a size that no such cause has."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armd.compensation.diagnose.fitting.neighbourhood import (
+    possible,
+    refused,
+    scale_kept,
+    size,
+    stays_near,
+)
+from armd.compensation.diagnose.problem.linear import ModelState
+from armd.compensation.diagnose.problem.linearise import linearise
+from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.effects import location
+from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.model.calibration import ArtefactCorrection
+from support import synthetic
+
+ARM = synthetic.arm()
+NAMES = ARM.layout.names
+LENGTHS = ARM.layout.are_lengths & (ARM.nominal() != 0.0)
+UNCERTAINTY_MM = 0.001  # of the synthetic certified length
+
+
+def candidate(cause: str, *typical: float, reach: float = np.inf) -> Candidate:
+    columns = tuple(Column(f"c{i}", "1", size, reach=reach) for i, size in enumerate(typical))
+    return Candidate(cause, location.joint(2), columns, ())
+
+
+def test_a_named_cause_has_a_largest_size_and_a_blow_has_none() -> None:
+    disc = candidate("encoder_eccentricity", 1.0, 2.0)
+    assert possible(disc, np.array([150.0, -300.0]))
+    assert not possible(disc, np.array([151.0, 0.0]))
+    assert not possible(disc, np.array([0.0, -301.0]))
+    bounded = candidate("sensor_offset", 0.5, reach=5.0)
+    assert possible(bounded, np.array([7.4])) and not possible(bounded, np.array([7.6]))
+    for cause in ("encoder_slip", "unknown"):
+        assert possible(candidate(cause, 1.0), np.array([1e9]))
+
+
+def fitted(changes: dict[str, float], known: bool = False) -> Any:
+    """A fit that moves identified constants: all that the fit's own methods are not asked for."""
+    session = synthetic.session(
+        ARM,
+        ARM.nominal(),
+        np.random.default_rng(3),
+        targets=4,
+        spread_mm=80.0,
+        known=known,
+        distances=[(0, 1)],
+    )
+    model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
+    moved = [NAMES.index(name) for name in changes]
+    return SimpleNamespace(
+        findings=(),
+        amplitudes=(),
+        layout=SimpleNamespace(identified=slice(0, len(moved))),
+        solution=-np.array(list(changes.values())),
+        baseline=SimpleNamespace(model=model, held=False, parameters=tuple(moved), terms=()),
+        model=model,
+        linear=linearise(gather_rests([session], ARM), model, ARM),
+    )
+
+
+def all_lengths(share: float) -> dict[str, float]:
+    nominal = ARM.nominal()
+    return {NAMES[i]: share * float(nominal[i]) for i in np.flatnonzero(LENGTHS)}
+
+
+def test_the_size_of_an_arm_is_that_of_its_lengths() -> None:
+    smaller = fitted(all_lengths(-0.01))
+    assert size(smaller, ARM) == pytest.approx(0.99)
+    assert size(fitted({"theta_2": 0.01, "base_x": 500.0}), ARM) == pytest.approx(1.0)
+
+
+def test_scatter_on_seats_is_stated_as_of_an_arm_that_kept_its_size() -> None:
+    """Certified positions see a smaller arm err: there nothing is to be made up for."""
+    assert scale_kept(fitted(all_lengths(-0.01)), ARM) == pytest.approx(1 / 0.99)
+    assert scale_kept(fitted(all_lengths(-0.01), known=True), ARM) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "near", "far", "told"),
+    [("d_3", 9.9, 10.2, "d_3 by 10 mm"), ("alpha_4", 0.019, -0.021, "alpha_4 by 1.2°")],
+)
+def test_no_constant_leaves_what_an_arm_of_its_drawing_can_be(
+    name: str, near: float, far: float, told: str
+) -> None:
+    assert stays_near(fitted({name: near}), ARM)
+    gone = fitted({name: far})
+    assert not stays_near(gone, ARM)
+    assert refused(gone, gone, ARM) == f"it would move {told}"
+    assert stays_near(fitted({"base_x": 1e4, "base_rz": 2.0}), ARM), "it was carried there"
+
+
+def test_a_certified_length_may_not_be_lost() -> None:
+    """Of seats at which the true arm stood: a smaller arm has them closer to each other."""
+    right = fitted({"d_1": 0.0})
+    length = right.linear.rests.observations.distances.length_mm[0]
+    share = 2.0 * UNCERTAINTY_MM / length
+    assert refused(fitted(all_lengths(-share)), right, ARM) == "", "two uncertainties are allowed"
+    lost = fitted(all_lengths(-5 * share))
+    assert "the certified length" in refused(lost, right, ARM)
+    assert "off by 10 of its uncertainties" in refused(lost, right, ARM)
+    worse = fitted(all_lengths(-6 * share))
+    assert refused(lost, worse, ARM) == "", "it was lost before, and by more"
+
+
+def test_what_no_cause_can_be_is_refused_by_its_size() -> None:
+    one = fitted({})
+    one.findings = (candidate("encoder_eccentricity", 1e-6, 1e-6),)
+    one.amplitudes = (np.array([1e-3, 0.0]),)
+    assert refused(one, one, ARM) == "no such cause is that large"

@@ -1,0 +1,44 @@
+"""How warm a joint is of its own use, where that is known in closed form."""
+
+import numpy as np
+import pytest
+
+from armd.compensation.diagnose.problem.use import warmth
+from armd.compensation.effects.effect import Use
+from armd.compensation.model.state import States
+
+TAU_S = 300.0
+
+
+def states(time_s: np.ndarray, q: np.ndarray, rate: np.ndarray, series: np.ndarray) -> States:
+    n = len(time_s)
+    nothing = np.full((n, 1), np.nan)
+    return States(
+        np.stack([np.zeros(n), q], axis=1),
+        np.stack([np.full(n, np.nan), rate], axis=1),
+        nothing,
+        time_s,
+        np.full((n, 3), np.nan),
+        series,
+    )
+
+
+@pytest.mark.parametrize("by_rate", [True, False])
+def test_steady_use_warms_towards_its_rate_and_a_session_begins_cold(by_rate: bool) -> None:
+    """At half a radian a second; the rows in any order."""
+    since_s = np.concatenate([20.0 * np.arange(40), 35.0 * np.arange(25)])
+    series = np.repeat([0, 1], [40, 25])
+    time_s = since_s + 1e5 * series
+    order = np.random.default_rng(2).permutation(len(time_s))
+    whole = states(time_s, -0.5 * time_s, np.full(len(time_s), -0.5), series)
+    found = warmth(Use(2, by_rate, TAU_S, ()), whole.rows(order))
+    assert found == pytest.approx(0.5 * (1 - np.exp(-since_s / TAU_S))[order], abs=1e-12)
+
+
+def test_rest_cools_it() -> None:
+    time_s = np.array([0.0, 1e4, 1e4 + TAU_S, 1e4 + 3 * TAU_S])
+    q = np.array([0.0, 2e4, 2e4, 2e4])
+    still = states(time_s, q, np.full(4, np.nan), np.zeros(4, dtype=np.int64))
+    found = warmth(Use(2, False, TAU_S, ()), still)
+    assert found == pytest.approx([0.0, 2.0, 2.0 * np.exp(-1), 2.0 * np.exp(-3)])
+    assert not warmth(Use(2, True, TAU_S, ()), still).any(), "a missing rate is no use"
