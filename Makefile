@@ -44,7 +44,8 @@ test: lint
 
 test-slow: install
 	@echo "armd: the slow tests take about a quarter of an hour on two cores"
-	$(WORKERS) -m slow --ignore tests/deploy/test_system.py $(TEST_ARGS)
+	$(WORKERS) -m "slow and not crowd" --ignore tests/deploy/test_system.py $(TEST_ARGS)
+	$(BIN)/python -m pytest -m crowd $(TEST_ARGS)
 
 # A fresh Monte Carlo of effects hidden by the simulator: make hidden CASES=100 SEED=7
 CASES ?= 40

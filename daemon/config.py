@@ -59,7 +59,7 @@ class Interim(Strict):
     at_most_h: Annotated[float, Field(gt=0)] | None = None
 
 
-class Measurement(Strict):
+class Averaging(Strict):
     """When and over how long a measurement is averaged."""
 
     #: A button press always takes a measurement; "rest" takes one at each rest as well.
@@ -101,7 +101,7 @@ class DaemonFile(Strict):
     limits: Limits = Limits()
     health: Health = Health()
     interim: Interim | None = None
-    measurement: Measurement = Measurement()
+    measurement: Averaging = Averaging()
     commands: Commands = Commands()
     metrics: Metrics | None = None
     tips: dict[str, Tip] = {}

@@ -78,6 +78,7 @@ class Service:
         )
         self._rival = RivalWatch(session, serial)
         self._averager = Averager(config.file.measurement.average_s, config.arm.n_joints)
+        self._at_rests = config.file.measurement.trigger == "rest"
         self._log = Journal()
         # What is played again was logged when it was measured.
         logged = config.file.measurement.log and config.driver.kind != "replay"
@@ -147,7 +148,7 @@ class Service:
         self._supervisor.note_points(points, samples, time.monotonic_ns())
         for press in self._averager.remember(points, joints.q):
             self._press(press, points, joints)
-        if self._config.file.measurement.trigger == "rest":
+        if self._at_rests:
             for row in self._averager.rests(points):
                 self._measure("rest", row, points, joints)
 

@@ -2,12 +2,14 @@
 
 With ``pytest -n 3`` (``make test``) one worker runs all that reads wires, in its order, as it would
 alone; one what talks over Zenoh and waits for others most of its time, a little behind it; one
-computes, at the lowest priority, so that a live test finds the processor as free as it was.
+computes, at the lowest priority, so that a live test finds the processor as free as it was. What is
+marked `crowd` takes all processors there are, and runs after the others, alone.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator
 
 import pytest
@@ -16,7 +18,8 @@ ONLY_COMPUTES = (
     *(
         f"tests/{room}/"
         for room in (
-            "compensation", "diagnose", "estimate", "hidden", "interim", "real", "umbrella",
+            "compensation", "diagnose", "effects", "estimate", "hidden", "identify", "interim",
+            "model", "real", "umbrella",
         )
     ),
     "tests/simulator/test_hidden_cases.py",
@@ -27,8 +30,6 @@ ONLY_COMPUTES = (
 WAITS = tuple(f"tests/{room}/" for room in ("bridges", "daemon", "deploy"))
 """Folders of tests whose daemons and servers idle between messages, with deadlines of seconds."""
 WAITS_NICE = 10
-CROWDS = ("tests/bridges/test_fleet.py",)
-"""Twenty daemons take all there is: not beside a test that reads a wire."""
 
 
 @pytest.hookimpl(optionalhook=True)  # nothing to hand out where pytest-xdist is not installed
@@ -39,8 +40,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
         def _split_scope(self, nodeid: str) -> str:
             if nodeid.startswith(ONLY_COMPUTES):
                 return nodeid
-            waits = nodeid.startswith(WAITS) and not nodeid.startswith(CROWDS)
-            return "waits" if waits else "live"
+            return "waits" if nodeid.startswith(WAITS) else "live"
 
     return OneForEachThatIsLive(config, log)
 
@@ -49,8 +49,16 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     if "PYTEST_XDIST_WORKER" in os.environ:
         if item.nodeid.startswith(ONLY_COMPUTES):
             os.nice(19 - os.nice(0))
-        elif item.nodeid.startswith(WAITS) and not item.nodeid.startswith(CROWDS):
+        elif item.nodeid.startswith(WAITS):
             os.nice(max(0, WAITS_NICE - os.nice(0)))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def interrupts_arrive() -> None:
+    """Where a shell starts the tests in the background, SIGINT is ignored, and so it is in every
+    process that a test starts and interrupts."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True, scope="session")

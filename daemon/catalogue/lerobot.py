@@ -43,7 +43,7 @@ class CalibrationFile(RootModel[dict[str, Motor]]):
 
 
 @dataclass(frozen=True)
-class Taken:
+class TakenOver:
     """What became of the calibration."""
 
     text: str  # arm.toml
@@ -51,7 +51,7 @@ class Taken:
     motors: dict[str, Motor]  # in the order of the joints
 
 
-def take_over(path: Path, name: str) -> Taken:
+def take_over(path: Path, name: str) -> TakenOver:
     """The known arm *name* with the zeros, limits and ids of the calibration at *path*.
 
     Raises `BadInput` for a file that is not LeRobot's or that is another arm's.
@@ -62,7 +62,9 @@ def take_over(path: Path, name: str) -> Taken:
     _check(path, motors, chain, arm.n_joints, name)
     text = arm_text(name)
     for k, (motor, joint) in enumerate(zip(chain.values(), arm.joint, strict=True), 1):
-        direction = -joint.direction if motor.drive_mode else joint.direction
+        # A Dynamixel turns its count round itself; LeRobot does it for a Feetech.
+        turned = motor.drive_mode == 1 and bus.kind == "feetech"
+        direction = -joint.direction if turned else joint.direction
         ends = [
             direction * (raw - MIDDLE) * DEG_PER_COUNT for raw in (motor.range_min, motor.range_max)
         ]
@@ -80,7 +82,7 @@ def take_over(path: Path, name: str) -> Taken:
         f"# have these homing offsets: {offsets}.\n"
     )
     ids = [motor.id for motor in chain.values()]
-    return Taken(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors)
+    return TakenOver(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors)
 
 
 def _bus(name: str) -> Bus:

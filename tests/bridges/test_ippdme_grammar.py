@@ -22,7 +22,6 @@ from armd.daemon.bridges.ippdme.grammar import (
     quoted,
 )
 
-LETTERS = "abcxyzABCXYZ"
 BASIC = st.from_regex(r"[A-Za-z][A-Za-z0-9]{0,8}", fullmatch=True)
 NAME = st.lists(BASIC, min_size=1, max_size=3).map(".".join)
 STRING = st.text(

@@ -65,6 +65,7 @@ def session(
     readings: int = 150,
     distances: list[tuple[int, int]] | None = None,
     temperature_c: float = 20.0,
+    scatter_k: float = 0.3,
     encoder_rad: float = 0.0,
     noise_mm: float = 0.0,
     uncertainty_mm: float = 0.0,
@@ -80,7 +81,7 @@ def session(
     placement = np.arange(readings) % placements
     target = (np.arange(readings) // placements) % targets
     temperatures = np.full((readings, arm.n_joints), temperature_c)
-    temperatures += rng.normal(0, 0.3, temperatures.shape)
+    temperatures += rng.normal(0, scatter_k, temperatures.shape)
     reach = float(np.abs(arm.nominal()[1 : 5 * arm.n_joints : 5]).sum()) * 0.55
     centres = np.array(
         [

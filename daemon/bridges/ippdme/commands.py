@@ -9,17 +9,17 @@ import math
 
 import numpy as np
 
-from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue, Pending
+from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue, Pending, is_2_5
 from armd.daemon.bridges.ippdme.errors import TABLE, DmeError
 from armd.daemon.bridges.ippdme.grammar import (
     EVENT_TAG,
     Arg,
     Command,
     Property,
-    Text,
-    Word,
     listed,
+    nothing,
     quoted,
+    word_of,
 )
 from armd.daemon.bridges.ippdme.report import (
     HIT,
@@ -35,34 +35,6 @@ from armd.daemon.bridges.ippdme.report import (
 MACHINE_CLASS = '"CartCMM"'
 #: 2.5, annex J.1: manual machine with tactile probe.
 MACHINE_CLASS_2_5 = '"CartCMM_TouchTrigger_Fixed_None_ToolChanger_None_None"'
-
-
-def is_2_5(dialogue: Dialogue) -> bool:
-    return dialogue.version == "2.5"
-
-
-def nothing(args: tuple[Arg, ...]) -> None:
-    """Raises `DmeError` if there are arguments."""
-    if args:
-        raise DmeError(502)
-
-
-def text_of(args: tuple[Arg, ...]) -> str:
-    """The one string; raises `DmeError`."""
-    if len(args) != 1:
-        raise DmeError(502)
-    if not isinstance(args[0], Text):
-        raise DmeError(509)
-    return args[0].value
-
-
-def word_of(args: tuple[Arg, ...]) -> str:
-    """The one bare word; raises `DmeError`."""
-    if len(args) != 1:
-        raise DmeError(502)
-    if not isinstance(args[0], Word):
-        raise DmeError(509)
-    return args[0].value
 
 
 def start_session(dialogue: Dialogue, command: Command) -> Answer:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from armd.daemon.bridges.ippdme import commands, commands_csy, commands_tool
-from armd.daemon.bridges.ippdme.commands import nothing, text_of
 from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue, Method
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.daemon.bridges.ippdme.grammar import Command, decimal, listed, quoted
+from armd.daemon.bridges.ippdme.grammar import Command, decimal, listed, nothing, quoted, text_of
 from armd.daemon.bridges.ippdme.report import MOTION
 
 #: Known only to say no.

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from armd.daemon.bridges.ippdme.commands import is_2_5, nothing, text_of, word_of
 from armd.daemon.bridges.ippdme.csy import Transformation
-from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue
+from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue, is_2_5
 from armd.daemon.bridges.ippdme.errors import DmeError
-from armd.daemon.bridges.ippdme.grammar import Arg, Command, Text, Word, decimal, listed, quoted
+from armd.daemon.bridges.ippdme.grammar import (
+    Arg,
+    Command,
+    Text,
+    Word,
+    decimal,
+    listed,
+    nothing,
+    quoted,
+    text_of,
+    word_of,
+)
 
 NAMES = ("X0", "Y0", "Z0", "Theta", "Psi", "Phi")
 PLACES = 6

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from armd.daemon.bridges.ippdme.commands import is_2_5, nothing, text_of
-from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue, Pending
+from armd.daemon.bridges.ippdme.dialogue import Answer, Dialogue, Pending, is_2_5
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.ippdme.grammar import (
     Arg,
@@ -11,7 +10,9 @@ from armd.daemon.bridges.ippdme.grammar import (
     Property,
     decimal,
     listed,
+    nothing,
     quoted,
+    text_of,
 )
 from armd.daemon.bridges.ippdme.report import written_fields
 from armd.daemon.bridges.ippdme.tools import Tool, properties

@@ -272,3 +272,7 @@ class Dialogue:
 
     def _tell(self, data: str) -> None:
         self._reply(EVENT, f"# {data}")
+
+
+def is_2_5(dialogue: Dialogue) -> bool:
+    return dialogue.version == "2.5"

@@ -12,6 +12,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from armd.daemon.bridges.ippdme.errors import DmeError
+
 #: Characters of a line; CR and LF end it.
 LONGEST = 65536
 TAG = re.compile(r"(?!00000)\d{5}|E(?!0000)\d{4}")
@@ -187,3 +189,27 @@ def _as_string(text: str) -> str:
     """What a string of the grammar can hold of it: at least one character."""
     shown = _ILLEGAL.sub("?", text.replace('"', "#"))
     return shown[:200] or " "
+
+
+def nothing(args: tuple[Arg, ...]) -> None:
+    """Raises `DmeError` if there are arguments."""
+    if args:
+        raise DmeError(502)
+
+
+def text_of(args: tuple[Arg, ...]) -> str:
+    """The one string; raises `DmeError`."""
+    if len(args) != 1:
+        raise DmeError(502)
+    if not isinstance(args[0], Text):
+        raise DmeError(509)
+    return args[0].value
+
+
+def word_of(args: tuple[Arg, ...]) -> str:
+    """The one bare word; raises `DmeError`."""
+    if len(args) != 1:
+        raise DmeError(502)
+    if not isinstance(args[0], Word):
+        raise DmeError(509)
+    return args[0].value

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " three seats\n"
         "  poses     the poses of a table of `armd design -o`\n"
         "  tip       a seat, or a sphere (--sphere-mm): the tip's offset\n"
-        "  interim   a short check, for `armd interim`\n"
+        "  interim   a short check, for `armd interim`; --proposed: the one it proposes\n"
         "while it runs, Enter after: d delete the last, a once more, s leave out, f finish, q stop"
     )
     parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
@@ -66,7 +66,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=lambda text: whole(text, 1, MOST_STATIONS),
         help="rounds over the targets in each placement (seats: 10, artefact: 3)",
     )
-    what.add_argument("--poses", metavar="POSES.csv", type=Path, help="a table of `armd design -o`")
+    what.add_argument(
+        "--poses",
+        metavar="POSES.csv",
+        type=Path,
+        help="a table of `armd design -o`, or (interim) of `armd interim report --poses`",
+    )
+    what.add_argument(
+        "--proposed",
+        action="store_true",
+        help="of interim: the check that --history proposes, where a cause is in doubt",
+    )
     what.add_argument(
         "--tests", metavar="NAME,…", type=_names, help=f"of verify: {', '.join(TESTS)} (all)"
     )
@@ -110,6 +120,7 @@ def run(args: argparse.Namespace) -> int:
         placements=args.placements,
         repeats=args.repeats,
         poses=args.poses,
+        proposed=args.history if args.proposed else None,
         tests=args.tests,
         near_mm=args.near_mm,
         sphere_mm=args.sphere_mm,
@@ -152,6 +163,9 @@ def _options(args: argparse.Namespace) -> EndOptions:
         check_input(args.mpe)
     for path in args.others:
         check_input(path / "session.toml")
+    if args.proposed and args.history is None:
+        expected = "--history DIR: the history that proposes a check"
+        raise BadInput("the command line", "--proposed", "it without a history", expected)
     if args.apply and args.kind != "tip":
         raise BadInput("the command line", "--apply", f"it with {args.kind}", "it with tip only")
     if args.apply and args.name is None:

@@ -8,7 +8,6 @@ import shlex
 import sys
 from collections.abc import Sequence
 
-from rich.console import Console
 from rich.table import Table
 
 from armd.compensation.data.session import Session, load_sessions
@@ -23,6 +22,7 @@ from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
+from armd.terminal.plain import plain_console
 
 ORDERS = {"auto": None, "off": 0, "1": 1, "2": 2, "3": 3, "4": 4}
 
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--thermal",
         choices=list(ORDERS),
         default="auto",
-        help="order of the thermal model; auto decides by the error at temperatures left out",
+        help="order of the thermal model; auto decides by the error on readings left out",
     )
     parser.add_argument(
         "--thermal-method",
@@ -99,7 +99,7 @@ def _page(
 
 
 def _print(result: Result, written: str) -> None:
-    console = Console()
+    console = plain_console()
     found = result.fit
     console.print(
         f"{found.observations.n} readings, {result.rms_um:.2f} µm 3-D RMS,"
@@ -109,7 +109,7 @@ def _print(result: Result, written: str) -> None:
     for length in result.lengths:
         console.print(f"certified length {length.in_words()}")
     if result.trials:
-        table = Table("thermal model", "at temperatures left out")
+        table = Table("thermal model", "on readings left out")
         for trial in result.trials:
             table.add_row(trial.name, trial.errors.in_words())
         console.print(table)

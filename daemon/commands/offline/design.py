@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from armd.compensation.data.session import Session, load_sessions
@@ -25,6 +24,7 @@ from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.terminal.aside import aside, bar
+from armd.terminal.plain import plain_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -118,7 +118,7 @@ def table(experiment: Experiment, sensors: list[str]) -> list[dict[str, Any]]:
 
 
 def _print(experiment: Experiment, rows: list[dict[str, Any]], sentence: str) -> None:
-    console = Console()
+    console = plain_console()
     criterion = experiment.criterion
     console.print(
         f"To {criterion.words}: {experiment.climate.words}, these poses on one new placement\n"

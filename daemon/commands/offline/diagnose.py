@@ -8,7 +8,6 @@ import shlex
 import sys
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from armd.compensation.data.session import load_sessions
@@ -24,6 +23,7 @@ from armd.daemon.commands.offline.given import add_arm, add_model_under_test, lo
 from armd.files.outputs import CALIBRATION, RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.terminal.aside import aside, bar
+from armd.terminal.plain import plain_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +85,7 @@ def _page(args: argparse.Namespace, diagnosis: Diagnosis, result: dict[str, Any]
 
 
 def _print(diagnosis: Diagnosis, result: dict[str, Any]) -> None:
-    console, findings = Console(), result["findings"]
+    console, findings = plain_console(), result["findings"]
     console.print(
         f"{diagnosis.rms_um:.2f} µm 3-D RMS, {diagnosis.heldout_rms_um:.2f} µm held out; "
         f"the noise alone: {diagnosis.noise_floor_um:.2f} µm"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 
-from rich.console import Console
 from rich.table import Table
 
 from armd.compensation.identify.admission.requirements import ABSURD_RMS_MM
@@ -15,6 +14,7 @@ from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
+from armd.terminal.plain import plain_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
         if figures["n"]:
             values = (f"{figures[key]:.2f}" for key in ("rms_um", "median_um", "max_um"))
             table.add_row(name, str(figures["n"]), *values)
-    console = Console()
+    console = plain_console()
     console.print(table)
     for length in lengths:
         console.print(f"certified length {length.in_words()}")

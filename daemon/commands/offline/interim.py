@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import math
+import shlex
 import time
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ from armd.compensation.data.session import load_sessions
 from armd.compensation.interim.checks import history, keeping
 from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.interim.checks.reduce import reduce
-from armd.compensation.interim.told.judge import Judgement, judge
+from armd.compensation.interim.told.judge import judge
+from armd.compensation.interim.told.judgement import Judgement
 from armd.compensation.interim.told.result import as_json, in_words
 from armd.compensation.interim.told.tomorrow import Tomorrow, tomorrow
 from armd.compensation.model.arm import load_arm
@@ -48,7 +50,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add.add_argument(
         "--future",
         action="store_true",
-        help="take checks that are dated after now, too, as simulated ones may be",
+        help="do not ask this computer's clock: take checks that are dated after now, as simulated"
+        " ones may be, and checks added after the clock was set back",
     )
     add.add_argument("--json", action="store_true", help="print the result for programs")
     report = actions.add_parser("report", help="what the history says")
@@ -80,6 +83,8 @@ def _add(args: argparse.Namespace) -> int:
         keeping.check_past(sessions, math.floor(time.time()))
     # Twice: before the long part for a quick answer, and again when nobody else may write.
     lines = history.read_lines(folder)
+    if not args.future:
+        keeping.check_clock(folder, lines, math.floor(time.time()))
     keeping.check_new(folder, lines, sessions)
     causes = causes_of(arm, calibration.content)
     console, new = aside(args), []
@@ -94,7 +99,9 @@ def _add(args: argparse.Namespace) -> int:
         keeping.check_new(folder, lines, sessions)
         keeping.keep(folder, lines, new, Path(args.arm), calibration)
         judgement, result, _ = _judged(folder)
-    _say(judgement, result, "-" if args.json else None)
+    if remark := keeping.dated_before(lines, sessions):
+        console.print(f"armd: {remark}", soft_wrap=True, markup=False, highlight=False)
+    _say(folder, judgement, result, "-" if args.json else None)
     return 1 if judgement.changed else 0
 
 
@@ -117,7 +124,7 @@ def _report(args: argparse.Namespace) -> int:
     write_pages(args, lambda: _page(folder, judgement, result))
     if to_file:
         write_whole(to_file, json.dumps(result, indent=1, allow_nan=False) + "\n")
-    _say(judgement, result, args.json)
+    _say(folder, judgement, result, args.json)
     return 1 if judgement.changed else 0
 
 
@@ -155,15 +162,14 @@ def _poses(after: Tomorrow) -> str:
     sides = [f"approach_joint_{k}" for k in joints]
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["pose", "x_mm", "y_mm", "z_mm", *(f"q{k}_deg" for k in joints), *sides])
-    rows = zip(np.degrees(states.q), states.rate, strict=True)
-    for i, (q, rate) in enumerate(rows, 1):
+    rows = zip(np.degrees(states.q), after.advised.approach, strict=True)
+    for i, (q, turned) in enumerate(rows, 1):
         tip = seats[(i - 1) % len(seats)]
-        turned = ("+" if v > 0 else "-" for v in rate)
         writer.writerow([i, *(f"{v:.1f}" for v in tip), *(f"{v:.2f}" for v in q), *turned])
     return text.getvalue()
 
 
-def _say(judgement: Judgement, result: dict[str, Any], to: str | None) -> None:
+def _say(folder: Path, judgement: Judgement, result: dict[str, Any], to: str | None) -> None:
     if to == "-":
         print(json.dumps(result, indent=1, allow_nan=False))
         return
@@ -172,4 +178,16 @@ def _say(judgement: Judgement, result: dict[str, Any], to: str | None) -> None:
     for change in result["changes"]:
         if change["calibration_from"]:
             print(f"corrected calibration: {change['calibration_from']} (in the history's folder)")
+    # Changes of earlier epochs are in the calibration that the checks are now of.
+    open_ones = [c for c in result["changes"] if c["judged_under"] == result["calibration"]]
+    mended = [c["calibration_from"] for c in open_ones if c["calibration_from"]]
+    if mended:
+        since = min(change["between"][0] for change in open_ones)
+        print(
+            "to correct what was measured since: armd recorrect MEASUREMENTS --arm ARM.toml "
+            f"--calibration {shlex.quote(str(folder / mended[-1]))} --since {since} -o again.csv"
+        )
     print(f"next: {result['next_check']['sentence']}")
+    if result["next_check"]["poses_deg"]:
+        where = shlex.quote(str(folder))
+        print(f"to measure it: armd measure interim --proposed --history {where} -o SESSION")

@@ -14,7 +14,7 @@ import numpy as np
 
 from armd import Flag
 from armd.arrays import F64
-from armd.compensation.interim.again.quality_page import Change, quality_page
+from armd.compensation.interim.again.quality_page import Impact, quality_page
 from armd.compensation.interim.again.recorrect import Recorrected, recorrect
 from armd.compensation.model.arm import Arm, Vector3, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> int:
         new = _recorrected(chosen, arm, calibration, _tips(args.config), where)
     old = np.array([m.position_mm or (np.nan,) * 3 for m in chosen]).reshape(-1, 3)
     distance = np.linalg.norm(new.position_mm - old, axis=1)
-    change = Change(
+    change = Impact(
         arm.serial_number,
         calibration.sha256,
         [m.seq for m in chosen],
@@ -213,7 +213,7 @@ def _table(
     chosen: Sequence[MeasurementLine],
     old: F64,
     new: Recorrected,
-    change: Change,
+    change: Impact,
     calibration: LoadedCalibration,
 ) -> str:
     text = io.StringIO()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 
-from rich.console import Console
 from rich.table import Table
 
 from armd.compensation.data.session import Session, load_session
@@ -19,6 +18,7 @@ from armd.errors import ArmdError
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.terminal.aside import aside
+from armd.terminal.plain import plain_console
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -66,7 +66,7 @@ def _page(args: argparse.Namespace, verdict: Verdict, session: Session, arm: Arm
 
 
 def _print(verdict: Verdict, limits: Limits | None) -> None:
-    console = Console()
+    console = plain_console()
     table = Table(box=None, pad_edge=False)
     for heading in ("Figure", "Standard"):
         table.add_column(heading)

@@ -15,7 +15,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import frames
 from armd.daemon import cli
-from armd.daemon.catalogue.known import KNOWN
+from armd.daemon.catalogue.known import KNOWN, known_arm
 from armd.drivers.ports import serial_ports
 
 LEROBOT = {
@@ -235,6 +235,20 @@ def test_lerobots_degrees_and_ours_are_the_same_pose(tmp_path: Path) -> None:
     assert arm.joint[3].direction == -1  # drive_mode 1
     assert [j.temperature for j in arm.joint] == [j.temperature for j in drawing.joint]
     assert "1: -1234, 2: 981, 3: 12, 4: -3, 5: 77, 6: 5" in path.read_text()
+
+
+def test_a_dynamixel_turns_its_count_round_itself(tmp_path: Path) -> None:
+    """LeRobot's Koch leader: Drive_Mode 1 is written to the elbow's servo, and not applied again
+    (`DynamixelMotorsBus.apply_drive_mode`)."""
+    source, path = tmp_path / "leader.json", tmp_path / "arm.toml"
+    leader = {
+        key: {**motor, "drive_mode": int(key == "elbow_flex")} for key, motor in LEROBOT.items()
+    }
+    source.write_text(json.dumps(leader))
+    assert cli.main(["arm", "import-lerobot", str(source), "-o", str(path), "--arm", "koch"]) == 0
+    drawing = known_arm("koch")
+    taken = [joint.direction for joint in load_arm(path).joint]
+    assert taken == [joint.direction for joint in drawing.joint]
 
 
 def test_lerobots_ids_are_taken_over(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ import pytest
 
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, save_calibration
-from armd.compensation.model.known_expansion import known_expansion
 from armd.daemon.cli import main
+from support.known_expansion import known_expansion
 
 ARM = """schema = "armd.arm/1"
 serial_number = "TEST"
@@ -53,7 +53,7 @@ def folder(tmp_path: Path) -> Path:
     """One file of every kind, all of them right."""
     (tmp_path / "arm.toml").write_text(ARM)
     arm = load_arm(tmp_path / "arm.toml")
-    save_calibration(tmp_path / "calibration.json", known_expansion(arm, [1e-6] * 3))
+    save_calibration(tmp_path / "calibration.json", known_expansion(arm, 1e-6))
     (tmp_path / "armd.toml").write_text(DAEMON)
     (tmp_path / "session").mkdir()
     (tmp_path / "session/session.toml").write_text(SESSION)
