@@ -153,7 +153,8 @@ def test_a_silent_line_says_what_came_in_place_of_answers(tmp_path):
         servos.deaf = False
         taken.rows(20)
         servos.deaf = True
-        asked = len(servos.requests)  # what they said before has been read once they are asked again
+        # What they said before has been read once they are asked again.
+        asked = len(servos.requests)
         taken.take(2.0, lambda: len(servos.requests) > asked + 3)
         servos.say(b"$GPGGA,123519*47\r\n")
         taken.take(2.0, lambda: len(taken.told("silence")) > 1)
