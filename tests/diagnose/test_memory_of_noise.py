@@ -100,6 +100,18 @@ def test_what_was_absorbed_hid_a_part_of_the_memory() -> None:
     assert np.median(sizes) == pytest.approx(1.0, rel=0.05)
 
 
+def test_certified_lengths_have_no_rests_and_say_nothing_of_a_memory() -> None:
+    """Each may err by itself: columns that absorb, of rows that belong to no rest."""
+    rng = np.random.default_rng(8)
+    time_s, sources = times(rng), encoders(rng)
+    noise, sequence = noise_of(sources, time_s, rng), Sequence.of(PLACEMENT, time_s)
+    of_pose = (np.flatnonzero(PLACEMENT == 0), np.kron(np.ones((50, 1)), np.eye(3)) / 50**0.5)
+    of_lengths = (np.empty(0, dtype=np.int64), 0.5 * np.eye(15))
+    without = Lasting(sources, sequence, [of_pose]).memory(noise)
+    assert without is not None
+    assert Lasting(sources, sequence, [of_pose, of_lengths]).memory(noise) == without
+
+
 def test_a_step_of_one_encoder_meets_all_of_its_memory() -> None:
     """Of an encoder's errors the tip shows less that lasts than the encoder's own angle does."""
     rng = np.random.default_rng(4)

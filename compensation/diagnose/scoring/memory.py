@@ -150,8 +150,8 @@ class Lasting:
         following = np.full(len(self.sources), -1)
         following[self._pairs[0]] = self._pairs[1]
         for rests, own in self.absorbed:
-            if len(rests) > MOST_RESTS or not own.size:
-                continue
+            if not 0 < len(rests) <= MOST_RESTS or not own.size:
+                continue  # certified lengths have errors of their own, and no rests
             sources = self.sources[rests]
             white = own
             if correlation > 0.0:
