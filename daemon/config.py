@@ -12,7 +12,7 @@ from armd import keys
 from armd.compensation.model.arm import Arm, Offset, load_arm
 from armd.drivers.config import DriverConfig, ReplayConfig, ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.family import COUNTS_PER_TURN
+from armd.drivers.poll.protocol.family import COUNTS_PER_TURN
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_toml
 

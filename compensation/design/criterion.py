@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.told.advice import Doubt, alike
-from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.state import States

@@ -31,7 +31,7 @@ from armd.compensation.diagnose.problem.layout import IDENTIFIED, finding
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.told.advice import most_doubtful
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.linear_model import Layout, LinearModel
+from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 

@@ -43,7 +43,7 @@ from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.touched import MOST_TOUCHED, beside, find_touched
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.identify.evaluate import Evaluation, evaluate
+from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 

@@ -16,9 +16,9 @@ from operator import add
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.linear_model import Layout, LinearModel
+from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
+from armd.compensation.estimate.linear.solution import FittedAlong
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.solution import FittedAlong
 
 POSE, TARGETS, OTHERS = "pose", "targets", "others"
 

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation
 from armd.compensation.estimate.placements import Placements
 from armd.compensation.estimate.poses import Poses
-from armd.compensation.estimate.solution import Solution
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from armd.compensation.identify.admission.requirements import (
     require_some,
 )
 from armd.compensation.identify.certificate import judge
-from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
 from armd.compensation.identify.heldout import HeldOut

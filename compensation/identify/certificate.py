@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.compensation.estimate.gauge import PLAUSIBLE, scale_is_free
+from armd.compensation.estimate.linear.solution import LEAST_KNOWN
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.solution import LEAST_KNOWN
 from armd.compensation.identify.admission.requirements import readings_needed
+from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors
-from armd.compensation.identify.lengths import MOST_OFF, Length
 from armd.terminal.counted import counted
 
 #: What a granted one is, and what it is not.

@@ -18,6 +18,7 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.gauge import gauge
+from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import LEAST_MM, ReadingNoise, Weighting, estimate
 from armd.compensation.estimate.observations import Observations
@@ -30,7 +31,6 @@ from armd.compensation.estimate.robust import (
     outlying,
     redescending_weights,
 )
-from armd.compensation.estimate.solution import Solution
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.descent import Descent

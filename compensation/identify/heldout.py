@@ -14,10 +14,10 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation
 from armd.compensation.estimate.noise import whitening
 from armd.compensation.estimate.robust import redescending_weights
-from armd.compensation.estimate.solution import Solution
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.fit import Identification, rms_um
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.identify.certificate import Certificate
+from armd.compensation.identify.evaluation.lengths import Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors
-from armd.compensation.identify.lengths import Length
 from armd.compensation.identify.thermal.comparison import Trial
 from armd.compensation.model.calibration import Calibration
 

@@ -12,7 +12,7 @@ from armd.arrays import I64
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.unknowns import in_words
 from armd.compensation.identify.certificate import RULE
-from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.temperatures import temperature_groups

@@ -23,7 +23,7 @@ class Patient:
     name: str
     facts: list[str] = field(default_factory=list)
     findings: list[Obstacle] = field(default_factory=list)
-    servos: Sequence[dict[str, Any]] = ()  # as armd.drivers.poll.family.Servo, with "id"
+    servos: Sequence[dict[str, Any]] = ()  # as armd.drivers.poll.protocol.family.Servo, with "id"
     protocol: str = ""  # who answers: a `kind` of [driver], or ""
     baud: int | None = None
     rate_hz: float | None = None  # cycles a second that were reached

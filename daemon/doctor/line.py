@@ -9,8 +9,8 @@ from collections.abc import Collection
 import serial
 
 from armd.closing import Closing
-from armd.drivers.poll.family import Family
-from armd.drivers.poll.packet import Packet
+from armd.drivers.poll.protocol.family import Family
+from armd.drivers.poll.protocol.packet import Packet
 
 BYTES = 4096
 ECHO_S = 0.1  # an adapter gives bytes back within 16 ms, on a busy host later

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.line import Line
-from armd.drivers.poll import dynamixel, feetech
-from armd.drivers.poll.family import FAMILIES, Family, Servo, model_name
-from armd.drivers.poll.packet import Status
+from armd.drivers.poll.protocol import dynamixel, feetech
+from armd.drivers.poll.protocol.family import FAMILIES, Family, Servo, model_name
+from armd.drivers.poll.protocol.packet import Status
 
 #: Rates that servos can be set to, the usual ones first.
 BAUDS = {

@@ -15,12 +15,12 @@ from armd.arrays import F64
 from armd.closing import Closing
 from armd.compensation.data.session import READINGS
 from armd.daemon.files.session_folder import reading_row, write_readings
-from armd.daemon.measure.following import Following
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.log import NAME, Entry, Log, begun
 from armd.daemon.measure.plan.stations import Plan, Station, parse_plan
-from armd.daemon.measure.progress import Progress
 from armd.daemon.measure.refusal import Refusal, changed, judge
+from armd.daemon.measure.so_far.following import Following
+from armd.daemon.measure.so_far.progress import Progress
 from armd.errors import BadInput
 
 #: Readings that `state` lists, the last ones.

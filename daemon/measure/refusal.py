@@ -12,8 +12,8 @@ from armd import Flag
 from armd.daemon.files.session_folder import unfit
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.plan.stations import Plan, Station
-from armd.daemon.measure.progress import Progress
-from armd.daemon.measure.whereabouts import Whereabouts
+from armd.daemon.measure.so_far.progress import Progress
+from armd.daemon.measure.so_far.whereabouts import Whereabouts
 
 #: A joint that turned by less since the last reading was not moved: the button was pressed twice.
 #: A hand that takes the tip away and back moves some joint by far more.

@@ -20,9 +20,9 @@ from rich.text import Text
 from armd import keys
 from armd.client import Arm
 from armd.daemon.measure.ending import Done
-from armd.daemon.measure.estimate import identified
 from armd.daemon.measure.hearing import SILENT_S, Hearing
 from armd.daemon.measure.measuring import Measuring
+from armd.daemon.measure.so_far.estimate import identified
 from armd.errors import ArmdError
 from armd.terminal.counted import counted
 from armd.terminal.printable import printable

@@ -13,9 +13,9 @@ import numpy as np
 
 from armd.drivers.can.bus import BusFault, OwnNetwork, open_bus
 from armd.drivers.can.decoder import CanDecoder, note
-from armd.drivers.can.job import Job
 from armd.drivers.can.objects import SDO_REPLY_BASE, CanFrame
-from armd.drivers.can.setup import NodeSetup
+from armd.drivers.can.setup.job import Job
+from armd.drivers.can.setup.node_setup import NodeSetup
 from armd.drivers.config import CanConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Item

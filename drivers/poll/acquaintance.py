@@ -12,8 +12,8 @@ from serial.tools import list_ports
 from armd.drivers.config import ServoConfig
 from armd.drivers.poll.decoder import ServoDecoder, note
 from armd.drivers.poll.memory import Memory
-from armd.drivers.poll.packet import ReadRequest
 from armd.drivers.poll.plan import RequestPlan
+from armd.drivers.poll.protocol.packet import ReadRequest
 from armd.errors import BadInput
 
 TRIES = 3  # identity requests before a servo counts as missing

@@ -13,8 +13,8 @@ from typing import Any
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.exchange import Exchange
-from armd.drivers.poll.family import FAMILIES, Servo
-from armd.drivers.poll.packet import ReadRequest
+from armd.drivers.poll.protocol.family import FAMILIES, Servo
+from armd.drivers.poll.protocol.packet import ReadRequest
 from armd.drivers.poll.roster import Roster
 from armd.drivers.poll.sampler import ServoSampler
 from armd.drivers.poll.warmth import RESOLUTION_C, Warmth

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from armd.drivers.poll.family import Family
-from armd.drivers.poll.packet import Packet, ReadRequest, Status
+from armd.drivers.poll.protocol.family import Family
+from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Status
 from armd.drivers.sample import RawFrame
 
 

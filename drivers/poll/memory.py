@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from pydantic import Field
 
-from armd.drivers.poll.family import Family, Servo, differences
+from armd.drivers.poll.protocol.family import Family, Servo, differences
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_json
 from armd.files.state_folder import state_folder

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from armd.drivers.poll.decoder import ServoDecoder
-from armd.drivers.poll.packet import ReadRequest
+from armd.drivers.poll.protocol.packet import ReadRequest
 
 WARM_EVERY_NS = 500_000_000
 RECHECK_EVERY_NS = 500_000_000  # one servo after the other says again who it is

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from armd.drivers.joint_watch import GOOD_FOR_NS
-from armd.drivers.poll.family import Family, Servo, model_name
+from armd.drivers.poll.protocol.family import Family, Servo, model_name
 from armd.drivers.sample import Event
 
 #: A servo that was not heard for longer is absent: one that is asked in each cycle, and one that

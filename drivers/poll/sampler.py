@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from armd.drivers.joint_watch import JointWatch
-from armd.drivers.poll.family import COUNTS_PER_TURN
 from armd.drivers.poll.lateness import Lateness
+from armd.drivers.poll.protocol.family import COUNTS_PER_TURN
 from armd.drivers.sample import Event, Item, SampleArray, sample_dtype
 from armd.drivers.unwrap import MARGIN_COUNTS, Unwrapper
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armd.arrays import F64
-from armd.drivers.poll import dynamixel, feetech
-from armd.drivers.poll.packet import BROADCAST, Packet, Status
+from armd.drivers.poll.protocol import dynamixel, feetech
+from armd.drivers.poll.protocol.packet import BROADCAST, Packet, Status
 from armd.simulator.live.faults import Fault, Schedule
 from armd.simulator.live.pty_port import PtyPort, transit_ns
 from armd.simulator.live.scenario import Scenario

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from armd.drivers.poll.feetech import ERRORS as FEETECH_ERRORS
+from armd.drivers.poll.protocol.feetech import ERRORS as FEETECH_ERRORS
 
 SIGN = 0x8000
 

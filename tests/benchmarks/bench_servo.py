@@ -26,7 +26,7 @@ from bench_daemon import processors_awake
 from armd.daemon.host.priority import go_first
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll import dynamixel, feetech
+from armd.drivers.poll.protocol import dynamixel, feetech
 from armd.drivers.table import open_driver
 from armd.simulator.servobus.device import TURN_ROUND_NS
 from support.simulated_arm import SimulatedArm, simulated_arm

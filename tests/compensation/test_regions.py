@@ -13,7 +13,7 @@ from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify import fit as fitting
-from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
 from support import synthetic
 

@@ -15,7 +15,7 @@ from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
-from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.calibration import Calibration, constants_of
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term

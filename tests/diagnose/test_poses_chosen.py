@@ -7,7 +7,7 @@ import pytest
 
 from armd.compensation.design import design as module
 from armd.compensation.design.criterion import ASKED, Between, Weakest
-from armd.compensation.estimate.linear_model import Layout, LinearModel
+from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 
 
 def known_of(gram: np.ndarray, asked: int) -> LinearModel:

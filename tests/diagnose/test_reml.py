@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting import noise as noise_model
-from armd.compensation.estimate.blocks import in_blocks
+from armd.compensation.estimate.linear.blocks import in_blocks
 from support.small_fit import unit_noise
 
 N = 12

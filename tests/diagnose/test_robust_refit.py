@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from armd.compensation.diagnose.problem.amplitudes import most_plausible
 from armd.compensation.diagnose.scoring import robust_refit, scatter
 from armd.compensation.diagnose.scoring.projection import Projection
-from armd.compensation.estimate.linear_model import Layout, LinearModel
+from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.estimate.robust import WINSOR_AT
 from support.small_fit import candidate, small_fit
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.linear_model import Layout, LinearModel
-from armd.compensation.estimate.solution import LEAST_KNOWN, Solution
+from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
+from armd.compensation.estimate.linear.solution import LEAST_KNOWN, Solution
 
 SCALE = np.array([10.0, 0.02, 3.0, 1.0])
 

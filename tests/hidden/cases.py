@@ -16,9 +16,9 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import RestNoise
-from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import NOISE, Design
 from armd.simulator.hidden import HiddenCase, generate_case

@@ -18,7 +18,7 @@ from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.report.diagnosis import diagnosis_report

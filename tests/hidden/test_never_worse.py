@@ -18,7 +18,7 @@ from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.heldout.gain import capped
 from armd.compensation.identify.calibrate import calibrate
-from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import DESIGNS
 from armd.simulator.hidden import generate_case

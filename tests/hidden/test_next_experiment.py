@@ -13,7 +13,7 @@ from doubts import Doubtful, settle
 
 from armd.compensation.design.criterion import ASKED, Between
 from armd.compensation.diagnose.told.advice import next_experiment
-from armd.compensation.estimate.linear_model import Layout, LinearModel
+from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main
 from armd.simulator.campaigns.hidden import DESIGNS, Design

@@ -12,10 +12,10 @@ import pytest
 from armd.compensation.data import pieces
 from armd.compensation.data.session import Session, load_sessions
 from armd.compensation.data.session_writing import write_session
-from armd.compensation.identify import evaluate_files as streamed
-from armd.compensation.identify.condensed import sums_by
-from armd.compensation.identify.evaluate import evaluate
-from armd.compensation.identify.tally import Tally
+from armd.compensation.identify.evaluation import evaluate_files as streamed
+from armd.compensation.identify.evaluation.condensed import sums_by
+from armd.compensation.identify.evaluation.evaluate import evaluate
+from armd.compensation.identify.evaluation.tally import Tally
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, constants_of
 from armd.errors import BadInput

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.errors import BadInput
 from support import synthetic
 

@@ -9,7 +9,7 @@ import pytest
 
 from armd.compensation.data.session import Session
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from support import synthetic
 
 ARM = synthetic.arm()

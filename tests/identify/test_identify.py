@@ -12,7 +12,7 @@ from armd.compensation.estimate.gauge import free_constants, unidentifiable
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model import parameters

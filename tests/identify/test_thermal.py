@@ -7,7 +7,7 @@ import pytest
 
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.per_temperature import regression
 from armd.compensation.identify.thermal.temperatures import left_out_in_turn, temperature_groups

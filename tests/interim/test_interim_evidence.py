@@ -14,7 +14,7 @@ from test_interim_history import measured, run, true_calibration
 from armd.compensation.data.session import load_sessions
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
-from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, SIZES, log_marginal, weigh
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, RunningSums, Stack

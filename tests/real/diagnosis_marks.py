@@ -27,7 +27,7 @@ from armd.compensation.diagnose.told.result import needs_of, place_of
 from armd.compensation.diagnose.told.verdict import verdict
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import gather
-from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.fit import Unknowns, fit
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, constants_of

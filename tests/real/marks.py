@@ -19,8 +19,8 @@ from rich.table import Table
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.identify.evaluate import Evaluation, evaluate
-from armd.compensation.identify.lengths import MOST_OFF
+from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
+from armd.compensation.identify.evaluation.lengths import MOST_OFF
 from armd.compensation.identify.result import Result
 from armd.compensation.model.arm import load_arm
 

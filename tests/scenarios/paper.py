@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from armd.compensation.data.session import Session, load_session
-from armd.compensation.identify.evaluate import Evaluation, evaluate
+from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, load_calibration
 from armd.daemon.cli import main as armd

@@ -10,7 +10,7 @@ import pytest
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll import dynamixel, feetech
+from armd.drivers.poll.protocol import dynamixel, feetech
 from armd.drivers.table import open_driver
 from armd.simulator.servobus.arm import COUNTS_PER_TURN, ServoArm, servo_ids
 from support.simulated_arm import simulated_arm

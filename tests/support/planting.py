@@ -10,7 +10,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.data.session import Session
-from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.state import States

@@ -18,8 +18,8 @@ from armd.compensation.diagnose.problem.layout import (
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
-from armd.compensation.estimate import linear_model
-from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.estimate.linear import linear_model
+from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
 def unit_noise(n: int, distances: int = 0) -> RestNoise:

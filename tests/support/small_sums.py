@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.diagnose.scoring.evidence import Sums
-from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.estimate.linear.linear_model import LinearModel
 from support.small_fit import candidate
 
 N = 90

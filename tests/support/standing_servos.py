@@ -13,7 +13,7 @@ import threading
 import tty
 from types import TracebackType
 
-from armd.drivers.poll import dynamixel
+from armd.drivers.poll.protocol import dynamixel
 
 
 class FakeServos:

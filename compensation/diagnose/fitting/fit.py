@@ -18,8 +18,8 @@ from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.blocks import Blocks, in_blocks
-from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.estimate.linear.blocks import Blocks, in_blocks
+from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 
 #: A step errs by about its square over the arm's length; beyond this share of the noise the

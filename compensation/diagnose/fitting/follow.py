@@ -19,8 +19,8 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance
-from armd.compensation.estimate.blocks import in_blocks
-from armd.compensation.estimate.linear_model import pseudo_inverse_factor
+from armd.compensation.estimate.linear.blocks import in_blocks
+from armd.compensation.estimate.linear.linear_model import pseudo_inverse_factor
 from armd.compensation.model.arm import Arm
 
 #: A solution that changes by less than so many standard uncertainties stays.

@@ -19,7 +19,7 @@ from scipy.optimize import minimize, minimize_scalar
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
-from armd.compensation.estimate.blocks import Blocks
+from armd.compensation.estimate.linear.blocks import Blocks
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights
 

@@ -21,7 +21,7 @@ from armd.compensation.diagnose.problem.layout import (
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
 from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate import linear_model
+from armd.compensation.estimate.linear import linear_model
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.slow_factors import Temperature

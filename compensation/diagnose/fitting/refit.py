@@ -20,8 +20,8 @@ from armd.compensation.diagnose.problem.layout import FitLayout, finding, with_s
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.blocks import in_blocks
-from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.estimate.linear.blocks import in_blocks
+from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 
 

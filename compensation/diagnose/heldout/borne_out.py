@@ -31,7 +31,7 @@ from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.effects.courses import is_drift
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.identify.evaluate import evaluate
+from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 
 #: Where placements are left out, the finding was chosen with them too. That hardly flatters one so

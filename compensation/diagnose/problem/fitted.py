@@ -10,7 +10,7 @@ from armd.compensation.diagnose.problem.layout import MOUNT, FitLayout, finding
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
 @dataclass(frozen=True)

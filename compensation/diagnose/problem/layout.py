@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate import linear_model
+from armd.compensation.estimate.linear import linear_model
 
 PLACEMENTS, IDENTIFIED, MOUNT, TARGETS, DRIFT = (
     "placements and seats",

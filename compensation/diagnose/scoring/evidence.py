@@ -19,7 +19,7 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import SCALES, Candidate
-from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.estimate.linear.linear_model import LinearModel
 
 #: A candidate of which less than this share of its squared norm survives projection is absorbed.
 ABSORBED = 1e-6

@@ -21,7 +21,7 @@ from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.evidence import Sums, total
 from armd.compensation.diagnose.scoring.memory import Lasting
 from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
-from armd.compensation.estimate.linear_model import Layout, LinearModel
+from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
 
 CHUNK = 128  # candidates' columns at once: what stays in the processor's cache

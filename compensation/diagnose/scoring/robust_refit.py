@@ -18,7 +18,7 @@ from armd.compensation.diagnose.problem.amplitudes import most_plausible
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.linear_model import LinearModel
+from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.estimate.robust import WINSOR_AT, huber_loss, huber_weights
 
 #: Rounds of reweighting at most; one that gains less log likelihood was the last.

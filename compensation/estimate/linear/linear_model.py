@@ -28,7 +28,7 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.solution import FittedAlong, Solution, leaning
+from armd.compensation.estimate.linear.solution import FittedAlong, Solution, leaning
 
 #: Weight of nothing, beside columns of unit length: far above rounding (1e-16), far below what
 #: decides anything (a candidate's share of 1e-6 that survives projection).

@@ -15,7 +15,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import fit_poses
-from armd.compensation.identify.lengths import certified_lengths
+from armd.compensation.identify.evaluation.lengths import certified_lengths
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.terms import Term

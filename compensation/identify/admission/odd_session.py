@@ -29,7 +29,7 @@ from armd.compensation.identify.admission.mistakes import (
     wrong_length_unit,
 )
 from armd.compensation.identify.admission.requirements import readings_needed
-from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit, rms_um
 from armd.compensation.identify.thermal.temperatures import temperature_groups
 from armd.compensation.identify.thermal.terms import length_terms

@@ -12,8 +12,8 @@ from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
-from armd.compensation.identify import tally
-from armd.compensation.identify.lengths import Length, certified_lengths
+from armd.compensation.identify.evaluation import tally
+from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration, sensors_of

@@ -25,10 +25,10 @@ from armd.compensation.data.session import (
 )
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
-from armd.compensation.identify.condensed import Sums, sums_by
-from armd.compensation.identify.evaluate import evaluate, without_temperatures
-from armd.compensation.identify.lengths import Length, certified_lengths
-from armd.compensation.identify.tally import Tally
+from armd.compensation.identify.evaluation.condensed import Sums, sums_by
+from armd.compensation.identify.evaluation.evaluate import evaluate, without_temperatures
+from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
+from armd.compensation.identify.evaluation.tally import Tally
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.estimate.solution import Solution
+from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, HeldOut
 from armd.compensation.identify.thermal.per_temperature import regressed, regression

@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import linearise
 from armd.compensation.estimate.noise import estimate, whitening
 from armd.compensation.estimate.robust import mahalanobis2, redescending_weights
-from armd.compensation.estimate.solution import Solution
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.arm_alone import ArmAlone
-from armd.compensation.identify.evaluate import evaluate_model
+from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term

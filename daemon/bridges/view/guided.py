@@ -19,12 +19,12 @@ from armd.daemon.bridges.view.feed import Feed
 from armd.daemon.bridges.view.http import NotServed, Request
 from armd.daemon.bridges.view.sessions import A_NAME, results
 from armd.daemon.measure.ending import EndOptions, commands, run
-from armd.daemon.measure.estimate import identified
 from armd.daemon.measure.in_use import in_use_of
 from armd.daemon.measure.log import NAME
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import plan_of
 from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, Kind, Wishes
+from armd.daemon.measure.so_far.estimate import identified
 from armd.errors import ArmdError, BadInput
 from armd.files.schema import load_toml
 

@@ -8,7 +8,7 @@ import json
 from rich.table import Table
 
 from armd.compensation.identify.admission.requirements import ABSURD_RMS_MM
-from armd.compensation.identify.evaluate_files import evaluate_files
+from armd.compensation.identify.evaluation.evaluate_files import evaluate_files
 from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole

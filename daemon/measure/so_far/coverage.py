@@ -10,7 +10,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.daemon.measure.plan.stations import Plan
-from armd.daemon.measure.progress import Progress
+from armd.daemon.measure.so_far.progress import Progress
 
 FULL_TURN_DEG = 360.0
 

@@ -20,7 +20,7 @@ from armd.compensation.identify.tip import TipFit, fit_in_seat, fit_on_sphere
 from armd.compensation.model.arm import Arm
 from armd.daemon.measure.in_use import MeasuredWith
 from armd.daemon.measure.plan.stations import Plan
-from armd.daemon.measure.progress import Progress, Reading
+from armd.daemon.measure.so_far.progress import Progress, Reading
 from armd.errors import BadInput
 
 

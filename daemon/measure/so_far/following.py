@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 
 from armd.arrays import F64
-from armd.daemon.measure.coverage import (
+from armd.daemon.measure.in_use import MeasuredWith
+from armd.daemon.measure.plan.kinds import place_in_words
+from armd.daemon.measure.plan.postures import Proposal, designed, propose
+from armd.daemon.measure.plan.stations import Plan
+from armd.daemon.measure.so_far.coverage import (
     angles_of,
     joints_covered,
     targets_covered,
     temperatures_covered,
 )
-from armd.daemon.measure.estimate import estimate
-from armd.daemon.measure.in_use import MeasuredWith
-from armd.daemon.measure.plan.kinds import place_in_words
-from armd.daemon.measure.plan.postures import Proposal, designed, propose
-from armd.daemon.measure.plan.stations import Plan
-from armd.daemon.measure.progress import Progress
-from armd.daemon.measure.whereabouts import Whereabouts
+from armd.daemon.measure.so_far.estimate import estimate
+from armd.daemon.measure.so_far.progress import Progress
+from armd.daemon.measure.so_far.whereabouts import Whereabouts
 
 
 class Following:

@@ -80,7 +80,7 @@ def remote_node(number: int) -> PromptNode:
     """A node with the dictionary of its kind; only standard objects are used, so that of any
     maker will answer."""
     kind = "temperature" if number in can.TEMPERATURE_NODES else "encoder"
-    with (files(__package__) / "eds" / f"{kind}.eds").open(encoding="ascii") as eds:
+    with (files("armd.drivers.can") / "eds" / f"{kind}.eds").open(encoding="ascii") as eds:
         return PromptNode(number, canopen.import_od(eds, number))
 
 

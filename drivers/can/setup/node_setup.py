@@ -7,7 +7,8 @@ from functools import partial
 
 from armd.drivers.can import objects as can
 from armd.drivers.can.bus import OwnNetwork
-from armd.drivers.can.configure import (
+from armd.drivers.can.decoder import note
+from armd.drivers.can.setup.configure import (
     EncoderFacts,
     NodeRefused,
     PromptNode,
@@ -18,8 +19,7 @@ from armd.drivers.can.configure import (
     read_warnings,
     remote_node,
 )
-from armd.drivers.can.decoder import note
-from armd.drivers.can.job import Job
+from armd.drivers.can.setup.job import Job
 from armd.drivers.identity import Expectation
 
 NODE_BACK_OFF_NS = 250_000_000

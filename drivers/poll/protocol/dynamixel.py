@@ -11,7 +11,7 @@ from collections.abc import Container, Sequence
 
 from fastcrc import crc16
 
-from armd.drivers.poll.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
+from armd.drivers.poll.protocol.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
 
 HEADER = b"\xff\xff\xfd\x00"
 #: header, id, length, instruction and CRC: what every packet has besides its parameters

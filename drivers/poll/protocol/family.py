@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
-from armd.drivers.poll import dynamixel, feetech
-from armd.drivers.poll.packet import Packet, ReadRequest, Splitter, Status
+from armd.drivers.poll.protocol import dynamixel, feetech
+from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Splitter, Status
 
 COUNTS_PER_TURN = 4096
 SCS_SERIES = 5  # the first byte of its models' numbers: an SCS0009 says 5, 4

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 
-from armd.drivers.poll.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
+from armd.drivers.poll.protocol.packet import BROADCAST, Cut, Packet, ReadRequest, Splitter, Status
 
 HEADER = b"\xff\xff"
 #: header, id, length, code and checksum: what every packet has besides its parameters

@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 
 from armd.drivers.can import bus as bus_module
-from armd.drivers.can import configure, objects
+from armd.drivers.can import objects
 from armd.drivers.can.bus import GARBLED_MOST, BusFault, OwnNetwork, open_bus
 from armd.drivers.can.decoder import CanDecoder, note
 from armd.drivers.can.driver import CanDriver
 from armd.drivers.can.objects import CanFrame
-from armd.drivers.can.setup import NodeSetup
+from armd.drivers.can.setup import configure
+from armd.drivers.can.setup.node_setup import NodeSetup
 from armd.drivers.config import CanConfig
 from armd.drivers.host_time import HostTime
 from armd.drivers.identity import Expectation
@@ -345,7 +346,7 @@ def test_a_visit_that_outlives_its_bus_leaves_no_node_to_the_next(monkeypatch):
         released.wait(5.0)
         return configure.remote_node(number)
 
-    monkeypatch.setattr("armd.drivers.can.setup.remote_node", slowly)
+    monkeypatch.setattr("armd.drivers.can.setup.node_setup.remote_node", slowly)
     setup = NodeSetup(ONE_JOINT, 500.0, None)
     old = Nodes(lambda number, request: None)
     old._nodes = {}

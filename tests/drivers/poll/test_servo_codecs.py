@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from armd.drivers.poll import dynamixel, feetech
-from armd.drivers.poll.packet import Packet, ReadRequest, Splitter, Status
+from armd.drivers.poll.protocol import dynamixel, feetech
+from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Splitter, Status
 
 
 def hexed(text):

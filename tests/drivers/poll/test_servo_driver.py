@@ -12,8 +12,8 @@ from armd.drivers import shell
 from armd.drivers.config import ServoConfig, Trigger
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.decoder import ServoDecoder
-from armd.drivers.poll.family import FAMILIES
 from armd.drivers.poll.memory import Memory
+from armd.drivers.poll.protocol.family import FAMILIES
 from armd.drivers.poll.sampler import ServoSampler
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver

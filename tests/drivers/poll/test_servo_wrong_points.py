@@ -11,7 +11,7 @@ from test_servo_driver import Taken, config, expected, state
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.decoder import ServoDecoder, note
-from armd.drivers.poll.family import FAMILIES, Servo, differences
+from armd.drivers.poll.protocol.family import FAMILIES, Servo, differences
 from armd.drivers.sample import Event, RawFrame
 from armd.drivers.table import open_driver
 from support.fake_servos import Dynamixel, FakeServos, Feetech

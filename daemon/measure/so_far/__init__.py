@@ -1,0 +1,1 @@
+"""Where a guided measurement stands by its log, what that tells already, and what is next."""

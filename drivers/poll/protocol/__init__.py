@@ -1,0 +1,1 @@
+"""What servos say: the packets of both makers, their registers, and no line."""
