@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import datetime
 import io
+import json
 import shutil
 import time
 from collections.abc import Iterator
@@ -32,6 +34,7 @@ AXE = Path(__file__).parent / "axe" / "axe.min.js"
 OUT = Path(__file__).parents[2] / "out"
 PATIENCE_MS = 60_000
 TIPS = "[commands]\nenabled = true\n[tips.ruby]\noffset_mm = [0.0, 0.0, 150.0]\nradius_mm = 1.5\n"
+CHECKS = '[interim]\nhistory = "checks"\n'
 #: Notes each figure with the seq it belongs to, as a person's screen has them.
 NOTE = """() => {
   window.noted = [];
@@ -63,8 +66,18 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatedArm]:
 
 @pytest.fixture(scope="module")
 def daemon(arm: SimulatedArm) -> Iterator[Daemon]:
-    with running_daemon(arm.folder, arm.port, extra=TIPS) as daemon:
+    checked(arm.folder, "in_control")
+    with running_daemon(arm.folder, arm.port, extra=TIPS + CHECKS) as daemon:
         yield daemon
+
+
+def checked(folder: Path, state: str, *changes: dict[str, Any]) -> None:
+    """What `armd interim` leaves in the history's folder; the last check was three hours ago."""
+    started = datetime.datetime.now(datetime.UTC) - datetime.timedelta(hours=3)
+    check = {"name": "day-04", "started": f"{started:%FT%TZ}"}
+    told = {"schema": "armd.interim/1", "state": state, "calibration": "abc", "checks": [check]}
+    (folder / "checks").mkdir(exist_ok=True)
+    (folder / "checks" / "report.json").write_text(json.dumps(told | {"changes": changes}))
 
 
 @contextmanager
@@ -248,6 +261,26 @@ def test_a_press_is_heard_and_listed(browser: Browser, daemon: Daemon, view: Run
             ".some((cell) => cell.textContent === x)",
             arg=x,
         )
+
+
+def test_interim_checks_are_shown_and_what_they_say_of_the_arm(
+    browser: Browser, arm: SimulatedArm, view: RunningBridge
+) -> None:
+    change = {
+        "between": ["2026-03-05T09:00:00Z", "2026-03-06T09:00:00Z"],
+        "cause": "encoder_slip",
+        "location": "joint 3",
+        "judged_under": "abc",
+    }
+    with opened(browser, view.where) as page:
+        page.get_by_text("day-04, 3.0 h ago: in control").wait_for()
+        checked(arm.folder, "changed", change)
+        page.get_by_text("day-04, 3.0 h ago: the arm has changed").wait_for()
+        page.locator("#state[data-state=INACCURATE]").wait_for()
+        assert "encoder slip, joint 3" in page.locator("#state-reason").inner_text()
+        page.locator("#events").get_by_text("interim checks say").first.wait_for()
+        checked(arm.folder, "in_control")
+        page.get_by_text("day-04, 3.0 h ago: in control").wait_for()
 
 
 def test_a_tip_is_changed_and_told(browser: Browser, view: RunningBridge) -> None:

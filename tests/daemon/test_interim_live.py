@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import json
 import os
 from pathlib import Path
@@ -113,11 +114,12 @@ def test_status_names_the_last_check() -> None:
 
 
 def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
-    """Over the wire: the last check and its age, a change, and an event of it."""
+    """Over the wire: the last check and its age, a change, an overdue check, an event of each."""
     history = tmp_path / "checks"
     history.mkdir()
-    (history / "report.json").write_text(json.dumps(result()))
-    extra = '[interim]\nhistory = "checks"\n'
+    extra = '[interim]\nhistory = "checks"\nat_most_h = 26\n'
+    recent = [{"name": "day-04", "started": f"{datetime.datetime.now(datetime.UTC):%FT%TZ}"}]
+    (history / "report.json").write_text(json.dumps(result(checks=recent)))
     with (
         simulated_arm(tmp_path, rate_hz=100) as arm,
         running_daemon(tmp_path, arm.port, extra) as daemon,
@@ -127,9 +129,18 @@ def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
         heard.wait_for(lambda: heard.json("health")[-1]["interim"]["check"])
         told = heard.json("health")[-1]["interim"]
         assert (told["check"], told["state"]) == ("day-04", "in_control")
-        assert told["age_h"] > 0
-        (history / "report.json").write_text(json.dumps(CHANGED))
+        assert 0 <= told["age_h"] < 0.1
+        assert not heard.events("interim_changed") and not heard.events("interim_due")
+        (history / "report.json").write_text(json.dumps(CHANGED | {"checks": recent}))
         heard.wait_for(lambda: heard.events("interim_changed"))
         heard.wait_for(lambda: heard.json("health")[-1]["state"] == "INACCURATE")
         assert "encoder slip, joint 3" in heard.json("health")[-1]["reason"]
+        assert not heard.events("interim_due")
+        (history / "report.json").write_text(json.dumps(result()))  # in control, months ago
+        heard.wait_for(lambda: heard.events("interim_due"))
+        heard.wait_for(lambda: "overdue" in heard.json("health")[-1]["reason"])
+        assert heard.json("health")[-1]["state"] == "INACCURATE"
+        (history / "report.json").write_text(json.dumps(result(checks=recent)))
+        heard.wait_for(lambda: len(heard.events("interim_due")) == 2)
+        heard.wait_for(lambda: "interim" not in heard.json("health")[-1]["reason"])
         assert daemon.stop()[0] == 0

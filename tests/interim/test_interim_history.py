@@ -6,6 +6,7 @@ import argparse
 import datetime
 import hashlib
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -346,6 +347,66 @@ def test_a_writer_killed_at_any_moment_leaves_the_history_of_before_or_of_after(
 def test_a_history_without_checks_is_bad_input(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="no checks"):
         run("report", "--history", tmp_path / "nowhere")
+
+
+def test_an_empty_folder_is_a_history_not_begun(checks: Path, tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no checks"):
+        run("report", "--history", tmp_path)
+    assert add(checks, tmp_path, 1) == 0
+
+
+def test_a_file_is_no_history(checks: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for call in (lambda: run("report", "--history", tmp_path / "file"),
+                 lambda: add(checks, tmp_path / "file", 1)):  # fmt: skip
+        refused(tmp_path, "file: the history: found a file, expected a folder", call)
+
+
+@pytest.mark.parametrize("place", ["", "checks"])
+def test_a_folder_without_the_right_to_write_is_named(checks: Path, kept: Path, tmp_path: Path,
+                                                      place: str) -> None:  # fmt: skip
+    history = Path(shutil.copytree(kept, tmp_path / "history"))
+    (history / place).chmod(0o555)
+    day = Path(shutil.copytree(checks / "day-05", tmp_path / "day-09"))
+    text = (day / "session.toml").read_text()
+    (day / "session.toml").write_text(text.replace("2026-03-09", "2026-03-13"))
+    before = {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()}
+    words = ["interim", "add", day, "--arm", checks / "arm.toml", "--calibration"]
+    words += [checks / "calibration.json", "--history", history]
+    call = [sys.executable, "-m", "armd.daemon.cli", *map(str, words)]
+    if os.geteuid() == 0:  # root without its privilege to write everywhere
+        call = ["setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all",
+                *call]  # fmt: skip
+    done = subprocess.run(call, capture_output=True, text=True, timeout=200)
+    assert done.returncode == 2, done.stderr
+    where = history / place if place else history
+    assert f"armd: {where}: the folder: found no permission to write in it" in done.stderr
+    assert {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()} == before
+
+
+def test_two_that_add_at_once_wait_for_each_other(checks: Path, kept: Path, tmp_path: Path) -> None:
+    """Different checks are both kept; the same check is kept by one, and the other is refused."""
+    files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")
+    history = tmp_path / "history"
+
+    def adding(*days: int) -> subprocess.Popen[str]:
+        sessions = [checks / f"day-{day:02}" for day in days]
+        words = [sys.executable, "-m", "armd.daemon.cli", "interim", "add", *sessions, *files]
+        words += ["--history", history]
+        return subprocess.Popen([*map(str, words)], stderr=subprocess.PIPE, text=True)
+
+    both = [adding(1, 3, 5, 7), adding(2, 4, 6, 8)]
+    told = [(one.communicate(timeout=200)[1], one.returncode) for one in both]
+    assert all(code in (0, 1) for _, code in told), told
+    assert run("report", "--history", history) == 1
+    assert reported(history) == reported(kept)
+    shutil.rmtree(history)
+    both = [adding(3), adding(3)]
+    told = [(one.communicate(timeout=200)[1], one.returncode) for one in both]
+    assert sorted(code for _, code in told) == [0, 2], told
+    assert any("when check day-03 was started" in said for said, _ in told)
+    assert run("report", "--history", history) == 0
+    assert [check["name"] for check in reported(history)["checks"]] == ["day-03"]
 
 
 def test_the_page_names_units_and_the_change(kept: Path, tmp_path: Path) -> None:

@@ -29,6 +29,7 @@ from armd.compensation.model.calibration import LoadedCalibration, load_calibrat
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.schema import Strict, json_data, validate
+from armd.files.writing import told
 
 HISTORY, HEAD = "history.jsonl", "head.json"
 STATISTICS = "statistics.json"
@@ -118,7 +119,11 @@ def _of_today(folder: Path, check: Check, causes: Sequence[Cause]) -> Check:
 def read_lines(folder: Path) -> list[HistoryLine]:
     """The history's lines in the order of adding, their chain checked; none without a history."""
     path = folder / HISTORY
-    if not path.exists():
+    with told(folder):
+        begun = path.exists()
+        if not begun and folder.exists() and not folder.is_dir():
+            raise BadInput(folder, "the history", "a file", "a folder")
+    if not begun:
         # A head of no checks is what a power cut leaves before the first line.
         if (folder / HEAD).exists() and _head(folder).checks > 0:
             raise BadInput(path, "the file", "nothing", f"the history that {HEAD} is of")

@@ -28,9 +28,10 @@ from armd.compensation.interim.checks.statistics import to_json
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.writing import told, write_whole
+from armd.files.writing import check_folder, told, write_whole
 from armd.terminal.counted import counted
 
+FOLDERS = ("arms", "calibrations", "checks")
 #: Two computers' clocks may be so far apart, s.
 CLOCKS_APART_S = 600.0
 
@@ -45,9 +46,13 @@ class New:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """One writer at a time; the folder is made if it is not there."""
+    """One writer at a time; the folder is made if it is not there. Raises `BadInput` unless a
+    check can be kept in it."""
     with told(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+        if not folder.exists():
+            folder.mkdir(parents=True, exist_ok=True)
+        for place in (folder, *(folder / name for name in FOLDERS if (folder / name).exists())):
+            check_folder(place)
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
@@ -145,7 +150,7 @@ def keep(
     """Keep checks, whole and reduced; the history is `locked`, and they are `check_new`."""
     arm_data = read_input(arm_file)
     arm_sha = hashlib.sha256(arm_data).hexdigest()
-    for name in ("arms", "calibrations", "checks"):
+    for name in FOLDERS:
         (folder / name).mkdir(exist_ok=True)
     _keep_file(folder / "arms" / f"{arm_sha}.toml", arm_data)
     _keep_file(folder / "calibrations" / f"{calibration.sha256}.json", calibration.data)

@@ -159,11 +159,20 @@ function showDistance() {
 }
 
 function showHealth() {
-  const { rates, drops, latency, uptime_s, stamp_ns } = page.health;
+  const { rates, drops, latency, uptime_s, stamp_ns, interim } = page.health;
   const lost = drops.lost ?? 0;
   write($("rate"), `${rates.points_hz.toFixed(0)} points/s, ${lost} lost`);
   write($("latency"), latency.p99 === undefined ? "–" : `99 % within ${latency.p99.toFixed(1)} ms of the latch`);
+  $("interim-row").hidden = !interim;
+  write($("interim"), interim ? lastCheck(interim) : "–");
   write($("daemon"), `armd ${page.arm?.armd ?? ""}, up for ${duration(uptime_s)}, since ${instant(stamp_ns / 1e6 - 1000 * uptime_s)}`);
+}
+
+/** What health says of the history of interim checks. */
+function lastCheck({ check, age_h, state, reason }) {
+  if (!check) return reason || "none known";
+  const age = age_h < 0 ? "dated after now" : `${duration(3600 * age_h)} ago`;
+  return `${check}, ${age}: ${state === "changed" ? "the arm has changed" : "in control"}`;
 }
 
 function showArm() {
