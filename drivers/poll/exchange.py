@@ -1,7 +1,7 @@
 """One request and what came back for it: which bytes are its answers, and when each servo answered.
 
-Servos answer one after the other, each in a slot of its own. What arrives is batched by USB, so
-arrivals only bound the slots from above; the last one anchors them. A servo's position is taken
+Servos answer one after the other, each in a slot of its own. The request bounds the slots from
+below, what arrives (batched by USB) from above; the middle is taken. A servo's position is taken
 to be that at the beginning of its own answer: when exactly a servo samples is documented nowhere;
 at the most it is one slot earlier, and one run of the servo's own 1 ms loop.
 """
@@ -79,10 +79,12 @@ class Exchange:
             for servo in request.ids
         ]
         size_ns = self._family.answer_bytes(request) * byte_ns
-        return instants(self.sent.monotonic_ns, arrived, size_ns, gaps_ns)
+        request_ns = len(self.sent.data) * byte_ns
+        return instants(self.sent.monotonic_ns, request_ns, arrived, size_ns, gaps_ns)
 
     def late_ns(self, byte_ns: float, gaps_ns: Sequence[float]) -> int:
-        """How long after the line's own time the last answer was here."""
+        """How long after the line's own time the last answer was here: within so long, and no
+        closer, the instants are known."""
         request = self.request
         n_bytes = len(self.sent.data) + len(self.answers) * self._family.answer_bytes(request)
         needs_ns = n_bytes * byte_ns + sum(
@@ -100,15 +102,17 @@ class Exchange:
 
 def instants(
     sent_ns: int,
+    request_ns: float,
     arrived_ns: Sequence[int | None],
     size_ns: float,
     gaps_ns: Sequence[float],
 ) -> list[float]:
     """The instant of each servo's position, in the order in which they were asked.
 
-    *sent_ns*: when the request went out; *arrived_ns*: of each answer's last byte, None for one
-    that did not come (its slot is skipped; one must have come); *size_ns*: how long an answer
-    takes; *gaps_ns*: the pause before each.
+    *sent_ns*: when the request went out, which takes *request_ns*; *arrived_ns*: of each answer's
+    last byte, None for one that did not come (its slot is skipped; one must have come); *size_ns*:
+    how long an answer takes; *gaps_ns*: the pause before each, at least. Each is the middle between
+    the earliest that these allow and the latest.
     """
     last = max(j for j, arrived in enumerate(arrived_ns) if arrived is not None)
     end: float = max(arrived for arrived in arrived_ns if arrived is not None)
@@ -126,4 +130,10 @@ def instants(
     if early > 0:
         shrink = (anchor - sent_ns) / (anchor - begins[0])
         begins = [anchor - (anchor - begin) * shrink for begin in begins]
+    earliest = sent_ns + request_ns
+    for j, arrived in enumerate(arrived_ns):
+        if arrived is not None:
+            earliest += gaps_ns[j]
+            begins[j] -= max(0.0, begins[j] - earliest) / 2
+            earliest += size_ns
     return begins

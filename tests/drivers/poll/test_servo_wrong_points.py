@@ -1,18 +1,13 @@
 """What looks like a position and is none, on the wire: refusals with data, two servos of one id, a
-servo that comes back as another, and the first cycle after a pause. No such row is valid."""
+servo that comes back as another. No such row is valid."""
 
 import time
 from contextlib import closing
 
-import numpy as np
 import pytest
 from test_servo_driver import Taken, config, expected, state
 
-from armd.drivers.config import ServoConfig
-from armd.drivers.identity import Expectation
-from armd.drivers.poll.decoder import ServoDecoder, note
 from armd.drivers.poll.protocol.family import FAMILIES, Servo, differences
-from armd.drivers.sample import Event, RawFrame
 from armd.drivers.table import open_driver
 from support.fake_servos import Dynamixel, FakeServos, Feetech
 
@@ -163,80 +158,3 @@ def test_a_silent_line_says_what_came_in_place_of_answers(tmp_path):
     answers = ", expected answers of feetech servos 1, 2, 3"
     assert nothing == f"{at}nothing{answers}"
     assert something == f"{at}18 bytes that are no answer (another device, or rate?){answers}"
-
-
-class PacedLine:
-    """A servo line at 57 600 baud without a clock but its own: every joint turns steadily, each
-    servo is read when its answer begins."""
-
-    def __init__(self, family, counts_per_s):
-        self.family, self.speed = family, counts_per_s
-        self.ids = [1, 2, 3, 4, 5, 6]
-        given = ServoConfig(kind=family.kind, port="/dev/null", baud=57_600, ids=self.ids)
-        self.decoder = ServoDecoder(given, Expectation("SERVO-1", 6, 6, (4096,) * 6))
-        self.now_ns, self.items = 1_000_000_000_000, []
-        self.tables = {servo: family.table(servo) for servo in self.ids}
-        for table in self.tables.values():
-            table[family.delay] = 0
-        self.feed("link", note(note="up"))
-        kind = self.decoder.family
-        self.exchange(0, kind.identity_bytes)
-        self.feed("link", note(note="verdict", changed={}))
-
-    def feed(self, direction, data):
-        frame = RawFrame(self.now_ns, self.now_ns, direction, bytes(data), "poll")
-        self.items += self.decoder.feed(frame)
-
-    def true(self, at_ns):
-        return self.speed * (at_ns - 1_000_000_000_000) / 1e9
-
-    def exchange(self, address, length, stall_ns=0):
-        kind = self.decoder.family
-        request = kind.sync_read(self.ids, address, length)
-        self.feed("tx", request)
-        self.now_ns += round(len(request) * self.decoder.byte_ns)
-        for servo in self.ids:
-            self.now_ns += kind.return_delay_least_us * 1000
-            table = self.tables[servo]
-            self.family.put_position(table, 2048 + round(self.true(self.now_ns)))
-            status = self.family.status(servo, 0, table[address : address + length])
-            self.now_ns += round(len(status) * self.decoder.byte_ns)
-            self.feed("rx", status)  # as it comes, but for a host that stood still before it
-            self.now_ns += stall_ns if servo == 3 else 0
-        self.feed("link", b'{"note": "over"}')
-
-    def rows(self):
-        return np.concatenate([item for item in self.items if isinstance(item, np.ndarray)])
-
-
-@BOTH
-@pytest.mark.parametrize("pause_s", [0.0, 0.6], ids=["first", "after-a-silence"])
-def test_the_first_row_is_one_instant_too(family, pause_s):
-    """At 57 600 baud the last servo is read 20 ms after the first: 10 counts at 500 a second."""
-    line = PacedLine(family, 500.0)
-    address = line.decoder.family.position
-    for k in range(6):
-        line.exchange(address, line.decoder.family.position_bytes + k % 2)
-        if k == 2 and pause_s:
-            line.speed = -line.speed  # nobody is heard while the arm turns round
-            line.now_ns += round(pause_s * 1e9)
-    rows = line.rows()
-    assert rows["seq"].tolist() == list(range(6))
-    assert (rows["joint_invalid"] == 0).all()
-    for row in rows:
-        apart = row["count"] - line.true(int(row["monotonic_ns"]))
-        if line.speed > 0 or row["seq"] > 2:
-            assert np.abs(apart).max() <= 1.5  # two roundings, one of them stretched
-
-
-@BOTH
-def test_a_first_cycle_in_which_the_host_stood_still_is_left_out_for_a_motion(family):
-    for speed, left_out in ((500.0, 1), (0.0, 0)):
-        line = PacedLine(family, speed)
-        address = line.decoder.family.position
-        line.exchange(address, line.decoder.family.position_bytes, stall_ns=80_000_000)
-        for k in range(1, 5):
-            line.exchange(address, line.decoder.family.position_bytes + k % 2)
-        assert line.rows()["seq"].tolist() == list(range(left_out, 5))
-        told = [i for i in line.items if isinstance(i, Event) and i.kind == "untimed"]
-        assert len(told) == left_out == line.decoder.counters["untimed"]
