@@ -13,6 +13,7 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
+from armd.compensation.data.session_format import Distance
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection
 from armd.compensation.model.state import States
@@ -88,9 +89,18 @@ class Observations:
 
 
 def gather(
-    sessions: Sequence[Session], arm: Arm, artefact: ArtefactCorrection | None = None
+    sessions: Sequence[Session],
+    arm: Arm,
+    artefact: ArtefactCorrection | None = None,
+    *,
+    every_length: bool = False,
 ) -> Observations:
-    """Join sessions; *artefact* corrects certified values by what a diagnosis found."""
+    """Join sessions; *artefact* corrects certified values by what a diagnosis found.
+
+    Certified lengths to a seat that nobody touched are left out, unless *every_length* (its
+    readings may be elsewhere): more lengths than it has coordinates want it somewhere, which no
+    step from a guess finds.
+    """
     corrections = [_correction_of(session, artefact) for session in sessions]
     counts = [len(session.placement_names) for session in sessions]
     first_placement = np.concatenate([[0], np.cumsum(counts)])
@@ -137,7 +147,7 @@ def gather(
         ),
         placement_session=np.repeat(np.arange(len(sessions)), counts),
         target_session=np.repeat(np.arange(len(sessions)), sizes),
-        distances=_distances(sessions, first_target),
+        distances=_distances(sessions, first_target, every_length),
     )
 
 
@@ -180,7 +190,21 @@ def _positions(session: Session, correction: ArtefactCorrection) -> F64:
     return positions
 
 
-def _distances(sessions: Sequence[Session], first_target: I64) -> Distances:
+def _placed(session: Session) -> set[str]:
+    """Names of the targets that have readings or certified positions."""
+    certified = {t.name for t in session.artefact.targets if t.position_mm is not None}
+    return certified | {session.artefact.target_names[k] for k in np.unique(session.target)}
+
+
+def _lengths_of(session: Session, every_length: bool) -> list[Distance]:
+    lengths = session.artefact.distances
+    if every_length or not lengths:
+        return lengths
+    placed = _placed(session)
+    return [length for length in lengths if placed.issuperset(length.between)]
+
+
+def _distances(sessions: Sequence[Session], first_target: I64, every_length: bool) -> Distances:
     found = [
         (
             [first + s.artefact.target_names.index(name) for name in distance.between],
@@ -188,7 +212,7 @@ def _distances(sessions: Sequence[Session], first_target: I64) -> Distances:
             (s.artefact.name, distance),
         )
         for s, first in zip(sessions, first_target, strict=False)
-        for distance in s.artefact.distances
+        for distance in _lengths_of(s, every_length)
     ]
     return Distances(
         between=np.array([between for between, _, _ in found], dtype=np.int64).reshape(-1, 2),

@@ -101,6 +101,26 @@ def test_the_noise_of_many_rests_is_found() -> None:
     )
 
 
+@pytest.mark.parametrize("known", [False, True])
+def test_lengths_that_nothing_absorbs_leave_the_noise_as_it_is(known: bool) -> None:
+    """Their uncertainty is in mm, the rests' noise a hundredth of one: in units of that noise each
+    length would have the weight of ten thousand rests."""
+    n, scale = 600, 0.01
+    problem = linear(9, n, 10)
+    lengths = np.full(8, 0.003)
+    problem.rests.observations.distances.standard_uncertainty_mm = lengths
+    rng = np.random.default_rng(10)
+    root = np.linalg.cholesky(noise_model._covariance(problem, 0.4))
+    of_rests = scale * (root @ rng.normal(size=(n, 3, 1))).ravel()
+    nothing = in_blocks([np.zeros((3 * n + 8, 0))], problem.rests.observations.placement)
+    found = None
+    for _ in range(2 if known else 1):
+        residual = np.concatenate([of_rests, 2.0 * lengths * rng.choice([-1.0, 1.0], 8)])
+        found = noise_model.estimate(problem, residual, nothing, np.zeros(0), found)
+    assert found is not None
+    assert found.scale_mm == pytest.approx(scale, rel=0.05)
+
+
 def test_a_rest_far_off_counts_as_the_edge_in_its_own_direction() -> None:
     residual = np.zeros(9)
     residual[3:6] = [0.0, 6.0, 8.0]

@@ -108,3 +108,20 @@ def test_a_bar_measured_six_times_is_no_better_known() -> None:
         stated.append(size_of(found, truth)[1] / share / np.sqrt(found.variance_factor))
     assert stated[0] == pytest.approx(1.0, rel=0.03)
     assert stated[1] == pytest.approx(1.0 / np.sqrt(6.0), rel=0.03)
+
+
+def test_lengths_to_a_seat_that_nobody_touched_say_nothing() -> None:
+    """More lengths hold it than it has coordinates: no step from a guess would find it."""
+    rng = np.random.default_rng(11)
+    truth = synthetic.disturbed(ARM, rng, 0.3)
+    pairs = [(i, j) for i in range(5) for j in range(i)]
+    whole = synthetic.session(
+        ARM, truth, rng, readings=240, targets=5, placements=4, known=False, distances=pairs,
+        encoder_rad=5e-6,
+    )  # fmt: skip
+    touched = whole.rows(whole.target != 2)
+    observations = gather([touched], ARM)
+    assert observations.distances.between.tolist() == [[i, j] for i, j in pairs if 2 not in (i, j)]
+    found = fit(observations, ARM.nominal(), [], UNKNOWNS, 20.0)
+    error, uncertainty = size_of(found, truth)
+    assert abs(error) < 4.0 * uncertainty

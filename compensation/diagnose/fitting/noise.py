@@ -34,6 +34,8 @@ MIDDLE_TO_MEAN = 3.0 / MEDIAN_D2
 MOST_ROBUST = 12
 _TINY = 1e-10
 LEAST_MM = 1e-6  # no reading is better than a nanometre, even where everything is absorbed
+#: Lengths are weighed by a scale this near to the one found (in its logarithm), in so many tries.
+SAME_SCALE, MOST_SCALES = 0.05, 6
 MOST_RELATIVE = 1e6  # variance of a shared column over that of one rest
 
 
@@ -111,16 +113,41 @@ def estimate(
     """Variances by REML from *residual* (N,), given what absorbs and each amplitude's *variance*.
 
     A winsorised residual keeps heavy tails from widening the noise of all the others. An estimate
-    from *before* shortens the search.
+    from *before* shortens the search. What is certified of lengths is in mm, not in units of a
+    rest's noise: where there are some, the search is repeated until both units are one.
     """
+    lengths = linear.rests.observations.distances.standard_uncertainty_mm
+    distance = np.maximum(lengths, 1e-6)
+    if not len(distance):
+        return _estimate(linear, residual, nuisance, variance, distance, 1.0, before)
+    rests = residual[: 3 * linear.rests.n]
+    scale = before.scale_mm if before else max(float(np.sqrt((rests**2).mean())), LEAST_MM)
+    for _ in range(MOST_SCALES):
+        found = _estimate(linear, residual, nuisance, variance, distance, scale, before)
+        if abs(np.log(found.scale_mm / scale)) < SAME_SCALE:
+            break
+        scale = found.scale_mm
+    return found
+
+
+def _estimate(
+    linear: Linear,
+    residual: F64,
+    nuisance: Blocks,
+    variance: F64,
+    distance: F64,
+    scale_mm: float,
+    before: RestNoise | None,
+) -> RestNoise:
+    """The same with lengths' standard uncertainties *distance* (D,) as if s were *scale_mm*."""
     free, shared = np.flatnonzero(np.isinf(variance)), np.flatnonzero(~np.isinf(variance))
     order = np.concatenate([free, shared, [len(variance)]])
-    distance = np.maximum(linear.rests.observations.distances.standard_uncertainty_mm, 1e-6)
+    relative = distance / scale_mm
 
     @cache
     def at_share(share: float) -> tuple[float, float, float]:
         whitener = _unit_whitener(linear, share)
-        products = nuisance.products(whitener, distance, residual)[np.ix_(order, order)]
+        products = nuisance.products(whitener, relative, residual)[np.ix_(order, order)]
         return _best_scale(_sums(whitener, products, len(free), len(residual)), variance[shared])
 
     low, high, steps = 0.01, 0.99, 7

@@ -93,7 +93,7 @@ class _Passes:
                 else:
                     sums[key] = new
         bare = [session.rows(np.zeros(0, np.int64)) for session in self._last.values()]
-        whole = gather(bare, self._arm, self._artefact)
+        whole = gather(bare, self._arm, self._artefact, every_length=True)
         if not sums:
             raise without_temperatures(whole, self._terms, self._n, self._missing)
         few, weight, position = _condensed(whole, sums)
