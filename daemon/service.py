@@ -23,10 +23,10 @@ from armd.daemon.host.journal import Journal
 from armd.daemon.host.priority import sender_goes_first
 from armd.daemon.host.systemd import Systemd
 from armd.daemon.info import calibration_text, describe
-from armd.daemon.live.answer import Answer
+from armd.daemon.live.answer import Respond
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.changes import Changes
-from armd.daemon.live.measurement import Averager, Press, Trigger, known
+from armd.daemon.live.measurement import Averager, Press, TriggeredBy, known
 from armd.daemon.live.pipeline import Joints, PointArray
 from armd.daemon.network.publisher import Publisher
 from armd.daemon.network.queries import Queries
@@ -160,7 +160,7 @@ class Service:
         self._tell(Event("button", f"button {names} pressed", at_ns, "info", detail))
         self._measure("button", press.row, points, joints)
 
-    def _measure(self, trigger: Trigger, row: int, points: PointArray, joints: Joints) -> None:
+    def _measure(self, trigger: TriggeredBy, row: int, points: PointArray, joints: Joints) -> None:
         still_since_ns = int(joints.still_since_ns[row])
         measurement = self._averager.average(trigger, points[row], still_since_ns)
         tip = self._arm.tip_in_use
@@ -178,7 +178,7 @@ class Service:
         if self._measured is not None:
             self._measured.add(line)
 
-    def _keep_tip(self, asked: zenoh.Parameters, answer: Answer) -> None:
+    def _keep_tip(self, asked: zenoh.Parameters, answer: Respond) -> None:
         try:
             words = [asked.get(key) or "" for key in ("name", "offset_mm", "radius_mm")]
             name, tip = asked_tip(*words)

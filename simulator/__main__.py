@@ -18,7 +18,7 @@ from armd.files.schema import load_toml
 from armd.files.writing import write_whole
 from armd.simulator.canbus.device import CanArm
 from armd.simulator.canbus.timeline import GRID_HZ
-from armd.simulator.canbus.wires import Wire
+from armd.simulator.canbus.wires import BusEnd
 from armd.simulator.live.device_clock import precise_timers
 from armd.simulator.live.operator import Hand, Operator
 from armd.simulator.live.physics import Block, WarmUp, blocks
@@ -133,7 +133,7 @@ def run(scenario: Scenario, options: argparse.Namespace) -> int:
     return 0
 
 
-def can_wire(options: argparse.Namespace) -> Wire:
+def can_wire(options: argparse.Namespace) -> BusEnd:
     """What carries the frames; the modules behind it are imported only where used."""
     match options.can:
         case "socketcand":

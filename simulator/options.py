@@ -10,8 +10,7 @@ from armd.errors import ArmdError, BadInput
 from armd.files.outputs import FAULT_LOG, TRUTH, add_force, check_outputs
 from armd.files.schema import load_toml, validate
 from armd.files.writing import check_folder
-from armd.simulator.live.faults import FAULTS, check_wire, parse_fault, random_faults
-from armd.simulator.live.faults import Wire as WireName
+from armd.simulator.live.faults import FAULTS, Wire, check_wire, parse_fault, random_faults
 from armd.simulator.live.scenario import Scenario
 from armd.terminal.loudness import add_loudness
 from armd.terminal.parser import Parser, Usage
@@ -151,7 +150,7 @@ def read_scenario(options: argparse.Namespace) -> Scenario:
     }
     merged = file.model_dump(by_alias=True) | given
     scenario = validate("command line", merged, Scenario)
-    wire: WireName = "serial" if options.serial else "microscribe" if options.microscribe else "can"
+    wire: Wire = "serial" if options.serial else "microscribe" if options.microscribe else "can"
     if options.servo:
         wire = "servo"
     faults = [*scenario.fault, *(parse_fault(text) for text in options.fault)]

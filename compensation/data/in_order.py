@@ -9,16 +9,16 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeVar
 
 Piece = TypeVar("Piece")
-Made = TypeVar("Made")
+T = TypeVar("T")
 
 
-def in_order(work: Callable[[Piece], Made], pieces: Iterable[Piece]) -> Iterator[Made]:
+def in_order(work: Callable[[Piece], T], pieces: Iterable[Piece]) -> Iterator[T]:
     """`map`, in threads: for work that mostly leaves the interpreter alone (numpy, Arrow, `jit`).
 
     Only a few pieces are taken before what comes of them is asked for, so that memory stays flat.
     """
     processors = len(os.sched_getaffinity(0))
-    waiting: deque[Future[Made]] = deque()
+    waiting: deque[Future[T]] = deque()
     with ThreadPoolExecutor(processors) as pool:
         try:
             for piece in pieces:

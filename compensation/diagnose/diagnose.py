@@ -17,7 +17,6 @@ from armd.compensation.diagnose.diagnosis import (
     Finding,
     Gain,
     Outlier,
-    Progress,
     SearchResult,
     Touched,
 )
@@ -46,6 +45,7 @@ from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
+from armd.compensation.progress import TellShare
 
 
 def diagnose(
@@ -53,7 +53,7 @@ def diagnose(
     arm: Arm,
     calibration: Calibration | None = None,
     holdout: Sequence[Session] = (),
-    progress: Progress = lambda _text, _share: None,
+    progress: TellShare = lambda _text, _share: None,
     command: str = "",
 ) -> Diagnosis:
     """Diagnose *sessions* under a calibration, or under what `armd calibrate` makes of them.
@@ -71,7 +71,7 @@ def _diagnose(
     arm: Arm,
     calibration: Calibration | None,
     holdout: Sequence[Session],
-    progress: Progress,
+    progress: TellShare,
     command: str,
 ) -> Diagnosis:
     progress("model under test", 0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from armd.arrays import F64
@@ -15,8 +14,6 @@ from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
-Progress = Callable[[str, float], None]
-
 #: Causes looked for at most.
 MOST_FINDINGS = 10
 #: A cause that accounts for less than this of what goes with its variables is a guess. A disc whose
@@ -25,7 +22,7 @@ ENOUGH = 0.8
 
 
 @dataclass(frozen=True)
-class Check:
+class PartCheck:
     """The amplitude of a cause in parts of the readings, as a share of that in all of them."""
 
     by: str  # "session", "placement", "time", or a column's name
@@ -42,7 +39,7 @@ class Explained:
 
     share: float
     variables: tuple[str, ...]  # of the cause, and of what is left beside it
-    checks: tuple[Check, ...]
+    checks: tuple[PartCheck, ...]
 
     @property
     def guess(self) -> bool:
@@ -74,7 +71,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Refused:
+class RefusedCandidate:
     """A candidate whose fit left the neighbourhood of the model under test."""
 
     candidate: Candidate
@@ -96,7 +93,7 @@ class SearchResult:
     remaining_depends_on: tuple[str, ...]
     untold: tuple[str, ...]  # causes that these data could not show whatever their size
     would_show: dict[str, float]  # noise units of each cause at its typical size, at best
-    refused: tuple[Refused, ...]  # what the residuals would like, and cannot be
+    refused: tuple[RefusedCandidate, ...]  # what the residuals would like, and cannot be
 
 
 @dataclass(frozen=True)

@@ -70,14 +70,14 @@ class Course:
     elsewhere: Callable[[float], Course] | None = None
 
 
-Make = Callable[[Function], Sequence[Column]]
+MakeColumns = Callable[[Function], Sequence[Column]]
 
 
 def drifts(
     facts: SessionFacts,
     cause: str,
     location: Location,
-    make: Make,
+    make: MakeColumns,
     depends_on: tuple[str, ...] = ("time_s",),
 ) -> Iterator[Candidate]:
     """Candidates for something that goes along each course; *make*: a function's columns."""
@@ -91,7 +91,7 @@ def _along(
     before: Sequence[Function],
     cause: str,
     location: Location,
-    make: Make,
+    make: MakeColumns,
     depends_on: tuple[str, ...],
 ) -> Candidate:
     finer, elsewhere = course.finer, course.elsewhere

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Kind = Literal[
+LocationKind = Literal[
     "joint",
     "link",
     "tip",
@@ -24,7 +24,7 @@ Kind = Literal[
 class Location:
     """One place; `str` is what results and calibration files call it."""
 
-    kind: Kind
+    kind: LocationKind
     name: str = ""  # of a target or of sensors; what of a parameter
     joint: int | None = None  # its number (1…N), of a link the joint's before it
     of: tuple[str, Location] | None = None  # of a shape: the cause and location whose it is

@@ -120,7 +120,7 @@ def _ring(residual: F64) -> tuple[F64, float]:
 
 
 @dataclass(frozen=True)
-class Kind:
+class ShapeFit:
     """What a shape's fit is made of."""
 
     count: int  # free parameters
@@ -132,15 +132,15 @@ class Kind:
     form: Callable[[F64], tuple[F64, float]]  # distances (n,), form error
 
 
-FREE: dict[Shape, Kind] = {
-    "point": Kind(3, 3, False, False, _away, _same(lambda _: np.eye(3)), _largest),
-    "line": Kind(
+FREE: dict[Shape, ShapeFit] = {
+    "point": ShapeFit(3, 3, False, False, _away, _same(lambda _: np.eye(3)), _largest),
+    "line": ShapeFit(
         4, 2, True, False, _line, _same(lambda at: np.stack(across(at.direction))), _around
     ),
-    "plane": Kind(3, 1, True, False, _plane, _same(lambda at: at.direction[None]), _spread),
-    "circle": Kind(6, 2, True, True, _circle, _circle_gradient, _ring),
-    "sphere": Kind(4, 1, False, True, _sphere, _sphere_gradient, _spread),
-    "cylinder": Kind(
+    "plane": ShapeFit(3, 1, True, False, _plane, _same(lambda at: at.direction[None]), _spread),
+    "circle": ShapeFit(6, 2, True, True, _circle, _circle_gradient, _ring),
+    "sphere": ShapeFit(4, 1, False, True, _sphere, _sphere_gradient, _spread),
+    "cylinder": ShapeFit(
         5, 1, True, True,
         lambda x, at: (_radial(x, at)[0] - at.radius)[:, None],
         lambda x, at: _radial(x, at)[1][:, None, :],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -38,11 +38,11 @@ from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of
 from armd.compensation.model.terms import Term
+from armd.compensation.progress import TellStep
 from armd.errors import ArmdError
 from armd.terminal.counted import counted
 
-Progress = Callable[[str], None]
-Method = Literal["polynomial", "zones", "components", "per-temperature"]
+ThermalMethod = Literal["polynomial", "zones", "components", "per-temperature"]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Options:
 
     thermal_order: int | None = None  # None: chosen by the error on readings left out
     compare: bool = True  # thermal models; without, the linear one wherever there can be one
-    thermal_method: Method = "polynomial"
+    thermal_method: ThermalMethod = "polynomial"
     offset: bool = False  # C of eq. 14, per temperature; in the other models it is in the constants
     command: str = ""  # for the provenance
 
@@ -60,7 +60,7 @@ def calibrate(
     sessions: Sequence[Session],
     arm: Arm,
     options: Options = Options(),
-    progress: Progress | None = None,
+    progress: TellStep | None = None,
 ) -> Result:
     """Identify geometry and, where the temperatures allow it, the thermal model.
 
@@ -71,7 +71,7 @@ def calibrate(
 
 
 def _calibrate(
-    sessions: Sequence[Session], arm: Arm, options: Options, progress: Progress | None
+    sessions: Sequence[Session], arm: Arm, options: Options, progress: TellStep | None
 ) -> Result:
     files = ", ".join(str(session.path) for session in sessions)
     sound = fit_to_identify(sessions, arm)
@@ -198,7 +198,7 @@ def _fit(
     arm: Arm,
     unknown: Sequence[str],
     terms: Sequence[Term],
-    progress: Progress | None,
+    progress: TellStep | None,
     start: Identification | None = None,
 ) -> Identification:
     unknowns = Unknowns(unknown, range(len(terms)))

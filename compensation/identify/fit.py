@@ -10,7 +10,7 @@ what the readings do not know (docs/decisions/0014).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -38,8 +38,7 @@ from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.terms import Term
-
-Progress = Callable[[str], None]
+from armd.compensation.progress import TellStep
 
 MOST_ROUNDS = 10
 #: Postures all over the turn: several times more equations than an arm has unknowns.
@@ -99,7 +98,7 @@ def fit(
     noise: ReadingNoise | None = None,
     begin: F64 | None = None,
     rounds: int = MOST_ROUNDS,
-    progress: Progress | None = None,
+    progress: TellStep | None = None,
 ) -> Identification:
     """Fit *unknowns*; *constants* (P,) and the terms' coefficients are the drawing to stay near.
 

@@ -12,7 +12,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.report.drawing import COLOURS, one_drawing
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import origin
-from armd.compensation.verify.limits import Limits
+from armd.compensation.verify.limits import PermissibleErrors
 from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged, Verdict
 
 #: Of fewer results a table says as much.
@@ -102,7 +102,7 @@ def _row(item: Judged) -> list[str]:
     ]
 
 
-def _by_length(item: Judged, limits: Limits | None) -> Figure:
+def _by_length(item: Judged, limits: PermissibleErrors | None) -> Figure:
     lengths = [deviation.length_mm for deviation in item.figure.deviations]
     figure, panel = one_drawing()
     panel.plot(

@@ -66,7 +66,7 @@ class TestUncertainty(Strict):
     seat_mm: Annotated[float, Field(ge=0)] = 0.0
 
 
-class Limits(Strict):
+class PermissibleErrors(Strict):
     """The content of an MPE file.
 
     `decision` "guarded": ISO 14253-1, a result conforms if it lies within the limit reduced by
@@ -81,6 +81,6 @@ class Limits(Strict):
     uncertainty: TestUncertainty = TestUncertainty()
 
 
-def load_limits(path: str | Path) -> Limits:
+def load_limits(path: str | Path) -> PermissibleErrors:
     """Read and check an MPE file; raises `BadInput` naming file, key, found and expected."""
-    return load_toml(path, Limits)
+    return load_toml(path, PermissibleErrors)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from armd.compensation.verify.figures import Deviation, Figure, Verification
-from armd.compensation.verify.limits import Limits
+from armd.compensation.verify.limits import PermissibleErrors
 
 COVERAGE_FACTOR = 2.0
 NOT_STATED = "not stated"
@@ -60,7 +60,7 @@ class Verdict:
     """Passed: everything that has a limit, and something has, was tested and conforms."""
 
     verification: Verification
-    limits: Limits | None
+    limits: PermissibleErrors | None
     judged: tuple[Judged, ...]
     not_tested: dict[str, str]  # figures with a limit that the session does not support
 
@@ -162,7 +162,7 @@ class Verdict:
         }
 
 
-def judge(verification: Verification, limits: Limits | None) -> Verdict:
+def judge(verification: Verification, limits: PermissibleErrors | None) -> Verdict:
     """Decide on every figure; without *limits* the figures are told and nothing is decided."""
     judged = tuple(_judge(figure, limits) for figure in verification.figures)
     missing = {
@@ -173,7 +173,7 @@ def judge(verification: Verification, limits: Limits | None) -> Verdict:
     return Verdict(verification, limits, judged, missing)
 
 
-def _judge(figure: Figure, limits: Limits | None) -> Judged:
+def _judge(figure: Figure, limits: PermissibleErrors | None) -> Judged:
     """The deviation nearest to its limit, or farthest beyond it, decides."""
     if limits is None or limits.mpe.of(figure.key, 0.0) is None:
         return Judged(figure, "not judged", figure.worst, None)

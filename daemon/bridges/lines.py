@@ -16,7 +16,7 @@ from armd.errors import BadInput
 Fields = Mapping[str, Any]
 """What a line may tell: plain numbers and words by name."""
 
-Line = Callable[[Fields], str]
+LineFormat = Callable[[Fields], str]
 
 FIELDS = {
     "x": 1.0, "y": 2.0, "z": 3.0, "i": 0.0, "j": 0.0, "k": 1.0,
@@ -57,10 +57,10 @@ def jsonl(fields: Fields) -> str:
     return json.dumps(fields["json"], allow_nan=False)
 
 
-PRESETS: dict[str, Line] = {"xyz": xyz, "pcdmis": pcdmis, "csv": csv, "jsonl": jsonl}
+PRESETS: dict[str, LineFormat] = {"xyz": xyz, "pcdmis": pcdmis, "csv": csv, "jsonl": jsonl}
 
 
-def template(text: str) -> Line:
+def template(text: str) -> LineFormat:
     """A user's own line, as `{x:.3f};{y:.3f}`; raises `BadInput` for one that cannot be filled."""
     text = text.replace("\\t", "\t")
     try:

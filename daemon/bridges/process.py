@@ -20,14 +20,14 @@ WAIT_S = 60.0
 #: Zenoh's own close waits ten seconds for a peer that stands still.
 CLOSE_S = 1.0
 
-Result = TypeVar("Result")
+T = TypeVar("T")
 
 
 class SupportsClose(Protocol):
     def close(self) -> object: ...
 
 
-Bridge = Callable[[Arm], Awaitable[None]]
+ServeArm = Callable[[Arm], Awaitable[None]]
 """Serves one arm until it is cancelled."""
 
 
@@ -41,7 +41,7 @@ def ready(what: str, where: str) -> None:
     print(f"armd: ready {what} on {where}", flush=True)
 
 
-def serve(args: argparse.Namespace, bridge: Bridge) -> int:
+def serve(args: argparse.Namespace, bridge: ServeArm) -> int:
     """Run *bridge* on the arm that *args* names until SIGTERM or SIGINT; 0.
 
     Raises `ArmdError` if no such arm shows up within `WAIT_S`.
@@ -82,7 +82,7 @@ async def _until_told(work: Callable[[], Awaitable[None]]) -> int:
     return 0
 
 
-async def _bridge(args: argparse.Namespace, bridge: Bridge) -> None:
+async def _bridge(args: argparse.Namespace, bridge: ServeArm) -> None:
     arm = await in_thread(lambda: armd.connect(args.serial, args.endpoint, WAIT_S))
     try:
         await bridge(arm)
@@ -97,18 +97,18 @@ def close_soon(session: SupportsClose) -> None:
     closing.join(CLOSE_S)
 
 
-def in_thread(work: Callable[[], Result]) -> asyncio.Future[Result]:
+def in_thread(work: Callable[[], T]) -> asyncio.Future[T]:
     """Do what blocks in a thread that the end of the process does not wait for."""
     loop = asyncio.get_running_loop()
-    future: asyncio.Future[Result] = loop.create_future()
+    future: asyncio.Future[T] = loop.create_future()
 
-    def settle(result: Result | None, error: BaseException | None) -> None:
+    def settle(result: T | None, error: BaseException | None) -> None:
         if future.done():  # cancelled meanwhile
             return
         if error is not None:
             future.set_exception(error)
         else:
-            future.set_result(cast(Result, result))
+            future.set_result(cast(T, result))
 
     def do() -> None:
         result, raised = None, None

@@ -41,7 +41,9 @@ class Reader(Client):
 class LineStream:
     """One arm's lines. Nothing past: who connects gets what comes from then on."""
 
-    def __init__(self, arm: Arm, line: lines.Line, header: str | None, hz: float | None) -> None:
+    def __init__(
+        self, arm: Arm, line: lines.LineFormat, header: str | None, hz: float | None
+    ) -> None:
         """*hz* None: measurements; otherwise points, at most so many a second."""
         self._arm = arm
         self._line = line

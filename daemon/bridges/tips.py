@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-Vector = tuple[float, float, float]
+from armd.arrays import Vector
 
 
 @dataclass(frozen=True)

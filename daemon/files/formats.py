@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from armd.compensation.data.session_format import ArtefactFile, SessionFile
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.verify.limits import Limits
+from armd.compensation.verify.limits import PermissibleErrors
 from armd.daemon.config import DaemonFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -19,7 +19,7 @@ FORMATS: dict[str, tuple[type[BaseModel], str]] = {
     "session": (SessionFile, "session.toml: an arm measured on an artefact"),
     "artefact": (ArtefactFile, "artefact.toml: what is touched, for several sessions"),
     "daemon": (DaemonFile, "armd.toml: the daemon's configuration"),
-    "mpe": (Limits, "mpe.toml: what the arm must meet"),
+    "mpe": (PermissibleErrors, "mpe.toml: what the arm must meet"),
     "calibration": (Calibration, "calibration.json: constants and terms of an arm"),
 }
 

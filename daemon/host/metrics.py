@@ -22,14 +22,14 @@ MOST_OPEN = 8
 PATIENCE_S = 3.0
 MOST_REQUEST_BYTES = 8192
 
-Health = dict[str, Any]
+HealthRecord = dict[str, Any]
 
 
 class MetricsServer:
     """Answers `GET /metrics` in a thread of its own, from the health messages last published."""
 
     def __init__(
-        self, port: int, healths: Callable[[], Sequence[Health]], host: str = "127.0.0.1"
+        self, port: int, healths: Callable[[], Sequence[HealthRecord]], host: str = "127.0.0.1"
     ) -> None:
         """Raises `OSError` if the port is taken. 0 takes a free one."""
         self._healths = healths
@@ -88,12 +88,12 @@ class MetricsServer:
         return head.encode() + body
 
 
-def render(healths: Sequence[Health]) -> str:
+def render(healths: Sequence[HealthRecord]) -> str:
     """OpenMetrics text of the health messages of one arm or many."""
     return "\n".join([*_lines(healths), "# EOF", ""])
 
 
-def _lines(healths: Sequence[Health]) -> Iterator[str]:
+def _lines(healths: Sequence[HealthRecord]) -> Iterator[str]:
     """All samples of a family stand together, as the format wants it."""
     yield "# TYPE armd_state stateset"
     for serial, health in _by_label(healths):
@@ -123,7 +123,7 @@ def _lines(healths: Sequence[Health]) -> Iterator[str]:
                 yield f'armd_temperature_celsius{{{serial},sensor="{_escaped(sensor)}"}} {value_c}'
 
 
-def _by_label(healths: Sequence[Health]) -> Iterator[tuple[str, Health]]:
+def _by_label(healths: Sequence[HealthRecord]) -> Iterator[tuple[str, HealthRecord]]:
     return ((f'serial="{_escaped(health["serial"])}"', health) for health in healths)
 
 

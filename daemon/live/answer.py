@@ -4,5 +4,5 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-Answer = Callable[[str, bool], None]
+Respond = Callable[[str, bool], None]
 """Told what was done, and True; or why it was not, and False."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from armd.daemon.config import Tip
-from armd.daemon.live.answer import Answer
+from armd.daemon.live.answer import Respond
 from armd.daemon.live.arm_in_use import ArmInUse, Takeover
 from armd.errors import ArmdError
 
@@ -36,7 +36,7 @@ class _Asked:
 
     tip: str | None
     calibrated: Tip | None = None
-    answers: list[Answer] = field(default_factory=list)
+    answers: list[Respond] = field(default_factory=list)
 
 
 class Changes:
@@ -51,15 +51,15 @@ class Changes:
         self._ready: queue.SimpleQueue[Takeover | ArmdError] = queue.SimpleQueue()
         threading.Thread(target=self._prepare, name="changes", daemon=True).start()
 
-    def reload(self, answer: Answer) -> None:
+    def reload(self, answer: Respond) -> None:
         """Read the calibration file again."""
         self._ask(_Asked(None), answer)
 
-    def select_tip(self, name: str, answer: Answer) -> None:
+    def select_tip(self, name: str, answer: Respond) -> None:
         """Measure with one of the tips there are; "" is the calibration's own."""
         self._ask(_Asked(name), answer)
 
-    def keep_tip(self, name: str, tip: Tip, answer: Answer) -> None:
+    def keep_tip(self, name: str, tip: Tip, answer: Respond) -> None:
         """Measure with a tip just calibrated, from now on and after every restart."""
         self._ask(_Asked(name, tip), answer)
 
@@ -76,7 +76,7 @@ class Changes:
             self._under_way = self._waiting.popleft()
             self._jobs.put(self._under_way)
 
-    def _ask(self, new: _Asked, answer: Answer) -> None:
+    def _ask(self, new: _Asked, answer: Respond) -> None:
         for asked in self._waiting:
             if (asked.tip, asked.calibrated) == (new.tip, new.calibrated):
                 asked.answers.append(answer)

@@ -18,7 +18,7 @@ from armd import POINT, Flag
 from armd.arrays import F64, I64
 from armd.compiled.jit import jit, settled
 
-Trigger: TypeAlias = Literal["button", "rest"]
+TriggeredBy: TypeAlias = Literal["button", "rest"]
 
 #: A contact bounces for some milliseconds: a button that was let go for less was not let go. No
 #: finger presses twice in so short a time.
@@ -39,7 +39,7 @@ class Press:
 class Measurement:
     """Averages over `count` points; positions in mm, base frame."""
 
-    trigger: Trigger
+    trigger: TriggeredBy
     seq: int
     stamp_ns: int
     monotonic_ns: int
@@ -108,7 +108,7 @@ class Averager:
         self._resting = bool(resting[-1])
         return np.flatnonzero(resting & ~before).tolist()
 
-    def average(self, trigger: Trigger, point: np.void, still_since_ns: int) -> Measurement:
+    def average(self, trigger: TriggeredBy, point: np.void, still_since_ns: int) -> Measurement:
         """The measurement that ends with *point*, one of those remembered."""
         end_ns = int(point["monotonic_ns"])
         rows = self._rows_since(max(still_since_ns, end_ns - self._average_ns))

@@ -12,13 +12,13 @@ from typing import Literal
 
 from armd.daemon.measure.in_use import ARM, CALIBRATION
 from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.plan.stations import Kind
+from armd.daemon.measure.plan.stations import PlanKind
 from armd.errors import BadInput
 
 Then = Literal["calibrate", "diagnose", "verify", "interim", "tip", "none"]
 
 #: What a kind ends with, where a calibration is in force and where none is.
-_USUAL: dict[Kind, tuple[tuple[Then, ...], tuple[Then, ...]]] = {
+_USUAL: dict[PlanKind, tuple[tuple[Then, ...], tuple[Then, ...]]] = {
     "seats": (("diagnose",), ("calibrate",)),
     "artefact": (("calibrate", "diagnose"), ("calibrate",)),
     "poses": (("diagnose",), ("calibrate",)),

@@ -20,12 +20,12 @@ import zenoh
 from zenoh import handlers
 
 from armd import keys
-from armd.daemon.live.answer import Answer
+from armd.daemon.live.answer import Respond
 from armd.daemon.network.publisher import JSON, KeptStream, Publisher
 from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame
 
-Command = Callable[[zenoh.Parameters, Answer], None]
+QueryHandler = Callable[[zenoh.Parameters, Respond], None]
 """Begins one command with its parameters, and answers when it is done or refused."""
 
 #: Questions of one kind that wait for their answer.
@@ -52,7 +52,7 @@ class Queries:
         publisher: Publisher,
         told: Mapping[str, Callable[[], str]],
         preamble: Callable[[], list[RawFrame]],
-        commands: Mapping[str, Command] | None,
+        commands: Mapping[str, QueryHandler] | None,
     ) -> None:
         """*told*: by key, what is asked for in another thread; *commands* None: every command is
         refused."""

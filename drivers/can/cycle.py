@@ -20,7 +20,7 @@ class EncoderReading:
 
 
 @dataclass(slots=True)
-class Cycle:
+class SyncCycle:
     """What the joints have said since one SYNC."""
 
     number: int
@@ -42,7 +42,7 @@ class CycleAssembler:
 
     def reset(self) -> None:
         """Another connection: what was on its way is gone."""
-        self._cycle: Cycle | None = None
+        self._cycle: SyncCycle | None = None
         self._doubtful_until_ns = 0
 
     def may_sync(self, now_ns: int) -> bool:
@@ -52,12 +52,14 @@ class CycleAssembler:
 
     def sync(self, number: int, latch_ns: int) -> None:
         """A new cycle begins."""
-        last, self._cycle = self._cycle, Cycle(number, latch_ns)
+        last, self._cycle = self._cycle, SyncCycle(number, latch_ns)
         if last is not None and not last.complete:
             self.incomplete += 1
             self._doubtful_until_ns = last.latch_ns + LATE_MOST_NS
 
-    def report(self, joint: int, reading: EncoderReading, expected: frozenset[int]) -> Cycle | None:
+    def report(
+        self, joint: int, reading: EncoderReading, expected: frozenset[int]
+    ) -> SyncCycle | None:
         """The cycle, if with this every joint of *expected* has reported in it, exactly once."""
         cycle = self._cycle
         if cycle is None:

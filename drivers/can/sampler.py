@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from armd.drivers.can.cycle import Cycle
+from armd.drivers.can.cycle import SyncCycle
 from armd.drivers.can.node import Node
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.sample import Item, RawFrame, SampleArray, sample_dtype
@@ -45,7 +45,7 @@ class CycleSampler:
         )
         return True
 
-    def sample(self, cycle: Cycle, frame: RawFrame) -> list[Item]:
+    def sample(self, cycle: SyncCycle, frame: RawFrame) -> list[Item]:
         """A cycle that *frame* completed: its sample, after the events its joints give rise to."""
         assert self._unwrapper is not None
         invalid = alarmed = warned = 0

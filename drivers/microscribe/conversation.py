@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from enum import Enum, auto
 
 from armd.drivers.microscribe import wire
-from armd.drivers.microscribe.stream import Stream, Streamed
+from armd.drivers.microscribe.stream import PacketStream, Streamed
 from armd.drivers.sample import RawFrame
 
 
@@ -43,7 +43,7 @@ class Conversation:
 
     def __init__(self) -> None:
         self._malformed = 0
-        self.stream: Stream | None = None
+        self.stream: PacketStream | None = None
         self.restart()
 
     def restart(self) -> None:
@@ -103,11 +103,11 @@ class Conversation:
         if self.phase is Phase.STARTING:
             _, acknowledged, rest = self._buffer.partition(bytes([wire.RESPOND_TO_MOTION]))
             if acknowledged:
-                self.stream = Stream(self.pending.data)
+                self.stream = PacketStream(self.pending.data)
                 self.pending, self._buffer, self.phase = None, b"", Phase.STREAM
                 yield from self._streamed(frame._replace(data=rest))
 
-    def resume(self, stream: Stream) -> None:
+    def resume(self, stream: PacketStream) -> None:
         """A recording begins in the middle of a stream."""
         self.stream, self.phase, self.pending, self.stops = stream, Phase.STREAM, None, True
 

@@ -12,8 +12,8 @@ from armd.drivers.joint_watch import JointWatch
 from armd.drivers.microscribe import wire
 from armd.drivers.microscribe.conversation import ATTEMPTS, Conversation, Phase
 from armd.drivers.microscribe.homing import Homing
-from armd.drivers.microscribe.instants import Instants
-from armd.drivers.microscribe.stream import Stream, Streamed
+from armd.drivers.microscribe.instants import ReadingInstants
+from armd.drivers.microscribe.stream import PacketStream, Streamed
 from armd.drivers.microscribe.timer import TICK_NS
 from armd.drivers.sample import Event, Item, RawFrame, sample_dtype
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
@@ -45,7 +45,7 @@ class MicroScribeDecoder:
         self._unwrapper: Unwrapper | None = None
         self._jumps = JointWatch("count_jump", "its count jumped")
         self._stream = stream
-        self._instants = Instants()
+        self._instants = ReadingInstants()
         self._told = ""  # of streaming, in this session
         self._seq = -1  # of the last cycle
         self._delivered = -1  # seq of the last sample
@@ -127,7 +127,7 @@ class MicroScribeDecoder:
             self._told, instants, stream = state
             self._instants.restore(instants)
             if stream is not None:
-                self.conversation.resume(Stream.restored(stream))
+                self.conversation.resume(PacketStream.restored(stream))
         else:
             if data.startswith(UP):
                 self._instants.baud = int(data.removeprefix(UP))

@@ -18,7 +18,7 @@ from armd.drivers.serial.clock import PROMISED_NS
 GAP_NS = 50_000_000  # between two readings, when streaming begins anew; beyond it some are missing
 
 
-class Instants:
+class ReadingInstants:
     """Of one arm's readings, in their order."""
 
     def __init__(self) -> None:

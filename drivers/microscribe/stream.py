@@ -26,7 +26,7 @@ class Streamed(NamedTuple):
     lost: int | None  # packets between it and the one before; None: it is the first
 
 
-class Stream:
+class PacketStream:
     """Of one command to stream, *request*."""
 
     def __init__(self, request: bytes) -> None:
@@ -102,7 +102,7 @@ class Stream:
         return [self.request.hex(), self._open.hex(), heard, whole, self._before, [*self._apart]]
 
     @classmethod
-    def restored(cls, state: list[Any]) -> Stream:
+    def restored(cls, state: list[Any]) -> PacketStream:
         request, opened, heard, whole, before, apart = state
         stream = cls(bytes.fromhex(request))
         stream._open = bytes.fromhex(opened)

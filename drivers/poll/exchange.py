@@ -16,7 +16,7 @@ from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Status
 from armd.drivers.sample import RawFrame
 
 
-class Answer:
+class TimedStatus:
     """A servo's status and when its last byte had arrived."""
 
     __slots__ = ("arrived_ns", "status")
@@ -35,7 +35,7 @@ class Exchange:
     ) -> None:
         self.request = request
         self.sent = sent
-        self.answers: dict[int, Answer] = {}
+        self.answers: dict[int, TimedStatus] = {}
         self.doubtful: set[int] = set()  # two answers that differ: which is it?
         self._family = family
         self._counted = counted
@@ -64,7 +64,7 @@ class Exchange:
         elif len(status.data) != self.request.length:
             self._counted["late" if status.data else "refused"] += 1
         elif status.id not in self.answers:
-            self.answers[status.id] = Answer(status, arrived_ns)
+            self.answers[status.id] = TimedStatus(status, arrived_ns)
         else:
             self._counted["repeated"] += 1
             if status != self.answers[status.id].status:

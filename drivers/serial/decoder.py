@@ -17,7 +17,7 @@ from armd.drivers.serial import wire
 from armd.drivers.serial.assembler import SampleAssembler
 from armd.drivers.serial.clock import EAGER_INTERVAL_NS, ClockMapping
 from armd.drivers.serial.exchanges import Exchanges
-from armd.drivers.serial.held import Held, Reading, weight
+from armd.drivers.serial.held import Held, HeldReading, weight
 from armd.drivers.serial.sequence import Rows, Run, SequenceExtender
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 
@@ -242,7 +242,7 @@ class SerialDecoder:
 
     # --- holding and delivering ----------------------------------------------------------
 
-    def _deliver_or_hold(self, what: Reading, frame: RawFrame) -> list[Item]:
+    def _deliver_or_hold(self, what: HeldReading, frame: RawFrame) -> list[Item]:
         if self.accepted:
             return self._deliver(what, frame.monotonic_ns, frame.unix_ns)
         if self.hello is not None:
@@ -252,7 +252,7 @@ class SerialDecoder:
         self._counted["unidentified"] += dropped
         return []
 
-    def _deliver(self, what: Reading, arrival_ns: int, unix_ns: int) -> list[Item]:
+    def _deliver(self, what: HeldReading, arrival_ns: int, unix_ns: int) -> list[Item]:
         if isinstance(what, wire.TemperatureReading):
             return [self._temperatures(what, arrival_ns, unix_ns - arrival_ns)]
         unix_minus_monotonic_ns = unix_ns - arrival_ns

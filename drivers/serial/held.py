@@ -9,17 +9,17 @@ from armd.drivers.serial.wire import TemperatureReading
 
 HELD_SAMPLES = 8192  # the oldest go
 
-Reading = Rows | TemperatureReading
+HeldReading = Rows | TemperatureReading
 
 
 class Held:
     """Readings with their arrival, host monotonic and Unix ns."""
 
     def __init__(self) -> None:
-        self._readings: deque[tuple[Reading, int, int]] = deque()
+        self._readings: deque[tuple[HeldReading, int, int]] = deque()
         self._weight = 0
 
-    def add(self, what: Reading, arrival_ns: int, unix_ns: int) -> int:
+    def add(self, what: HeldReading, arrival_ns: int, unix_ns: int) -> int:
         """How many had to go for it."""
         self._readings.append((what, arrival_ns, unix_ns))
         self._weight += weight(what)
@@ -28,7 +28,7 @@ class Held:
             self._weight -= weight(self._readings.popleft()[0])
         return before - self._weight
 
-    def take(self) -> list[tuple[Reading, int, int]]:
+    def take(self) -> list[tuple[HeldReading, int, int]]:
         """All of them, which are held no longer."""
         readings = list(self._readings)
         self.forget()
@@ -41,6 +41,6 @@ class Held:
         return dropped
 
 
-def weight(what: Reading) -> int:
+def weight(what: HeldReading) -> int:
     """Packets."""
     return 1 if isinstance(what, TemperatureReading) else len(what)

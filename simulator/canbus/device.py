@@ -11,7 +11,7 @@ from armd.drivers.can import objects as can
 from armd.simulator.canbus.node import SimulatedNode
 from armd.simulator.canbus.parts import Encoder, Thermometer
 from armd.simulator.canbus.timeline import Instant, Timeline
-from armd.simulator.canbus.wires import Frame, Wire
+from armd.simulator.canbus.wires import BusEnd, Frame
 from armd.simulator.live.device_clock import DeviceClock
 from armd.simulator.live.electronics import COUNTS_PER_TURN, Electronics
 from armd.simulator.live.faults import Fault, Schedule
@@ -37,7 +37,7 @@ class CanArm:
         self,
         scenario: Scenario,
         blocks: Iterator[Block],
-        wire: Wire,
+        wire: BusEnd,
         truth: TruthFile,
         log: FaultLog,
     ) -> None:

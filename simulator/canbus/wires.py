@@ -19,7 +19,7 @@ def monotonic_ns(unix_ns: int) -> int:
     return unix_ns - time.time_ns() + time.monotonic_ns()
 
 
-class Wire(Protocol):
+class BusEnd(Protocol):
     """The nodes' end of a bus."""
 
     address: str  # what a person gives to the host to find it

@@ -16,7 +16,7 @@ from typing import Annotated, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from armd.arrays import F64
+from armd.arrays import F64, Vector
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_toml
 from armd.simulator.live.operator import Hand, Stretch
@@ -26,8 +26,6 @@ from armd.simulator.measured.poses import Reach, Unreachable, settle_on
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
 from armd.simulator.truth.rotations import about
-
-Vector = tuple[float, float, float]
 
 #: Peak speeds of a hand that is neither careful nor in a hurry; the plan's `haste` multiplies them.
 TIP_MM_S, JOINT_RAD_S = 400.0, 3.0

@@ -22,7 +22,7 @@ from armd.simulator.truth.rotations import random_unit
 
 Rng = np.random.Generator
 Texts = dict[str, str]  # session.toml and readings.csv
-Rows = list[dict[str, str]]
+TableRows = list[dict[str, str]]
 
 #: 100 times the noise of a reading (7 µm, 3-D).
 GROSS_UM, GROSS_SHARE = 700.0, 0.03
@@ -68,7 +68,7 @@ def on_the_desk(kind: str, sessions: list[Texts], rng: Rng) -> list[Texts]:
     return sessions
 
 
-def _doubled(rows: Rows, rng: Rng) -> Rows:
+def _doubled(rows: TableRows, rng: Rng) -> TableRows:
     """A tenth of the rows twice: at once, or copied in once more at the end."""
     again = rng.uniform(size=len(rows)) < 0.1
     if rng.uniform() < 0.5:
@@ -86,7 +86,7 @@ def _dead(sessions: list[Texts], rng: Rng) -> list[Texts]:
     found = []
     for i, texts in enumerate(sessions):
 
-        def change(rows: Rows, i: int = i) -> Rows:
+        def change(rows: TableRows, i: int = i) -> TableRows:
             nonlocal last
             first = 0 if i > since or how in ("constant", "missing") else len(rows) // 2
             first = len(rows) if i < since else first
@@ -120,7 +120,7 @@ def _clocks(sessions: list[Texts], rng: Rng) -> list[Texts]:
     return found
 
 
-def _set_back(rows: Rows) -> Rows:
+def _set_back(rows: TableRows) -> TableRows:
     for row in rows[len(rows) // 2 :]:
         row["time_s"] = f"{float(row['time_s']) - 3600.0:.3f}"
     return rows
@@ -139,7 +139,7 @@ def _begun(texts: Texts, moment: datetime) -> Texts:
     return {**texts, "session.toml": "\n".join(lines) + "\n"}
 
 
-def _table(texts: Texts, change: Callable[[Rows], Rows]) -> Texts:
+def _table(texts: Texts, change: Callable[[TableRows], TableRows]) -> Texts:
     rows = change(list(csv.DictReader(io.StringIO(texts["readings.csv"]))))
     out = io.StringIO()
     writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")

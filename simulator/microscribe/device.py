@@ -14,7 +14,7 @@ from armd.simulator.live.pty_port import PtyPort
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.live.truth_log import FaultLog, TruthFile
 from armd.simulator.microscribe import arm
-from armd.simulator.microscribe.motion import MotionReport, SpoiltLine, Timer
+from armd.simulator.microscribe.motion import MotionReport, SpoiltPort, Timer
 
 #: From a command to the first bit of its reply: "just under a millisecond", as the maker says; the
 #: reading is made as soon as the command is understood.
@@ -48,7 +48,7 @@ class MicroScribeDevice:
         self._rng = np.random.default_rng([scenario.seed, 0x35CB])
         self._listening: Callable[[bytes], bytes] = self._synchronise
         self._began_ns = 0
-        self._line = SpoiltLine(port, self._rng)
+        self._line = SpoiltPort(port, self._rng)
         self._timer = Timer(scenario.clock_ppm, int(self._rng.integers(1 << 14)))
         self._motion: MotionReport | None = None  # what it was told to respond to
         self._wake()

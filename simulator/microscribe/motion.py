@@ -82,7 +82,7 @@ class MotionReport:
         return bool(enough.any() or (reading.buttons ^ self._sent.buttons) & self._buttons)
 
 
-class SpoiltLine:
+class SpoiltPort:
     """The port, with bytes lost and inserted on the way."""
 
     def __init__(self, port: PtyPort, rng: np.random.Generator) -> None:

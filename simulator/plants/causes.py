@@ -37,7 +37,7 @@ from armd.simulator.truth.nominal import sensor_names
 from armd.terminal.suggest import did_you_mean, few
 
 How = Callable[[Campaign, Plant, np.random.Generator], Campaign]
-Make = Callable[[Plant, np.random.Generator, Campaign], Effect]
+MakeEffect = Callable[[Plant, np.random.Generator, Campaign], Effect]
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Planting:
     plant: How
 
 
-def imperfection(make: Make) -> How:
+def imperfection(make: MakeEffect) -> How:
     """Planting an imperfection of the arm itself."""
 
     def plant(campaign: Campaign, wanted: Plant, rng: np.random.Generator) -> Campaign:
@@ -65,7 +65,7 @@ def imperfection(make: Make) -> How:
     return plant
 
 
-def or_drifting(make: Make) -> Make:
+def or_drifting(make: MakeEffect) -> MakeEffect:
     """What *make* makes, or the same along a course where the plant has one."""
 
     def either(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effect:

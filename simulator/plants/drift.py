@@ -11,7 +11,7 @@ import numpy as np
 from armd.simulator.measured.campaign import Campaign
 from armd.simulator.plants.plant import Plant
 from armd.simulator.truth import course
-from armd.simulator.truth.course import Course
+from armd.simulator.truth.course import CourseInTime
 from armd.simulator.truth.effects import (
     DriftingLength,
     DriftingMount,
@@ -48,7 +48,7 @@ def drifting(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effe
             return DriftingLength(plant.number, plant.size, along)
 
 
-def _course(kind: str, plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Course:
+def _course(kind: str, plant: Plant, rng: np.random.Generator, campaign: Campaign) -> CourseInTime:
     spans = [
         span
         for span, (plan, _) in zip(campaign.span_s(), campaign.sessions, strict=True)

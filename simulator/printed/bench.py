@@ -33,7 +33,7 @@ WARM_K, WARM_S = 8.0, 600.0  # the motors' own electronics, their torque off
 LINK_SHARE = 0.5  # of the motor's warmth, that its link takes
 
 
-Row = dict[str, str | int]
+BenchRow = dict[str, str | int]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def measure(
     }
     every = sum(map(len, sessions.values()))
     for name, visits in sessions.items():
-        rows: list[Row] = []
+        rows: list[BenchRow] = []
         for row in _take(arm, rng, visits, total * PAUSE_S):
             rows.append(row)
             progress((total + len(rows)) / every)
@@ -106,7 +106,7 @@ def _measured(rng: np.random.Generator, true: dict[str, F64]) -> dict[tuple[str,
 
 def _take(
     arm: PrintedArm, rng: np.random.Generator, visits: list[Touch], started_s: float
-) -> Iterator[Row]:
+) -> Iterator[BenchRow]:
     for i, visit in enumerate(visits):
         warmth_k = WARM_K * (1 - np.exp(-(started_s + i * PAUSE_S) / WARM_S))
         motor_c = 22.0 + warmth_k * np.array([0.7, 0.9, 1.0, 1.1, 1.2])
@@ -143,7 +143,7 @@ def _posture(arm: PrintedArm, rng: np.random.Generator, at_mm: F64, link_c: F64)
     raise RuntimeError(f"no posture reaches {at_mm}")
 
 
-def _description(rows: list[Row], lengths: dict[tuple[str, str], float]) -> str:
+def _description(rows: list[BenchRow], lengths: dict[tuple[str, str], float]) -> str:
     """session.toml."""
     names = list(dict.fromkeys(str(row["target"]) for row in rows))
     lines = [
@@ -168,7 +168,7 @@ def _description(rows: list[Row], lengths: dict[tuple[str, str], float]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _table(rows: list[Row]) -> str:
+def _table(rows: list[BenchRow]) -> str:
     """readings.csv."""
     text = io.StringIO()
     table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")

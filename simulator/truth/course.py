@@ -12,24 +12,24 @@ import numpy as np
 from armd.arrays import F64
 
 #: (n,) seconds since the arm was mounted → (n,) how far it has come.
-Course = Callable[[F64], F64]
+CourseInTime = Callable[[F64], F64]
 
 DAY_S = 86400.0
 #: Diffusion into a wall: terms of the series, enough for a ten thousandth of the diffusion time.
 DIFFUSION_TERMS = 200
 
 
-def creeping(since_s: float, until_s: float) -> Course:
+def creeping(since_s: float, until_s: float) -> CourseInTime:
     """At one rate, to 1 at *until_s*."""
     return lambda time_s: (time_s - since_s) / (until_s - since_s)
 
 
-def relaxing(since_s: float, time_constant_s: float) -> Course:
+def relaxing(since_s: float, time_constant_s: float) -> CourseInTime:
     """A stress that relaxes, a screw that settles: Maxwell's body."""
     return lambda time_s: 1.0 - np.exp(-np.maximum(time_s - since_s, 0.0) / time_constant_s)
 
 
-def swelling(since_s: float, diffusion_s: float) -> Course:
+def swelling(since_s: float, diffusion_s: float) -> CourseInTime:
     """A wall takes up water from both sides: the mean content by Fick's law (Crank, plane sheet),
     as the square root of time at first; *diffusion_s* is thickness² / (π² D)."""
 
@@ -42,7 +42,7 @@ def swelling(since_s: float, diffusion_s: float) -> Course:
     return at
 
 
-def daily(noon_s: float, sharpness: float = 0.3) -> Course:
+def daily(noon_s: float, sharpness: float = 0.3) -> CourseInTime:
     """The sun on a wall, day after day: a wave with a second harmonic, as days have."""
 
     def at(time_s: F64) -> F64:
@@ -53,7 +53,7 @@ def daily(noon_s: float, sharpness: float = 0.3) -> Course:
     return at
 
 
-def wandering(rng: np.random.Generator, since_s: float, until_s: float) -> Course:
+def wandering(rng: np.random.Generator, since_s: float, until_s: float) -> CourseInTime:
     """Brownian motion, of standard deviation 1 at *until_s*."""
     knots = np.linspace(since_s, until_s, 2001)
     path = np.concatenate([[0.0], np.cumsum(rng.normal(0.0, 1.0, 2000))]) / np.sqrt(2000.0)

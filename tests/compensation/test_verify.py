@@ -16,7 +16,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.compensation.report.verification import verification_report
 from armd.compensation.verify.figures import Figure, Verification, figures_of
-from armd.compensation.verify.limits import Limits, TestUncertainty, load_limits
+from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.errors import BadInput
@@ -155,7 +155,7 @@ def test_lengths_at_the_artefacts_temperature() -> None:
     assert lengths.worst.length_mm == pytest.approx(1000.1)
     assert lengths.worst.standard_uncertainty_mm == pytest.approx(math.hypot(0.0005, 0.001))
     for range_mm, remarks in ((1500.0, 0), (1600.0, 1)):
-        limits = Limits.model_validate(
+        limits = PermissibleErrors.model_validate(
             {"schema": "armd.mpe/1", "measuring_range_mm": range_mm, "mpe": {"e_uni_mm": 0.05}}
         )
         assert len(judge(verification, limits).remarks) == remarks
@@ -208,7 +208,7 @@ def test_what_is_incomplete_is_left_out_with_the_reason() -> None:
     assert verification.figures == ()
     assert verification.left_out["p_size"] == "24 of 25 points on SPHERE1.*"
     assert verification.left_out["spat_2s"] == "9 of 10 articulations in SPAT1"
-    limits = Limits.model_validate({"schema": "armd.mpe/1", "mpe": {"p_size_mm": 0.01}})
+    limits = PermissibleErrors.model_validate({"schema": "armd.mpe/1", "mpe": {"p_size_mm": 0.01}})
     verdict = judge(verification, limits)
     assert not verdict.passed
     assert set(verdict.not_tested) == {"p_size"}
@@ -233,7 +233,7 @@ def test_decision_rule(decision: str, error_mm: float, outcome: str) -> None:
     for repeat in (1, 2, 3):
         for i, point in enumerate(points):
             measured.add("EFFDIA", f"EFFDIA.{repeat}.{i}", point)
-    limits = Limits.model_validate(
+    limits = PermissibleErrors.model_validate(
         {
             "schema": "armd.mpe/1",
             "decision": decision,
@@ -258,7 +258,7 @@ def test_the_largest_is_told_beside_what_decides() -> None:
         bar, length, error = ("BARS", 300.0, -0.0051) if i < 10 else ("BARL", 1200.0, 0.0041)
         measured.add(f"P{i}", f"{bar}.a", (0, 0, 0))
         measured.add(f"P{i}", f"{bar}.b", (length + error * (i % 10 == 3), 0, 0))
-    limits = Limits.model_validate(
+    limits = PermissibleErrors.model_validate(
         {
             "schema": "armd.mpe/1",
             "mpe": {"volumetric_max_mm": 0.02},
@@ -284,7 +284,7 @@ def test_a_verdict_names_what_it_covers_and_why_it_fails() -> None:
 
     def verdict(uncertainty: dict[str, float] | None = None, **mpe: float) -> Verdict:
         content = {"schema": "armd.mpe/1", "mpe": mpe, "uncertainty": uncertainty or {}}
-        limits = Limits.model_validate(content)
+        limits = PermissibleErrors.model_validate(content)
         return judge(measured.figures(limits.uncertainty), limits)
 
     passed = verdict(spat_max_mm=0.02)
@@ -333,7 +333,7 @@ def test_limits_that_would_let_everything_pass_are_refused(
 
 
 def test_the_limit_of_a_length_grows_with_it() -> None:
-    limits = Limits.model_validate(
+    limits = PermissibleErrors.model_validate(
         {"schema": "armd.mpe/1", "mpe": {"e_uni_mm": 0.02, "e_uni_mm_per_m": 0.01}}
     )
     assert limits.mpe.of("e_uni", 1500.0) == pytest.approx(0.035)

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from armd.drivers.config import MicroScribeConfig
 from armd.drivers.microscribe import wire
 from armd.drivers.microscribe.decoder import MicroScribeDecoder
-from armd.drivers.microscribe.instants import Instants
-from armd.drivers.microscribe.stream import Stream, Streamed
+from armd.drivers.microscribe.instants import ReadingInstants
+from armd.drivers.microscribe.stream import PacketStream, Streamed
 from armd.drivers.microscribe.timer import Timer
 from armd.drivers.sample import Event, RawFrame
 from armd.drivers.table import open_driver
@@ -104,7 +104,7 @@ def _packets(n: int, first: int, pace: int = 2) -> list[bytes]:
 
 
 def _taken(line: bytes, cuts: list[int], delay: int = 2) -> list[Streamed]:
-    stream = Stream(wire.start_streaming(0x21, delay))
+    stream = PacketStream(wire.start_streaming(0x21, delay))
     edges = [0, *sorted(cut % (len(line) + 1) for cut in cuts), len(line)]
     return [
         taken
@@ -186,7 +186,7 @@ def test_a_pace_between_two_ticks_loses_nothing() -> None:
 
 
 def test_what_is_no_packet_is_counted() -> None:
-    stream = Stream(wire.start_streaming(0x21, 2))
+    stream = PacketStream(wire.start_streaming(0x21, 2))
     packets = _packets(9, 100)
     packets[4] = packets[4][:9] + packets[4][10:]
     taken = stream.push(_frame(b"".join(packets)))
@@ -238,7 +238,7 @@ def test_a_reading_of_a_tick_to_come_has_no_instant() -> None:
 
 def test_a_line_without_pace_streams_at_any_rate() -> None:
     """A pseudo-terminal that is told 19 200 baud: 14 bytes would take 7 ms, and take none."""
-    instants, t_ns = Instants(), 10**12
+    instants, t_ns = ReadingInstants(), 10**12
     instants.baud = 19_200
 
     def heard(data: bytes) -> RawFrame:
@@ -270,7 +270,7 @@ def test_a_reading_that_may_be_more_than_5_ms_off_says_so(took_ms: int, holds: b
     knows. A stamp without flag 8 is right within 5 ms."""
     request = RawFrame(10**12, 10**12, "tx", b"\x21")
     reply = RawFrame(10**12 + took_ms * MS, 10**12 + took_ms * MS, "rx", bytes(14))
-    at_ns, certain = Instants().asked(request, reply, 14, 7, False)
+    at_ns, certain = ReadingInstants().asked(request, reply, 14, 7, False)
     assert certain == holds
     rest_ms = took_ms - 15 * 10 / 115.2
     assert (rest_ms / 2 <= 5.0) == holds and abs(at_ns - 10**12) < took_ms * MS

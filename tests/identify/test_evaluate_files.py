@@ -13,9 +13,9 @@ from armd.compensation.data import pieces
 from armd.compensation.data.session import Session, load_sessions
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.identify.evaluation import evaluate_files as streamed
-from armd.compensation.identify.evaluation.condensed import sums_by
+from armd.compensation.identify.evaluation.condensed import moments_by
 from armd.compensation.identify.evaluation.evaluate import evaluate
-from armd.compensation.identify.evaluation.tally import Tally
+from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, constants_of
 from armd.errors import BadInput
@@ -162,11 +162,11 @@ def test_few_points_stand_for_many() -> None:
     rng = np.random.default_rng(3)
     points = rng.normal(size=(500, 4)) @ rng.normal(size=(4, 4)) + 1000.0
     group = rng.integers(0, 3, 500)
-    halves = [sums_by(group[half], points[half]) for half in (slice(0, 90), slice(90, None))]
-    for key, sums in halves[0].items():
-        sums.add(halves[1][key])
-        few, all_of_it = sums.points(), points[group == key]
-        assert sums.n == len(all_of_it)
+    halves = [moments_by(group[half], points[half]) for half in (slice(0, 90), slice(90, None))]
+    for key, moments in halves[0].items():
+        moments.add(halves[1][key])
+        few, all_of_it = moments.points(), points[group == key]
+        assert moments.n == len(all_of_it)
         np.testing.assert_allclose(few.mean(axis=0), all_of_it.mean(axis=0), rtol=1e-13)
         np.testing.assert_allclose(
             np.cov(few.T, bias=True), np.cov(all_of_it.T, bias=True), rtol=1e-9, atol=1e-12
@@ -176,7 +176,7 @@ def test_few_points_stand_for_many() -> None:
 def test_a_median_of_which_nothing_is_kept() -> None:
     rng = np.random.default_rng(2)
     for distances in (rng.lognormal(2, 1.5, 9001), np.array([3.0]), np.zeros(4)):
-        tally = Tally()
+        tally = ErrorTally()
         for part in np.array_split(distances, 4):
             tally.add(part)
         assert tally.as_json()["median_um"] == pytest.approx(

@@ -22,7 +22,7 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-Model = TypeVar("Model", bound=BaseModel)
+Content = TypeVar("Content", bound=BaseModel)
 
 #: Each may be wrong in a way of its own, which takes 2 kB; 300 parameters have a covariance of
 #: 90,000.
@@ -50,22 +50,22 @@ MARKS = {codecs.BOM_UTF8: "UTF-8", codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF
 KEY_FAULT = "armd_key"
 
 
-def load_toml(path: str | Path, model: type[Model]) -> Model:
+def load_toml(path: str | Path, model: type[Content]) -> Content:
     """Read and validate a TOML file; raises `BadInput`."""
     return parse_toml(path, read_input(path, MOST_TOML_BYTES), model)
 
 
-def load_json(path: str | Path, model: type[Model]) -> Model:
+def load_json(path: str | Path, model: type[Content]) -> Content:
     """Read and validate a JSON file; raises `BadInput`."""
     return parse_json(path, read_input(path, MOST_JSON_BYTES), model)
 
 
-def parse_toml(path: str | Path, content: bytes, model: type[Model]) -> Model:
+def parse_toml(path: str | Path, content: bytes, model: type[Content]) -> Content:
     """Validate *content*, the bytes of the TOML file *path*; raises `BadInput`."""
     return validate(path, toml_data(path, content), model)
 
 
-def parse_json(path: str | Path, content: bytes, model: type[Model]) -> Model:
+def parse_json(path: str | Path, content: bytes, model: type[Content]) -> Content:
     """Validate *content*, the bytes of the JSON file *path*; raises `BadInput`."""
     return validate(path, json_data(path, content), model)
 
@@ -99,8 +99,8 @@ def json_data(path: str | Path, content: bytes) -> Any:
 
 
 def validate(
-    path: str | Path, data: object, model: type[Model], first: Mapping[str, int] | None = None
-) -> Model:
+    path: str | Path, data: object, model: type[Content], first: Mapping[str, int] | None = None
+) -> Content:
     """Check parsed *data*; faults become a `BadInput` naming its key, with (a hundred) `more`.
 
     *first*: the number from 0, in the file, of the first element of a list that is a part of it.

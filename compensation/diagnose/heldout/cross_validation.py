@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.diagnose.diagnosis import Progress, SearchResult
+from armd.compensation.diagnose.diagnosis import SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import possible, stays_near
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.heldout.gain import folds_of, groups_of, left_out
@@ -19,6 +19,7 @@ from armd.compensation.diagnose.scoring.evidence import Sums, total
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.search.selection import joined, next_finding
 from armd.compensation.model.arm import Arm
+from armd.compensation.progress import TellShare
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class CrossValidated:
     groups: I64
 
 
-def cross_validate(result: SearchResult, arm: Arm, progress: Progress) -> CrossValidated:
+def cross_validate(result: SearchResult, arm: Arm, progress: TellShare) -> CrossValidated:
     """Leave placements out in turn and search the others anew, step by step.
 
     Each fold's search chooses cause, place and grid value for itself among the whole catalogue.

@@ -31,7 +31,7 @@ class Look:
 
 
 #: Findings in a model, by number, and whether the first link grows in it.
-Model = tuple[tuple[int, ...], bool]
+Composition = tuple[tuple[int, ...], bool]
 #: Whether the first look cannot hear a finding, by number, beside the findings in a model.
 Deaf = Callable[[int, tuple[int, ...]], bool]
 
@@ -47,15 +47,15 @@ class Judge:
         later: Callable[[Sequence[int], bool], F64] | None,
     ) -> None:
         self._last, self._looks, self._deaf, self._later = last, looks, deaf, later
-        self._known: dict[Model, list[F64]] = {}
+        self._known: dict[Composition, list[F64]] = {}
 
-    def errors(self, model: Model) -> list[F64]:
+    def errors(self, model: Composition) -> list[F64]:
         """Squared residuals held out, by each look."""
         if model not in self._known:
             self._known[model] = [look.squares(*model) for look in self._looks]
         return self._known[model]
 
-    def foreseen(self, before: Model, after: Model) -> bool:
+    def foreseen(self, before: Composition, after: Composition) -> bool:
         """Whether what goes with time or temperature in *after* only makes nothing worse that was
         measured later: where something drifts, a temperature may stand in for the time."""
         new = {*after[0]} - {*before[0]}
@@ -64,7 +64,7 @@ class Judge:
         old_mm2, new_mm2 = capped(self._later(*before), self._later(*after))
         return float(new_mm2.sum()) <= float(old_mm2.sum())
 
-    def shown_by(self, before: Model, after: Model) -> tuple[int, Gain] | None:
+    def shown_by(self, before: Composition, after: Composition) -> tuple[int, Gain] | None:
         """The first look that bears out what is new, and its gain."""
         pairs = [
             (old, new, look.groups)
@@ -83,14 +83,14 @@ class Judge:
                 return k, replace(of_all[k], shown=True)
         return None
 
-    def harmful(self, finding: int, without: Model, beside: Model) -> bool:
+    def harmful(self, finding: int, without: Composition, beside: Composition) -> bool:
         """Whether the first look, if it can hear a finding, predicts better *without* it."""
         if self._deaf(finding, beside[0]):
             return False
         without_mm2, with_mm2 = capped(self.errors(without)[0], self.errors(beside)[0])
         return float(without_mm2.sum()) < float(with_mm2.sum())
 
-    def doubt(self, finding: int, without: Model, beside: Model) -> float:
+    def doubt(self, finding: int, without: Composition, beside: Composition) -> float:
         """Factor, at most 1, for the odds of a finding with which the first look predicts worse
         beyond doubt: the likelihood ratio of what it holds out, or that the arm changed."""
         if self._deaf(finding, beside[0]):

@@ -57,7 +57,7 @@ class Sequence:
 
 
 @dataclass(frozen=True)
-class Memory:
+class NoiseMemory:
     """Of a noise that lasts: τ in s, and its variance in units of the one that is stated."""
 
     tau_s: float
@@ -85,7 +85,7 @@ class Lasting:
         sequence = Sequence.of(observations.placement, observations.states.time_s)
         return cls(sources, sequence, absorbed)
 
-    def memory(self, left: F64) -> Memory | None:
+    def memory(self, left: F64) -> NoiseMemory | None:
         """The memory of what is *left* (n, 3), in units of its noise; None: none beyond doubt."""
         one, two = self._pairs
         of_sources = np.einsum("nis,ni->ns", self.sources, left)
@@ -104,7 +104,7 @@ class Lasting:
         if correlation < LEAST:  # so much is absorbed that none would show
             return None
         variance = float(kept[0] / np.interp(correlation, tried, kept))
-        return Memory(-self._usual_s / float(np.log(correlation)), variance)
+        return NoiseMemory(-self._usual_s / float(np.log(correlation)), variance)
 
     @cached_property
     def _pairs(self) -> tuple[I64, I64]:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from armd.arrays import F64, I64
-from armd.compensation.diagnose.diagnosis import Check, Explained
+from armd.compensation.diagnose.diagnosis import Explained, PartCheck
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.shape import is_shape
@@ -87,7 +87,7 @@ def variables_of(unknown: Candidate) -> set[str]:
     return {*unknown.depends_on, *([f"q{where.joint}"] if where.kind == "parameter" else [])}
 
 
-def _checks(last: Fit, index: int) -> tuple[Check, ...]:
+def _checks(last: Fit, index: int) -> tuple[PartCheck, ...]:
     n = last.linear.rests.n
     moves = last.net_signature(index)
     signature = np.einsum("nij,nj->ni", last.noise.whitener, moves)
@@ -107,7 +107,7 @@ def _checks(last: Fit, index: int) -> tuple[Check, ...]:
         square = float((change**2 * size[told]).sum())
         freedom = len(told) - 1
         checks.append(
-            Check(
+            PartCheck(
                 by,
                 tuple(names[k] for k in told),
                 1.0 + change,

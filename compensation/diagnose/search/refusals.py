@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from armd.compensation.diagnose.diagnosis import Refused
+from armd.compensation.diagnose.diagnosis import RefusedCandidate
 from armd.compensation.effects.effect import Candidate
 
 
@@ -18,13 +18,13 @@ class Refusals:
     def __init__(self, catalogue: Sequence[Candidate]) -> None:
         self._catalogue = tuple(catalogue)
         self.candidates = list(catalogue)
-        self.told: list[Refused] = []
+        self.told: list[RefusedCandidate] = []
         #: Place → the findings beside which it was refused; None once it was asked again.
         self._beside: dict[tuple[str, str], str | None] = {}
 
     def add(self, candidate: Candidate, reason: str, beside: str) -> bool:
         """Look for it no more, *beside* these findings; whether the candidates are others now."""
-        self.told.append(Refused(candidate, reason))
+        self.told.append(RefusedCandidate(candidate, reason))
         self._beside.setdefault(candidate.place, beside)
         before = len(self.candidates)
         self.candidates = [c for c in self.candidates if c.place != candidate.place]

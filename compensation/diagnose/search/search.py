@@ -16,7 +16,6 @@ import numpy as np
 from armd.compensation.diagnose.diagnosis import (
     MOST_FINDINGS,
     Finding,
-    Progress,
     SearchResult,
 )
 from armd.compensation.diagnose.fitting.fit import fit
@@ -50,6 +49,7 @@ from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.mount_drift import steady_drift
 from armd.compensation.effects.unknown import without_a_name
 from armd.compensation.model.arm import Arm
+from armd.compensation.progress import TellShare
 
 MOST_STEPS = 16
 MOST_RENAMINGS = 3
@@ -63,7 +63,7 @@ NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
 
 #: By how many standard errors readings held out are predicted better, about a fit's point, with the
 #: findings named last than with those named first.
-HeldOut = Callable[[Fit, Sequence[Candidate], Sequence[Candidate]], float]
+HeldOutGain = Callable[[Fit, Sequence[Candidate], Sequence[Candidate]], float]
 
 
 class Search:
@@ -74,8 +74,8 @@ class Search:
         rests: Rests,
         arm: Arm,
         baseline: Baseline,
-        progress: Progress = lambda _text, _share: None,
-        held_out: HeldOut = lambda _about, _before, _after: -math.inf,
+        progress: TellShare = lambda _text, _share: None,
+        held_out: HeldOutGain = lambda _about, _before, _after: -math.inf,
     ) -> None:
         """*held_out*: what decides between two sets of findings; without, none replaces another."""
         self.rests = rests

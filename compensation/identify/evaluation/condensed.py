@@ -15,14 +15,14 @@ from armd.arrays import F64, I64
 
 
 @dataclass
-class Sums:
+class PointMoments:
     """Number, mean (d,) and scatter about it (d, d) of some points."""
 
     n: float
     mean: F64
     scatter: F64
 
-    def add(self, other: Sums) -> None:
+    def add(self, other: PointMoments) -> None:
         """Chan, Golub and LeVeque (1979): nothing large is subtracted from anything large."""
         n = self.n + other.n
         apart = other.mean - self.mean
@@ -43,8 +43,8 @@ class Sums:
         return points
 
 
-def sums_by(group: I64, points: F64) -> dict[int, Sums]:
-    """The sums of points (n, d) that share a group number."""
+def moments_by(group: I64, points: F64) -> dict[int, PointMoments]:
+    """The moments of points (n, d) that share a group number."""
     groups, of, n = np.unique(group, return_inverse=True, return_counts=True)
     d, size = points.shape[1], len(groups)
     total = [np.bincount(of, points[:, i], size) for i in range(d)]
@@ -55,4 +55,4 @@ def sums_by(group: I64, points: F64) -> dict[int, Sums]:
         for j in range(i + 1):
             scatter[:, i, j] = np.bincount(of, apart[:, i] * apart[:, j], size)
             scatter[:, j, i] = scatter[:, i, j]
-    return {int(groups[g]): Sums(float(n[g]), mean[g], scatter[g]) for g in range(size)}
+    return {int(groups[g]): PointMoments(float(n[g]), mean[g], scatter[g]) for g in range(size)}

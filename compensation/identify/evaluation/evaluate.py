@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,9 +19,8 @@ from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration, sensors_of
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.terms import Term
+from armd.compensation.progress import TellStep
 from armd.errors import BadInput
-
-Progress = Callable[[str], None]
 
 #: Rows whose parameters are held in memory at once.
 CHUNK = 1 << 16
@@ -67,7 +66,7 @@ def evaluate(
     sessions: Sequence[Session],
     arm: Arm,
     calibration: Calibration | None,
-    progress: Progress | None = None,
+    progress: TellStep | None = None,
 ) -> Evaluation:
     """Residuals under a calibration, or under the drawing of arm.toml without one."""
     observations = gather(sessions, arm, calibration.artefact if calibration else None)
@@ -87,7 +86,7 @@ def evaluate_model(
     constants: F64,
     terms: Sequence[Term],
     reference_c: float,
-    progress: Progress | None = None,
+    progress: TellStep | None = None,
 ) -> Evaluation:
     """Residuals under constants (P,) and terms; memory stays bounded for millions of readings.
 

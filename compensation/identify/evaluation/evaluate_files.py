@@ -1,13 +1,13 @@
 """`armd evaluate` of sessions of any length: their readings go by twice, and none is kept.
 
-The first time they become sums, of which poses and unknown seats are fitted; the second time each
+The first time they become moments, of which poses and unknown seats are fitted; the second time each
 is held against them. `evaluate` does the same with everything in memory; a test holds the two
 together.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,18 +25,17 @@ from armd.compensation.data.session import (
 )
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
-from armd.compensation.identify.evaluation.condensed import Sums, sums_by
+from armd.compensation.identify.evaluation.condensed import PointMoments, moments_by
 from armd.compensation.identify.evaluation.evaluate import evaluate, without_temperatures
 from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
-from armd.compensation.identify.evaluation.tally import Tally
+from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.state import followed
 from armd.compensation.model.terms import Term
-
-Progress = Callable[[str], None]
+from armd.compensation.progress import TellStep
 
 #: Bytes of readings that are read at once: some 100 000 of them, which take no more memory than
 #: what goes by in pieces does.
@@ -48,7 +47,7 @@ class _BackInTime(Exception):
 
 
 def evaluate_files(
-    paths: Sequence[str], arm: Arm, calibration: Calibration | None, progress: Progress
+    paths: Sequence[str], arm: Arm, calibration: Calibration | None, progress: TellStep
 ) -> tuple[dict[str, Any], list[Length]]:
     """What `--json` has, and the certified lengths, of the session folders *paths*."""
     files = [Path(path) / name for path in paths for name in READINGS]
@@ -73,7 +72,7 @@ class _Piece:
 
 class _Passes:
     def __init__(
-        self, paths: Sequence[str], arm: Arm, calibration: Calibration | None, progress: Progress
+        self, paths: Sequence[str], arm: Arm, calibration: Calibration | None, progress: TellStep
     ) -> None:
         self._paths, self._arm, self._progress = paths, arm, progress
         self._artefact = calibration.artefact if calibration else None
@@ -85,23 +84,23 @@ class _Passes:
         self._missing = np.zeros(len(arm.sensors), np.int64)
 
     def evaluation(self) -> tuple[dict[str, Any], list[Length]]:
-        sums: dict[_Key, Sums] = {}
-        for some in in_order(self._sums, self._pieces("summing")):
+        moments: dict[_Key, PointMoments] = {}
+        for some in in_order(self._moments, self._pieces("summing")):
             for key, new in some.items():
-                if key in sums:
-                    sums[key].add(new)
+                if key in moments:
+                    moments[key].add(new)
                 else:
-                    sums[key] = new
+                    moments[key] = new
         bare = [session.rows(np.zeros(0, np.int64)) for session in self._last.values()]
         whole = gather(bare, self._arm, self._artefact, every_length=True)
-        if not sums:
+        if not moments:
             raise without_temperatures(whole, self._terms, self._n, self._missing)
-        few, weight, position = _condensed(whole, sums)
+        few, weight, position = _condensed(whole, moments)
         poses = fit_poses(few, position, weight)
         residual = poses.residual(few, position)
         lengths = certified_lengths(few, poses, residual, weight)
 
-        by_session = [Tally() for _ in self._paths]
+        by_session = [ErrorTally() for _ in self._paths]
         own = [_of_session(poses, whole, i) for i in range(len(bare))]
 
         def distances_um(piece: _Piece) -> tuple[int, F64]:
@@ -111,7 +110,7 @@ class _Passes:
 
         for session, distance in in_order(distances_um, self._pieces("comparing")):
             by_session[session].add(distance)
-        together = Tally.of(by_session)
+        together = ErrorTally.of(by_session)
         names = whole.session_names
         result = {
             **together.as_json(),
@@ -144,7 +143,7 @@ class _Passes:
         usable = np.isfinite(tip[:, 0])
         return piece.observations.rows(usable), tip[usable]
 
-    def _sums(self, piece: _Piece) -> dict[_Key, Sums]:
+    def _moments(self, piece: _Piece) -> dict[_Key, PointMoments]:
         """By session, placement, target and kind: of (stretch, tip), or of (truth, tip)."""
         readings, tip = self._tips(piece)
         n_targets = len(readings.target_names)
@@ -154,8 +153,8 @@ class _Passes:
             first = readings.truth_mm if true else readings.stretch[:, None]
             points = np.hstack([first[rows], tip[rows]])
             pair = readings.placement[rows] * n_targets + readings.target[rows]
-            for code, sums in sums_by(pair, points).items():
-                found[piece.session, *divmod(code, n_targets), true] = sums
+            for code, moments in moments_by(pair, points).items():
+                found[piece.session, *divmod(code, n_targets), true] = moments
         return found
 
 
@@ -185,14 +184,16 @@ def _of_session(poses: Poses, whole: Observations, session: int) -> Poses:
     )
 
 
-def _condensed(whole: Observations, sums: dict[_Key, Sums]) -> tuple[Observations, F64, F64]:
+def _condensed(
+    whole: Observations, moments: dict[_Key, PointMoments]
+) -> tuple[Observations, F64, F64]:
     """Few readings that stand for all, how many each stands for, and their tips (m, 3)."""
     sessions = np.arange(len(whole.session_names))
     first_placement = np.searchsorted(whole.placement_session, sessions)
     first_target = np.searchsorted(whole.target_session, sessions)
     session, placement, target = list[int](), list[int](), list[int]()
     stretch, truth, tip, weight = list[float](), list[F64](), list[F64](), list[float]()
-    for (i, p, k, true), some in sums.items():
+    for (i, p, k, true), some in moments.items():
         points = some.points()
         for point in points:
             session.append(i)

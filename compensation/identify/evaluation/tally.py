@@ -19,7 +19,7 @@ NONE: dict[str, Any] = {
 }  # fmt: skip
 
 
-class Tally:
+class ErrorTally:
     """Root mean square, mean, largest and median, told to µm."""
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class Tally:
         self._bins[bins] += counts  # not all of them: they are more than the distances
 
     @classmethod
-    def of(cls, parts: Sequence[Tally]) -> Tally:
+    def of(cls, parts: Sequence[ErrorTally]) -> ErrorTally:
         whole = cls()
         for part in parts:
             whole.n += part.n

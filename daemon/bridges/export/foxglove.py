@@ -62,7 +62,7 @@ class _Event(_Told):
     severity: str
 
 
-Model = TypeVar("Model", bound=BaseModel)
+Content = TypeVar("Content", bound=BaseModel)
 
 
 def write_foxglove(recording: Recording, path: Path) -> tuple[int, int]:
@@ -106,7 +106,7 @@ def _messages(recording: Recording) -> Iterator[tuple[str, int, Any]]:
         yield by_topic[message.topic], message.unix_ns, json_data(recording.path, message.data)
 
 
-def _read(recording: Recording, what: str, data: Any, model: type[Model]) -> Model:
+def _read(recording: Recording, what: str, data: Any, model: type[Content]) -> Content:
     return validate(f"{recording.path}: {TOPICS[what]}", data, model)
 
 

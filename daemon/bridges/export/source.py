@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd import Arm, keys
+from armd.arrays import Vector
 from armd.compensation.data.session_columns import APPROACH
 from armd.daemon.files.measurement_log import SUFFIX, log_files
 from armd.daemon.files.recorder import TOPICS
@@ -31,7 +32,6 @@ COLUMNS = (
 )  # fmt: skip
 #: Before the name of a sensor that is called like one of the columns.
 CLASH = "temperature_"
-Vector = tuple[float, float, float]
 
 
 class MeasurementLine(BaseModel):

@@ -26,7 +26,7 @@ from armd.daemon.bridges.ippdme.report import (
     HIT_2_5,
     MOTION,
     SCAN,
-    Fields,
+    ReportedFields,
     asked_for,
     move_report,
     written_fields,
@@ -205,7 +205,7 @@ def pt_meas(dialogue: Dialogue, command: Command) -> Answer:
     pending = Pending()
     reach_mm = tool.number("PtMeasPar.Search") + tool.radius_mm
 
-    def take(fields: Fields) -> None:
+    def take(fields: ReportedFields) -> None:
         dialogue.hit = None
         away = math.hypot(*(fields[axis][0] - wanted for axis, wanted in nominal.items()))
         if away > reach_mm:

@@ -16,7 +16,12 @@ from armd.daemon.bridges.ippdme.grammar import (
     quoted,
 )
 from armd.daemon.bridges.ippdme.machine import Machine
-from armd.daemon.bridges.ippdme.report import Fields, MoveReport, written_error, written_fields
+from armd.daemon.bridges.ippdme.report import (
+    MoveReport,
+    ReportedFields,
+    written_error,
+    written_fields,
+)
 
 #: Commands that may wait behind one that takes its time.
 MOST_WAITING = 100
@@ -69,7 +74,7 @@ class Dialogue:
         self.errors: list[tuple[DmeError, str]] = []
         self.report: tuple[str, ...] = ("X", "Y", "Z")
         self.move_report: MoveReport | None = None
-        self.hit: Callable[[Fields], None] | None = None
+        self.hit: Callable[[ReportedFields], None] | None = None
         """Takes the operator's next hit, for a PtMeas of the host's own."""
         self.user_enabled = False
         self._waiting: deque[Command] = deque()

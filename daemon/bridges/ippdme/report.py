@@ -10,7 +10,7 @@ from armd.arrays import F64
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.ippdme.grammar import Arg, Property, decimal, quoted
 
-Fields = Mapping[str, tuple[float, ...]]
+ReportedFields = Mapping[str, tuple[float, ...]]
 
 MOTION = ("X", "Y", "Z")
 HIT = (*MOTION, "IJK", "ER", "Q")
@@ -27,7 +27,7 @@ def written_error(error: DmeError, method: str) -> str:
     return f"Error({error.severity}, {error.number:04d}, {quoted(method)}, {quoted(error.text)})"
 
 
-def written_fields(names: Sequence[str], fields: Fields) -> dict[str, str]:
+def written_fields(names: Sequence[str], fields: ReportedFields) -> dict[str, str]:
     """Those that were asked for, in that order."""
     return {
         name: ", ".join(decimal(value, _PLACES.get(name, 5)) for value in fields[name])

@@ -11,11 +11,11 @@ from armd.compensation.features.fit import SHAPES, Feature, fit
 from armd.compensation.features.relate import Relation, angle, distance
 from armd.errors import ArmdError, BadInput
 
-Measurements = Mapping[str, Mapping[str, Any]]
+MeasuredById = Mapping[str, Mapping[str, Any]]
 """As published, by the id that the page has of each."""
 
 
-def feature(measured: Measurements, query: Mapping[str, str]) -> dict[str, Any]:
+def feature(measured: MeasuredById, query: Mapping[str, str]) -> dict[str, Any]:
     """What *query* asks for: `of=plane:ID,ID,…`; with `and=…` likewise, their distance and angle.
 
     Raises `BadInput` for what is no feature, `ArmdError` for points that determine none.
@@ -27,7 +27,7 @@ def feature(measured: Measurements, query: Mapping[str, str]) -> dict[str, Any]:
     return {"distance": _related(distance, one, other), "angle": _related(angle, one, other)}
 
 
-def _fitted(measured: Measurements, text: str) -> Feature:
+def _fitted(measured: MeasuredById, text: str) -> Feature:
     name, _, ids = text.partition(":")
     shape = next((known for known in SHAPES if known == name), None)
     if shape is None:

@@ -23,7 +23,7 @@ from armd.daemon.measure.in_use import in_use_of
 from armd.daemon.measure.log import NAME
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import plan_of
-from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, Kind, Wishes
+from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, PlanKind, Wishes
 from armd.daemon.measure.so_far.estimate import identified
 from armd.errors import ArmdError, BadInput
 from armd.files.schema import load_toml
@@ -174,7 +174,7 @@ class Guided:
             if wishes is None:
                 return Measuring.resume(folder, in_use), trigger
             known = None if artefact is None else load_toml(artefact, ArtefactFile).artefact
-            plan = plan_of(cast(Kind, kind), in_use.arm, known, wishes)
+            plan = plan_of(cast(PlanKind, kind), in_use.arm, known, wishes)
             return Measuring(folder, plan, in_use), trigger
 
         measuring, self._trigger = await in_thread(begun)

@@ -11,7 +11,7 @@ from armd.compensation.data.session import Session, load_session
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.compensation.verify.figures import verify
-from armd.compensation.verify.limits import Limits, TestUncertainty, load_limits
+from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
 from armd.compensation.verify.verdict import Verdict, judge
 from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.errors import ArmdError
@@ -65,7 +65,7 @@ def _page(args: argparse.Namespace, verdict: Verdict, session: Session, arm: Arm
     return verification_report(verdict, session, arm, files)
 
 
-def _print(verdict: Verdict, limits: Limits | None) -> None:
+def _print(verdict: Verdict, limits: PermissibleErrors | None) -> None:
     console = plain_console()
     table = Table(box=None, pad_edge=False)
     for heading in ("Figure", "Standard"):

@@ -12,8 +12,8 @@ from armd.daemon.measure.plan.proposed import proposed_check
 from armd.daemon.measure.plan.stations import (
     MOST_STATIONS,
     PLACES,
-    Kind,
     Plan,
+    PlanKind,
     Station,
     Wishes,
     near_mm,
@@ -42,7 +42,7 @@ BALL_HOW = "the tip's centre at the ball, the wrist turned otherwise than last t
 SPHERE_HOW = "touch the sphere, all over its upper half"
 
 
-def plan_of(kind: Kind, arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Plan:
+def plan_of(kind: PlanKind, arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Plan:
     """The stations of a measurement of *arm*, on *artefact* where there is one.
 
     Raises `BadInput` for wishes that cannot be met.
@@ -67,7 +67,7 @@ def plan_of(kind: Kind, arm: Arm, artefact: Artefact | None, wishes: Wishes) -> 
     )
 
 
-def _refuse_what_is_not_asked(kind: Kind, artefact: Artefact | None, wishes: Wishes) -> None:
+def _refuse_what_is_not_asked(kind: PlanKind, artefact: Artefact | None, wishes: Wishes) -> None:
     needed = {"artefact": ("--artefact", artefact), "poses": ("--poses", wishes.poses)}
     if kind in needed and needed[kind][1] is None:
         raise BadInput(COMMAND_LINE, needed[kind][0], "nothing", f"a file: `{kind}` wants one")
@@ -256,7 +256,7 @@ def _interim_table(arm: Arm, wishes: Wishes) -> list[Pose]:
     return read_poses(wishes.poses, arm.n_joints, arm.sensors)
 
 
-_MAKERS: dict[Kind, Callable[[Arm, Artefact | None, Wishes], Made]] = {
+_MAKERS: dict[PlanKind, Callable[[Arm, Artefact | None, Wishes], Made]] = {
     "seats": _seats,
     "artefact": _artefact,
     "verify": _verify,

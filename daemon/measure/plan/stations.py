@@ -15,8 +15,8 @@ from armd.compensation.model.arm import Arm
 from armd.errors import BadInput
 from armd.files.schema import Strict, validate
 
-Kind = Literal["seats", "artefact", "verify", "poses", "tip", "interim"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
+PlanKind = Literal["seats", "artefact", "verify", "poses", "tip", "interim"]
+KINDS: tuple[PlanKind, ...] = get_args(PlanKind)
 
 #: Farther than this from where its target must be, a reading is taken for another target's (mm).
 NEAR_MM = 5.0
@@ -48,7 +48,7 @@ class Station(Strict):
 class Plan(Strict):
     """A guided measurement, whole: what the log begins with."""
 
-    kind: Kind
+    kind: PlanKind
     artefact: Artefact
     stations: list[Station]
     near_mm: float = NEAR_MM

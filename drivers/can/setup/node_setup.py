@@ -26,7 +26,7 @@ NODE_BACK_OFF_NS = 250_000_000
 WARNINGS_INTERVAL_NS = 50_000_000  # between two joints
 TEMPERATURES_HZ = 2.0
 
-Outcome = EncoderFacts | Warnings | bool | None
+Visited = EncoderFacts | Warnings | bool | None
 
 
 class NodeSetup:
@@ -44,7 +44,7 @@ class NodeSetup:
         self._every_sync = round(rate_hz / TEMPERATURES_HZ)
         self._serial_numbers = dict(enumerate(serial_numbers or [], start=1))
         self._nodes: dict[int, PromptNode] = {}
-        self._running: tuple[int, Job[Outcome]] | None = None
+        self._running: tuple[int, Job[Visited]] | None = None
         self._due_ns: dict[int, int] = {}
         self._asking = False  # the job running only asks for warnings
         self._asked = 0  # the joint last asked for its warnings
@@ -93,7 +93,7 @@ class NodeSetup:
 
     # --- beside the loop ---------------------------------------------------------------------
 
-    def _visit(self, network: OwnNetwork, nodes: dict[int, PromptNode], number: int) -> Outcome:
+    def _visit(self, network: OwnNetwork, nodes: dict[int, PromptNode], number: int) -> Visited:
         """*nodes* are those of *network*: a visit that outlives it must not add to the next's."""
         node = nodes.get(number)
         if node is None:
@@ -109,7 +109,7 @@ class NodeSetup:
 
     # --- in the loop ---------------------------------------------------------------------------
 
-    def _conclude(self, number: int, job: Job[Outcome]) -> list[bytes]:
+    def _conclude(self, number: int, job: Job[Visited]) -> list[bytes]:
         try:
             outcome = job.result()
             if outcome is True:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.simulator.truth.course import Course
+from armd.simulator.truth.course import CourseInTime
 from armd.simulator.truth.effects.effect import Conditions, Effect, Posture, SmallMotion
 from armd.simulator.truth.rotations import ARC_SECOND
 
@@ -18,7 +18,7 @@ class DriftingZero(Effect):
 
     joint: int
     arcsec: float
-    course: Course
+    course: CourseInTime
 
     def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
         if joint != self.joint:
@@ -32,7 +32,7 @@ class DriftingLength(Effect):
 
     link_number: int
     ppm: float
-    course: Course
+    course: CourseInTime
 
     def strain(self, link: int, conditions: Conditions) -> F64 | None:
         if link != self.link_number:
@@ -46,7 +46,7 @@ class DriftingTwist(Effect):
 
     link_number: int
     turn_arcsec: tuple[float, float, float]
-    course: Course
+    course: CourseInTime
 
     def link(self, link: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         if link != self.link_number:
@@ -61,7 +61,7 @@ class DriftingMount(Effect):
 
     turn_arcsec: tuple[float, float, float]
     shift_um: tuple[float, float, float]
-    course: Course
+    course: CourseInTime
 
     def base(self, conditions: Conditions) -> SmallMotion | None:
         how_far = self.course(conditions.time_s)[:, None]
