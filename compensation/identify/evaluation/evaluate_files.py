@@ -1,7 +1,7 @@
 """`armd evaluate` of sessions of any length: their readings go by twice, and none is kept.
 
-The first time they become moments, of which poses and unknown seats are fitted; the second time each
-is held against them. `evaluate` does the same with everything in memory; a test holds the two
+The first time they become moments, of which poses and unknown seats are fitted; the second time
+each is held against them. `evaluate` does the same with everything in memory; a test holds the two
 together.
 """
 
