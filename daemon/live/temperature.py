@@ -11,8 +11,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, used_sensors
 from armd.daemon.config import Limits
-from armd.daemon.live.coarse_drift import CoarseHistory
-from armd.daemon.live.drift import RecentReadings
+from armd.daemon.live.drift import CoarseHistory, RecentReadings
 
 STALE_AFTER_NS = 5_000_000_000
 #: Readings a second that are taken on, beside a few in a row (modules that answer one after the

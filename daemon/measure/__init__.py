@@ -10,7 +10,7 @@ How a face drives it:
                 for payload in heard: told = measuring.offer(json.loads(payload))
                 measuring.state(tip_mm)                  # plain dict for JSON: what to show
         measuring.finish()
-        for command in commands(measuring, Options()):   # `armd calibrate …`, …: the end
+        for command in commands(folder, plan, in_use, EndOptions()):   # `armd calibrate …`, …
             done = run(command)                          # a process of its own; text, exit code
 
 `offer` returns what became of a measurement: `{"event": "reading", …}` or `{"event": "refused",

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from armd.daemon.measure.in_use import ARM, CALIBRATION
-from armd.daemon.measure.measuring import Measuring
-from armd.daemon.measure.plan.stations import PlanKind
+from armd.daemon.measure.in_use import ARM, CALIBRATION, MeasuredWith
+from armd.daemon.measure.plan.stations import Plan, PlanKind
 from armd.errors import BadInput
 
 Then = Literal["calibrate", "diagnose", "verify", "interim", "tip", "none"]
@@ -40,16 +39,17 @@ class EndOptions:
     apply_at: str | None = None  # of tip: the endpoint of the daemon that it is put in force on
 
 
-def commands(measuring: Measuring, options: EndOptions) -> list[list[str]]:
+def commands(
+    folder: Path, plan: Plan, in_use: MeasuredWith, options: EndOptions
+) -> list[list[str]]:
     """Arguments of `armd`, command after command; their outputs go into the session's folder.
 
     Raises `BadInput` for an end that lacks what it needs.
     """
-    folder = measuring.folder
-    calibrated = measuring.in_use.calibration is not None
+    calibrated = in_use.calibration is not None
     then = options.then
     if then is None:
-        then = _USUAL[measuring.plan.kind][0 if calibrated else 1]
+        then = _USUAL[plan.kind][0 if calibrated else 1]
     sessions = [*map(str, options.others), str(folder)]
     arm = ["--arm", str(folder / ARM)]
     in_force = ["--calibration", str(folder / CALIBRATION)] if calibrated else []

@@ -130,7 +130,7 @@ class Guided:
                 self._became(await in_thread(partial(_guarded, deed)))
             case "finish":
                 await in_thread(measuring.finish)
-                made = commands(measuring, self._options)
+                made = commands(measuring.folder, measuring.plan, measuring.in_use, self._options)
                 self._phase = "ending"
                 self._tell()
                 self._ending = asyncio.ensure_future(self._make(measuring, made))
@@ -181,7 +181,8 @@ class Guided:
         if measuring.plan.kind == "interim" and measuring.in_use.calibration is not None:
             options = replace(options, history=self._folder / HISTORY)
         try:
-            commands(measuring, options)  # refused now rather than at the end
+            # refused now rather than at the end
+            commands(measuring.folder, measuring.plan, measuring.in_use, options)
         except ArmdError:
             measuring.close()
             raise

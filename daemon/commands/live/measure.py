@@ -129,7 +129,8 @@ def run(args: argparse.Namespace) -> int:
         in_use = in_use_of(arm)
         plan = plan_of(args.kind, in_use.arm, artefact, wishes)
         with Measuring(args.output, plan, in_use) as measuring:
-            commands(measuring, options)  # refused now rather than at the end
+            # refused now rather than at the end
+            commands(measuring.folder, measuring.plan, measuring.in_use, options)
             if args.artefact_c is not None:
                 measuring.set_artefact_c(args.artefact_c)
             return _lead(args, arm, measuring, options)
@@ -146,7 +147,7 @@ def _lead(args: argparse.Namespace, arm: Arm, measuring: Measuring, options: End
         return 1
     measuring.finish()
     code = 0
-    for command in commands(measuring, options):
+    for command in commands(measuring.folder, measuring.plan, measuring.in_use, options):
         done = run_command(command)
         face.told(done)
         code = max(code, done.code)

@@ -11,7 +11,6 @@ from armd.daemon.measure.plan.poses import Pose, read_poses, stations_of
 from armd.daemon.measure.plan.proposed import proposed_check
 from armd.daemon.measure.plan.stations import (
     MOST_STATIONS,
-    PLACES,
     Plan,
     PlanKind,
     Station,
@@ -264,11 +263,3 @@ _MAKERS: dict[PlanKind, Callable[[Arm, Artefact | None, Wishes], Made]] = {
     "tip": _tip,
     "interim": _interim,
 }
-
-
-def place_in_words(plan: Plan, placement: str) -> str:
-    """Where the artefact should stand, for kinds that leave it to the person."""
-    names = list(dict.fromkeys(station.placement for station in plan.stations))
-    if plan.kind != "artefact" or placement not in names:
-        return ""
-    return PLACES[names.index(placement) % len(PLACES)]

@@ -62,6 +62,13 @@ class Plan(Strict):
         """As JSON."""
         return self.model_dump(mode="json", by_alias=True, exclude_defaults=True)
 
+    def place_in_words(self, placement: str) -> str:
+        """Where the artefact should stand, for kinds that leave it to the person."""
+        names = list(dict.fromkeys(station.placement for station in self.stations))
+        if self.kind != "artefact" or placement not in names:
+            return ""
+        return PLACES[names.index(placement) % len(PLACES)]
+
 
 @dataclass(frozen=True)
 class Wishes:

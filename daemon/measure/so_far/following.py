@@ -9,7 +9,6 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.daemon.measure.in_use import MeasuredWith
-from armd.daemon.measure.plan.kinds import place_in_words
 from armd.daemon.measure.plan.postures import Proposal, designed, propose
 from armd.daemon.measure.plan.stations import Plan
 from armd.daemon.measure.so_far.coverage import (
@@ -77,7 +76,7 @@ class Following:
             "target": station.target,
             "placement": station.placement,
             "new_placement": self._moved,
-            "place": place_in_words(self._plan, station.placement) if self._moved else "",
+            "place": self._plan.place_in_words(station.placement) if self._moved else "",
             "how": station.how,
             "why": self._posture.why,
             "posture_deg": None if q is None else np.degrees(q).tolist(),

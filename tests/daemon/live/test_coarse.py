@@ -10,7 +10,7 @@ from armd import Flag
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon.config import Limits
-from armd.daemon.live.coarse_drift import CoarseHistory
+from armd.daemon.live.drift import CoarseHistory
 from armd.daemon.live.pipeline import Pipeline
 from armd.daemon.live.temperature import TemperatureWatch
 from armd.drivers.sample import sample_dtype

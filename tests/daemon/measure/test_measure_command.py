@@ -206,7 +206,7 @@ def test_each_kind_ends_with_a_command_that_there_is(tmp_path, kind, calibrated,
     plan = plan_of(kind, ARM, BEAM if kind == "artefact" else None, Wishes())
     options = EndOptions(mpe=Path("mpe.toml"), history=Path("checks"), tip_name="ruby")
     with Measuring(tmp_path / kind, plan, in_use) as measuring:
-        made = commands(measuring, options)
+        made = commands(measuring.folder, measuring.plan, measuring.in_use, options)
     assert [command[0] for command in made] == named
     for command in made:
         parser = argparse.ArgumentParser()
