@@ -29,7 +29,6 @@ from armd.compensation.data.readings import (
     parse_csv,
     read_header,
 )
-from armd.compensation.data.row_uncertainty import row_uncertainties
 from armd.compensation.data.session_columns import (
     LikeRadians,
     angles,
@@ -82,7 +81,7 @@ class Corrector:
         self._like_radians = LikeRadians(arm, unit)
         self._started_unix_s = started_unix_s
         self._model = Model(arm, calibration)
-        content = self._content = calibration.content if calibration else None
+        content = calibration.content if calibration else None
         self._always = Flag(0) if calibration else Flag.NOT_CALIBRATED
         factors = [factor for term in (content.terms if content else []) for factor in term.basis]
         self._needs_date = any(isinstance(factor, Dated) for factor in factors)
@@ -131,7 +130,8 @@ class Corrector:
         """
         states = taken.states
         position, _ = self._model.correct_rows(states, taken.slow)
-        figures = np.hstack([position, self._uncertainties(states)])
+        uncertainty = self._model.uncertainty_rows(states, taken.slow)
+        figures = np.hstack([position, uncertainty])
         invalid = np.isnan(states.q).any(axis=1)
         figures[invalid] = np.nan
 
@@ -150,11 +150,6 @@ class Corrector:
         ):
             flags[rows] |= int(flag)
         return figures, flags
-
-    def _uncertainties(self, states: States) -> F64:
-        if self._content is None:
-            return np.full((states.n, 3), np.nan)
-        return row_uncertainties(self._arm, self._content, states)
 
     def _hold(self, measured_c: F64) -> F64:
         """Temperatures (n, S), the last one held where one is missing; at first the reference."""
@@ -257,7 +252,6 @@ def _parquet_pieces(
         old = file.schema_arrow
         added = [(name, pa.float64()) for name in COLUMNS[:-1]] + [(COLUMNS[-1], pa.uint32())]
         schema = pa.schema([*old, *pa.schema(added)])
-        writer = pa.parquet.ParquetWriter if suffix == ".parquet" else pa.csv.CSVWriter
 
         def taken() -> Iterator[tuple[pa.Table, Taken]]:
             begun = 0
@@ -271,7 +265,7 @@ def _parquet_pieces(
             columns = [*table.columns, *_table(*corrector.correct(new)).columns]
             return pa.Table.from_arrays(columns, schema=schema)
 
-        with writer(part, schema) as out:
+        with _writer(part, suffix, schema) as out:
             group: list[pa.Table] = []
             for table in in_order(corrected, taken()):
                 group.append(table)
@@ -282,6 +276,16 @@ def _parquet_pieces(
                 yield done, done / file.metadata.num_rows
             if group:
                 out.write_table(pa.concat_tables(group))
+
+
+def _writer(
+    part: Path, suffix: str, schema: pa.Schema
+) -> pa.parquet.ParquetWriter | pa.csv.CSVWriter:
+    if suffix != ".parquet":
+        return pa.csv.CSVWriter(part, schema)
+    # Hardly a measured number comes twice: looking each up in a dictionary took most of the time.
+    repeated = [field.name for field in schema if not pa.types.is_floating(field.type)]
+    return pa.parquet.ParquetWriter(part, schema, use_dictionary=repeated)
 
 
 def _table(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:

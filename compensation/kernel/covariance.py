@@ -67,8 +67,9 @@ class Uncertainty:
                 # Repeatability is what the encoders do not explain (`identify.noise` parts the
                 # two); their share comes through their Jacobian.
                 self.floor = noise.reading_mm**2
-        #: (n,) what the factor's rows are: numbers of parameters, then of pose terms
-        self.rows, self._parts = _parts(arm, calibration, slow, pose)
+        #: (n,) what the factor's rows are: numbers of parameters, then of pose terms; and what
+        #: is known of them
+        self.rows, self.parts = _parts(arm, calibration, slow, pose)
         n = len(self.rows)
         #: (n, r) L L' is the covariance of parameters and pose terms' coefficients
         self.factor = np.zeros((n, 0))
@@ -80,7 +81,7 @@ class Uncertainty:
 
         *changes* (S, L+T): what one standard deviation of each sensor adds to them.
         """
-        rank = _factor(values, changes, self._parts, self._work, self._numbers)
+        rank = _factor(values, changes, self.parts, self._work, self._numbers)
         n = len(self.factor)
         self.factor = self._numbers[: n * rank].reshape(n, rank)
 
@@ -138,8 +139,19 @@ def _parts(
 @jit
 def _factor(values: F64, changes: F64, parts: Parts, work: Scratch, numbers: F64) -> int:
     """The factor (n, r) into the first n · r of *numbers*; returns r."""
-    identified, row, scaled_by, encoder, warm, warm_row, warm_amount, scale = parts
     matrix, columns, left = work
+    assemble(values, changes, parts, matrix, left)
+    rank = pivoted_cholesky(matrix, left, columns)
+    for i in range(len(matrix)):
+        for r in range(rank):
+            numbers[i * rank + r] = columns[r, i] / parts.scale[i]
+    return rank
+
+
+@jit
+def assemble(values: F64, changes: F64, parts: Parts, matrix: F64, left: F64) -> None:
+    """The covariance of what acts in each row into *matrix* (n, n), mm²; *left* (n,) is scratch."""
+    identified, row, scaled_by, encoder, warm, warm_row, warm_amount, _ = parts
     n = len(matrix)
     for i in range(n):
         for j in range(n):
@@ -159,11 +171,6 @@ def _factor(values: F64, changes: F64, parts: Parts, work: Scratch, numbers: F64
             if left[i] != 0.0:
                 for j in range(n):
                     matrix[i, j] += left[i] * left[j]
-    rank = pivoted_cholesky(matrix, left, columns)
-    for i in range(n):
-        for r in range(rank):
-            numbers[i * rank + r] = columns[r, i] / scale[i]
-    return rank
 
 
 @jit

@@ -16,6 +16,8 @@ functions.
 
 from __future__ import annotations
 
+import math
+
 from armd.arrays import F64, I64
 from armd.compensation.kernel.chain import (
     fixed,
@@ -87,7 +89,7 @@ def correct_runs(
     first = 0
     while first < len(values):
         end = first + 1
-        while end < len(values) and (values[end] == values[first]).all():
+        while end < len(values) and alike(values, end, first):
             end += 1
         fold(values[first], amounts, flat)
         correct(
@@ -95,6 +97,16 @@ def correct_runs(
             position[first:end], correction[first:end],
         )  # fmt: skip
         first = end
+
+
+@jit
+def alike(rows: F64, i: int, j: int) -> bool:
+    """Whether two rows of *rows* (n, K) hold the same, or nothing (NaN) in the same columns."""
+    for k in range(rows.shape[1]):
+        one, other = rows[i, k], rows[j, k]
+        if one != other and not (math.isnan(one) and math.isnan(other)):
+            return False
+    return True
 
 
 @inlined

@@ -13,6 +13,7 @@ from armd.compensation.kernel.covariance import Uncertainty
 from armd.compensation.kernel.memory import Amounts, fold
 from armd.compensation.kernel.points import fill
 from armd.compensation.kernel.program import by_parameter, compile_terms, flattened
+from armd.compensation.kernel.row_variances import row_variances
 from armd.compensation.kernel.slow_factors import SlowFactors
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
@@ -142,6 +143,32 @@ class Model:
             correction,
         )
         return position, correction
+
+    def uncertainty_rows(self, states: States, slow_values: F64) -> F64:
+        """Standard uncertainties (n, 3) mm of the rows' coordinates, NaN where nothing is known.
+
+        As `correct_rows`, from any thread.
+        """
+        variance = np.full((states.n, 3), np.nan)
+        if not math.isnan(self._uncertainty.floor):
+            row_variances(
+                slow_values,
+                np.ascontiguousarray(states.temperature_c),
+                states.time_s if self.dated else np.zeros(states.n),
+                self._uncertainty.temperature_c,
+                self._slow.apart(),
+                self._amounts,
+                np.ascontiguousarray(states.q),
+                np.ascontiguousarray(states.rate),
+                np.ascontiguousarray(states.approach),
+                self.flat.for_batches(),
+                self._uncertainty.parts,
+                self._uncertainty.rows,
+                self._uncertainty.floor,
+                variance,
+            )
+        deviation: F64 = np.sqrt(np.maximum(variance, 0.0))
+        return deviation
 
 
 def _slow_part(term: Term) -> Term:

@@ -69,7 +69,7 @@ def _covariances(
         for row in range(len(factor)):
             column, weight = rows[row], 1.0
             if column >= count:
-                weight = _basis(program, work, column - count, i)
+                weight = pose_basis(program, work, column - count, i)
                 column = program.parameter[column - count]
             jx = weight * derivatives[i, 0, column]
             jy = weight * derivatives[i, 1, column]
@@ -89,7 +89,7 @@ def _covariances(
 
 
 @jit
-def _basis(program: Program, work: Work, t: int, i: int) -> float:
+def pose_basis(program: Program, work: Work, t: int, i: int) -> float:
     """What pose term *t* multiplies its coefficient with, at sample *i* of the block."""
     value = 1.0
     for j in range(program.factor_first[t], program.factor_first[t + 1]):

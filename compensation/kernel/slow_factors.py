@@ -77,8 +77,17 @@ class SlowFactors:
         (0, T) for 0.
         """
         rows = np.empty((self._n_sensors + 2 if more_c else 1, self._n_terms))
-        _evaluate(celsius, unix_s, more_c, self._program, rows)
+        evaluate(celsius, unix_s, more_c, self._program, rows)
         return rows[0], rows[2:]
+
+    def apart(self) -> SlowProgram:
+        """A copy whose lags and scratch are its own, for `evaluate` in any thread."""
+        program = self._program
+        return program._replace(
+            memory=np.full_like(program.memory, np.nan),
+            means=program.means.copy(),
+            values=program.values.copy(),
+        )
 
     def forget(self) -> None:
         """The next temperatures start the lags, settled."""
@@ -99,7 +108,7 @@ def _row(factor: SlowFactor, mean_of: dict[str, int], reference_c: float) -> tup
 
 
 @jit
-def _evaluate(celsius: F64, unix_s: float, more_c: float, program: SlowProgram, rows: F64) -> None:
+def evaluate(celsius: F64, unix_s: float, more_c: float, program: SlowProgram, rows: F64) -> None:
     """Row 0 as it is, row 1 with settled lags, row 2 + s what sensor s changes in that."""
     weights, lag_s, memory, factors, numbers, factor_first, term_factors, means, known = program
     for row in range(len(rows)):

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from armd import Flag
 from armd.arrays import F64
-from armd.compensation.data.row_uncertainty import row_uncertainties
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration, used_sensors
@@ -33,9 +32,10 @@ def recorrect(arm: Arm, calibration: LoadedCalibration, states: States) -> Recor
     """Positions of *states* under *calibration*, with what must be said of each."""
     content = calibration.content
     model = Model(arm, calibration)
-    position, _ = model.correct_states(states)
+    slow = model.slow_values(states)
+    position, _ = model.correct_rows(states, slow)
     invalid = np.isnan(position).any(axis=1)
-    uncertainty = row_uncertainties(arm, content, states)
+    uncertainty = model.uncertainty_rows(states, slow)
     uncertainty[invalid] = np.nan
     used = used_sensors(arm, content)
     columns = [s for s, name in enumerate(arm.sensors) if name in used]
