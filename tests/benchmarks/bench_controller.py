@@ -42,6 +42,7 @@ def at(rate_hz: int) -> dict[str, float]:
             floor = zenoh_alone(rate_hz, SECONDS, share.free)
             latencies["zenoh_alone"].append(floor.latency_us)
             sums["floor_cpu_s"] += floor.cpu_s
+            sums["floor_rss_mb"] += floor.rss_mb
             took, _, figures = daemon(rate_hz, SECONDS, share.free)
             latencies["daemon"].append(took.latency_us)
             for name, value in figures.items():
@@ -56,6 +57,7 @@ def at(rate_hz: int) -> dict[str, float]:
         "points_hz": sums["points"] / (ROUNDS * SECONDS),
         "lost_before_armd": sums["lost_before_armd"],
         "rss_mb": sums["rss_mb"] / ROUNDS,
+        "zenoh_alone_rss_mb": sums["floor_rss_mb"] / ROUNDS,
         "stopped_percent": stopped_percent,
     }
     for name, parts in latencies.items():

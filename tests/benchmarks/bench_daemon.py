@@ -51,6 +51,8 @@ SETTLE_S = 5.0  # clock mapped, rates steady
 #: Real-time priority of the simulated arm, above the daemon's.
 LATCH_PRIORITY = 10
 CALIBRATION = 'calibration = "calibration.json"'
+#: What a daemon's start stands on.
+BARE_START = "import numpy, serial, zenoh; zenoh.open(zenoh.Config()).close()"
 
 
 def run() -> dict[str, Any]:
@@ -59,8 +61,13 @@ def run() -> dict[str, Any]:
 
 def start_up() -> dict[str, float]:
     """Seconds from the start of the process to its line `armd: ready`: with nothing but the library
-    that is delivered and once more; with neither it nor anything compiled, and once more."""
+    that is delivered and once more; with neither it nor anything compiled, and once more. The floor
+    is Python that loads what a daemon needs and opens Zenoh, the second time."""
     seconds = {}
+    for _ in range(2):
+        start = time.monotonic()
+        subprocess.run([sys.executable, "-c", BARE_START], check=True)
+        seconds["bare_s"] = time.monotonic() - start
     with (
         tempfile.TemporaryDirectory() as folder,
         tempfile.TemporaryDirectory() as delivered,
@@ -107,7 +114,10 @@ def at(rate_hz: int, rounds: int) -> dict[str, Any]:
             taken < rounds * MOST_ROUNDS
             and _samples(undisturbed(series["latency"])) < ENOUGH_S * rate_hz
         ):
-            keep("zenoh_alone", zenoh_alone(rate_hz, floor_seconds))
+            bare = zenoh_alone(rate_hz, floor_seconds)
+            keep("zenoh_alone", bare)
+            through["bare_cpu_s"] += bare.cpu_s
+            through["bare_rss_mb"] += bare.rss_mb
             keep("line_alone", line_alone(rate_hz, floor_seconds))
             latencies, missing, figures = daemon(rate_hz, seconds)
             keep("latency", latencies, missing)
@@ -122,8 +132,12 @@ def at(rate_hz: int, rounds: int) -> dict[str, Any]:
         "points": int(through["points"]),
         "lost_before_armd": int(through["lost_before_armd"]),  # so its points say
         "cpu_percent_of_a_core": 100 * through["cpu_s"] / (taken * seconds),
+        "zenoh_alone_cpu_percent_of_a_core": 100
+        * through["bare_cpu_s"]
+        / (taken * (floor_seconds + 1)),
         "cpu_ms_per_1000_samples": 1e6 * through["cpu_s"] / through["points"],
         "rss_mb": through["rss_mb"] / taken,
+        "zenoh_alone_rss_mb": through["bare_rss_mb"] / taken,
         "goes_first": through["goes_first"] == taken,  # whether the system grants it to the
         "keeps_awake": os.access(DEVICE, os.W_OK),  # daemon, and this,
         "arm_on_time": through["arm_on_time"] == taken,  # and `on_hardware_of_its_own` to us

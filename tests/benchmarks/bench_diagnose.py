@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from measured import measured
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -38,6 +39,7 @@ GROWN = {"few": (8, 5), "readings": (8, 10), "sessions": (16, 5)}
 JOINTS = (4, 8)
 PLANT = Plant("encoder_eccentricity", "joint 3", 0.9)
 CORES = 2
+ARMD = [sys.executable, "-m", "armd"]
 
 
 def run(repeats: int = 3) -> dict[str, Any]:
@@ -47,6 +49,7 @@ def run(repeats: int = 3) -> dict[str, Any]:
         seconds = [
             _command(case, Path(folder)) for _ in range(repeats + 1)
         ]  # the first may compile
+        imports_s = measured([*ARMD, "diagnose", "--help"])["seconds"]
         arm = load_arm(case.arm)
         sessions = [load_session(path, arm) for path in case.sessions]
         result, took = _by_stage(sessions, arm, time.perf_counter)
@@ -56,6 +59,7 @@ def run(repeats: int = 3) -> dict[str, Any]:
         "candidates": len(result.search.signatures.candidates),
         "cores": min(CORES, len(os.sched_getaffinity(0))),
         "seconds": min(seconds[1:]),
+        "imports_s": imports_s,
         "diagnosis_alone_seconds": sum(took.values()),
         "share": {stage: of / sum(took.values()) for stage, of in took.items()},
         "found": [" ".join(found.candidate.place) for found in result.found],
@@ -117,7 +121,7 @@ def _by_stage(
 
 
 def _command(case: HiddenCase, folder: Path) -> float:
-    command = [sys.executable, "-m", "armd.daemon.cli", "diagnose", *map(str, case.sessions)]
+    command = [*ARMD, "diagnose", *map(str, case.sessions)]
     command += ["--arm", str(case.arm), "--json", str(folder / "out.json")]
     began = time.perf_counter()
     subprocess.run(command, check=True, capture_output=True)

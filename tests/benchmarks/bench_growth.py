@@ -3,25 +3,23 @@
 Readings at 1 kHz, a temperature every half second, as Parquet; once some and once eight times as
 many (ROWS=100000000 for another number: 30 GB of disk). `evaluate` gets what `correct` wrote, as a
 session whose every reading stands where it was corrected to: so its residuals must be nothing. The
-floor is Arrow reading the same file in the same pieces, and Polars as it likes, where installed.
+floors are DuckDB reading every value of the same file, and DuckDB writing it anew with as many
+columns as `correct` adds; and Arrow reading it in the same pieces.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import resource
-import subprocess
 import sys
 import tempfile
-import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
+from measured import measured
 
 from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
 from armd.files.toml_text import toml_text
@@ -38,10 +36,17 @@ with pyarrow.parquet.ParquetFile(sys.argv[1], pre_buffer=False) as file:
     for batch in file.iter_batches(1 << 16):
         pass
 """
-POLARS = """
-import sys, polars
-polars.scan_parquet(sys.argv[1]).sum().collect(engine="streaming")
+DUCKDB_READ = """
+import sys, duckdb
+duckdb.sql(f"SELECT sum(hash(COLUMNS(*))) FROM '{sys.argv[1]}'").fetchall()
 """
+DUCKDB_COPY = """
+import sys, duckdb
+more = ", ".join(f"q{k} AS new_{k}" for k in range(1, 7))
+table = f"SELECT *, {more}, 0::UINTEGER AS flags FROM '{sys.argv[1]}'"
+duckdb.sql(f"COPY ({table}) TO '{sys.argv[1]}.copy' (FORMAT parquet)")
+"""
+FLOORS = {"arrow": ARROW, "duckdb_read": DUCKDB_READ, "duckdb_copy": DUCKDB_COPY}
 
 
 def run() -> dict[str, Any]:
@@ -55,7 +60,7 @@ def run() -> dict[str, Any]:
         for rows in (SHORT, ROWS):
             figures[f"{rows}_rows"] = _figures(folder, rows)
     short, long = (figures[f"{rows}_rows"] for rows in (SHORT, ROWS))
-    for name in ("correct", "evaluate", "arrow"):
+    for name in ("correct", "evaluate", *FLOORS):
         more = long[name]["processor_s"] - short[name]["processor_s"]
         figures[f"{name}_processor_us_a_reading"] = 1e6 * more / (ROWS - SHORT)
         figures[f"{name}_peak_ratio"] = long[name]["peak_mb"] / short[name]["peak_mb"]
@@ -69,40 +74,19 @@ def _figures(folder: Path, rows: int) -> dict[str, Any]:
     armd, quiet = [sys.executable, "-m", "armd"], ["--force", "-q"]
     result = str(folder / "result.json")
     figures = {
-        "arrow": _measured([sys.executable, "-c", ARROW, str(table)]),
-        "correct": _measured([*armd, "correct", str(table), *model, "-o", str(corrected), *quiet]),
-        "evaluate": _measured(
+        name: measured([sys.executable, "-c", program, str(table)])
+        for name, program in FLOORS.items()
+    }
+    figures |= {
+        "correct": measured([*armd, "correct", str(table), *model, "-o", str(corrected), *quiet]),
+        "evaluate": measured(
             [*armd, "evaluate", str(corrected.parent), *model, "--json", result, *quiet]
         ),
     }
     found = json.loads(Path(result).read_text())
     if found["n"] != rows or found["max_um"] > 1e-3:
         raise AssertionError(f"{found['n']} of {rows} readings, one off by {found['max_um']} µm")
-    try:
-        import polars  # noqa: F401
-    except ModuleNotFoundError:
-        return figures
-    return figures | {"polars": _measured([sys.executable, "-c", POLARS, str(table)])}
-
-
-def _measured(command: list[str]) -> dict[str, float]:
-    began = time.perf_counter()
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    peak_kb = 0
-    while child.poll() is None:  # what wait4 tells as its peak may be ours, before it was it
-        with suppress(OSError, IndexError):
-            status = Path(f"/proc/{child.pid}/status").read_text()
-            peak_kb = max(peak_kb, int(status.split("VmHWM:")[1].split()[0]))
-        time.sleep(0.01)
-    if child.returncode:
-        raise RuntimeError(f"{' '.join(command[1:4])} … ended with {child.returncode}")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return {
-        "seconds": time.perf_counter() - began,
-        "processor_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
-        "peak_mb": 1.024e-3 * peak_kb,
-    }
+    return figures
 
 
 def _write_model(folder: Path) -> None:

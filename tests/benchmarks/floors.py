@@ -27,6 +27,7 @@ class Latencies(NamedTuple):
     latency_us: F64
     arrived_ns: I64
     cpu_s: float = math.nan  # of the sender, while it sent
+    rss_mb: float = math.nan  # of the sender, resident in the end
 
 
 class Arrivals:
@@ -53,11 +54,11 @@ def zenoh_alone(rate_hz: int, seconds: float, through: Sequence[str] = ()) -> La
         arrivals = Arrivals()
         with session_with(endpoint) as session:
             session.declare_subscriber(key, arrivals.take)
-            cpu_s = float(sender.stdout.readline())
+            cpu_s, rss_mb = map(float, sender.stdout.readline().split())
             sender.wait(60)
     put_ns = np.frombuffer(b"".join(arrivals.payloads), np.int64).reshape(-1, 17)[:, 0]
     arrived_ns = np.array(arrivals.arrived_ns)
-    return Latencies((arrived_ns - put_ns)[rate_hz:] / 1000, arrived_ns[rate_hz:], cpu_s)
+    return Latencies((arrived_ns - put_ns)[rate_hz:] / 1000, arrived_ns[rate_hz:], cpu_s, rss_mb)
 
 
 def line_alone(rate_hz: int, seconds: float) -> Latencies:

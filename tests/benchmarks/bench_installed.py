@@ -1,0 +1,60 @@
+"""How much a daemon and its clients take on a disk: armd, its library, what it requires; no extras.
+
+Files as they are installed here, by the lists that pip keeps; compiled Python (`.pyc`) with
+them. Python itself is the system's and not counted.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from importlib.metadata import distribution
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+import armd
+from armd.compiled import library
+
+#: Of these alone nobody would expect to be without.
+FLOOR = ("numpy", "eclipse-zenoh")
+
+
+def run() -> dict[str, float]:
+    """MB; of armd itself, and of what it requires."""
+    required = {name: _size_mb(name) for name in sorted(_closure("armd") - {"armd"})}
+    root = Path(armd.__file__).parent
+    own_mb = sum(path.stat().st_size for path in root.rglob("*") if path.is_file()) / 1e6
+    made = [path for path in library.places() if path.exists()]
+    library_mb = made[0].stat().st_size / 1e6 if made and root not in made[0].parents else 0.0
+    return {
+        "mb": sum(required.values()) + own_mb + library_mb,
+        "armd_mb": own_mb,
+        "library_mb": library_mb,
+        "numpy_and_zenoh_mb": sum(required[name] for name in FLOOR),
+        **{f"{name}_mb": size for name, size in required.items()},
+    }
+
+
+def _closure(name: str) -> set[str]:
+    """A distribution and all that it requires on this machine, without extras."""
+    known: set[str] = set()
+    waiting = [name]
+    while waiting:
+        name = waiting.pop()
+        if name not in known:
+            known.add(name)
+            waiting += _required(distribution(name).requires or ())
+    return known
+
+
+def _required(lines: Iterable[str]) -> Iterable[str]:
+    for line in lines:
+        requirement = Requirement(line)
+        if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
+            yield re.sub(r"[-_.]+", "-", requirement.name).lower()
+
+
+def _size_mb(name: str) -> float:
+    files = (Path(str(file.locate())) for file in distribution(name).files or ())
+    return sum(path.stat().st_size for path in files if path.is_file()) / 1e6
