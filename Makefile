@@ -22,7 +22,7 @@ $(VENV)/.installed: $(VENV)/.dependencies pyproject.toml $(FOLDERS)
 	rm -rf build
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
 	    --config-settings editable_mode=strict --editable .
-	@echo "armd: compiling the kernel for this machine: half a minute, once"
+	@echo "armd: compiling the kernel for this machine: a minute, once"
 	$(BIN)/python -I -m armd.daemon.ahead
 	touch $@
 

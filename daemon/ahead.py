@@ -1,9 +1,9 @@
 """The library of compiled functions, made before the daemon starts: `python -m armd.daemon.ahead`.
 
 A daemon's every compiled call is made once, on made-up samples, for the arms of the armd.toml files
-given or for one of six joints; what was called is exported by numba's ahead-of-time compiler and
-linked. Where there is a library already, or no C++ compiler, the calls are made all the same, and
-numba compiles what is missing into its cache. A file that is no good is told of and left:
+given, or for any of 3 to 9 joints; what was called is exported by numba's ahead-of-time compiler
+and linked. Where there is a library already, or no C++ compiler, the calls are made all the same,
+and numba compiles what is missing into its cache. A file that is no good is told of and left:
 `armd run` will say it again.
 """
 
@@ -96,7 +96,7 @@ def main() -> int:
     if args.tidy:
         tidy()
         return 0
-    numbers = args.joints or (() if args.files else (6,))
+    numbers = args.joints or (() if args.files else range(3, 10))
     if args.into is not None:
         from armd.compiled import compiler, link
 

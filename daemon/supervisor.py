@@ -19,6 +19,8 @@ from armd.drivers.sample import Driver, Event, SampleArray
 SECOND_NS = 1_000_000_000
 #: Of a second's points; single losses are flagged and counted, but do not change the state.
 LOSSY = 0.01
+#: So long must a sensor have a value before it counts as back, however it flickers.
+BACK_AFTER_NS = 500_000_000
 
 
 class Supervisor:
@@ -36,7 +38,7 @@ class Supervisor:
         self._second = Second()
         self._next_second_ns = now_ns + SECOND_NS
         self._missing: tuple[str, ...] = ()  # sensors without a value
-        self._lost: tuple[str, ...] = ()  # those of them that are told as events
+        self._lost: dict[str, int] = {}  # those of them that are told as events, when seen last
         self._changed = self._due = ""  # what the history of interim checks says
         self.interim: InterimChecks | None = None
         if (interim := config.file.interim) is not None:
@@ -61,23 +63,38 @@ class Supervisor:
 
     def assess(self, now_ns: int) -> list[Event]:
         """Renew state and reason; what has changed, told as events."""
-        before, missed = self.state, self._lost
-        temperature = self._arm.pipeline.temperature
+        before = self.state
         self._tally.count()
-        self._missing = temperature.missing(self._tally.latched_ns)
-        self._lost = temperature.lost(self._tally.latched_ns)
-        events = self._hear_interim(now_ns)
+        events = [*self._hear_interim(now_ns), *self._hear_sensors(now_ns)]
         self.state, self.reason = assess(self._seen(now_ns))
-        for sensor in sorted({*missed} ^ {*self._lost}) if self._lost != missed else ():
+        if self.state is not before:
+            severity = "info" if self.state in (State.READY, State.WARMING) else "warning"
+            events.append(Event("state", f"{self.state}: {self.reason}", now_ns, severity))
+        return events
+
+    def _hear_sensors(self, now_ns: int) -> list[Event]:
+        """Who is without a value now, and who has one again."""
+        temperature = self._arm.pipeline.temperature
+        missing = temperature.missing(self._tally.latched_ns)
+        lost = temperature.lost(self._tally.latched_ns)
+        if not (lost or self._lost):
+            self._missing = missing
+            return []
+        told = {*self._lost}
+        self._lost = {
+            sensor: seen_ns
+            for sensor, seen_ns in {**self._lost, **dict.fromkeys(lost, now_ns)}.items()
+            if now_ns - seen_ns < BACK_AFTER_NS
+        }
+        self._missing = tuple({**dict.fromkeys(missing), **self._lost})
+        events = []
+        for sensor in sorted(told ^ {*self._lost}):
             if sensor in self._lost:
                 text = f"sensor {sensor} is invalid or silent; its last value is held"
                 kind, severity = "temperature_missing", "warning"
             else:
                 text, kind, severity = f"sensor {sensor} is back", "temperature_back", "info"
             events.append(Event(kind, text, now_ns, severity, {"sensor": sensor}))
-        if self.state is not before:
-            severity = "info" if self.state in (State.READY, State.WARMING) else "warning"
-            events.append(Event("state", f"{self.state}: {self.reason}", now_ns, severity))
         return events
 
     def _hear_interim(self, now_ns: int) -> list[Event]:

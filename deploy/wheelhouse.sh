@@ -36,13 +36,11 @@ rm -f "$folder"/armd-*.whl
 pip wheel --no-deps --wheel-dir "$folder" "$copy"
 # With numba, setuptools and a C++ compiler here, the compiled functions go into the wheel, by this
 # very source: then a controller needs no compiler. Without, it needs numba, an extra of armd.
-extra='[offline]' numbers='3 4 5 6 7 8 9'
+extra='[offline]'
 if [ "$wanted" = "$own" ]; then
     "$python" -I -m pip --quiet --disable-pip-version-check install --no-deps --target "$copy/as" \
         "$folder"/armd-*.whl
-    # shellcheck disable=SC2086
-    if PYTHONPATH=$copy/as "$python" -m armd.daemon.ahead --joints $numbers \
-        --into "$copy/umbrella"; then
+    if PYTHONPATH=$copy/as "$python" -m armd.daemon.ahead --into "$copy/umbrella"; then
         rm "$folder"/armd-*.whl
         pip wheel --no-deps --wheel-dir "$folder" "$copy"
         extra=''

@@ -15,10 +15,12 @@ GOOD_FOR_NS = 500_000_000  # so long must a joint hold before it counts as recov
 class JointWatch:
     """Watches one kind of trouble. The events are *kind* and then "joint_valid"."""
 
-    def __init__(self, kind: str, trouble: str, names: Sequence[str] = ()) -> None:
-        """*names* of the joints, if they are called more than "joint 3"."""
+    def __init__(self, kind: str, trouble: str, over: str, names: Sequence[str] = ()) -> None:
+        """*trouble*: what follows "joint 3: "; *over*: what follows "joint 3 is valid again: ";
+        *names* of the joints, if they are called more than "joint 3"."""
         self._kind = kind
-        self._trouble = trouble  # what follows "joint 3: "
+        self._trouble = trouble
+        self._over = over
         self._names = names
         self._last_bad_ns: dict[int, int] = {}  # joint (from 1) → device_ns
 
@@ -44,7 +46,7 @@ class JointWatch:
                 0 <= device_ns - self._last_bad_ns[k] < GOOD_FOR_NS
             ):
                 del self._last_bad_ns[k]
-                text = f"{self._name(k)} is valid again ({self._trouble})"
+                text = f"{self._name(k)} is valid again: {self._over}"
                 found.append(Event("joint_valid", text, now_ns, "info", {"joint": k}))
         return found
 

@@ -26,8 +26,10 @@ class CycleSampler:
         self._raw_counts = np.zeros(len(joints), np.int64)
         self._unwrapper: Unwrapper | None = None
         self._last_number: int | None = None
-        self._alarm_watch = JointWatch("joint_invalid", "its encoder raises an alarm")
-        self._jump_watch = JointWatch("count_jump", "its count jumped")
+        self._alarm_watch = JointWatch(
+            "joint_invalid", "its encoder raises an alarm", "its alarm is over"
+        )
+        self._jump_watch = JointWatch("count_jump", "its count jumped", "it jumps no more")
 
     @property
     def ready(self) -> bool:

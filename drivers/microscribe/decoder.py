@@ -43,7 +43,7 @@ class MicroScribeDecoder:
         self._dtype = sample_dtype(expectation.n_joints)
         self._serial_number = ""
         self._unwrapper: Unwrapper | None = None
-        self._jumps = JointWatch("count_jump", "its count jumped")
+        self._jumps = JointWatch("count_jump", "its count jumped", "it jumps no more")
         self._stream = stream
         self._instants = ReadingInstants()
         self._told = ""  # of streaming, in this session

@@ -12,9 +12,9 @@ from typing import Any
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
-from armd.drivers.poll.exchange import Exchange
+from armd.drivers.poll.exchange import Exchange, Said, contradicts
 from armd.drivers.poll.protocol.family import FAMILIES, Servo
-from armd.drivers.poll.protocol.packet import ReadRequest
+from armd.drivers.poll.protocol.packet import ReadRequest, Status
 from armd.drivers.poll.roster import Roster
 from armd.drivers.poll.sampler import ServoSampler
 from armd.drivers.poll.warmth import RESOLUTION_C, Warmth
@@ -66,6 +66,7 @@ class ServoDecoder:
         self._settled = False  # it is known whose arm this is
         self._counted: Counter[str] = Counter()
         self._missed: Counter[int] = Counter()
+        self._said: Said = {}
         self._under_way: list[RawFrame] = []  # frames of the exchange that is open
         self._before = (-1, False)  # number and broken chain when it began
 
@@ -104,7 +105,10 @@ class ServoDecoder:
             heard=self.roster.heard_ns,
             servos={servo: found.as_json() for servo, found in self.roster.servos.items()},
             changed=self.roster.changed,
+            doubles=self.roster.doubles.state(),
+            said=[(each.id, each.error, each.data.hex()) for each in self._said.values()],
             warmth=self._warmth.state(),
+            unproven=self._warmth.unproven(),
             sampler=self._sampler.state(),
         )
         began = self._under_way[0]._replace(direction="link", data=state)
@@ -136,7 +140,7 @@ class ServoDecoder:
         retry, self.chain_broken = self.chain_broken and not request.fast, False
         if request.address == self.family.position and not retry:
             self._number += 1
-        self.exchange = Exchange(request, frame, self.family, self._counted)
+        self.exchange = Exchange(request, frame, self.family, self._counted, self._said)
         before, self._sizes = self._sizes, self.family.sizes(request)
         self._splitter.sizes = {len(frame.data), *self._sizes, *before}  # a late one is known
         return items
@@ -145,7 +149,9 @@ class ServoDecoder:
         packets = self._splitter.push(frame.data)
         if self.exchange is None:
             self._counted["unasked"] += len(packets)
-            return []
+            statuses = [each for packet in packets for each in self.family.statuses(packet, 0)]
+            twice = {status.id for status in statuses if contradicts(status, self._said)}
+            return [*self.roster.contradicted(twice, frame.monotonic_ns)]
         self.exchange.take(packets, frame.monotonic_ns)  # what it tells is said at its end
         return []
 
@@ -158,19 +164,22 @@ class ServoDecoder:
         exchange.take(self._splitter.flush(), frame.monotonic_ns)
         if exchange.answers:
             self.last_heard_ns = exchange.heard_ns
+        exchange.note()
+        twice = exchange.contradicted | exchange.doubtful
+        items: list[Item] = [*self.roster.contradicted(twice, exchange.sent.monotonic_ns)]
         address = exchange.request.address
         if address == self.family.position:
-            return self._cycle(exchange)
+            return items + self._cycle(exchange)
         if address == self.family.alarm:
-            return [
+            return items + [
                 event
                 for servo, answer in exchange.answers.items()
                 for event in self.roster.explain(servo, answer.status.data[0], answer.arrived_ns)
             ]
-        return [
+        return items + [
             event
             for servo, answer in exchange.answers.items()
-            if servo not in exchange.doubtful
+            if servo not in self.roster.doubles
             for event in self.roster.identify(
                 servo, self.family.identity(answer.status.data), answer.arrived_ns
             )
@@ -191,18 +200,20 @@ class ServoDecoder:
             if answer is None or servo in exchange.doubtful:
                 self._counted["missed"] += 1
                 self._missed[servo] += 1
+            if answer is None:
                 silent.add(servo)
                 self.roster.silent(servo, now_ns)
-                if answer is not None:
-                    items += self.roster.doubled(servo, now_ns)
                 continue
             self.roster.heard(servo, now_ns)
+            if servo in self.roster.doubles:
+                silent.add(servo)
+                continue
             error = answer.status.error
             alerts = self.family.alerts(error)
             items += self.roster.alert(servo, error if alerts else 0, now_ns)
             if alerts and servo in self.joints:
                 warned |= 1 << self.joints.index(servo)
-        if len(silent) == len(request.ids):
+        if exchange.answers.keys() <= exchange.doubtful:
             return items
         self.last_sample_ns = self.last_heard_ns
         gaps_ns = self.gaps_ns(request)
@@ -253,17 +264,15 @@ class ServoDecoder:
     def _temperatures(
         self, exchange: Exchange, silent: set[int], at_ns: int, unix_minus_monotonic_ns: int
     ) -> list[Item]:
-        warm = exchange.request.length >= self.family.warm_bytes
-        if warm:
-            for servo, answer in exchange.answers.items():
-                if servo not in silent:
-                    celsius = self.family.celsius_of(answer.status.data)
-                    self._warmth.take(servo, celsius, at_ns)
-        celsius_all = self._warmth.reading(silent, at_ns, again=warm)
-        if celsius_all is None:
+        """What the cycle before told, NaN of those who do not answer now."""
+        celsius = self._warmth.reading(silent, self.roster.doubles, at_ns)
+        if exchange.request.length >= self.family.warm_bytes:
+            for servo in exchange.answers.keys() - silent:
+                data = exchange.answers[servo].status.data
+                self._warmth.hear(servo, self.family.celsius_of(data))
+        if celsius is None:
             return []
-        stamp_ns = at_ns + unix_minus_monotonic_ns
-        return [Temperatures(celsius_all, at_ns, at_ns, stamp_ns, RESOLUTION_C)]
+        return [Temperatures(celsius, at_ns, at_ns, at_ns + unix_minus_monotonic_ns, RESOLUTION_C)]
 
     # --- what else is known --------------------------------------------------------------------
 
@@ -293,6 +302,10 @@ class ServoDecoder:
                     self.roster.identify(int(servo), Servo(**found), now_ns)
                 self.roster.heard_ns = {int(s): at_ns for s, at_ns in note["heard"].items()}
                 self.roster.changed = {int(s): phrases for s, phrases in note["changed"].items()}
-                self._warmth.restore(note["warmth"])
+                self.roster.doubles.restore(note.get("doubles", ()))  # older recordings lack it
+                for servo, error, data in note.get("said", ()):
+                    status = Status(servo, error, bytes.fromhex(data))
+                    self._said[servo, len(status.data)] = status
+                self._warmth.restore(note["warmth"], note.get("unproven", ()))
                 self._sampler.restore(note["sampler"])
         return []

@@ -15,6 +15,9 @@ from armd.drivers.poll.protocol.family import Family
 from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Status
 from armd.drivers.sample import RawFrame
 
+#: What servos have answered, by their id and how many bytes they were asked for last.
+Said = dict[tuple[int, int], Status]
+
 
 class TimedStatus:
     """A servo's status and when its last byte had arrived."""
@@ -31,14 +34,31 @@ class Exchange:
     this one's answers have, because no two requests in a row ask for the same."""
 
     def __init__(
-        self, request: ReadRequest, sent: RawFrame, family: Family, counted: Counter[str]
+        self,
+        request: ReadRequest,
+        sent: RawFrame,
+        family: Family,
+        counted: Counter[str],
+        said: Said,
     ) -> None:
+        """*said*: what the servos answered to the requests before this one."""
         self.request = request
         self.sent = sent
         self.answers: dict[int, TimedStatus] = {}
         self.doubtful: set[int] = set()  # two answers that differ: which is it?
+        #: who had answered an earlier request, and now does once more, in other words
+        self.contradicted: set[int] = set()
+        self._said = said
         self._family = family
         self._counted = counted
+
+    def note(self) -> None:
+        """It is over: of whom another answer is a second one, and of whom it is only late."""
+        length = self.request.length
+        for servo in self.request.ids:
+            self._said.pop((servo, length), None)
+        for servo, answer in self.answers.items():
+            self._said[servo, length] = answer.status
 
     @property
     def complete(self) -> bool:
@@ -57,12 +77,15 @@ class Exchange:
                 self._accept(status, arrived_ns)
 
     def _accept(self, status: Status, arrived_ns: int) -> None:
-        if status.id not in self.request.ids:
-            self._counted["foreign"] += 1
-        elif self._family.refuses(status.error):
+        is_asked = status.id in self.request.ids
+        refuses = self._family.refuses(status.error) or not status.data
+        if not is_asked or len(status.data) != self.request.length:
+            why = "foreign" if not is_asked else "refused" if refuses else "late"
+            self._counted[why] += 1
+            if contradicts(status, self._said):
+                self.contradicted.add(status.id)
+        elif refuses:
             self._counted["refused"] += 1
-        elif len(status.data) != self.request.length:
-            self._counted["late" if status.data else "refused"] += 1
         elif status.id not in self.answers:
             self.answers[status.id] = TimedStatus(status, arrived_ns)
         else:
@@ -98,6 +121,11 @@ class Exchange:
     def heard_ns(self) -> int:
         """When the last of its answers had arrived; there must be one."""
         return max(answer.arrived_ns for answer in self.answers.values())
+
+
+def contradicts(status: Status, said: Said) -> bool:
+    """Whether its sender has answered that request before, and said something else."""
+    return said.get((status.id, len(status.data)), status) != status
 
 
 def instants(

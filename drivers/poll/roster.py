@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from armd.drivers.joint_watch import GOOD_FOR_NS
+from armd.drivers.poll.doubles import Doubles
 from armd.drivers.poll.protocol.family import Family, Servo, model_name
 from armd.drivers.sample import Event
 
@@ -39,8 +40,7 @@ class Roster:
         self.heard_ns: dict[int, int] = {}  # when each was heard last
         self.suspects: set[int] = set()  # to be asked at once whether they are still the same
         self._suspected_ns: dict[int, int] = {}  # when they became so last
-        self._doubled: Counter[int] = Counter()  # cycles with two answers that differ
-        self._doubled_ns: dict[int, int] = {}  # the last of them; for a while it counts on
+        self.doubles = Doubles(often)
         self._misses: Counter[int] = Counter()  # cycles in a row
         self._alerts: dict[int, tuple[int, int, str]] = {}  # bits, last seen, words
         self._announced: dict[int, Servo] = {}
@@ -57,8 +57,7 @@ class Roster:
             return (1 << len(self._joint)) - 1
         bits = 0
         for servo, joint in self._joint.items():
-            known = servo in self.servos and self._doubled[servo] < GIVEN_UP_AFTER
-            if not known or servo in self.changed or servo in self.refused:
+            if servo not in self.servos or servo in self.changed or servo in self.refused:
                 bits |= 1 << (joint - 1)
         return bits
 
@@ -68,7 +67,7 @@ class Roster:
         self.version += 1
         self.heard_ns.clear()
         self._misses.clear()
-        self._doubled.clear()
+        self.doubles.clear()
         self.suspects.clear()
         self._alerts.clear()
         self.changed.clear()
@@ -165,8 +164,7 @@ class Roster:
     def heard(self, servo: int, now_ns: int) -> None:
         self.heard_ns[servo] = now_ns
         self._misses[servo] = 0
-        if now_ns - self._doubled_ns.get(servo, now_ns) > GOOD_FOR_NS:
-            self._doubled[servo] = 0
+        self.doubles.heard(servo, now_ns)
 
     def silent(self, servo: int, now_ns: int) -> None:
         """No answer: after a while whoever comes back must say anew who he is."""
@@ -179,6 +177,7 @@ class Roster:
         if absent:
             self.heard_ns.pop(servo, None)
             self._alerts.pop(servo, None)
+            self.doubles.forget(servo)
 
     def suspect(self, servo: int, now_ns: int) -> None:
         """Its count jumped: another homing offset would look like that."""
@@ -186,14 +185,17 @@ class Roster:
             self._suspected_ns[servo] = now_ns
             self.suspects.add(servo)
 
-    def doubled(self, servo: int, now_ns: int) -> list[Event]:
-        """Two answers to one request, and they differ: told if it goes on."""
-        self._doubled[servo] += 1
-        self._doubled_ns[servo] = now_ns
-        if self._doubled[servo] != GIVEN_UP_AFTER:
-            return []
-        text = f"{self.name(servo)}: {self._twice(servo)}; none of its values is valid"
-        return [Event("duplicate_id", text, now_ns, "error", {"servo": servo})]
+    def contradicted(self, servos: Iterable[int], now_ns: int) -> list[Event]:
+        """Two answers to one request, and they differ: told if it goes on. Whoever remains must say
+        anew who he is."""
+        events = []
+        for servo in sorted(servos):
+            if self.servos.pop(servo, None) is not None:
+                self.version += 1
+            if self.doubles.contradicted(servo, now_ns):
+                text = f"{self.name(servo)}: {self._twice(servo)}; none of its values is valid"
+                events.append(Event("duplicate_id", text, now_ns, "error", {"servo": servo}))
+        return events
 
     def _twice(self, servo: int) -> str:
         found = "found two answers that differ, expected one: are there two servos of this id?"
@@ -209,8 +211,12 @@ class Roster:
 
     @property
     def strangers(self) -> list[int]:
-        """Those that answer and have not said who they are."""
-        return [s for s in self.heard_ns if s not in self.servos and not self._misses[s]]
+        """Those that answer, with one voice, and have not said who they are."""
+        return [
+            servo
+            for servo in self.heard_ns
+            if servo not in self.servos and servo not in self.doubles and not self._misses[servo]
+        ]
 
     def alert(self, servo: int, bits: int, now_ns: int) -> list[Event]:
         """The error byte of an answer: an event as trouble begins, and as it has gone for 0.5 s."""
@@ -257,9 +263,8 @@ class Roster:
             return f"{self.name(servo)}: {why}"
         for servo, phrases in self.changed.items():
             return f"{self.name(servo)}: {'; '.join(phrases)}; nothing is valid until accepted"
-        for servo, cycles in self._doubled.items():
-            if cycles >= GIVEN_UP_AFTER and now_ns - self._doubled_ns[servo] < GOOD_FOR_NS:
-                return f"{self.name(servo)}: {self._twice(servo)}"
+        for servo in self.doubles.certain:
+            return f"{self.name(servo)}: {self._twice(servo)}"
         for servo in self._everyone:
             if self._absent(servo, now_ns):
                 return f"{self.name(servo)} does not answer"

@@ -62,8 +62,10 @@ class ServoSampler:
         self._told_ns: int | None = None  # when an untimed cycle was told of last
         self._buttons = 0
         names = [f"joint {k} (servo {servo})" for k, servo in enumerate(ids, 1)]
-        self._silence_watch = JointWatch("joint_invalid", "it does not answer", names)
-        self._jump_watch = JointWatch("count_jump", "its count jumped", names)
+        self._silence_watch = JointWatch(
+            "joint_invalid", "no answer, or two that differ", "it answers", names
+        )
+        self._jump_watch = JointWatch("count_jump", "its count jumped", "it jumps no more", names)
 
     def sample(
         self,

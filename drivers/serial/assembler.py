@@ -30,8 +30,10 @@ class SampleAssembler:
         self._max_rate = max_joint_rate_deg_s
         self._unwrapper: Unwrapper | None = None
         self._next_seq = np.full(1, NONE)  # the number that would follow the last one
-        self._status_watch = JointWatch("joint_invalid", "the arm calls it invalid")
-        self._jump_watch = JointWatch("count_jump", "its count jumped")
+        self._status_watch = JointWatch(
+            "joint_invalid", "the arm calls it invalid", "the arm calls it valid"
+        )
+        self._jump_watch = JointWatch("count_jump", "its count jumped", "it jumps no more")
         self._out = np.empty(0, self._dtype)
         self._used = 0
         self._jumped = np.zeros(0, np.uint16)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from armd.compiled import library
+from armd.daemon import ahead as program
 from armd.daemon.ahead import can_link, tidy
 
 ARM = """\
@@ -107,6 +108,20 @@ def test_the_library_gives_numbas_points_without_numba(tmp_path: Path) -> None:
     for name in ("seq", "flags", "monotonic_ns", "stamp_ns", "buttons", "calibration"):
         np.testing.assert_array_equal(points[name], expected[name])
     assert np.ptp(points["position_mm"], axis=0).min() > 1.0
+
+
+def test_without_a_file_it_is_for_every_number_of_joints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever plugs in an arm of five joints shall not wait for a compiler."""
+    asked: list[list[int]] = []
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(program, "can_link", lambda: False)
+    monkeypatch.setattr(program, "call", lambda files, numbers: asked.append(list(numbers)))
+    for arguments in ([], ["some.toml"], ["--joints", "7"]):
+        monkeypatch.setattr(sys, "argv", ["ahead", *arguments])
+        assert program.main() == 0
+    assert asked == [[3, 4, 5, 6, 7, 8, 9], [], [7]]
 
 
 def test_a_bad_file_is_told_of_and_stops_nothing(tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
-"""What looks like a position and is none, on the wire: refusals with data, two servos of one id, a
-servo that comes back as another. No such row is valid."""
+"""What looks like a position and is none, on the wire: refusals with data, a servo that comes back
+as another. No such row is valid."""
 
 import time
 from contextlib import closing
@@ -40,41 +40,6 @@ def test_data_that_come_with_a_refusal_are_no_position(tmp_path, fast):
     assert (refused["joint_invalid"] == 0b010).all() and counters["refused"] >= 190
     assert (warned["joint_invalid"][-20:] == 0).all() and (warned["count"][-20:, 1] == 12).all()
     assert (warned["joint_warning"][-20:] == 0b010).all()
-
-
-@BOTH
-def test_two_servos_of_one_id_are_told_and_none_of_them_is_believed(tmp_path, family):
-    """Their second answer comes in time, or when the next request is already under way."""
-    with (
-        FakeServos(family, tmp_path) as servos,
-        closing(open_driver(config(servos), expected())) as driver,
-    ):
-        taken = Taken(driver)
-        taken.rows(20)
-        late = []
-
-        def twice(cycle, statuses):
-            other = bytearray(servos.registers[3])
-            family.put_position(other, 2050 + cycle % 7)
-            _, length, _ = family.span(servos.requests[-1][2])
-            second = family.status(3, 0, other[family.position : family.position + length])
-            before, late[:] = list(late), [second] if cycle % 10 == 9 else []
-            return [*before, *statuses, *([] if late else [second])]
-
-        servos.knows_fast = False
-        servos.before_answers = twice
-        begun = time.monotonic_ns()
-        rows = taken.rows(300)
-        hindrance = driver.hindrance
-        servos.before_answers = None
-        rows_after = taken.take(0.8).rows(20)
-    rows = rows[rows["monotonic_ns"] > begun + 50_000_000]
-    assert len(rows) > 100 and (rows["joint_invalid"] == 0b100).all()
-    register = {"feetech": 5, "dynamixel": 7}[family.kind]
-    words = f"servo 3 (joint 3): id (register {register}): found two answers that differ, expected"
-    assert [event.text.startswith(words) for event in taken.told("duplicate_id")] == [True]
-    assert hindrance.startswith(words)
-    assert (rows_after["joint_invalid"] == 0).all()
 
 
 @BOTH
