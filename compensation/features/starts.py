@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.features.algebraic import algebraic_sphere
 from armd.compensation.features.shapes import Shape, Start, across
 
 #: Directions all over the half sphere from which a cylinder's axis is looked for. Starts within
@@ -23,21 +24,17 @@ def _principal(x: F64) -> F64:
 
 
 def _flat_circle(x: F64, normal: F64) -> tuple[Start, float]:
-    """The circle through points seen along *normal*, algebraically (Kåsa), and its mean square."""
+    """The circle through points seen along *normal*, and its mean square."""
     e1, e2 = across(normal)
     seen = np.stack([x @ e1, x @ e2], axis=1)
-    design = np.column_stack([2 * seen, np.ones(len(x))])
-    c1, c2, rest = np.linalg.lstsq(design, (seen**2).sum(axis=1), rcond=None)[0]
-    radius = float(np.sqrt(max(rest + c1**2 + c2**2, 1e-12)))
+    (c1, c2), radius = algebraic_sphere(seen)
     off = np.linalg.norm(seen - [c1, c2], axis=1) - radius
     return Start(c1 * e1 + c2 * e2, normal, radius), float(np.mean(off**2))
 
 
 def _start_sphere(x: F64) -> list[Start]:
-    design = np.column_stack([2 * x, np.ones(len(x))])
-    *centre, rest = np.linalg.lstsq(design, (x**2).sum(axis=1), rcond=None)[0]
-    at = np.array(centre)
-    return [Start(at, np.array([0.0, 0.0, 1.0]), float(np.sqrt(max(rest + at @ at, 1e-12))))]
+    centre, radius = algebraic_sphere(x)
+    return [Start(centre, np.array([0.0, 0.0, 1.0]), radius)]
 
 
 def _start_cylinder(x: F64) -> list[Start]:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from armd.arrays import F64
+from armd.compensation.features.algebraic import algebraic_sphere
 
 #: Readings beyond the unknowns, so that the scatter is an estimate and no accident.
 SPARE = 2
@@ -113,11 +114,8 @@ def fit_on_sphere(
         by_offset = np.einsum("ni,nij->nj", normal, rotation)
         return np.column_stack([by_offset, -normal, np.full(n, -1.0)])
 
-    # The algebraic sphere through the tips, where they are now: |x|² = 2 c·x + (ρ² − c²).
-    around = tip - middle
-    design = np.column_stack([2 * around, np.ones(n)])
-    c = np.linalg.lstsq(design, (around**2).sum(axis=1), rcond=None)[0]
-    start = np.concatenate([offset_mm, c[:3], [np.sqrt(max(c[3] + c[:3] @ c[:3], 1e-6))]])
+    centre, radius = algebraic_sphere(tip - middle)  # through the tips where they are now
+    start = np.concatenate([offset_mm, centre, [radius]])
     fit = least_squares(
         distance, start, derivatives, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14
     )

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from armd.arrays import F64
+from armd.compensation.features.algebraic import algebraic_sphere
 
 
 def fit_sphere(points: F64) -> tuple[F64, float]:
@@ -19,16 +20,13 @@ def fit_sphere(points: F64) -> tuple[F64, float]:
     around = points - middle
     if np.linalg.matrix_rank(around) < 3:
         raise ArithmeticError("the points lie in one plane")
-    # Algebraic start: |x|² = 2 c·x + (r² − c²), linear in c and in the bracket.
-    design = np.column_stack([2 * around, np.ones(len(around))])
-    start = np.linalg.lstsq(design, (around**2).sum(axis=1), rcond=None)[0]
-    start[3] = np.sqrt(max(start[3] + start[:3] @ start[:3], 0.0))
+    centre, radius = algebraic_sphere(around)
 
     def distances(unknown: F64) -> F64:
         out: F64 = np.linalg.norm(around - unknown[:3], axis=1) - unknown[3]
         return out
 
-    found = least_squares(distances, start, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+    found = least_squares(distances, [*centre, radius], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     return middle + found[:3], float(found[3])
 
 

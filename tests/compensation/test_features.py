@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from armd.compensation.features.algebraic import LEAST_MM, algebraic_sphere
 from armd.compensation.features.fit import fit
 from armd.compensation.features.relate import angle, distance
 
@@ -189,3 +190,14 @@ def test_as_many_points_as_unknowns_leave_the_uncertainty_open():
     found = fit("plane", np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]))
     assert found.covariance is None
     assert found.as_json()["point_standard_uncertainty_mm"] is None
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_points_on_a_sphere_give_it_by_one_linear_system(d: int) -> None:
+    rng = np.random.default_rng(d)
+    way = rng.normal(size=(9, d))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    centre, radius = algebraic_sphere(np.arange(1.0, d + 1) + 7.5 * way)
+    assert centre == pytest.approx(np.arange(1.0, d + 1))
+    assert radius == pytest.approx(7.5)
+    assert algebraic_sphere(np.zeros((5, d)))[1] == LEAST_MM  # all in one place
