@@ -253,10 +253,15 @@ def noise_floor_um(last: Fit) -> float:
     covariance = np.linalg.inv(last.noise.whitener)
     independent = float((covariance**2).sum(axis=(1, 2)).mean())
     free, shared = last.layout.blocks.of([PLACEMENTS]), slice(last.layout.shared, None)
-    columns, variance = last.nuisance.columns[:, shared], last.nuisance.variance[shared]
-    taken = last.problem.only(free).amplitudes(last.across(columns)[free])
-    left = (columns - last.nuisance.columns[:, free] @ taken)[: 3 * last.linear.rests.n]
-    common = float((left**2 @ variance).sum()) / max(last.linear.rests.n, 1)
+    taken = last.problem.only(free).amplitudes(last.problem.gram[free, shared])
+    # |shared − free · taken|² by products of the columns, of the rests alone, in mm².
+    rests = np.broadcast_to(np.eye(3), (last.linear.rests.n, 3, 3))
+    no_lengths = np.full(len(last.noise.distance_mm), np.inf)
+    products = last.nuisance.columns.products(rests, no_lengths, last.residual)[:-1, :-1]
+    across, within = products[free, shared], products[np.ix_(free, free)]
+    left = np.diag(products)[shared] - ((2.0 * across - within @ taken) * taken).sum(axis=0)
+    variance = last.nuisance.variance[shared]
+    common = float(np.maximum(left, 0.0) @ variance) / max(last.linear.rests.n, 1)
     return 1e3 * float(np.sqrt(independent + common))
 
 

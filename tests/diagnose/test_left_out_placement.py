@@ -32,7 +32,7 @@ def test_the_pose_left_out_stays_and_all_else_is_the_least_norm_solution(
     known = fit()
     whitener = known.noise.whitener.copy()
     whitener[RESTS // 2 :] = 0.0
-    rows, half = known.nuisance.columns, 3 * RESTS // 2
+    rows, half = known.nuisance.columns.dense(), 3 * RESTS // 2
     prior = np.diag(1.0 / known.nuisance.variance)
     expected = np.linalg.pinv(rows[:half].T @ rows[:half] + prior) @ (
         rows[:half].T @ known.residual[:half]

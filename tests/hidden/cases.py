@@ -161,7 +161,7 @@ def projected_snr(
     The *noise* is that of the last fit: in the first one's the effect itself may be counted.
     """
     signal, *others = (noise.whiten(_at_rests(first, one)) for one in (error_mm, *beside))
-    columns = np.column_stack([noise.whiten(first.nuisance.columns), *others])
+    columns = np.column_stack([noise.whiten(first.nuisance.columns.dense()), *others])
     variance = np.concatenate([first.nuisance.variance, np.full(len(others), np.inf)])
     model = LinearModel.of_rows([("all that absorbs", columns, variance)])
     towards = model.project(columns.T @ signal)

@@ -46,7 +46,7 @@ def whitened(noise, columns):
 def statistic(current, candidate, arm) -> float:
     """χ² of a candidate by one dense least-squares problem with all that absorbs."""
     variance = np.minimum(current.nuisance.variance, 1e12)
-    white, scale = whitened(current.noise, current.nuisance.columns)
+    white, scale = whitened(current.noise, current.nuisance.columns.dense())
     prior = np.diag(1.0 / np.sqrt(variance * scale**2))
     x = current.noise.whiten(finding_columns(current.linear, [candidate], arm)[0])
     left = current.noise.whiten(current.residual)
@@ -103,7 +103,7 @@ def test_a_fit_without_a_part_is_the_fit_of_the_others_alone(problem) -> None:
     whitener = np.where(out[:, None, None], 0.0, current.noise.whitener)
     without = solve_again(current, [], replace(current.noise, whitener=whitener), arm)
     kept = np.append(np.repeat(~out, 3), np.ones(len(current.residual) - 3 * len(out), bool))
-    white, scale = whitened(without.noise, without.nuisance.columns)
+    white, scale = whitened(without.noise, without.nuisance.columns.dense())
     held = np.minimum(without.nuisance.variance, without.layout.drawing)
     prior = 1.0 / np.sqrt(held) / scale
     heard = white[kept].any(axis=0)
@@ -111,7 +111,7 @@ def test_a_fit_without_a_part_is_the_fit_of_the_others_alone(problem) -> None:
     side = np.append(current.noise.whiten(current.residual)[kept], np.zeros(len(prior)))
     alone = np.linalg.lstsq(rows, side, rcond=1e-9)[0] / scale[heard]
     own = np.flatnonzero(heard[without.layout.identified]) + without.layout.identified.start
-    move = current.nuisance.columns[:, own]
+    move = current.nuisance.columns.dense(own)
     expected = move @ alone[np.searchsorted(np.flatnonzero(heard), own)]
     np.testing.assert_allclose(move @ without.solution[own], expected, atol=2e-5)
 

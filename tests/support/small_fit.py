@@ -19,6 +19,7 @@ from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.linear import linear_model
+from armd.compensation.estimate.linear.blocks import in_blocks
 from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
@@ -72,7 +73,7 @@ def small_fit(
         amplitudes=tuple(-solution[at] for at in whole.findings),
         covariances=tuple(inverse[at, at] for at in whole.findings),
         noise=unit_noise(n),
-        nuisance=Nuisance(columns, variance),
+        nuisance=Nuisance(in_blocks([columns], observations.placement), variance),
         layout=whole,
         residual=residual,
         raw_residual=residual if raw is None else raw,

@@ -73,7 +73,7 @@ def fit(
         problem, sizes = sized(problem, side, layout, findings, sizes)
         nuisance = Nuisance(nuisance.columns, problem.variance)
         solution = problem.amplitudes(side)
-        fitted = nuisance.columns @ solution
+        fitted = nuisance.columns.times(solution)
         before = amplitudes
         amplitudes = [-solution[at] for at in layout.findings]
         shift = [
@@ -81,7 +81,7 @@ def fit(
         ]
         if not baseline.held:
             step = -solution[layout.identified]
-            shift.append(nuisance.columns[:, layout.identified] @ step)
+            shift.append(nuisance.columns.dense(layout.identified) @ step)
         largest = max((float(np.abs(part).max()) for part in shift), default=0.0)
         near = largest**2 / LENGTH_MM < CURVED_SHARE * noise.scale_mm
         if near or step_number == MOST_STEPS or largest > before_this:
@@ -120,8 +120,7 @@ def _clipped(
     the amplitudes while the noise is estimated."""
 
     def fitted_to(some: F64, own: RestNoise) -> F64:
-        fitted: F64 = nuisance.columns @ _solve(blocks, nuisance, layout, own, some)
-        return fitted
+        return nuisance.columns.times(_solve(blocks, nuisance, layout, own, some))
 
     clipped = noise_model.without_gross(residual, noise, fitted_to)
     for _ in range(MOST_CLIPPINGS):

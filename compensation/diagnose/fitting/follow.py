@@ -19,7 +19,6 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance
-from armd.compensation.estimate.linear.blocks import in_blocks
 from armd.compensation.estimate.linear.linear_model import pseudo_inverse_factor
 from armd.compensation.model.arm import Arm
 
@@ -98,9 +97,8 @@ def _about_its_solution(last: Fit, arm: Arm) -> Fit:
     nuisance = Nuisance(nuisance.columns, last.nuisance.variance)
     # Without what the step did, so that the solution is the whole step.
     raw = linear.residual - kinematic_part(last.findings, columns, last.amplitudes)
-    raw = raw - nuisance.columns[:, at] @ own
+    raw = raw - nuisance.columns.dense(at) @ own
     clipped = raw - (last.raw_residual - last.residual)
-    blocks = in_blocks([nuisance.columns], linear.rests.observations.placement)
-    problem, side = normal_equations(blocks, nuisance, layout, last.noise, clipped)
+    problem, side = normal_equations(nuisance.columns, nuisance, layout, last.noise, clipped)
     moved_to = replace(last, linear=linear, residual=clipped, raw_residual=raw)
     return solved(moved_to, last.findings, nuisance.columns, layout, problem, side, last.noise)

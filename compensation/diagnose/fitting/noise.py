@@ -18,8 +18,8 @@ from scipy.optimize import minimize, minimize_scalar
 
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.linear import Linear
-from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
-from armd.compensation.estimate.linear.blocks import Blocks
+from armd.compensation.diagnose.problem.whitening import RestNoise
+from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.noise import ReadingNoise, whitening
 from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights
 
@@ -39,8 +39,9 @@ SAME_SCALE, MOST_SCALES = 0.05, 6
 MOST_RELATIVE = 1e6  # variance of a shared column over that of one rest
 
 
-def target_nuisance(linear: Linear) -> Nuisance:
-    """What certified positions do not know: three columns per target, shared by its rests."""
+def target_nuisance(linear: Linear) -> tuple[F64, F64]:
+    """What certified positions do not know: three columns (N, …) per target, shared by its rests,
+    and the variances of their amplitudes."""
     observations = linear.rests.observations
     uncertainty = observations.uncertainty_mm
     labels = np.array(linear.rests.target_label)
@@ -57,18 +58,21 @@ def target_nuisance(linear: Linear) -> Nuisance:
             column[: 3 * linear.rests.n] = (rotation[:, :, axis] * rows[:, None]).ravel()
             columns.append(column)
             variance.append(sigma**2)
-    return Nuisance(_stack(columns, linear), np.array(variance))
+    stacked = np.stack(columns, axis=1) if columns else np.zeros((len(linear.residual), 0))
+    return stacked, np.array(variance)
 
 
-def drift_columns(linear: Linear) -> Nuisance:
-    """A wandering base: a random walk in each session, three directions each.
+def drift_columns(linear: Linear) -> tuple[Blocks, F64]:
+    """A wandering base: a random walk in each session, three directions each; its variances are
+    NaN, for the noise estimate to fill in.
 
     Each column holds from one knot on, rising linearly from the knot before. Steps that are
     independent make slow changes large and quick ones small, as a stand's are; independent
     heights at the knots would leave slow changes to be named as causes.
     """
     observations = linear.rests.observations
-    columns = []
+    found: dict[int, Piece] = {}
+    count = 0
     for session in np.unique(observations.session):
         rows = np.flatnonzero(observations.session == session)
         time = observations.states.time_s[rows]
@@ -76,17 +80,21 @@ def drift_columns(linear: Linear) -> Nuisance:
         if len(rows) < 6 or not span > 0:  # NaN: no times
             continue
         knots = np.linspace(time.min(), time.max(), min(MOST_KNOTS, 2 + int(span / KNOT_S)))
-        for knot in knots:
-            ramp = np.clip(1.0 + (time - knot) / (knots[1] - knots[0]), 0.0, 1.0)
-            for axis in range(3):
-                column = np.zeros(len(linear.residual))
-                column[3 * rows + axis] = ramp
-                columns.append(column)
-    return Nuisance(_stack(columns, linear), np.full(len(columns), np.nan))
-
-
-def _stack(columns: list[F64], linear: Linear) -> F64:
-    return np.stack(columns, axis=1) if columns else np.zeros((len(linear.residual), 0))
+        ramps = np.clip(1.0 + (time[:, None] - knots) / (knots[1] - knots[0]), 0.0, 1.0)
+        for placement in np.unique(observations.placement[rows]):
+            own = np.flatnonzero(observations.placement[rows] == placement)
+            known = ramps[own][:, ramps[own].any(axis=0)]  # the knots that it has come to
+            values = np.einsum("kj,ab->kajb", known, np.eye(3)).reshape(len(own), 3, -1)
+            numbers = count + np.arange(values.shape[2])
+            found[int(placement)] = Piece(rows[own], numbers, values)
+        count += 3 * len(knots)
+    pieces = []
+    for placement in np.unique(observations.placement):
+        rests = np.flatnonzero(observations.placement == placement)
+        none = Piece(rests, np.empty(0, dtype=np.int64), np.empty((len(rests), 3, 0)))
+        pieces.append(found.get(int(placement), none))
+    distances = np.zeros((len(linear.residual) - 3 * linear.rests.n, count))
+    return Blocks(linear.rests.n, count, tuple(pieces), distances), np.full(count, np.nan)
 
 
 def _covariance(linear: Linear, share: float) -> F64:

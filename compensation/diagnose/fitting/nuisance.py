@@ -22,6 +22,7 @@ from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelSta
 from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear import linear_model
+from armd.compensation.estimate.linear.blocks import Blocks, in_blocks
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.slow_factors import Temperature
@@ -45,21 +46,21 @@ def gather_nuisance(
     own = baseline.columns(linear, arm)
     if baseline.held:
         own = own @ baseline.root
-    blocks = {
-        PLACEMENTS: Nuisance(linear.nuisance, np.full(linear.nuisance.shape[1], np.inf)),
-        IDENTIFIED: Nuisance(own, np.full(own.shape[1], 1.0 if baseline.held else np.inf)),
+    blocks: dict[str, tuple[F64 | Blocks, F64]] = {
+        PLACEMENTS: (linear.nuisance, np.full(linear.nuisance.size, np.inf)),
+        IDENTIFIED: (own, np.full(own.shape[1], 1.0 if baseline.held else np.inf)),
     }
     for i, (candidate, block, size) in enumerate(zip(findings, columns, sizes, strict=True)):
-        blocks[finding(i)] = Nuisance(block, amplitude_variance(candidate, size))
+        blocks[finding(i)] = block, amplitude_variance(candidate, size)
     blocks[MOUNT] = _column_of_the_mount(linear, baseline, arm)
     blocks[TARGETS] = noise_model.target_nuisance(linear)
     blocks[DRIFT] = noise_model.drift_columns(linear)
     joined = Nuisance(
-        np.hstack([block.columns for block in blocks.values()]),
-        np.concatenate([block.variance for block in blocks.values()]),
+        in_blocks([some for some, _ in blocks.values()], linear.rests.observations.placement),
+        np.concatenate([variance for _, variance in blocks.values()]),
     )
     layout = linear_model.Layout(
-        tuple((name, block.columns.shape[1]) for name, block in blocks.items())
+        tuple((name, len(variance)) for name, (_, variance) in blocks.items())
     )
     drawing = np.full(layout.n, np.inf)
     drawing[layout[IDENTIFIED]] = _gauge(baseline, arm)
@@ -77,7 +78,7 @@ def with_other_findings(
     first, stop = layout.identified.stop, layout.mount.start
     variances = map(amplitude_variance, findings, sizes)
     changed = Nuisance(
-        np.hstack([nuisance.columns[:, :first], *columns, nuisance.columns[:, stop:]]),
+        nuisance.columns.replaced(slice(first, stop), columns),
         np.concatenate([nuisance.variance[:first], *variances, nuisance.variance[stop:]]),
     )
     return changed, layout.with_findings([block.shape[1] for block in columns])
@@ -96,16 +97,16 @@ def mount_term(model: ModelState, arm: Arm) -> Term | None:
     return Term(parameter="d_1", basis=[Temperature(weights=weights)], coefficient=1.0)
 
 
-def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> Nuisance:
+def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64, F64]:
     term = mount_term(baseline.model, arm)  # a finding's d_1 of another basis does not count
     if term is None:
-        return Nuisance(np.zeros((len(linear.residual), 0)), np.zeros(0))
+        return np.zeros((len(linear.residual), 0)), np.zeros(0)
     states = linear.rests.observations.states
     weights = arm.joint[0].weights
     temperature = sum(w * states.temperature_c[:, arm.sensors.index(s)] for s, w in weights.items())
     rise = np.nan_to_num(temperature - linear.model.reference_c)
     column = linear.signature(arm.layout.index(term.parameter), rise)
-    return Nuisance(column[:, None], np.array([np.inf]))
+    return column[:, None], np.array([np.inf])
 
 
 def for_noise(nuisance: Nuisance, layout: FitLayout, extra: Sequence[F64]) -> F64:

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.problem.layout import FitLayout, finding, with_s
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.estimate.linear.blocks import in_blocks
+from armd.compensation.estimate.linear.blocks import Blocks
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 
@@ -30,8 +30,7 @@ def solve_again(known: Fit, findings: Sequence[Candidate], noise: RestNoise, arm
     columns = finding_columns(known.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
     nuisance, layout = with_other_findings(known.nuisance, known.layout, findings, columns, sizes)
-    blocks = in_blocks([nuisance.columns], known.linear.rests.observations.placement)
-    problem, side = normal_equations(blocks, nuisance, layout, noise, known.residual)
+    problem, side = normal_equations(nuisance.columns, nuisance, layout, noise, known.residual)
     problem, _ = sized(problem, side, layout, findings, sizes)
     return solved(known, findings, nuisance.columns, layout, problem, side, noise)
 
@@ -42,9 +41,8 @@ class Refits:
 
     def __init__(self, known: Fit, noise: RestNoise) -> None:
         self._known, self._noise = known, noise
-        blocks = in_blocks([known.nuisance.columns], known.linear.rests.observations.placement)
         self._problem, self._side = normal_equations(
-            blocks, known.nuisance, known.layout, noise, known.residual
+            known.nuisance.columns, known.nuisance, known.layout, noise, known.residual
         )
 
     def with_some(self, some: Sequence[int]) -> Fit:
@@ -54,14 +52,14 @@ class Refits:
         findings = tuple(known.findings[i] for i in some)
         problem, side = replace(self._problem.only(kept), layout=layout.blocks), self._side[kept]
         problem, _ = sized(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
-        columns = known.nuisance.columns[:, kept]
+        columns = known.nuisance.columns.only(kept)
         return solved(known, findings, columns, layout, problem, side, self._noise)
 
 
 def solved(
     known: Fit,
     findings: Sequence[Candidate],
-    columns: F64,
+    columns: Blocks,
     layout: FitLayout,
     problem: LinearModel,
     side: F64,
@@ -80,7 +78,7 @@ def solved(
         noise=noise,
         nuisance=Nuisance(columns, problem.variance),
         layout=layout,
-        fitted=columns @ solution,
+        fitted=columns.times(solution),
         solution=solution,
         problem=problem,
     )

@@ -73,8 +73,9 @@ def _held_from(last: Fit, until_s: float, arm: Arm) -> Fit:
     states = observations.states
     stopped = replace(states, time_s=np.minimum(states.time_s, until_s))
     rests = replace(linear.rests, observations=replace(observations, states=stopped))
-    columns = last.nuisance.columns.copy()
+    columns = last.nuisance.columns
     for candidate, at in zip(last.findings, last.layout.findings, strict=True):
         if is_drift(candidate):
-            columns[:, at] = finding_columns(replace(linear, rests=rests), [candidate], arm)[0]
+            stood = finding_columns(replace(linear, rests=rests), [candidate], arm)
+            columns = columns.replaced(at, stood)
     return replace(last, nuisance=Nuisance(columns, last.nuisance.variance))

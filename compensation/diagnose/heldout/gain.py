@@ -103,21 +103,24 @@ def left_out(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
     such a fit makes larger or smaller is held to its own scale.
     """
     n = 3 * len(out)
-    rows = np.flatnonzero(np.repeat(out, 3))
     kept = _of_the_arm(current, growth)
     if current.baseline.held and not current.findings:
         kept = kept[kept >= current.layout.identified.stop]
-    taken = current.nuisance.columns[:n, kept] @ current.solution[kept]
+    amplitudes = np.zeros(len(current.solution))
+    amplitudes[kept] = current.solution[kept]
+    taken = current.nuisance.columns.times(amplitudes)[:n]
     for at, strange, columns in as_written(current, out):
-        known = current.nuisance.columns[strange, at]
+        known = current.nuisance.columns.dense(at)[strange]
         taken[strange] += (columns - known) @ current.solution[at]
-    left = (current.raw_residual[:n] - taken)[rows]
-    own = current.linear.nuisance[rows]
-    own = own[:, np.abs(own).max(axis=0) > 0]
+    left = current.raw_residual[:n] - taken
     # A gross error must not carry its placement away from all the others.
-    clipped = (current.residual[:n] - taken)[rows]
-    left = left - own @ np.linalg.lstsq(own, clipped, rcond=1e-9)[0]
-    square: F64 = (left.reshape(-1, 3) ** 2).sum(axis=1) * scale_kept(current, arm) ** 2
+    clipped = current.residual[:n] - taken
+    for rests, values in current.linear.nuisance.apart:
+        rows = (3 * rests[out[rests]][:, None] + np.arange(3)).ravel()
+        own = values[out[rests]].reshape(len(rows), values.shape[2])
+        own = own[:, own.any(axis=0)]
+        left[rows] -= own @ np.linalg.lstsq(own, clipped[rows], rcond=1e-9)[0]
+    square: F64 = (left.reshape(-1, 3)[out] ** 2).sum(axis=1) * scale_kept(current, arm) ** 2
     return square
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.layout import MOUNT, FitLayout, finding
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.linear.blocks import Blocks
 from armd.compensation.estimate.linear.linear_model import LinearModel
 
 
@@ -39,12 +42,11 @@ class Fit:
 
     def across(self, columns: F64) -> F64:
         """Products (b, …) of the nuisance columns with others (N, …), both whitened."""
-        products: F64 = self._white.T @ self.noise.whiten(columns)
-        return products
+        return self._white.across(self.noise.whiten(columns))
 
     @cached_property
-    def _white(self) -> F64:
-        return self.noise.whiten(self.nuisance.columns)
+    def _white(self) -> Blocks:
+        return self.nuisance.columns.whitened(self.noise.whitener, self.noise.distance_mm)
 
     def net_signature(self, index: int) -> F64:
         """Motion (n, 3) in mm of the tip by a finding, clear of all else in the model.
@@ -52,18 +54,20 @@ class Fit:
         What rests share by chance (certified targets, a slow drift) is noise: it weighs, but what
         it could take up is still the finding's.
         """
-        moves = -self.nuisance.columns[:, self.layout.findings[index]] @ self.amplitudes[index]
+        moves = -self.nuisance.columns.dense(self.layout.findings[index]) @ self.amplitudes[index]
         return self._net(finding(index), moves)
 
     def net_growth(self) -> F64:
         """Motion (n, 3) in mm of the tip by the first link's growth, clear of all else."""
         at = self.layout.mount
-        return self._net(MOUNT, self.nuisance.columns[:, at] @ self.solution[at])
+        return self._net(MOUNT, self.nuisance.columns.dense(at) @ self.solution[at])
 
     def _net(self, block: str, moves: F64) -> F64:
         keep = self.layout.blocks.but([block])
         taken = self.problem.only(keep).amplitudes(self.across(moves)[keep])
         model = keep < self.layout.shared
-        other = self.nuisance.columns[:, keep[model]] @ taken[model]
+        amplitudes = np.zeros(len(self.solution))
+        amplitudes[keep[model]] = taken[model]
+        other = self.nuisance.columns.times(amplitudes)
         net: F64 = (moves - other)[: 3 * self.linear.rests.n].reshape(-1, 3)
         return net

@@ -13,6 +13,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.effects.effect import ArtefactChange
+from armd.compensation.estimate.linear.blocks import Blocks
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import (
     Poses,
@@ -59,7 +60,7 @@ class Linear:
     residual: F64  # (N,) mm
     jacobian: F64  # (P, N) mm per parameter
     joints: F64  # (n, 3, joints) mm/rad, for the encoders' noise
-    nuisance: F64  # (N, m) placements, unknown seats
+    nuisance: Blocks  # (N, m) placements, unknown seats
 
     def signature(self, parameter: int, values: F64) -> F64:
         """Column (N,) of a parameter times basis values (n,)."""

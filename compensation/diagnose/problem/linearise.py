@@ -8,6 +8,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.linear import Linear, ModelState, Rests
+from armd.compensation.estimate.linear.blocks import Blocks, Piece, in_blocks
 from armd.compensation.estimate.linearise import Linearisation, linearise_as_read
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.model.arm import Arm
@@ -35,7 +36,10 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
     parameters = np.zeros((at.jacobian.shape[2], 3 * n + len(distances.length_mm)))
     parameters[:, : 3 * n] = at.jacobian.reshape(3 * n, -1).T
     length, direction = at.poses.apart(distances.between)
-    nuisance = [_nuisance(at, direction), _lost_lengths(rests, model, parameters)]
+    nuisance: list[F64 | Blocks] = [
+        _nuisance(at, direction),
+        _lost_lengths(rests, model, parameters),
+    ]
     return Linear(
         rests=replace(rests, observations=observations),
         model=model,
@@ -43,7 +47,7 @@ def linearise(rests: Rests, model: ModelState, arm: Arm) -> Linear:
         residual=np.append(at.residual_mm.ravel(), length - distances.length_mm),
         jacobian=parameters,
         joints=np.ascontiguousarray(at.joints),
-        nuisance=np.hstack(nuisance),
+        nuisance=in_blocks(nuisance, observations.placement),
     )
 
 
@@ -80,24 +84,28 @@ def _corrected(rests: Rests, correction: ArtefactCorrection) -> Observations:
     )
 
 
-def _nuisance(at: Linearisation, direction: F64) -> F64:
+def _nuisance(at: Linearisation, direction: F64) -> Blocks:
     """Columns (N, m) of every placement's pose and every unknown seat's position; *direction*
     (D, 3) of the certified distances."""
     observations = at.observations
-    n, first = observations.n, 6 * len(observations.placement_names)
+    first = 6 * len(observations.placement_names)
     seats = np.flatnonzero(observations.unknown)
     begins = {int(k): first + 3 * j for j, k in enumerate(seats)}  # each seat's columns
-    columns = np.zeros((3 * n + len(direction), first + 3 * len(seats)))
-    rows = 3 * np.arange(n)[:, None] + np.arange(3)
-    for j in range(6):
-        columns[rows, (6 * observations.placement + j)[:, None]] = at.pose_columns[:, :, j]
-    there = np.flatnonzero(observations.unknown[observations.target])
-    begin = np.array([begins[int(k)] for k in observations.target[there]], dtype=np.int64)
-    for j in range(3):
-        columns[rows[there], (begin + j)[:, None]] = at.target_columns[there, :, j]
+    pieces = []
+    for number in np.unique(observations.placement):
+        rests = np.flatnonzero(observations.placement == number)
+        target = observations.target[rests]
+        seen = [int(k) for k in np.unique(target) if int(k) in begins]
+        of_seats = [at.target_columns[rests] * (target == k)[:, None, None] for k in seen]
+        values = np.concatenate([at.pose_columns[rests], *of_seats], axis=2)
+        numbers = [6 * number + np.arange(6), *(begins[k] + np.arange(3) for k in seen)]
+        here = values.any(axis=(0, 1))
+        pieces.append(Piece(rests, np.concatenate(numbers)[here], values[:, :, here]))
+    distances = np.zeros((len(direction), first + 3 * len(seats)))
     for i, (a, b) in enumerate(observations.distances.between):
         for end, sign in ((int(a), 1.0), (int(b), -1.0)):
             if end in begins:
-                columns[3 * n + i, begins[end] : begins[end] + 3] = sign * direction[i]
-    kept: F64 = columns[:, np.abs(columns).max(axis=0, initial=0.0) > 0.0]
-    return kept
+                distances[i, begins[end] : begins[end] + 3] = sign * direction[i]
+    columns = Blocks(observations.n, distances.shape[1], tuple(pieces), distances)
+    at_lengths = np.flatnonzero(distances.any(axis=0))
+    return columns.only(np.unique(np.concatenate([at_lengths, *(p.columns for p in pieces)])))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.estimate.linear.blocks import Blocks
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class Nuisance:
     Infinite: it absorbs freely. NaN: the slow drift's, which the noise estimate fills in.
     """
 
-    columns: F64
+    columns: Blocks
     variance: F64
 
     def ridged(self, noise: RestNoise) -> Nuisance:

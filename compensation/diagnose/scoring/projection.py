@@ -9,7 +9,7 @@ takes it out of the sum.
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
@@ -21,6 +21,7 @@ from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.evidence import Sums, total
 from armd.compensation.diagnose.scoring.memory import Lasting
 from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
+from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
 
@@ -96,8 +97,8 @@ class Projection:
         at = fit.layout.identified.stop
         stop = fit.layout.mount.start
         shapes = with_shapes(fit, self.arm)
-        more = np.hstack([fit.nuisance.columns[:, at:stop], shapes.nuisance.columns])
-        variance = np.concatenate([fit.nuisance.variance[at:stop], shapes.nuisance.variance])
+        more = np.hstack([fit.nuisance.columns.dense(slice(at, stop)), shapes.matrix])
+        variance = np.concatenate([fit.nuisance.variance[at:stop], shapes.variance])
         white = fit.noise.whiten(more)
         clear = _cleared(white, self.cells)
         known, b, m = self.clear[:, :-1], self.shared.layout.n, more.shape[1]
@@ -247,28 +248,30 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     part_of = np.zeros(n, dtype=np.int64) if part_of is None else part_of
     parts = int(part_of.max(initial=0)) + 1
     shapes = with_shapes(fit, arm)
-    columns = [fit.nuisance.columns, shapes.nuisance.columns, fit.residual[:, None]]
-    white = fit.noise.whiten(np.hstack(columns))
-    variance = np.concatenate([fit.nuisance.variance, shapes.nuisance.variance])
-    labels = observations.placement * parts + part_of
-    rests = [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    variance = np.concatenate([fit.nuisance.variance, shapes.variance])
+    white = fit.nuisance.columns.whitened(fit.noise.whitener, fit.noise.distance_mm)
     # The certified distances are in no placement: they are a part that always stays.
-    places = [
-        *((int(part_of[own[0]]), own, _as_slice(_rows(own))) for own in rests),
-        (parts, np.empty(0, dtype=np.int64), slice(3 * n, size)),
-    ]
-    touched = np.array([(white[rows, :-1] != 0.0).any(axis=0) for _, _, rows in places])
+    none = np.empty(0, dtype=np.int64)
+    at_lengths = np.flatnonzero(white.distances.any(axis=0))
+    of_lengths = Piece(none, at_lengths, white.distances[:, None, at_lengths])
+    places = [*_by_part(white, part_of), (parts, of_lengths)]
+    touched = np.zeros(len(variance), dtype=np.int64)
+    for _, piece in places:
+        touched[piece.columns] += 1
     may_be_own = np.zeros(len(variance), dtype=bool)
     may_be_own[: fit.layout.identified.start] = True
     may_be_own[fit.layout.drift] = True
-    local = may_be_own & (touched.sum(axis=0) <= 1)
+    local = may_be_own & (touched <= 1)
     cells = []
-    for (part, own, rows), here in zip(places, touched, strict=True):
-        of_cell = np.flatnonzero(local & here)
-        there = white[rows][:, of_cell]
-        alone = LinearModel.of_rows([("own", there, variance[of_cell])])
-        cells.append(Cell(part, own, rows, there @ alone.factor))
-    shared = white[:, np.append(~local, True)]
+    for part, piece in places:
+        here = local[piece.columns]
+        there = _flat(piece.values[:, :, here])
+        alone = LinearModel.of_rows([("own", there, variance[piece.columns[here]])])
+        rows = slice(3 * n, size) if piece is of_lengths else _as_slice(_rows(piece.rests))
+        cells.append(Cell(part, piece.rests, rows, there @ alone.factor))
+    common = white.dense(np.flatnonzero(~local[: white.size]))
+    others = fit.noise.whiten(np.hstack([shapes.matrix, fit.residual[:, None]]))
+    shared = np.hstack([common, others])
     clear = _cleared(shared, cells)
     b = shared.shape[1] - 1
     gram, side, square = np.zeros((parts + 1, b, b)), *np.zeros((2, parts + 1, b))
@@ -277,7 +280,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
         gram[cell.part] += there.T @ clear[cell.rows, :-1]
         side[cell.part] += there.T @ clear[cell.rows, -1]
         square[cell.part] += (there**2).sum(axis=0)
-    layout = Layout((*fit.layout.blocks.sizes, ("shapes", shapes.nuisance.columns.shape[1])))
+    layout = Layout((*fit.layout.blocks.sizes, ("shapes", shapes.matrix.shape[1])))
     layout = layout.only(np.flatnonzero(~local))
     return Projection(
         fit,
@@ -293,6 +296,22 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
         clear,
         side,
     )
+
+
+def _flat(values: F64) -> F64:
+    """(k, 3, c) as rows (3 k, c)."""
+    k, axes, c = values.shape
+    return values.reshape(k * axes, c)
+
+
+def _by_part(white: Blocks, part_of: I64) -> Iterator[tuple[int, Piece]]:
+    """Each placement's rests by the part (n,) of the data that they belong to."""
+    for piece in white.pieces:
+        for part in np.unique(part_of[piece.rests]):
+            own = part_of[piece.rests] == part
+            here = piece.values[own].any(axis=(0, 1))
+            values = piece.values[own][:, :, here]
+            yield int(part), Piece(piece.rests[own], piece.columns[here], values)
 
 
 def _cleared(white: F64, cells: Sequence[Cell]) -> F64:

@@ -19,7 +19,6 @@ from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.baseline import scaled
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.diagnose.scoring.unevenness import may_be_uneven, uneven
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import TIP, Location, shape_of
@@ -45,7 +44,8 @@ def shape_place(candidate: Candidate) -> Location:
 class Shapes:
     """The findings' shapes, which absorb too while the search looks further."""
 
-    nuisance: Nuisance  # theirs only
+    matrix: F64  # (N, b) their columns
+    variance: F64  # (b,)
     candidates: tuple[Candidate | None, ...]  # per finding, its shape where it may be off
     columns: tuple[range, ...]  # of each finding's shape, counted on from the fit's nuisance ones
 
@@ -75,13 +75,13 @@ def with_shapes(current: Fit, arm: Arm) -> Shapes:
         uneven(current.linear, current.noise, c, values, arm) / OFF if shape is None else next(bent)
         for shape, c, values in zip(candidates, current.findings, current.amplitudes, strict=True)
     ]
-    at, columns = current.nuisance.columns.shape[1], []
+    at, columns = current.nuisance.columns.size, []
     for block in blocks:
         columns.append(range(at, at + block.shape[1]))
         at += block.shape[1]
     nothing = np.empty((len(current.residual), 0))
     joined = np.hstack([nothing, *blocks])
-    return Shapes(Nuisance(joined, np.full(joined.shape[1], OFF**2)), candidates, tuple(columns))
+    return Shapes(joined, np.full(joined.shape[1], OFF**2), candidates, tuple(columns))
 
 
 def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Candidate | None:

@@ -140,8 +140,8 @@ def _log_weight(
     """The same about a fit of no findings, by its projection."""
     fitted = solve_again(nothing, findings, nothing.noise, projection.arm)
     own = [n for at in fitted.layout.findings for n in range(at.start, at.stop)]
-    shapes = with_shapes(fitted, projection.arm).nuisance
-    columns = np.hstack([fitted.nuisance.columns[:, own], shapes.columns])
+    shapes = with_shapes(fitted, projection.arm)
+    columns = np.hstack([fitted.nuisance.columns.dense(np.array(own, dtype=int)), shapes.matrix])
     white, clear = projection.clear_of_all(columns)
     gram, side = white.T @ clear, clear.T @ nothing.noise.whiten(nothing.residual)
     variance, log_prior = _amplitudes_a_priori(fitted)

@@ -174,7 +174,8 @@ def _as_measured(number: int, projection: Projection) -> tuple[I64, F64, F64]:
     pose = (whitener @ pose.reshape(-1, 3, 6)).reshape(-1, 6)
     # As measured: of what the fit explains, a wandering base has taken a part of the step.
     known = [j for at in fit.layout.findings for j in range(at.start, at.stop)]
-    explained = fit.nuisance.columns[rows][:, known] @ fit.solution[known]
+    columns = fit.nuisance.columns.dense(np.array(known, dtype=int))
+    explained = columns[rows] @ fit.solution[known]
     raw = fit.raw_residual[rows] - explained
     return own, pose, (whitener @ raw.reshape(-1, 3, 1)).ravel()
 

@@ -3,45 +3,157 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from armd.arrays import F64, I64
 
 
 @dataclass(frozen=True)
-class Blocks:
-    """Columns (N, m), of each placement's rests those only that are not zero there."""
+class Piece:
+    """Of one placement's rests (k,), the columns (c,) that are not zero there, ascending, and their
+    values (k, 3, c)."""
 
+    rests: I64
+    columns: I64
+    values: F64
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Columns (N, m) over n rests and D certified distances, N = 3 n + D."""
+
+    n: int
     size: int  # m
-    pieces: tuple[tuple[I64, I64, F64], ...]  # rests (k,), columns (c,), values (k, 3, c)
+    pieces: tuple[Piece, ...]
     distances: F64  # (D, m)
 
     def products(self, whitener: F64, distance_mm: F64, residual: F64) -> F64:
         """(m + 1, m + 1) of the columns and a residual (N,) as a last one, whitened by matrices
         (n, 3, 3) and standard uncertainties (D,)."""
-        n = 3 * len(whitener)
+        n = 3 * self.n
         last = np.hstack([self.distances, residual[n:, None]]) / distance_mm[:, None]
         found: F64 = last.T @ last
         by_rest = residual[:n].reshape(-1, 3, 1)
-        for rests, columns, values in self.pieces:
-            both = np.concatenate([values, by_rest[rests]], axis=2)
-            white = (whitener[rests] @ both).reshape(-1, both.shape[2])
-            at = np.append(columns, self.size)
+        for piece in self.pieces:
+            both = np.concatenate([piece.values, by_rest[piece.rests]], axis=2)
+            white = (whitener[piece.rests] @ both).reshape(-1, both.shape[2])
+            at = np.append(piece.columns, self.size)
             found[np.ix_(at, at)] += white.T @ white
         return found
 
+    def whitened(self, whitener: F64, distance_mm: F64) -> Blocks:
+        """In units of the noise, by matrices (n, 3, 3) and standard uncertainties (D,)."""
+        pieces = (replace(p, values=whitener[p.rests] @ p.values) for p in self.pieces)
+        return replace(self, pieces=tuple(pieces), distances=self.distances / distance_mm[:, None])
 
-def in_blocks(columns: Sequence[F64], placement: I64) -> Blocks:
-    """Columns (3 n + D, …), m in all, by the *placement* (n,) of each rest."""
+    def times(self, amplitudes: F64) -> F64:
+        """(N,) the columns times amplitudes (m,)."""
+        at_rests = np.zeros((self.n, 3))
+        for piece in self.pieces:
+            at_rests[piece.rests] = piece.values @ amplitudes[piece.columns]
+        return np.concatenate([at_rests.ravel(), self.distances @ amplitudes])
+
+    def across(self, others: F64) -> F64:
+        """Products (m, …) with other columns (N, …)."""
+        flat = others[:, None] if others.ndim == 1 else others
+        found: F64 = self.distances.T @ flat[3 * self.n :]
+        by_rest = flat[: 3 * self.n].reshape(self.n, 3, flat.shape[1])
+        for piece in self.pieces:
+            rows = piece.values.reshape(3 * len(piece.rests), len(piece.columns))
+            found[piece.columns] += rows.T @ by_rest[piece.rests].reshape(len(rows), flat.shape[1])
+        return found.reshape(self.size, *others.shape[1:])
+
+    def only(self, numbers: I64 | slice) -> Blocks:
+        """Some of the columns, in their order."""
+        kept = np.arange(self.size)[numbers]
+        turn = np.full(self.size, -1)
+        turn[kept] = np.arange(len(kept))
+        pieces = []
+        for piece in self.pieces:
+            own = turn[piece.columns] >= 0
+            pieces.append(Piece(piece.rests, turn[piece.columns[own]], piece.values[:, :, own]))
+        return Blocks(self.n, len(kept), tuple(pieces), self.distances[:, kept])
+
+    def dense(self, numbers: I64 | slice = slice(None)) -> F64:
+        """(N, …) some of the columns in full."""
+        some = self.only(numbers)
+        found = np.zeros((3 * self.n + len(self.distances), some.size))
+        at_rests = found[: 3 * self.n].reshape(self.n, 3, some.size)
+        for piece in some.pieces:
+            at_rests[piece.rests[:, None, None], np.arange(3)[:, None], piece.columns] = (
+                piece.values
+            )
+        found[3 * self.n :] = some.distances
+        return found
+
+    def replaced(self, at: slice, columns: Sequence[F64]) -> Blocks:
+        """With other *columns* (N, …) in the place of those *at*."""
+        return _joined([self.only(slice(at.start)), *columns, self.only(slice(at.stop, None))])
+
+    @cached_property
+    def apart(self) -> tuple[tuple[I64, F64], ...]:
+        """What can be solved by itself, as placements that share no column: rests (k,), and the
+        values (k, 3, c) of the columns there."""
+        count = len(self.pieces)
+        ends = [(k, count + j) for k, piece in enumerate(self.pieces) for j in piece.columns]
+        k, j = np.array(ends, dtype=np.int64).reshape(-1, 2).T
+        links = coo_array((np.ones(len(k)), (k, j)), shape=2 * (count + self.size,))
+        label = connected_components(links, directed=False)[1]
+        turn = np.zeros(self.size, dtype=np.int64)
+        found = []
+        for one in np.unique(label[:count]):
+            columns = np.flatnonzero(label[count:] == one)
+            turn[columns] = np.arange(len(columns))
+            together = [self.pieces[k] for k in np.flatnonzero(label[:count] == one)]
+            of_pieces = []
+            for piece in together:
+                values = np.zeros((len(piece.rests), 3, len(columns)))
+                values[:, :, turn[piece.columns]] = piece.values
+                of_pieces.append(values)
+            rests = np.concatenate([piece.rests for piece in together])
+            found.append((rests, np.concatenate(of_pieces)))
+        return tuple(found)
+
+
+def in_blocks(columns: Sequence[F64 | Blocks], placement: I64) -> Blocks:
+    """Columns (3 n + D, …), m in all, by the *placement* (n,) of each rest; those that are in
+    blocks already, in the same ones."""
     n = len(placement)
-    at_rests = [some[: 3 * n].reshape(n, 3, some.shape[1]) for some in columns]
+    if any(isinstance(some, Blocks) for some in columns):
+        return _joined(columns)
+    rests = [np.flatnonzero(placement == number) for number in np.unique(placement)]
+    none = tuple(Piece(own, np.empty(0, np.int64), np.empty((len(own), 3, 0))) for own in rests)
+    distances = max(some.shape[0] for some in columns if not isinstance(some, Blocks)) - 3 * n
+    return _joined([Blocks(n, 0, none, np.empty((distances, 0))), *columns])
+
+
+def _joined(columns: Sequence[F64 | Blocks]) -> Blocks:
+    """All columns, side by side; at least the first in blocks."""
+    blocks = next(some for some in columns if isinstance(some, Blocks))
+    n = blocks.n
+    sizes = [some.size if isinstance(some, Blocks) else some.shape[1] for some in columns]
+    first = np.cumsum([0, *sizes])
+    at_rests = [
+        some if isinstance(some, Blocks) else some[: 3 * n].reshape(n, 3, some.shape[1])
+        for some in columns
+    ]
     pieces = []
-    for number in np.unique(placement):
-        rests = np.flatnonzero(placement == number)
-        values = np.concatenate([some[rests] for some in at_rests], axis=2)
-        here = np.flatnonzero(values.any(axis=(0, 1)))
-        pieces.append((rests, here, np.ascontiguousarray(values[:, :, here])))
-    distances = np.hstack([some[3 * n :] for some in columns])
-    return Blocks(distances.shape[1], tuple(pieces), distances)
+    for k, piece in enumerate(blocks.pieces):
+        numbers, values = [], []
+        for begin, some in zip(first[:-1], at_rests, strict=True):
+            if isinstance(some, Blocks):
+                numbers.append(begin + some.pieces[k].columns)
+                values.append(some.pieces[k].values)
+            elif some.shape[2]:
+                own = some[piece.rests]
+                here = np.flatnonzero(own.any(axis=(0, 1)))
+                numbers.append(begin + here)
+                values.append(own[:, :, here])
+        pieces.append(Piece(piece.rests, np.concatenate(numbers), np.concatenate(values, axis=2)))
+    distances = [some.distances if isinstance(some, Blocks) else some[3 * n :] for some in columns]
+    return Blocks(n, int(first[-1]), tuple(pieces), np.hstack(distances))
