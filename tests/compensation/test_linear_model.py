@@ -7,11 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from armd.compensation.estimate.linear.linear_model import (
-    Layout,
-    LinearModel,
-    pseudo_inverse_factor,
-)
+from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
+from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 
 N = 60
 #: Upper triangle, row by row, of what 20 targets measured alike came to in one calibration: 54

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting import noise as noise_model
+from armd.compensation.diagnose.fitting.likelihood import Restricted
 from armd.compensation.estimate.linear.blocks import in_blocks
 from support.small_fit import unit_noise
 
@@ -53,36 +54,56 @@ def test_products_by_placement_are_those_of_all_rows() -> None:
     np.testing.assert_allclose(found, white.T @ white, atol=1e-12)
 
 
+#: Placements in which each column is not zero, and the variance of its amplitude (inf: it absorbs
+#: freely, NaN: the drift's).
+STRUCTURES = {
+    "all hang together": [((0,), np.inf), ((1,), np.inf), *[((0, 1, 2), v) for v in (0.3, np.nan)]],
+    "a pose and a drift in each of five, and a border": [
+        *(((p,), v) for p in range(5) for v in (np.inf, np.inf, np.nan, np.nan)),
+        *((tuple(range(5)), v) for v in (np.inf, np.inf, 0.5, 2.0)),
+    ],
+    "no drift": [((0,), np.inf), ((1,), np.inf), ((0, 1, 2), 0.3), ((0, 1, 2), np.inf)],
+}
+
+
+@pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("share", [0.1, 0.7])
-def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float) -> None:
+def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float, structure: str) -> None:
     """Up to a constant: differences between two sets of variances are compared."""
-    problem = linear()
-    columns = columns_of(problem)
+    where, variances = zip(*STRUCTURES[structure], strict=True)
+    variance, placements = np.array(variances), max(map(max, where)) + 1
+    n = 6 * placements
+    problem = linear(n=n, placements=placements)
+    placement = problem.rests.observations.placement
+    columns = np.random.default_rng(2).normal(size=(3 * n + 2, len(where)))
+    for j, own in enumerate(where):
+        columns[: 3 * n][~np.repeat(np.isin(placement, own), 3), j] = 0.0
+    columns[3 * n :, [len(own) == 1 for own in where]] = 0.0
     residual = np.random.default_rng(5).normal(size=len(columns))
-    free, shared = columns[:, :2], columns[:, 2:]
     distance = problem.rests.observations.distances.standard_uncertainty_mm
     # A scale is common to all rows: the lengths' own is taken along by it.
     whitener = noise_model._unit_whitener(problem, share)
-    products = in_blocks([columns], problem.rests.observations.placement).products(
-        whitener, distance, residual
-    )
-    sums = noise_model._sums(whitener, products, 2, len(residual))
+    products = in_blocks([columns], placement).products(whitener, distance, residual)
+    known = Restricted.of(products, variance, len(residual))
+    free, shared = columns[:, np.isinf(variance)], columns[:, ~np.isinf(variance)]
+    assert known.freedom == len(residual) - free.shape[1]
 
-    def dense(scale: float, relative: np.ndarray) -> float:
+    def dense(scale: float, drift: float) -> float:
         covariance = np.zeros((len(residual),) * 2)
         for i, block in enumerate(noise_model._covariance(problem, share)):
             covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = block
-        covariance[3 * N :, 3 * N :] = np.diag(distance**2)
-        covariance = scale**2 * (covariance + shared @ np.diag(relative) @ shared.T)
+        covariance[3 * n :, 3 * n :] = np.diag(distance**2)
+        own = np.where(np.isnan(variance), drift**2, variance)[~np.isinf(variance)]
+        covariance = scale**2 * covariance + shared @ np.diag(own) @ shared.T
         inverse = np.linalg.inv(covariance)
         normal = free.T @ inverse @ free
         left = inverse - inverse @ free @ np.linalg.solve(normal, free.T @ inverse)
         logs = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(normal)[1]
         return float(logs + residual @ left @ residual)
 
-    one, other = (0.8, np.array([0.3, 2.0, 1.0])), (1.7, np.array([5.0, 0.1, 0.01]))
-    difference = noise_model._likelihood(sums, *one) - noise_model._likelihood(sums, *other)
-    assert difference == pytest.approx(dense(*one) - dense(*other), rel=1e-8)
+    for one, other in (((0.8, 0.3), (1.7, 5.0)), ((0.8, 0.3), (0.8, 1e-3)), ((0.01, 9.0), (1, 1))):
+        difference = known.unlikely(*one) - known.unlikely(*other)
+        assert difference == pytest.approx(dense(*one) - dense(*other), rel=1e-8)
 
 
 def test_the_noise_of_many_rests_is_found() -> None:

@@ -23,7 +23,7 @@ from armd.compensation.diagnose.fitting.refit import Refits
 from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.estimate.linear.linear_model import pseudo_inverse_factor
+from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration

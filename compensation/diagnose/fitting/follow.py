@@ -19,7 +19,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance
-from armd.compensation.estimate.linear.linear_model import pseudo_inverse_factor
+from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
 from armd.compensation.model.arm import Arm
 
 #: A solution that changes by less than so many standard uncertainties stays.
@@ -78,7 +78,7 @@ def _change(before: Fit, after: Fit) -> float:
     at = after.layout
     own = slice(at.identified.start, at.mount.start)
     change = after.solution[own] - before.solution[own]
-    known = pseudo_inverse_factor(after.inverse[own, own])
+    known = pseudo_inverse_factor(after.problem.covariance_of(own))
     return float(np.linalg.norm(known.T @ change))
 
 

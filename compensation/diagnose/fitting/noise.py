@@ -9,14 +9,13 @@ slow wandering of the base, and constants known only as well as their calibratio
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize, minimize_scalar
 
 from armd.arrays import F64
+from armd.compensation.diagnose.fitting.likelihood import Restricted
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
@@ -32,11 +31,9 @@ MOST_KNOTS = 8
 GROSS = 4.0
 MIDDLE_TO_MEAN = 3.0 / MEDIAN_D2
 MOST_ROBUST = 12
-_TINY = 1e-10
 LEAST_MM = 1e-6  # no reading is better than a nanometre, even where everything is absorbed
 #: Lengths are weighed by a scale this near to the one found (in its logarithm), in so many tries.
 SAME_SCALE, MOST_SCALES = 0.05, 6
-MOST_RELATIVE = 1e6  # variance of a shared column over that of one rest
 
 
 def target_nuisance(linear: Linear) -> tuple[F64, F64]:
@@ -103,18 +100,6 @@ def _covariance(linear: Linear, share: float) -> F64:
     return unit.covariance(linear.joints)
 
 
-@dataclass(frozen=True)
-class _Gram:
-    """Sums of products for one share ρ, clear of what absorbs freely: scale and drift are then
-    searched without the rows."""
-
-    log_det: float
-    matrix: F64  # (z, z) of the columns that rests share
-    side: F64  # (z,)
-    square: float
-    freedom: int  # rows less the rank of what absorbs freely
-
-
 def estimate(
     linear: Linear, residual: F64, nuisance: Blocks, variance: F64, before: RestNoise | None = None
 ) -> RestNoise:
@@ -148,15 +133,15 @@ def _estimate(
     before: RestNoise | None,
 ) -> RestNoise:
     """The same with lengths' standard uncertainties *distance* (D,) as if s were *scale_mm*."""
-    free, shared = np.flatnonzero(np.isinf(variance)), np.flatnonzero(~np.isinf(variance))
-    order = np.concatenate([free, shared, [len(variance)]])
     relative = distance / scale_mm
 
     @cache
     def at_share(share: float) -> tuple[float, float, float]:
         whitener = _unit_whitener(linear, share)
-        products = nuisance.products(whitener, relative, residual)[np.ix_(order, order)]
-        return _best_scale(_sums(whitener, products, len(free), len(residual)), variance[shared])
+        products = nuisance.products(whitener, relative, residual)
+        unlikely, scale, drift = _best_scale(Restricted.of(products, variance, len(residual)))
+        log_det = -2.0 * float(np.log(np.einsum("nii->ni", whitener)).sum())
+        return unlikely + log_det, scale, drift
 
     low, high, steps = 0.01, 0.99, 7
     if before is not None:
@@ -186,36 +171,15 @@ def _unit_whitener(linear: Linear, share: float) -> F64:
     return whitening(_covariance(linear, share), np.ones(linear.rests.n))
 
 
-def _sums(whitener: F64, gram: F64, f: int, rows: int) -> _Gram:
-    """From the products of all whitened columns, the first *f* of which absorb freely, and the
-    residual, of so many *rows*."""
-    size = np.sqrt(np.diag(gram)[:f])
-    size[size == 0.0] = 1.0
-    values, vectors = np.linalg.eigh(gram[:f, :f] / np.outer(size, size))
-    kept = values > _TINY * max(float(values.max(initial=0.0)), 1.0)
-    # A gauge among what absorbs freely leaves no trace.
-    root = vectors[:, kept] / np.sqrt(values[kept])
-    across = root.T @ (gram[:f, f:] / size[:, None])
-    clear = gram[f:, f:] - across.T @ across
-    log_det = -2.0 * float(np.log(np.einsum("nii->ni", whitener)).sum())
-    freedom = rows - int(kept.sum())
-    # What is absorbed entirely must not come out negative by rounding.
-    own, axes = np.linalg.eigh(clear[:-1, :-1])
-    matrix = (axes * np.maximum(own, 0.0)) @ axes.T
-    return _Gram(log_det, matrix, clear[:-1, -1], float(clear[-1, -1]), freedom)
-
-
-def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
+def _best_scale(known: Restricted) -> tuple[float, float, float]:
     """(−2 log likelihood, s, drift) at the best scale and drift for a share."""
-    drifting = np.isnan(variance)
-    first = max(float(np.sqrt(max(gram.square, 0.0) / max(gram.freedom, 1))), LEAST_MM)
+    first = max(float(np.sqrt(max(known.square, 0.0) / max(known.freedom, 1))), LEAST_MM)
 
     def cost(log_values: F64) -> float:
         scale, drift = max(np.exp(log_values[0]), LEAST_MM), np.exp(log_values[-1])
-        relative = np.where(drifting, drift**2, variance) / scale**2
-        return _likelihood(gram, scale, np.clip(relative, 1e-8, MOST_RELATIVE))
+        return known.unlikely(scale, drift)
 
-    drifts = bool(drifting.any())
+    drifts = len(known.curvature) > 0
     # 0.3 of the noise to begin with; a path of no drift is the lower edge of the search
     start = np.array([np.log(first), np.log(0.3 * first)]) if drifts else np.array([np.log(first)])
     best = minimize(
@@ -223,22 +187,6 @@ def _best_scale(gram: _Gram, variance: F64) -> tuple[float, float, float]:
     )
     scale, drift = float(np.exp(best.x[0])), float(np.exp(best.x[-1]))
     return float(best.fun), max(scale, LEAST_MM), drift if drifts else 0.0
-
-
-def _likelihood(gram: _Gram, scale: float, relative: F64) -> float:
-    """−2 × restricted log likelihood, up to a constant."""
-    root = np.sqrt(relative)
-    matrix = gram.matrix * root
-    matrix *= root[:, None]
-    matrix.flat[:: len(root) + 1] += 1.0
-    factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
-    towards = solve_triangular(factor, root * gram.side, lower=True, check_finite=False)
-    return float(
-        gram.freedom * 2.0 * np.log(scale)
-        + gram.log_det
-        + 2.0 * np.log(np.diag(factor)).sum()
-        + max(float(gram.square - towards @ towards), 0.0) / scale**2  # rounding may leave less
-    )
 
 
 def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], F64]) -> F64:

@@ -5,6 +5,7 @@ Rows are flat: x, y, z of every rest in mm, then one row per certified distance.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,7 +14,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.effects.effect import ArtefactChange
-from armd.compensation.estimate.linear.blocks import Blocks
+from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import (
     Poses,
@@ -81,7 +82,8 @@ class Linear:
             column[3 * self.rests.n + change.index] = -1.0
             return column
         if change.kind == "moved":
-            column[: 3 * self.rests.n] = -self._moved(change).ravel()
+            own, moves = self._moved(change)
+            column[3 * own[:, None] + np.arange(3)] = -moves
             return column
         at = observations.known_mm(self.poses.target_mm)
         if change.kind == "expansion":
@@ -101,6 +103,30 @@ class Linear:
         column[: 3 * self.rests.n] = -np.einsum("nij,nj->ni", rotation, move).ravel()
         return column
 
+    def artefact_columns(self, changes: Sequence[ArtefactChange]) -> Blocks:
+        """The columns of several changes; of one placement that was moved, in that placement."""
+        n = self.rests.n
+        whole = [j for j, change in enumerate(changes) if change.kind != "moved"]
+        columns = [self.artefact_column(changes[j]) for j in whole]
+        full = np.reshape(columns, (len(whole), len(self.residual))).T
+        distances = np.zeros((len(self.residual) - 3 * n, len(changes)))
+        distances[:, whole] = full[3 * n :]
+        pieces = []
+        for number, own in self._in_order.items():
+            rests = np.sort(own)
+            values = full[: 3 * n].reshape(n, 3, len(whole))[rests]
+            here = values.any(axis=(0, 1))
+            moved = [j for j, c in enumerate(changes) if c.kind == "moved" and c.index == number]
+            moves = np.zeros((len(rests), 3, len(moved)))
+            for k, j in enumerate(moved):
+                later, motion = self._moved(changes[j])
+                moves[np.searchsorted(rests, later), :, k] = -motion
+            numbers = np.array([*np.array(whole, dtype=int)[here], *moved], dtype=np.int64)
+            order = np.argsort(numbers)
+            both = np.concatenate([values[:, :, here], moves], axis=2)
+            pieces.append(Piece(rests, numbers[order], both[:, :, order]))
+        return Blocks(n, len(changes), tuple(pieces), distances)
+
     def _sag(self, change: ArtefactChange, at: F64) -> F64:
         """Motion (n, 3) of targets *at* (n, 3) by a bend along a principal axis of them all."""
         observations = self.rests.observations
@@ -113,18 +139,25 @@ class Linear:
         across -= np.outer(across @ axis, axis)
         return np.where(observations.has_truth[:, None], 0.0, along[:, None] ** 2 * across)
 
-    def _moved(self, change: ArtefactChange) -> F64:
-        """Motion (n, 3) of the targets of one placement, of its later rests in time."""
-        observations = self.rests.observations
-        own = np.flatnonzero(observations.placement == change.index)
-        own = own[np.argsort(observations.states.time_s[own], kind="stable")]
-        points = self._placed_mm[own]
+    def _moved(self, change: ArtefactChange) -> tuple[I64, F64]:
+        """Rests (k,) of one placement, the later ones in time, and the motion (k, 3) of their
+        targets."""
+        points = self._placed_mm[self._in_order[change.index]]
         along = np.eye(3)[change.axis % 3]
-        moves = np.zeros((self.rests.n, 3))
         turned = np.cross(along, points - points.mean(axis=0))
-        moves[own] = along if change.axis < 3 else turned
-        moves[own[: change.after]] = 0.0
-        return moves
+        moves = np.broadcast_to(along, points.shape) if change.axis < 3 else turned
+        return self._in_order[change.index][change.after :], moves[change.after :]
+
+    @cached_property
+    def _in_order(self) -> dict[int, I64]:
+        """Of each placement its rests, in the order of time."""
+        observations = self.rests.observations
+        found = {}
+        for number in np.unique(observations.placement):
+            own = np.flatnonzero(observations.placement == number)
+            order = np.argsort(observations.states.time_s[own], kind="stable")
+            found[int(number)] = own[order]
+        return found
 
 
 @dataclass(frozen=True)

@@ -73,12 +73,17 @@ class Signatures:
 
     def products(self, jacobian: F64, others: F64, rests: slice | I64) -> F64:
         """(K, u) products with *others* (n, 3, u) over some *rests*, changes of the artefact not
-        included; from a Jacobian (P, n, 3) of these rests.
+        included; from a Jacobian (P, n, 3) of these rests."""
+        product: F64 = self.weights @ self.of_pairs(jacobian, others, rests)
+        return product
+
+    def of_pairs(self, jacobian: F64, others: F64, rests: slice | I64) -> F64:
+        """(pairs, u) of the same, of each parameter with each basis function that it has.
 
         A column is a parameter's times a basis function: the other columns are multiplied by the
         parameter once for all its bases, and three rows become one.
         """
-        named, first, basis, weights = self._pairs
+        named, first, basis, _ = self._pairs
         values = self.bases[:, rests]
         found = np.zeros((len(basis), others.shape[2]))
         for begin in range(0, len(others), PIECE):
@@ -86,8 +91,17 @@ class Signatures:
             turned = jacobian[named, some].transpose(1, 0, 2) @ others[some]  # (·, named, u)
             for j, (low, high) in enumerate(itertools.pairwise(first)):
                 found[low:high] += values[basis[low:high], some] @ turned[:, j]
-        product: F64 = weights @ found
-        return product
+        return found
+
+    @property
+    def n_pairs(self) -> int:
+        """How many rows `of_pairs` has."""
+        return len(self._pairs[2])
+
+    @property
+    def weights(self) -> csr_array:
+        """(K, pairs) with which pairs make the columns."""
+        return self._pairs[3]
 
     @cached_property
     def _pairs(self) -> tuple[I64, I64, I64, csr_array]:

@@ -9,7 +9,6 @@ takes it out of the sum.
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
@@ -18,24 +17,26 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures
+from armd.compensation.diagnose.scoring.cells import (
+    Cell,
+    Changes,
+    as_slice,
+    by_part,
+    cleared,
+    flat,
+    rows_of,
+)
 from armd.compensation.diagnose.scoring.evidence import Sums, total
 from armd.compensation.diagnose.scoring.memory import Lasting
 from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
-from armd.compensation.estimate.linear.blocks import Blocks, Piece
+from armd.compensation.estimate.linear.blocks import Piece
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
 
 CHUNK = 128  # candidates' columns at once: what stays in the processor's cache
 
-
-@dataclass(frozen=True)
-class Cell:
-    """The rests of one placement, and what absorbs there and nowhere else."""
-
-    part: int
-    rests: I64
-    rows: slice | I64
-    own: F64  # (rows, l): own @ own.T is what they take of anything whitened
+#: By how many columns m a candidate has: which candidates, and products (parts, c, m, m) within.
+Grams = dict[int, tuple[I64, F64]]
 
 
 @dataclass(frozen=True)
@@ -68,13 +69,13 @@ class Projection:
     def clear_of_all(self, columns: F64) -> tuple[F64, F64]:
         """Columns (N, m), whitened, and the same clear of all that absorbs, the shapes included."""
         white = self.fit.noise.whiten(columns)
-        clear = _cleared(white, self.cells)
+        clear = cleared(white, self.cells)
         shared = self.clear[:, :-1]
         return white, clear - shared @ self.shared.explain(shared.T @ white)
 
     def clear_of_cells(self, columns: F64) -> F64:
         """Columns (N, m), whitened and clear of what the cells' own absorb."""
-        return _cleared(self.fit.noise.whiten(columns), self.cells)
+        return cleared(self.fit.noise.whiten(columns), self.cells)
 
     def without(self, part: int, fit: Fit) -> Projection:
         """Without the rests of a part, for a *fit* whose whitener is zero there."""
@@ -100,7 +101,7 @@ class Projection:
         more = np.hstack([fit.nuisance.columns.dense(slice(at, stop)), shapes.matrix])
         variance = np.concatenate([fit.nuisance.variance[at:stop], shapes.variance])
         white = fit.noise.whiten(more)
-        clear = _cleared(white, self.cells)
+        clear = cleared(white, self.cells)
         known, b, m = self.clear[:, :-1], self.shared.layout.n, more.shape[1]
         across, own = np.zeros((len(self.parts), b, m)), np.zeros((len(self.parts), m, m))
         side, square = np.zeros((len(self.parts), m)), np.zeros((len(self.parts), m))
@@ -131,13 +132,9 @@ class Projection:
 
     def sums_by_part(self, signatures: Signatures) -> list[Sums]:
         """The same of each part by itself."""
-        changed = self._changed(signatures)
-        products, taken = self._products(signatures, changed)
-        lengths, grams = self._grams(signatures, changed)
-        for part, t in taken.items():
-            for m, (members, gram) in grams.items():
-                tc = t[signatures.first[members][:, None] + np.arange(m)]
-                gram[part] -= tc @ tc.transpose(0, 2, 1)
+        changes = self._changes(signatures)
+        lengths, grams = self._grams(signatures, changes)
+        products = self._products(signatures, changes, grams)
         return [
             Sums(
                 signatures,
@@ -151,29 +148,28 @@ class Projection:
             for part in range(len(self.parts))
         ]
 
-    def _products(
-        self, signatures: Signatures, changed: tuple[I64, F64]
-    ) -> tuple[F64, dict[int, F64]]:
-        """Products (parts, K, b + 1) of all columns with the shared ones and the residual; and of
-        each part, what its cells' own columns take of them (K, l). *changed*: see `_changed`."""
-        k = signatures.n_columns
-        changes, change = changed
-        at_rests = self.jacobian[:, : 3 * self.fit.linear.rests.n]
-        at_rests = at_rests.reshape(len(self.jacobian), -1, 3)
-        products = np.zeros((len(self.parts), k, self.clear.shape[1]))
-        taken: dict[int, list[F64]] = {cell.part: [] for cell in self.cells}
+    def _products(self, signatures: Signatures, changes: Changes, grams: Grams) -> F64:
+        """Products (parts, K, b + 1) of all columns with the shared ones and the residual. From the
+        *grams*, what each cell's own columns take of a candidate's is taken."""
+        products = np.zeros((len(self.parts), signatures.n_columns, self.clear.shape[1]))
+        pairs = np.zeros((len(self.parts), signatures.n_pairs, self.clear.shape[1]))
         for cell in self.cells:
-            others = np.hstack([cell.own, self.clear[cell.rows]])
-            found = np.zeros((k, others.shape[1]))
+            taken = np.zeros((signatures.n_columns, cell.own.shape[1]))
             if len(cell.rests):
+                others = np.hstack([cell.own, self.clear[cell.rows]])
                 by_axis = others.reshape(-1, 3, others.shape[1])
-                found = signatures.products(at_rests[:, cell.rests], by_axis, cell.rests)
-            here = np.flatnonzero(change[cell.rows].any(axis=0))
-            found[changes[here]] += change[cell.rows][:, here].T @ others
-            own = cell.own.shape[1]
-            taken[cell.part].append(found[:, :own])
-            products[cell.part] += found[:, own:]
-        return products, {part: np.hstack(of_cells) for part, of_cells in taken.items()}
+                found = signatures.of_pairs(self._at_rests[:, cell.rests], by_axis, cell.rests)
+                pairs[cell.part] += found[:, taken.shape[1] :]
+                taken += signatures.weights @ found[:, : taken.shape[1]]
+            here, change = changes.at(cell)
+            taken[here] += change.T @ cell.own
+            products[cell.part, here] += change.T @ self.clear[cell.rows]
+            for m, (members, gram) in grams.items():
+                own = taken[signatures.first[members][:, None] + np.arange(m)]
+                gram[cell.part] -= own @ own.transpose(0, 2, 1)
+        for part, found in enumerate(pairs):
+            products[part] += signatures.weights @ found
+        return products
 
     def sums_with(self, known: Sums) -> Sums:
         """Products with all candidates' columns, where those with the first shared columns are
@@ -182,10 +178,9 @@ class Projection:
         signatures = known.signatures
         more = self.clear[:, b:-1]
         n = self.fit.linear.rests.n
-        at_rests = self.jacobian[:, : 3 * n].reshape(len(self.jacobian), -1, 3)
-        found = signatures.products(at_rests, more[: 3 * n].reshape(n, 3, -1), slice(None))
-        changes, changed = self._changed(signatures)
-        found[changes] += changed.T @ more
+        found = signatures.products(self._at_rests, more[: 3 * n].reshape(n, 3, -1), slice(None))
+        changes = self._changes(signatures)
+        found[changes.columns] += changes.white.across(more)
         return replace(
             known,
             shared=self.shared,
@@ -193,40 +188,47 @@ class Projection:
             bx=np.vstack([known.bx, found.T]),
         )
 
-    def _changed(self, signatures: Signatures) -> tuple[I64, F64]:
-        """Which columns change the artefact, and these changes (N, so many) whitened."""
-        linear = self.fit.linear
-        changes = {c: change for c, change in enumerate(signatures.changes) if change is not None}
-        columns = np.zeros((len(linear.residual), len(changes)))
-        for column, change in zip(columns.T, changes.values(), strict=True):
-            column[:] = linear.artefact_column(change)
-        return np.array(list(changes), dtype=np.int64), self.fit.noise.whiten(columns)
+    @cached_property
+    def _at_rests(self) -> F64:
+        """(P, n, 3) the whitened Jacobian."""
+        at_rests = self.jacobian[:, : 3 * self.fit.linear.rests.n]
+        return at_rests.reshape(len(self.jacobian), -1, 3)
 
-    def _grams(
-        self, signatures: Signatures, changed: tuple[I64, F64]
-    ) -> tuple[F64, dict[int, tuple[I64, F64]]]:
-        """Squared lengths (parts, K) of all columns, and products (parts, c, m, m) within each
-        candidate, by how many columns it has. *changed*: see `_changed`."""
+    def _changes(self, signatures: Signatures) -> Changes:
+        """The columns that change the artefact."""
+        noise, changes = self.fit.noise, signatures.changes
+        having = np.array([i for i, change in enumerate(changes) if change], dtype=np.int64)
+        blocks = self.fit.linear.artefact_columns([c for c in changes if c is not None])
+        return Changes(having, blocks.whitened(noise.whitener, noise.distance_mm))
+
+    def _grams(self, signatures: Signatures, changes: Changes) -> tuple[F64, Grams]:
+        """Squared lengths (parts, K) of all columns, and products within each candidate."""
         lengths = np.zeros((len(self.parts), signatures.n_columns))
-        grams = {}
+        grams: Grams = {}
         rows_of = self._rows_of_parts()
+        at_change = np.full(signatures.n_columns, -1)
+        at_change[changes.columns] = np.arange(len(changes.columns))
         for m in map(int, np.unique(signatures.count)):
             members = np.flatnonzero(signatures.count == m)
+            every = signatures.first[members][:, None] + np.arange(m)
             gram = np.zeros((len(self.parts), len(members), m, m))
+            alone = (at_change[every] >= 0).all(axis=1)
+            others = np.flatnonzero(~alone)
             step = max(CHUNK // m, 1)
-            for low in range(0, len(members), step):
-                some = members[low : low + step]
-                columns = signatures.first[some][:, None] + np.arange(m)
-                x = signatures.rows_of_terms(self.fit.linear, self.jacobian, columns.ravel())
-                _, own, of_change = np.intersect1d(
-                    columns.ravel(), changed[0], assume_unique=True, return_indices=True
-                )
-                x[own] += changed[1][:, of_change].T
+            for low in range(0, len(others), step):
+                some = others[low : low + step]
+                columns = every[some].ravel()
+                x = signatures.rows_of_terms(self.fit.linear, self.jacobian, columns)
+                changed = np.flatnonzero(at_change[columns] >= 0)
+                x[changed] += changes.white.dense(at_change[columns[changed]]).T
                 x = x.reshape(len(some), m, -1)
                 for part, rows in rows_of.items():
                     here = x[:, :, rows]
-                    gram[part, low : low + step] = here @ here.transpose(0, 2, 1)
-                    lengths[part, columns] = np.einsum("cii->ci", gram[part, low : low + step])
+                    gram[part, some] = here @ here.transpose(0, 2, 1)
+            first = np.where(alone, at_change[every[:, 0]], -1)
+            for cell in self.cells:
+                changes.add_products(cell, first, gram[cell.part])
+            lengths[:, every] = np.einsum("pcii->pci", gram)
             grams[m] = (members, gram)
         return lengths, grams
 
@@ -234,7 +236,7 @@ class Projection:
         parts = sorted({cell.part for cell in self.cells})
         numbers = np.arange(len(self.clear))
         return {
-            part: _as_slice(
+            part: as_slice(
                 np.concatenate([numbers[cell.rows] for cell in self.cells if cell.part == part])
             )
             for part in parts
@@ -254,7 +256,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     none = np.empty(0, dtype=np.int64)
     at_lengths = np.flatnonzero(white.distances.any(axis=0))
     of_lengths = Piece(none, at_lengths, white.distances[:, None, at_lengths])
-    places = [*_by_part(white, part_of), (parts, of_lengths)]
+    places = [*by_part(white, part_of), (parts, of_lengths)]
     touched = np.zeros(len(variance), dtype=np.int64)
     for _, piece in places:
         touched[piece.columns] += 1
@@ -265,14 +267,14 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     cells = []
     for part, piece in places:
         here = local[piece.columns]
-        there = _flat(piece.values[:, :, here])
+        there = flat(piece.values[:, :, here])
         alone = LinearModel.of_rows([("own", there, variance[piece.columns[here]])])
-        rows = slice(3 * n, size) if piece is of_lengths else _as_slice(_rows(piece.rests))
+        rows = slice(3 * n, size) if piece is of_lengths else as_slice(rows_of(piece.rests))
         cells.append(Cell(part, piece.rests, rows, there @ alone.factor))
     common = white.dense(np.flatnonzero(~local[: white.size]))
     others = fit.noise.whiten(np.hstack([shapes.matrix, fit.residual[:, None]]))
     shared = np.hstack([common, others])
-    clear = _cleared(shared, cells)
+    clear = cleared(shared, cells)
     b = shared.shape[1] - 1
     gram, side, square = np.zeros((parts + 1, b, b)), *np.zeros((2, parts + 1, b))
     for cell in cells:
@@ -296,38 +298,3 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
         clear,
         side,
     )
-
-
-def _flat(values: F64) -> F64:
-    """(k, 3, c) as rows (3 k, c)."""
-    k, axes, c = values.shape
-    return values.reshape(k * axes, c)
-
-
-def _by_part(white: Blocks, part_of: I64) -> Iterator[tuple[int, Piece]]:
-    """Each placement's rests by the part (n,) of the data that they belong to."""
-    for piece in white.pieces:
-        for part in np.unique(part_of[piece.rests]):
-            own = part_of[piece.rests] == part
-            here = piece.values[own].any(axis=(0, 1))
-            values = piece.values[own][:, :, here]
-            yield int(part), Piece(piece.rests[own], piece.columns[here], values)
-
-
-def _cleared(white: F64, cells: Sequence[Cell]) -> F64:
-    """Whitened columns (N, m) clear of what the cells' own columns absorb."""
-    clear = white.copy()
-    for cell in cells:
-        clear[cell.rows] -= cell.own @ (cell.own.T @ white[cell.rows])
-    return clear
-
-
-def _rows(rests: I64) -> I64:
-    return (3 * rests[:, None] + np.arange(3)).ravel()
-
-
-def _as_slice(rows: I64) -> slice | I64:
-    """A run of numbers as a slice, which copies nothing."""
-    if len(rows) and rows[-1] - rows[0] + 1 == len(rows) and (np.diff(rows) == 1).all():
-        return slice(int(rows[0]), int(rows[-1]) + 1)
-    return rows

@@ -51,6 +51,19 @@ class Blocks:
         pieces = (replace(p, values=whitener[p.rests] @ p.values) for p in self.pieces)
         return replace(self, pieces=tuple(pieces), distances=self.distances / distance_mm[:, None])
 
+    def at(self, rests: I64) -> Piece:
+        """At some rests of one placement, ascending."""
+        piece = self.pieces[int(self._number[rests[0]])]
+        return replace(piece, rests=rests, values=piece.values[np.searchsorted(piece.rests, rests)])
+
+    @cached_property
+    def _number(self) -> I64:
+        """(n,) in which of the pieces a rest is."""
+        found = np.empty(self.n, dtype=np.int64)
+        for k, piece in enumerate(self.pieces):
+            found[piece.rests] = k
+        return found
+
     def times(self, amplitudes: F64) -> F64:
         """(N,) the columns times amplitudes (m,)."""
         at_rests = np.zeros((self.n, 3))

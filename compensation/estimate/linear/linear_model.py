@@ -28,13 +28,12 @@ import numpy as np
 from scipy.linalg import cho_solve, solve_triangular
 
 from armd.arrays import F64, I64
+from armd.compensation.estimate.linear.bordered import Root, pseudo_inverse_root
 from armd.compensation.estimate.linear.solution import FittedAlong, Solution, leaning
 
 #: Weight of nothing, beside columns of unit length: far above rounding (1e-16), far below what
 #: decides anything (a candidate's share of 1e-6 that survives projection).
 HELD = 1e-12
-#: Relative to the largest eigenvalue, each unknown in units of its own diagonal: still knowledge.
-LEAST_KNOWN = 1e-13
 #: A direction of a block this short (squared), beside the block's longest column, says nothing of
 #: others: what of a seat's motion its placement explains is rounding, not information.
 LEAST_TAKEN = 1e-10
@@ -199,8 +198,7 @@ class LinearModel:
 
     def amplitudes(self, side: F64) -> F64:
         """What `solve` finds (b,), without its covariance, which takes three times as long."""
-        found: F64 = self._root @ (self._root.T @ side)
-        return found
+        return self._root.squared_times(side)
 
     @cached_property
     def covariance(self) -> F64:
@@ -209,15 +207,13 @@ class LinearModel:
 
     def covariance_of(self, columns: slice) -> F64:
         """The same of some columns (m, m)."""
-        root = self._root[columns]
-        covariance: F64 = root @ root.T
-        return covariance
+        return self._root.squared(columns)
 
     @cached_property
-    def _root(self) -> F64:
+    def _root(self) -> Root:
         """(b, r), times its transpose the covariance."""
-        factor = pseudo_inverse_factor(self._unit(np.minimum(self.variance, self.drawing)))
-        return factor / self.length[:, None]
+        root = pseudo_inverse_root(self._unit(np.minimum(self.variance, self.drawing)))
+        return root.scaled(1.0 / self.length)
 
     def lean(self, side: F64, drawn: F64, damping: float = 0.0, held: bool = False) -> Solution:
         """Amplitudes from the products (b,) with a residual, and what is known of them.
@@ -272,33 +268,3 @@ def _lower_factor(matrix: F64) -> F64:
 def _inverse_of(lower: F64) -> F64:
     inverse: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False)
     return inverse.T
-
-
-def pseudo_inverse_factor(matrix: F64, least: float = LEAST_KNOWN) -> F64:
-    """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
-
-    Relative to the largest eigenvalue, *least* is still knowledge, each unknown in units of its
-    own diagonal: a prior far tighter than the rows of one unknown must not make the others look
-    as if nothing were known of them.
-    """
-    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    size[size == 0.0] = 1.0
-    matrix = matrix / np.outer(size, size)
-    if (known := _factor_of_known(matrix, least)) is not None:
-        return known / size[:, None]
-    values, vectors = np.linalg.eigh(matrix)
-    kept = values > least * max(float(values.max(initial=0.0)), 1e-300)
-    factor: F64 = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
-    return factor
-
-
-def _factor_of_known(matrix: F64, least: float) -> F64 | None:
-    """The same where everything is known for sure, which takes no eigenvalues to tell: none is
-    below one over the inverse's trace, none above the largest sum of a row."""
-    try:
-        lower = np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        return None
-    factor: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
-    largest = float(np.abs(matrix).sum(axis=1).max(initial=0.0))
-    return factor if float((factor**2).sum()) * largest * least < 1.0 else None

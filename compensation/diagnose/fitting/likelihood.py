@@ -1,0 +1,118 @@
+"""The restricted likelihood of scale and drift, from sums of products: no rows, no large matrix.
+
+What absorbs freely in one session alone is eliminated there, and the drift's columns, all of one
+variance, are turned until their products are a diagonal: any drift then costs one pass over them.
+Left is the border, what all sessions share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from armd.arrays import F64, I64
+from armd.compensation.estimate.linear.bordered import Parts
+
+#: A direction of what absorbs freely this short (squared), beside the longest, is a gauge.
+_TINY = 1e-10
+LEAST_RELATIVE, MOST_RELATIVE = 1e-8, 1e6  # variance of a shared column over that of one rest
+
+
+@dataclass(frozen=True)
+class Restricted:
+    """Products of d columns of the drift, k others (the *free* ones first, orthonormal) and the
+    residual, clear of what absorbs freely in one part of the rows."""
+
+    curvature: F64  # (d,) squared lengths of the drift's columns, orthogonal to each other
+    across: F64  # (d, k + 1) of them with the others and the residual
+    gram: F64  # (k + 1, k + 1)
+    variance: F64  # (k − free,) of the amplitudes that do not absorb freely
+    free: int
+    freedom: int  # rows less the rank of all that absorbs freely
+
+    @classmethod
+    def of(cls, products: F64, variance: F64, rows: int) -> Restricted:
+        """From *products* (b + 1, b + 1) of whitened columns and a residual as the last, over so
+        many *rows*; *variance* (b,) of the amplitudes, inf: free, NaN: the drift's."""
+        drifting, free = np.isnan(variance), np.isinf(variance)
+        inner = np.flatnonzero(drifting | free)
+        parts = Parts.of(products[np.ix_(inner, inner)])
+        own, shared = [inner[part] for part in parts.own], inner[parts.border]
+        if drifting[shared].any():
+            own, shared = [inner], shared[:0]
+        held = np.flatnonzero(~(drifting | free))
+        rest = np.concatenate([shared, held, [len(variance)]])
+        gram = products[np.ix_(rest, rest)]
+        curvature, across, rank = [np.empty(0)], [np.empty((0, len(rest)))], 0
+        for part in own:
+            r, clear = _clear_of_free(products, part[free[part]], part[drifting[part]], rest)
+            d = int(drifting[part].sum())
+            rank += r
+            # What is absorbed entirely must not come out negative by rounding.
+            values, vectors = np.linalg.eigh(clear[:d, :d])
+            curvature.append(np.maximum(values, 0.0))
+            across.append(vectors.T @ clear[:d, d:])
+            gram -= clear[d:, d:]
+        f = len(shared)
+        root = _root_of_free(gram[:f, :f], np.diag(products)[shared])
+        turn = np.zeros((len(rest), root.shape[1] + len(rest) - f))
+        turn[:f, : root.shape[1]] = root
+        turn[f:, root.shape[1] :] = np.eye(len(rest) - f)
+        return cls(
+            np.concatenate(curvature),
+            np.concatenate(across) @ turn,
+            turn.T @ gram @ turn,
+            variance[held],
+            root.shape[1],
+            rows - rank - root.shape[1],
+        )
+
+    @property
+    def square(self) -> float:
+        """Of the residual, clear of all that absorbs freely."""
+        taken = self.gram[: self.free, -1]
+        return float(self.gram[-1, -1] - taken @ taken)
+
+    def unlikely(self, scale: float, drift: float) -> float:
+        """−2 × restricted log likelihood, up to a constant."""
+        relative = np.clip(drift**2 / scale**2, LEAST_RELATIVE, MOST_RELATIVE)
+        weight = relative / (1.0 + relative * self.curvature)
+        gram = self.gram - (self.across * weight[:, None]).T @ self.across
+        held = np.clip(self.variance / scale**2, LEAST_RELATIVE, MOST_RELATIVE)
+        root = np.sqrt(np.concatenate([np.ones(self.free), held]))
+        matrix = gram[:-1, :-1] * root * root[:, None]
+        matrix.flat[(len(root) + 1) * self.free :: len(root) + 1] += 1.0
+        factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
+        towards = solve_triangular(factor, root * gram[:-1, -1], lower=True, check_finite=False)
+        return float(
+            self.freedom * 2.0 * np.log(scale)
+            + np.log1p(relative * self.curvature).sum()
+            + 2.0 * np.log(np.diag(factor)).sum()
+            + max(float(gram[-1, -1] - towards @ towards), 0.0) / scale**2  # rounding leaves less
+        )
+
+
+def _clear_of_free(products: F64, free: I64, drift: I64, rest: I64) -> tuple[int, F64]:
+    """Rank of the columns *free*; products of *drift* and *rest* columns, clear of these, where the
+    products of the *rest* among each other are only what is taken of them."""
+    others = np.concatenate([drift, rest])
+    root = _root_of_free(products[np.ix_(free, free)], np.diag(products)[free])
+    towards = root.T @ products[np.ix_(free, others)]
+    clear = -towards.T @ towards
+    d = len(drift)
+    clear[:d] += products[np.ix_(drift, others)]
+    clear[d:, d:] *= -1.0
+    return root.shape[1], clear
+
+
+def _root_of_free(gram: F64, square: F64) -> F64:
+    """(f, r) makes columns orthonormal by their products (f, f); a gauge among them leaves no
+    trace. *square* (f,): their squared lengths before anything was eliminated."""
+    size = np.sqrt(square)
+    size[size == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    kept = values > _TINY * max(float(values.max(initial=0.0)), 1.0)
+    root: F64 = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+    return root

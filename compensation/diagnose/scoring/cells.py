@@ -1,0 +1,90 @@
+"""Rests of one placement in one part of the data, and what absorbs there and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.estimate.linear.blocks import Blocks, Piece
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The rests of one placement, and what absorbs there and nowhere else."""
+
+    part: int
+    rests: I64
+    rows: slice | I64
+    own: F64  # (rows, l): own @ own.T is what they take of anything whitened
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Candidates' columns that change the artefact, whitened; many are of one placement only."""
+
+    columns: I64  # (c,) their numbers among all candidates', ascending
+    white: Blocks  # of c columns
+
+    def at(self, cell: Cell) -> tuple[I64, F64]:
+        """Which columns are not zero in a cell, by their numbers among all, and what they are
+        there (rows, ·)."""
+        here, rows = self._at(cell)
+        return self.columns[here], rows
+
+    def add_products(self, cell: Cell, first: I64, gram: F64) -> None:
+        """Add to *gram* (C, m, m) the products in a cell within candidates that have no others, by
+        the *first* (C,) of each one's columns among these; −1: not such a one."""
+        here, rows = self._at(cell)
+        m = gram.shape[1]
+        begin = np.searchsorted(here, first)
+        end = np.searchsorted(here, first + m)
+        for i in np.flatnonzero((first >= 0) & (end > begin)):
+            some = slice(begin[i], end[i])
+            at = here[some] - first[i]
+            gram[i][np.ix_(at, at)] += rows[:, some].T @ rows[:, some]
+
+    def _at(self, cell: Cell) -> tuple[I64, F64]:
+        if len(cell.rests):
+            piece = self.white.at(cell.rests)
+            return piece.columns, flat(piece.values)
+        here = np.flatnonzero(self.white.distances.any(axis=0))
+        return here, self.white.distances[:, here]
+
+
+def flat(values: F64) -> F64:
+    """(k, 3, c) as rows (3 k, c)."""
+    k, axes, c = values.shape
+    return values.reshape(k * axes, c)
+
+
+def by_part(white: Blocks, part_of: I64) -> Iterator[tuple[int, Piece]]:
+    """Each placement's rests by the part (n,) of the data that they belong to."""
+    for piece in white.pieces:
+        for part in np.unique(part_of[piece.rests]):
+            own = part_of[piece.rests] == part
+            here = piece.values[own].any(axis=(0, 1))
+            values = piece.values[own][:, :, here]
+            yield int(part), Piece(piece.rests[own], piece.columns[here], values)
+
+
+def cleared(white: F64, cells: Sequence[Cell]) -> F64:
+    """Whitened columns (N, m) clear of what the cells' own columns absorb."""
+    clear = white.copy()
+    for cell in cells:
+        clear[cell.rows] -= cell.own @ (cell.own.T @ white[cell.rows])
+    return clear
+
+
+def rows_of(rests: I64) -> I64:
+    """The three rows (3 k,) of each of rests (k,)."""
+    return (3 * rests[:, None] + np.arange(3)).ravel()
+
+
+def as_slice(rows: I64) -> slice | I64:
+    """A run of numbers as a slice, which copies nothing."""
+    if len(rows) and rows[-1] - rows[0] + 1 == len(rows) and (np.diff(rows) == 1).all():
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+    return rows

@@ -1,0 +1,153 @@
+"""Symmetric matrices that fall apart but for a border: each part meets the border and itself only.
+
+A placement's pose, and a base that wanders while it stands, meet what all placements share and
+nothing of another placement. Whatever is worked out of their products part by part takes a time in
+proportion to the number of parts; of all columns at once, the cube of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from armd.arrays import F64, I64
+
+#: Relative to the largest eigenvalue, each unknown in units of its own diagonal: still knowledge.
+LEAST_KNOWN = 1e-13
+#: A column that meets more than this share of all others is of the border.
+MOST_MET = 0.5
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Which columns of a symmetric matrix (b, b) make which part, and the border: all others."""
+
+    own: tuple[I64, ...]
+    border: I64
+
+    @classmethod
+    def of(cls, matrix: F64) -> Parts:
+        """By what is not zero; no parts where all columns hang together."""
+        meets = matrix != 0.0
+        np.fill_diagonal(meets, True)
+        inner = np.arange(len(matrix))
+        while not (few := meets.sum(axis=0) <= MOST_MET * len(inner)).all():
+            inner, meets = inner[few], meets[np.ix_(few, few)]
+        row, column = np.nonzero(meets)
+        links = coo_array((np.ones(len(row)), (row, column)), shape=(len(inner),) * 2)
+        _, label = connected_components(links, directed=False)
+        order = np.argsort(label, kind="stable")
+        own = np.split(inner[order], np.flatnonzero(np.diff(label[order])) + 1)
+        return cls(
+            tuple(part for part in own if len(part)), np.setdiff1d(np.arange(len(matrix)), inner)
+        )
+
+
+@dataclass(frozen=True)
+class Root:
+    """F (b, r), of which each part of the rows has columns of its own (c, ·); all rows have those
+    of the border."""
+
+    own: tuple[tuple[I64, F64], ...]
+    border: F64  # (b, ·)
+
+    def scaled(self, by: F64) -> Root:
+        """With every row multiplied (b,)."""
+        own = tuple((at, by[at, None] * values) for at, values in self.own)
+        return Root(own, by[:, None] * self.border)
+
+    def dense(self) -> F64:
+        """(b, r) in full."""
+        blocks = []
+        for at, values in self.own:
+            block = np.zeros((len(self.border), values.shape[1]))
+            block[at] = values
+            blocks.append(block)
+        return np.hstack([*blocks, self.border])
+
+    def squared_times(self, side: F64) -> F64:
+        """F Fᵀ times a vector (b,)."""
+        found: F64 = self.border @ (self.border.T @ side)
+        for at, values in self.own:
+            found[at] += values @ (values.T @ side[at])
+        return found
+
+    def squared(self, rows: slice) -> F64:
+        """F Fᵀ of some rows (m, m)."""
+        border = self.border[rows]
+        found: F64 = border @ border.T
+        turn = np.full(len(self.border), -1)
+        turn[rows] = np.arange(len(found))
+        for at, values in self.own:
+            kept = turn[at] >= 0
+            some = values[kept]
+            found[np.ix_(turn[at[kept]], turn[at[kept]])] += some @ some.T
+        return found
+
+
+def inverse_root(matrix: F64) -> tuple[Root, float]:
+    """F with F Fᵀ the inverse of a positive definite *matrix* (b, b), and its trace.
+
+    Raises `numpy.linalg.LinAlgError` where it is not.
+    """
+    parts = Parts.of(matrix)
+    rest = parts.border
+    left = matrix[np.ix_(rest, rest)]
+    own, taken = [], []
+    for at in parts.own:
+        inverse = _inverse_factor(matrix[np.ix_(at, at)])
+        across = inverse.T @ matrix[np.ix_(at, rest)]
+        left -= across.T @ across
+        own.append((at, inverse))
+        taken.append(across)
+    last = _inverse_factor(left)
+    border = np.zeros((len(matrix), len(rest)))
+    border[rest] = last
+    for (at, inverse), across in zip(own, taken, strict=True):
+        border[at] = -inverse @ (across @ last)
+    trace = float((border**2).sum() + sum((values**2).sum() for _, values in own))
+    return Root(tuple(own), border), trace
+
+
+def pseudo_inverse_root(matrix: F64, least: float = LEAST_KNOWN) -> Root:
+    """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
+
+    Relative to the largest eigenvalue, *least* is still knowledge, each unknown in units of its
+    own diagonal: a prior far tighter than the rows of one unknown must not make the others look
+    as if nothing were known of them.
+    """
+    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    size[size == 0.0] = 1.0
+    matrix = matrix / np.outer(size, size)
+    if (known := _root_of_known(matrix, least)) is not None:
+        return known.scaled(1.0 / size)
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > least * max(float(values.max(initial=0.0)), 1e-300)
+    return Root((), vectors[:, kept] / np.sqrt(values[kept]) / size[:, None])
+
+
+def pseudo_inverse_factor(matrix: F64) -> F64:
+    """The same in full."""
+    return pseudo_inverse_root(matrix).dense()
+
+
+def _root_of_known(matrix: F64, least: float) -> Root | None:
+    """The same where everything is known for sure, which takes no eigenvalues to tell: none is
+    below one over the inverse's trace, none above the largest sum of a row."""
+    try:
+        root, trace = inverse_root(matrix)
+    except np.linalg.LinAlgError:
+        return None
+    largest = float(np.abs(matrix).sum(axis=1).max(initial=0.0))
+    return root if trace * largest * least < 1.0 else None
+
+
+def _inverse_factor(matrix: F64) -> F64:
+    """Upper F with F Fᵀ the inverse."""
+    lower = np.linalg.cholesky(matrix)
+    found: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
+    return found

@@ -1,0 +1,84 @@
+"""Columns kept placement by placement, against the same in full."""
+
+import numpy as np
+import pytest
+
+from armd.compensation.estimate.linear.blocks import Blocks, in_blocks
+
+N, DISTANCES = 14, 2
+PLACEMENT = np.array([2, 0, 0, 1, 2, 2, 0, 1, 1, 3, 2, 0, 3, 3])
+#: In which placements each column is not zero; none: in the distances alone.
+WHERE = [(0,), (0,), (1,), (2,), (2, 3), (0, 1, 2, 3), (), (0, 1, 2, 3), (3,)]
+
+
+def full(seed: int = 1) -> np.ndarray:
+    columns = np.random.default_rng(seed).normal(size=(3 * N + DISTANCES, len(WHERE)))
+    for j, where in enumerate(WHERE):
+        columns[: 3 * N][~np.repeat(np.isin(PLACEMENT, where), 3), j] = 0.0
+    columns[3 * N :, :3] = 0.0
+    return columns
+
+
+@pytest.fixture
+def both() -> tuple[np.ndarray, Blocks]:
+    columns = full()
+    return columns, in_blocks([columns[:, :4], columns[:, 4:]], PLACEMENT)
+
+
+def test_a_piece_holds_what_is_not_zero_in_its_placement_alone(
+    both: tuple[np.ndarray, Blocks],
+) -> None:
+    _, blocks = both
+    for piece, number in zip(blocks.pieces, np.unique(PLACEMENT), strict=True):
+        np.testing.assert_array_equal(piece.rests, np.flatnonzero(number == PLACEMENT))
+        np.testing.assert_array_equal(
+            piece.columns, [j for j, where in enumerate(WHERE) if number in where]
+        )
+
+
+def test_columns_in_blocks_are_those_in_full(both: tuple[np.ndarray, Blocks]) -> None:
+    columns, blocks = both
+    rng = np.random.default_rng(2)
+    amplitudes, others = rng.normal(size=len(WHERE)), rng.normal(size=(len(columns), 3))
+    np.testing.assert_array_equal(blocks.dense(), columns)
+    np.testing.assert_array_equal(blocks.dense(np.array([1, 4, 7])), columns[:, [1, 4, 7]])
+    np.testing.assert_array_equal(blocks.only(slice(2, 6)).dense(), columns[:, 2:6])
+    np.testing.assert_allclose(blocks.times(amplitudes), columns @ amplitudes, atol=1e-12)
+    np.testing.assert_allclose(blocks.across(others), columns.T @ others, atol=1e-12)
+    np.testing.assert_allclose(blocks.across(others[:, 0]), columns.T @ others[:, 0], atol=1e-12)
+
+
+def test_whitened_they_are_multiplied_rest_by_rest(both: tuple[np.ndarray, Blocks]) -> None:
+    columns, blocks = both
+    whitener = np.random.default_rng(3).normal(size=(N, 3, 3))
+    distance_mm = np.array([0.5, 2.0])
+    expected = np.vstack(
+        [
+            *(
+                w @ rows
+                for w, rows in zip(whitener, columns[: 3 * N].reshape(N, 3, -1), strict=True)
+            ),
+            columns[3 * N :] / distance_mm[:, None],
+        ]
+    )
+    found = blocks.whitened(whitener, distance_mm).dense()
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_other_columns_take_the_place_of_some(both: tuple[np.ndarray, Blocks]) -> None:
+    columns, blocks = both
+    other = full(4)[:, 3:8]
+    found = blocks.replaced(slice(2, 5), [other[:, :1], other[:, 1:]])
+    expected = np.hstack([columns[:, :2], other, columns[:, 5:]])
+    np.testing.assert_array_equal(found.dense(), expected)
+    joined = in_blocks([blocks, other], PLACEMENT)
+    np.testing.assert_array_equal(joined.dense(), np.hstack([columns, other]))
+
+
+def test_placements_that_share_no_column_stand_apart() -> None:
+    columns = full()[:, [0, 1, 2, 3, 4, 8]]  # 2 and 3 share one
+    apart = in_blocks([columns], PLACEMENT).apart
+    at_rests = columns[: 3 * N].reshape(N, 3, -1)
+    assert [sorted(set(PLACEMENT[rests])) for rests, _ in apart] == [[0], [1], [2, 3]]
+    for (rests, values), own in zip(apart, ([0, 1], [2], [3, 4, 5]), strict=True):
+        np.testing.assert_array_equal(values, at_rests[rests][:, :, own])

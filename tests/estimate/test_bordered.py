@@ -1,0 +1,55 @@
+"""Matrices that fall apart but for a border, against the same in full."""
+
+import numpy as np
+import pytest
+
+from armd.compensation.estimate.linear.bordered import Parts, inverse_root, pseudo_inverse_root
+
+BORDER = 4
+
+
+def products(parts: int, each: int = 3, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Of columns of so many parts and a border, in no order; each one's part, −1: the border."""
+    rng = np.random.default_rng(seed)
+    of = np.append(np.repeat(np.arange(parts), each), np.full(BORDER, -1))
+    found = np.zeros((len(of), len(of)))
+    for part in range(parts):
+        at = np.flatnonzero((of == part) | (of == -1))
+        rows = rng.normal(size=(3 * len(at), len(at)))
+        found[np.ix_(at, at)] += rows.T @ rows
+    order = rng.permutation(len(of))
+    return found[np.ix_(order, order)], of[order]
+
+
+@pytest.mark.parametrize("parts", [5, 12])
+def test_parts_are_what_meets_each_other_and_the_border_alone(parts: int) -> None:
+    matrix, of = products(parts)
+    found = Parts.of(matrix)
+    assert {tuple(part) for part in found.own} == {
+        tuple(np.flatnonzero(of == part)) for part in range(parts)
+    }
+    np.testing.assert_array_equal(found.border, np.flatnonzero(of == -1))
+
+
+@pytest.mark.parametrize("parts", [1, 2, 12])  # one and two hang together
+def test_the_root_is_that_of_the_inverse(parts: int) -> None:
+    matrix, _ = products(parts)
+    inverse, side = np.linalg.inv(matrix), np.random.default_rng(2).normal(size=len(matrix))
+    root, trace = inverse_root(matrix)
+    assert bool(root.own) == (parts > 2)
+    assert trace == pytest.approx(np.trace(inverse))
+    np.testing.assert_allclose(root.dense() @ root.dense().T, inverse, atol=1e-12)
+    np.testing.assert_allclose(root.squared_times(side), inverse @ side, atol=1e-12)
+    np.testing.assert_allclose(root.squared(slice(1, 6)), inverse[1:6, 1:6], atol=1e-12)
+    by = np.arange(1.0, len(matrix) + 1.0)
+    scaled = root.scaled(by).squared(slice(None))
+    np.testing.assert_allclose(scaled, inverse * np.outer(by, by), atol=1e-10)
+
+
+@pytest.mark.parametrize("unknown", ["of a part", "of the border"])
+def test_what_nothing_tells_stays_where_it_is(unknown: str) -> None:
+    matrix, of = products(12)
+    at = np.flatnonzero((of == 3) if unknown == "of a part" else (of == -1))[0]
+    matrix[at] = matrix[:, at] = 0.0
+    found = pseudo_inverse_root(matrix).squared(slice(None))
+    np.testing.assert_allclose(found, np.linalg.pinv(matrix, hermitian=True), atol=1e-10)
