@@ -2,19 +2,34 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 
 from armd.compensation.diagnose.search.touched import (
+    GRID,
     LEAST_RESTS,
     LEAST_TARGETS,
+    MOST_STEP,
+    _at_the_instant,
+    _distance,
+    _grid,
+    _loss,
+    _parted,
     _possible,
     borne_by_enough,
 )
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.setup.artefact_moved import moved
+from armd.compensation.estimate.robust import WINSOR_AT
+from support import synthetic
+from support.small_fit import candidate
 
 
 def rests(target: list[int], *, timed: bool = True) -> Any:
@@ -55,3 +70,92 @@ def test_one_gross_error_among_four_rests_moves_no_artefact() -> None:
         gross = noise.reshape(16, 3).copy()
         gross[rng.integers(4)] += 40.0 * rng.choice([-1, 1], 3)
         assert not borne_by_enough(pose, gross.ravel(), 4)
+
+
+def test_few_instants_are_tried_all_and_many_evenly() -> None:
+    assert _grid(np.array([4, 7, 9])) == [4, 7, 9]
+    tried = _grid(np.arange(100, 500))
+    assert len(tried) == GRID and tried[0] == 100 and tried[-1] == 499
+    assert np.ptp(np.diff(tried)) <= 1
+    assert _grid(np.zeros(0, np.int64)) == []
+
+
+def test_a_pose_beside_gross_errors_is_where_hubers_loss_is_least() -> None:
+    rng = np.random.default_rng(7)
+    pose = rng.normal(size=(60, 6))
+    left = pose @ rng.normal(size=6) + rng.normal(size=60)
+    left[:6] += 60.0
+
+    def loss(solution: np.ndarray) -> float:
+        size = np.linalg.norm((left - pose @ solution).reshape(-1, 3), axis=1)
+        within = np.minimum(size, WINSOR_AT)
+        return float((within * (size - 0.5 * within)).sum())
+
+    best = minimize(loss, np.zeros(6), method="BFGS", options={"gtol": 1e-8})
+    assert _loss(pose, left) == pytest.approx(best.fun, rel=1e-4)
+    expected = np.linalg.norm((left - pose @ best.x).reshape(-1, 3), axis=1)
+    assert _distance(pose, left) == pytest.approx(expected, abs=0.02)
+
+
+def test_a_placement_is_parted_at_its_row_and_nothing_else_is() -> None:
+    """Rows of one placement, not in the order of time; two of them are one rest."""
+    rng = np.random.default_rng(1)
+    arm = synthetic.arm()
+    first, second = (
+        synthetic.session(arm, arm.nominal(), rng, readings=8, placements=2, name=name)
+        for name in ("one", "two")
+    )
+    # Of the second session's placement 1, rows 1, 3, 5, 7: the last row was measured first.
+    time_s = second.states.time_s.copy()
+    time_s[7] = time_s[0] - 60.0
+    states = replace(second.states, time_s=time_s)
+    second = replace(second, states=states, row=np.arange(8) + 2)
+    rest_of = np.array([*range(8), 8, 9, 10, 11, 12, 11, 13, 14])  # rows 3 and 5 are a rest
+    kept = np.array([*range(13), 14, 15])
+    gathered = SimpleNamespace(
+        placement=np.concatenate([first.placement, 2 + second.placement])[kept],
+        session=np.repeat([0, 1], 8)[kept],
+        session_names=["one", "two"],
+        states=SimpleNamespace(time_s=np.concatenate([first.states.time_s, time_s])[kept]),
+    )
+    of: Any = SimpleNamespace(
+        observations=gathered, n=15, sessions=(first, second), rest_of=rest_of
+    )
+    # In time: row 7, row 1, rows 3 and 5; a step after two of these rests.
+    (same, parted), name, row, instant = _parted(of, 3, 2)
+    assert same is first and name == "two"
+    assert parted.placement.tolist() == [0, 1, 0, 2, 0, 2, 0, 1]
+    assert parted.placement_names == ["P0", "P1", "P1 (moved)"]
+    assert row == 3 + 2 + 1  # as the file counts it, from 1
+    assert instant == (time_s[1] + time_s[3]) / 2
+
+
+def step(cause: str, joint: int, at: float, finer: float | None = None) -> Candidate:
+    """A step at an instant, s; *finer*: what lies between the grid's."""
+    of = replace(candidate(cause, joint), setting=(("instant", at, "s"),))
+    if finer is None:
+        return of
+    return replace(of, refine=lambda: [step(cause, joint, finer)])
+
+
+def test_of_each_rival_the_step_nearest_to_the_instant_is_compared() -> None:
+    time_s = 10.0 * np.arange(12.0)
+    observations = SimpleNamespace(
+        placement=np.zeros(12, np.int64), states=SimpleNamespace(time_s=time_s)
+    )
+    every = [
+        step("encoder_slip", 1, 20.0), step("encoder_slip", 1, 70.0, finer=56.0),
+        step("encoder_slip", 2, 40.0), candidate("encoder_scale", 3),
+        step("mount_drift", 1, 60.0),
+    ]  # fmt: skip
+    signatures = SimpleNamespace(candidates=tuple(every))
+    scored: Any = SimpleNamespace(scores=SimpleNamespace(signatures=signatures))
+    of: Any = SimpleNamespace(observations=observations)
+    found = _at_the_instant(moved(0, 6), scored, of)  # between 50 and 60 s
+    assert [(c.cause, str(c.location), c.setting[0][1]) for c in found] == [
+        ("encoder_slip", "joint 1", 56.0),
+        ("encoder_slip", "joint 2", 40.0),
+        ("mount_drift", "joint 1", 60.0),
+    ]
+    # A mount that steps farther is an artefact that was moved.
+    assert [c.columns[0].reach for c in found] == [np.inf, np.inf, MOST_STEP]
