@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from armd.compensation.estimate.linear.bordered import Parts, inverse_root, pseudo_inverse_root
+from armd.compensation.estimate.linear.bordered import (
+    BorderedParts,
+    inverse_root,
+    pseudo_inverse_root,
+)
 
 BORDER = 4
 
@@ -24,7 +28,7 @@ def products(parts: int, each: int = 3, seed: int = 1) -> tuple[np.ndarray, np.n
 @pytest.mark.parametrize("parts", [5, 12])
 def test_parts_are_what_meets_each_other_and_the_border_alone(parts: int) -> None:
     matrix, of = products(parts)
-    found = Parts.of(matrix)
+    found = BorderedParts.of(matrix)
     assert {tuple(part) for part in found.own} == {
         tuple(np.flatnonzero(of == part)) for part in range(parts)
     }

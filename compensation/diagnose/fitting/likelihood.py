@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.linear.bordered import Parts
+from armd.compensation.estimate.linear.bordered import BorderedParts
 
 #: A direction of what absorbs freely this short (squared), beside the longest, is a gauge.
 _TINY = 1e-10
@@ -38,7 +38,7 @@ class Restricted:
         many *rows*; *variance* (b,) of the amplitudes, inf: free, NaN: the drift's."""
         drifting, free = np.isnan(variance), np.isinf(variance)
         inner = np.flatnonzero(drifting | free)
-        parts = Parts.of(products[np.ix_(inner, inner)])
+        parts = BorderedParts.of(products[np.ix_(inner, inner)])
         own, shared = [inner[part] for part in parts.own], inner[parts.border]
         if drifting[shared].any():
             own, shared = [inner], shared[:0]

@@ -22,7 +22,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Changes:
+class ArtefactColumns:
     """Candidates' columns that change the artefact, whitened; many are of one placement only."""
 
     columns: I64  # (c,) their numbers among all candidates', ascending

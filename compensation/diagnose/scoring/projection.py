@@ -18,8 +18,8 @@ from armd.arrays import F64, I64
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.cells import (
+    ArtefactColumns,
     Cell,
-    Changes,
     as_slice,
     by_part,
     cleared,
@@ -148,7 +148,7 @@ class Projection:
             for part in range(len(self.parts))
         ]
 
-    def _products(self, signatures: Signatures, changes: Changes, grams: Grams) -> F64:
+    def _products(self, signatures: Signatures, changes: ArtefactColumns, grams: Grams) -> F64:
         """Products (parts, K, b + 1) of all columns with the shared ones and the residual. From the
         *grams*, what each cell's own columns take of a candidate's is taken."""
         products = np.zeros((len(self.parts), signatures.n_columns, self.clear.shape[1]))
@@ -194,14 +194,14 @@ class Projection:
         at_rests = self.jacobian[:, : 3 * self.fit.linear.rests.n]
         return at_rests.reshape(len(self.jacobian), -1, 3)
 
-    def _changes(self, signatures: Signatures) -> Changes:
+    def _changes(self, signatures: Signatures) -> ArtefactColumns:
         """The columns that change the artefact."""
         noise, changes = self.fit.noise, signatures.changes
         having = np.array([i for i, change in enumerate(changes) if change], dtype=np.int64)
         blocks = self.fit.linear.artefact_columns([c for c in changes if c is not None])
-        return Changes(having, blocks.whitened(noise.whitener, noise.distance_mm))
+        return ArtefactColumns(having, blocks.whitened(noise.whitener, noise.distance_mm))
 
-    def _grams(self, signatures: Signatures, changes: Changes) -> tuple[F64, Grams]:
+    def _grams(self, signatures: Signatures, changes: ArtefactColumns) -> tuple[F64, Grams]:
         """Squared lengths (parts, K) of all columns, and products within each candidate."""
         lengths = np.zeros((len(self.parts), signatures.n_columns))
         grams: Grams = {}

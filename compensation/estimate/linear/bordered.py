@@ -23,14 +23,14 @@ MOST_MET = 0.5
 
 
 @dataclass(frozen=True)
-class Parts:
+class BorderedParts:
     """Which columns of a symmetric matrix (b, b) make which part, and the border: all others."""
 
     own: tuple[I64, ...]
     border: I64
 
     @classmethod
-    def of(cls, matrix: F64) -> Parts:
+    def of(cls, matrix: F64) -> BorderedParts:
         """By what is not zero; no parts where all columns hang together."""
         meets = matrix != 0.0
         np.fill_diagonal(meets, True)
@@ -94,7 +94,7 @@ def inverse_root(matrix: F64) -> tuple[Root, float]:
 
     Raises `numpy.linalg.LinAlgError` where it is not.
     """
-    parts = Parts.of(matrix)
+    parts = BorderedParts.of(matrix)
     rest = parts.border
     left = matrix[np.ix_(rest, rest)]
     own, taken = [], []
