@@ -15,8 +15,9 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.estimate.noise import ReadingNoise, whitening
+from armd.compensation.estimate.poses import rigid_columns
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.basis import basis_values, parameter_rows, tip_motion
 from armd.compensation.model.kinematics import jacobian, joint_jacobian
 from armd.compensation.model.slow_factors import DAY_S
 from armd.compensation.model.state import States
@@ -125,34 +126,24 @@ def rows_of(
     values = basis_values(model.terms, states, arm, model.reference_c, model.constants)
     p = parameter_rows(model.constants, model.terms, np.nan_to_num(values))
     position, jac = jacobian(states.q, p)
+
+    def moves(terms: Sequence[Term]) -> F64:
+        return tip_motion(terms, states, arm, model.reference_c, model.constants, jac)
+
     probes = [
-        [baseline.model.terms[i].model_copy(update={"coefficient": 1.0})] for i in baseline.terms
+        baseline.model.terms[i].model_copy(update={"coefficient": 1.0}) for i in baseline.terms
     ]
-    slopes = [_moves(probe, states, jac, last, arm) for probe in probes]
+    slopes = [moves([probe]) for probe in probes]
     own = np.stack([*(jac[:, :, i] for i in baseline.parameters), *slopes], axis=2)
     if baseline.held:
         own = own @ baseline.root
     columns = [column for candidate in candidates for column in candidate.columns]
-    extra = [
-        _moves(column.terms, states, jac, last, arm) + _artefact(column, position, climate, last)
-        for column in columns
-    ]
-    stacked = [own, *(block[:, :, None] for block in extra), _placement(position)]
+    extra = [moves(c.terms) + _artefact(c, position, climate, last) for c in columns]
+    placement = rigid_columns(position - position.mean(axis=0))
+    stacked = [own, *(block[:, :, None] for block in extra), placement]
     whitener = _whitener(joint_jacobian(states.q, p), last.noise, _target_mm(last))
     rows: F64 = whitener @ np.concatenate(stacked, axis=2)
     return rows, position
-
-
-def _moves(terms: Sequence[Term], states: States, jac: F64, last: Fit, arm: Arm) -> F64:
-    """Motion of the tip (n, 3), mm per unit of a tie of terms."""
-    model = last.linear.model
-    values = np.nan_to_num(
-        basis_values(list(terms), states, arm, model.reference_c, model.constants)
-    )
-    total = np.zeros(jac.shape[:2])
-    for term, value in zip(terms, values.T, strict=True):
-        total += term.coefficient * value[:, None] * jac[:, :, arm.layout.index(term.parameter)]
-    return total
 
 
 def _artefact(column: Column, position: F64, climate: Climate, last: Fit) -> F64:
@@ -162,16 +153,6 @@ def _artefact(column: Column, position: F64, climate: Climate, last: Fit) -> F64
     rise = climate.air_c - last.model.reference_c if column.artefact.kind == "expansion" else 1.0
     moves: F64 = -rise * (position - position.mean(axis=0))
     return moves
-
-
-def _placement(position: F64) -> F64:
-    """Columns (n, 3, 6) of a placement: mm, then rotations in units of 1/100 rad."""
-    columns = np.zeros((len(position), 3, 6))
-    columns[:, :, :3] = -np.eye(3)
-    lever = (position - position.mean(axis=0)) / 100.0
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        columns[:, i, 3 + j], columns[:, j, 3 + i] = -lever[:, k], lever[:, k]
-    return columns
 
 
 def _target_mm(last: Fit) -> float:

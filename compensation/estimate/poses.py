@@ -74,7 +74,13 @@ def pose_columns(observations: Observations, placed_mm: F64, centre_mm: F64) -> 
     The lever arm is the target's, not the tip's: so turning an artefact of unknown points in its
     own frame is the same as turning its placements exactly, however large the residuals are.
     """
-    lever = (placed_mm - centre_mm[observations.placement]) / LEVER_MM
+    return rigid_columns(placed_mm - centre_mm[observations.placement])
+
+
+def rigid_columns(lever_mm: F64) -> F64:
+    """d residual / d twist (n, 3, 6) of points (n, 3) from the centre that the twist turns about:
+    a turn of 1 / LEVER_MM rad about each axis, then a shift of 1 mm along each."""
+    lever = lever_mm / LEVER_MM
     columns = np.zeros((len(lever), 3, 6))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         columns[:, i, j] = -lever[:, k]

@@ -11,11 +11,11 @@ from drawn_changes import Case
 from oracle import true_change
 
 from armd.arrays import F64
+from armd.compensation.estimate.poses import rigid_columns
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.told.amend import Amplitudes, amended, fit
 from armd.compensation.interim.told.judgement import Epoch
-from armd.compensation.interim.told.reach import placement_columns
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.state import States
 from armd.simulator.campaigns import interim
@@ -108,7 +108,7 @@ def _measured(
     found, stated = [], 0.0
     for number, calibration in enumerate(calibrations):
         seen = Signals(states, bench.arm, calibration)
-        rigid = placement_columns(seen.position_mm).reshape(-1, 6)
+        rigid = rigid_columns(seen.position_mm - seen.position_mm.mean(axis=0)).reshape(-1, 6)
         found.append(square((seen.position_mm - tip).reshape(-1, 1), rigid))
         if number == 0:
             stated = square(seen.calibrated().reshape(3 * n, -1), rigid)

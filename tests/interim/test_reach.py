@@ -8,10 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.effects.location import joint
+from armd.compensation.estimate.poses import rigid_columns
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.told.planned import POOL, THERE_MM, as_check, planned, rows
-from armd.compensation.interim.told.reach import placement_columns, poses, tip_rms_um
+from armd.compensation.interim.told.reach import poses, tip_rms_um
 from support import synthetic
 from support.drawn import drawn
 from support.plain_kinematics import tip_pose
@@ -32,12 +33,12 @@ def plain_tips(q: np.ndarray, **off: float) -> np.ndarray:
     return tip_pose(q, p)[:, :3, 3]
 
 
-def test_a_rigid_motion_is_in_the_placement_columns() -> None:
+def test_a_rigid_motion_is_in_the_rigid_columns() -> None:
     points = 300.0 * np.random.default_rng(1).normal(size=(20, 3))
     small = 1e-6
     shift = np.array([0.1, 0.2, -0.3])
     turned = Rotation.from_rotvec([small, -2 * small, 3 * small]).apply(points) + shift
-    columns = placement_columns(points).reshape(-1, 6)
+    columns = rigid_columns(points).reshape(-1, 6)
     way = (turned - points).ravel()
     left = way - columns @ np.linalg.lstsq(columns, way)[0]
     assert np.abs(left).max() < 1e-8

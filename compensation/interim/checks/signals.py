@@ -9,7 +9,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects.effect import Column
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.basis import basis_values, parameter_rows, tip_motion
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.state import States
@@ -38,14 +38,9 @@ class Signals:
     def of(self, columns: Sequence[Column]) -> F64:
         """(n, 3, p) how far each of *columns* moves the tip, mm per unit."""
         found = np.zeros((self.states.n, 3, len(columns)))
-        names, reference_c = self.arm.layout.names, self.calibration.reference_temperature_c
+        about = self.states, self.arm, self.calibration.reference_temperature_c, self._constants
         for j, column in enumerate(columns):
-            basis = np.nan_to_num(
-                basis_values(column.terms, self.states, self.arm, reference_c, self._constants)
-            )
-            for term, value in zip(column.terms, basis.T, strict=True):
-                along = self._moved[:, :, names.index(term.parameter)]
-                found[:, :, j] += term.coefficient * value[:, None] * along
+            found[:, :, j] = tip_motion(column.terms, *about, self._moved)
         return found
 
     def calibrated(self) -> F64:

@@ -6,6 +6,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.poses import rigid_columns
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
@@ -30,21 +31,11 @@ def poses(arm: Arm, reference_c: float, count: int, seed: int) -> States:
     )
 
 
-def placement_columns(position_mm: F64) -> F64:
-    """(n, 3, 6) what a rigid motion of everything does: mm, and 1/100 rad about the middle."""
-    columns = np.zeros((len(position_mm), 3, 6))
-    columns[:, :, :3] = np.eye(3)
-    lever = (position_mm - position_mm.mean(axis=0)) / 100.0
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        columns[:, i, 3 + j], columns[:, j, 3 + i] = lever[:, k], -lever[:, k]
-    return columns
-
-
 def tip_rms_um(arm: Arm, calibration: Calibration, candidate: Candidate, values: F64) -> float:
     """RMS over the arm's reach of a change of *values* (p,), a rigid motion of all removed."""
     states = poses(arm, calibration.reference_temperature_c, POSES, 20)
     seen = Signals(states, arm, calibration)
     moved = (seen.of(candidate.columns) @ values).reshape(-1)
-    rigid = placement_columns(seen.position_mm).reshape(-1, 6)
+    rigid = rigid_columns(seen.position_mm - seen.position_mm.mean(axis=0)).reshape(-1, 6)
     left = moved - rigid @ np.linalg.lstsq(rigid, moved, rcond=None)[0]
     return 1e3 * float(np.sqrt((left**2).sum() / states.n))
