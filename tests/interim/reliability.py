@@ -61,7 +61,7 @@ class Drawn:
         self._typical = np.array([c.typical for cause in causes for c in cause.candidate.columns])
         self._block = slice(sum(counts[: self.cause]), sum(counts[: self.cause + 1]))
         self._size = float(rng.choice(SIZES)) * rng.normal(size=counts[self.cause])
-        self._all_along = ALL_ALONG * rng.normal(size=len(self._typical))
+        self._all_along = rng.choice(ALL_ALONG) * rng.normal(size=len(self._typical))
         self._known: dict[str, float] = {}
         self._rng = rng
 

@@ -8,11 +8,15 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import logsumexp
 
-from armd.arrays import F64
+from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import MOST_BACK, NOISE_WORD, SIZES
 from armd.compensation.interim.evidence.stack import DAY_S, RunningSums, stack
+
+#: Standing errors of a size less likely than this are left out: without a change no ratio is so
+#: large as to make up for it.
+LEAST_LOG = -25.0
 
 
 def noise_alone(
@@ -27,6 +31,7 @@ def noise_alone(
     of = stack(many, causes)
     rng = np.random.default_rng([seed, 0x1C])
     known = rng.normal(size=(of.known[0].shape[1], draws))
+    known[slice(*of.standing)] *= rng.choice(of.scales, draws)
     noise = [k @ known + rng.normal(size=(len(k), draws)) for k in of.known]
     sums = RunningSums(of)
     towards = [c.T @ z for c, z in zip(of.columns, noise, strict=True)]
@@ -45,35 +50,61 @@ def noise_alone(
     statistics = np.full((checks, draws), -np.inf)
     for n in range(1, of.n + 1):
         first = np.arange(max(0, n - MOST_BACK), n)
-        factor = np.linalg.cholesky(sums.known[n])
-        inverse = np.linalg.inv(factor)
-        side = inverse @ known_side[n - 1]
-        left = NOISE_WORD + square[n - 1] - (side**2).sum(axis=0)
+        begun = [sums.begun(first, n, ramp=ramp) for ramp in (False, True)]
         freedom = NOISE_WORD + float(sums.numbers[n])
-        total = np.full(draws, -np.inf)
-        for shape in (0, 1):
-            cross, _, owns = sums.begun(first, n, ramp=shape == 1)
-            cross = inverse @ cross
-            if shape == 0:
-                own_side = plain[n] - plain[first]
-            else:
-                origin = sums.origin(first)[:, None, None]
-                own_side = timed[n] - timed[first] - origin * (plain[n] - plain[first])
-            clear = own_side - np.einsum("tqc,qs->tcs", cross, side)
-            for (members, at), own in zip(sums.groups, owns, strict=True):
-                block = cross[:, :, at].transpose(0, 2, 3, 1)
-                value, vector = np.linalg.eigh(own - block @ block.transpose(0, 1, 3, 2))
-                value = np.maximum(value, 0.0)[..., None]
-                along2 = (vector.swapaxes(-1, -2) @ clear[:, at]) ** 2
-                for size in SIZES:
-                    curvature = 1.0 + size**2 * value
-                    quad = np.minimum((size**2 * along2 / curvature).sum(axis=2), 0.999 * left)
-                    ratio = -0.5 * np.log(curvature).sum(axis=2)
-                    ratio = ratio - 0.5 * freedom * np.log1p(-quad / left)
-                    ratio = ratio + priors[members, shape][None, :, None]
-                    total = np.logaddexp(total, logsumexp(ratio, axis=(0, 1)))
-        statistics[n - 1] = total
+        inverses, sides, marginals = [], [], []
+        for scale in of.scales:
+            factor, _, _ = sums.without_change(n, scale)
+            inverse = np.linalg.inv(factor) * of.scaled(scale)
+            side = inverse @ known_side[n - 1]
+            left = NOISE_WORD + square[n - 1] - (side**2).sum(axis=0)
+            marginals.append(-np.log(np.diag(factor)).sum() - 0.5 * freedom * np.log(left))
+            inverses.append(inverse)
+            sides.append(side)
+        share = np.array(marginals) - logsumexp(marginals, axis=0)
+        ratios = np.full((len(of.scales), draws), -np.inf)
+        for inverse, side, own_share, ratio in zip(inverses, sides, share, ratios, strict=True):
+            some = own_share > LEAST_LOG
+            ratio[some] = _log_ratio(sums, begun, inverse, side[:, some], priors, freedom,
+                                     square[n - 1, some],
+                                     (plain[n] - plain[first])[..., some],
+                                     (timed[n] - timed[first])[..., some], first)  # fmt: skip
+        statistics[n - 1] = logsumexp(share + ratios, axis=0)
     return statistics
+
+
+def _log_ratio(
+    sums: RunningSums,
+    begun: Sequence[tuple[F64, F64, list[F64]]],
+    inverse: F64,
+    side: F64,
+    priors: F64,
+    freedom: float,
+    square: F64,
+    plain: F64,
+    timed: F64,
+    first: I64,
+) -> F64:
+    """(draws,) log of the summed ratio with standing errors of one size."""
+    left = NOISE_WORD + square - (side**2).sum(axis=0)
+    total = np.full(side.shape[1], -np.inf)
+    for shape, (cross, _, owns) in enumerate(begun):
+        cross = inverse @ cross
+        own_side = plain if shape == 0 else timed - sums.origin(first)[:, None, None] * plain
+        clear = own_side - np.einsum("tqc,qs->tcs", cross, side, optimize=True)
+        for (members, at), own in zip(sums.groups, owns, strict=True):
+            block = cross[:, :, at].transpose(0, 2, 3, 1)
+            value, vector = np.linalg.eigh(own - block @ block.transpose(0, 1, 3, 2))
+            value = np.maximum(value, 0.0)[..., None]
+            along2 = (vector.swapaxes(-1, -2) @ clear[:, at]) ** 2
+            for size in SIZES:
+                curvature = 1.0 + size**2 * value
+                quad = np.minimum((size**2 * along2 / curvature).sum(axis=2), 0.999 * left)
+                ratio = -0.5 * np.log(curvature).sum(axis=2)
+                ratio = ratio - 0.5 * freedom * np.log1p(-quad / left)
+                ratio = ratio + priors[members, shape][None, :, None]
+                total = np.logaddexp(total, logsumexp(ratio, axis=(0, 1)))
+    return total
 
 
 def alarms_and_watched(statistics: F64, limit: float) -> tuple[int, int]:

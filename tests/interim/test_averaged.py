@@ -14,6 +14,7 @@ from armd.compensation.interim.changes.ways import ways
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, SIZES
 from armd.compensation.interim.evidence.stack import Stack
+from armd.compensation.interim.told.amend import fit
 from armd.compensation.interim.told.averaged import Averaged, averaged
 
 
@@ -112,3 +113,18 @@ def test_an_unnamed_change_has_no_amplitudes() -> None:
     strange = Change(None, False, 3, 3, 3, np.nan, 1.0)
     found = averaged(of, causes, ways(of, causes, [strange], ()), ())
     assert found.changes == (strange,) and found.amplitudes.covariance.size == 0
+
+
+def test_how_far_a_cause_moved_is_the_difference_of_after_and_before() -> None:
+    """What it was before is asked of the checks before, however small standing errors are."""
+    rng = np.random.default_rng(4)
+    columns = tuple(30.0 * rng.normal(size=(20, 1)) for _ in range(8))
+    was, moved = 0.2, 0.5
+    residual = tuple(x[:, 0] * (was + moved * (i >= 4)) for i, x in enumerate(columns))
+    _, (one, _) = a_stack(rng)
+    known = tuple(0.3 * x for x in columns)
+    nothing = tuple(np.zeros((20, 0)) for _ in range(8))
+    of = Stack(np.arange(8.0), residual, columns, known, nothing, (slice(0, 1),), (0, 1), 0.3)
+    of = of.at(0.01 / 0.3)
+    found = fit(of, [one], (a_step(of, 0, 4),), ())
+    assert found.values[0][0, 0] == pytest.approx(-moved, abs=0.02)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,16 @@ from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import NOISE_WORD, SIZES, log_marginal, weigh
-from armd.compensation.interim.evidence.stack import RAMP_DAYS, RunningSums, Stack
+from armd.compensation.interim.evidence.bad_check import Rest
+from armd.compensation.interim.evidence.likelihood import (
+    NOISE_WORD,
+    SIZES,
+    at_its_share,
+    log_marginal,
+    log_marginals,
+    weigh,
+)
+from armd.compensation.interim.evidence.stack import ALL_ALONG, RAMP_DAYS, RunningSums, Stack
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.compensation.model.kinematics import forward
@@ -219,3 +228,49 @@ def test_simulate_says_what_it_does_not_know(tmp_path: Path) -> None:
     ):
         with pytest.raises(BadInput):
             measured(tmp_path / "x", *words)
+
+
+def with_standing(seed: int) -> tuple[Stack, list[Cause]]:
+    """The small stack, its second known error one of those that the model does not have."""
+    of, causes = a_stack(np.random.default_rng(seed))
+    return replace(of, standing=(1, 2), share=0.1), causes
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_how_large_standing_errors_are_is_averaged_over(seed: int) -> None:
+    """Densities with a change and without one, each the mean over all sizes, written out."""
+    of, causes = with_standing(seed)
+    weighed = weigh(RunningSums(of), causes, of.n, np.array([2]))
+    nothing = [np.zeros((len(z), 1)) for z in of.residual]
+    step = [float(i >= 2) * x[:, of.blocks[1]] for i, x in enumerate(of.columns)]
+    each = [of.at(share / of.share) for share in ALL_ALONG]
+    without = logsumexp([density(one, nothing, 0.0) for one in each])
+    for s, size in enumerate(SIZES):
+        with_it = logsumexp([density(one, step, size) for one in each])
+        expected = with_it - without - np.log(len(SIZES)) + np.log(0.25)
+        assert weighed.log_by_size[0, 1, 0, s] == pytest.approx(expected, abs=1e-8)
+    marginal = log_marginal(RunningSums(of), of.n)
+    assert marginal == pytest.approx(without - np.log(len(ALL_ALONG)), abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_usual_check_beside_the_rest_is_all_of_them(seed: int) -> None:
+    """Whatever the standing errors' size: the rest's density times the check's is that of all."""
+    of, _ = with_standing(seed)
+    of = replace(of, targets=tuple(np.ones((len(z), 3)) for z in of.residual))
+    rest = Rest(of, range(of.n))
+    together = [sum(rest.log_densities(3, scale)[:2]) for scale in of.scales]
+    expected = log_marginals(RunningSums(of), of.n)
+    assert np.ptp(expected) > 0.1  # the sizes are told apart
+    assert together - expected == pytest.approx(np.full(4, together[0] - expected[0]), abs=1e-8)
+
+
+@pytest.mark.parametrize("share", ALL_ALONG)
+def test_the_checks_tell_how_large_standing_errors_are(share: float) -> None:
+    rng = np.random.default_rng(5)
+    known = tuple(100.0 * rng.normal(size=(30, 40)) for _ in range(4))
+    errors = share * rng.normal(size=40)
+    residual = tuple(k @ errors + rng.normal(size=30) for k in known)
+    nothing = tuple(np.zeros((30, 0)) for _ in range(4))
+    of = Stack(np.arange(4.0), residual, nothing, known, nothing, (), (0, 40))
+    assert at_its_share(of).share == pytest.approx(share)

@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
 
 from armd.arrays import F64
-from armd.compensation.interim.evidence.likelihood import NOISE_WORD
+from armd.compensation.interim.evidence.likelihood import NOISE_WORD, log_student
 from armd.compensation.interim.evidence.stack import Stack
 
 #: One check in so many is spoilt.
@@ -31,20 +31,33 @@ class Rest:
     def __init__(self, of: Stack, kept: Sequence[int]) -> None:
         q = of.known[0].shape[1]
         self.of = of
-        self.curvature = sum((of.known[i].T @ of.known[i] for i in kept), np.eye(q))
+        self.curvature = sum((of.known[i].T @ of.known[i] for i in kept), np.zeros((q, q)))
         self.side = sum((of.known[i].T @ of.residual[i] for i in kept), np.zeros(q))
         self.square = sum(float(of.residual[i] @ of.residual[i]) for i in kept)
         self.numbers = sum(len(of.residual[i]) for i in kept)
 
     def log_evidence(self, check: int) -> float:
         """Log likelihood ratio that *check*, one of those kept, is spoilt, to that it is not."""
+        each = np.array([self.log_densities(check, scale) for scale in self.of.scales])
+        rest, usual, off = each.T
+        return float(logsumexp(rest + off) - logsumexp(rest + usual))
+
+    def log_densities(self, check: int, scale: float) -> tuple[float, float, float]:
+        """Of the other checks; and, they known, of *check* as it usually is and spoilt; the
+        standing errors *scale* times as large. But for what is the same of any scale."""
         of = self.of
-        known, residual = of.known[check], of.residual[check]
-        factor = cho_factor(self.curvature - known.T @ known, check_finite=False)
-        side = self.side - known.T @ residual
+        by = of.scaled(scale)
+        known, residual = of.known[check] * by, of.residual[check]
+        curvature = by[:, None] * self.curvature * by + np.eye(len(by)) - known.T @ known
+        factor = cho_factor(curvature, check_finite=False)
+        side = by * self.side - known.T @ residual
         at = cho_solve(factor, side, check_finite=False)
-        left = self.square - float(residual @ residual) - float(side @ at) + NOISE_WORD
-        freedom = NOISE_WORD + self.numbers - len(residual)
+        square = self.square - float(residual @ residual) - float(side @ at)
+        left = square + NOISE_WORD
+        numbers = self.numbers - len(residual)
+        freedom = NOISE_WORD + numbers
+        rest = log_student(float(numbers), float(np.log(np.diag(factor[0])).sum()), square)
+        rest -= 0.5 * len(residual) * float(np.log(left))  # the check's own scale
         off = residual - known @ at
         spread = known @ cho_solve(factor, known.T, check_finite=False)
         value, vector = np.linalg.eigh(spread)
@@ -65,7 +78,7 @@ class Rest:
         families = [
             float(logsumexp(family)) - np.log(len(family)) for family in (wide, single, other)
         ]
-        return float(logsumexp(families)) - float(np.log(len(families))) - usual
+        return rest, usual, float(logsumexp(families)) - float(np.log(len(families)))
 
 
 def _log_density(variance: F64, along: F64, left: float, freedom: float) -> float:

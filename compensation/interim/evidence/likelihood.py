@@ -5,8 +5,8 @@ over causes, shapes and sizes by their priors. Without a change R − (checks) i
 zero, so the mean number of checks until R first exceeds A is at least A, whatever the poses and the
 artefacts were (Pollak, Ann. Statist. 13, 1985; Tartakovsky, Nikiforov, Basseville, Sequential
 Analysis, 2014, ch. 7); it is about four times A, for where R passes A it passes it by far. What is
-wrong all along and the scale of the noise have priors and are integrated out, under both hypotheses
-alike, which keeps it so.
+wrong all along, how large that is, and the scale of the noise have priors and are integrated out,
+under both hypotheses alike, which keeps it so.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from scipy.special import gammaln, logsumexp
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.stack import RunningSums
+from armd.compensation.interim.evidence.stack import RunningSums, Stack
 
 #: About so many checks pass on average until a false alarm.
 RUN_LENGTH = 500.0
@@ -56,31 +56,53 @@ class Weighed:
 
 def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Weighed:
     """Weigh changes of the first *n* checks that begin at checks *first*."""
-    factor, side, square = sums.without_change(n)
-    left = NOISE_WORD + square
     freedom = NOISE_WORD + float(sums.numbers[n])
-    weights = np.full((len(first), len(causes), 2, len(SIZES)), -np.inf)
+    scales = sums.of.scales
+    weights = np.full((len(scales), len(first), len(causes), 2, len(SIZES)), -np.inf)
     priors = np.array([[c.prior_sudden, c.prior_gradual] for c in causes])
     with np.errstate(divide="ignore"):
         log_prior = np.log(priors) - np.log(len(SIZES))
-    inverse = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
-    for shape in (0, 1):
-        cross, towards, owns = sums.begun(first, n, ramp=shape == 1)
-        cross = inverse @ cross
-        clear = towards - side @ cross
-        for (members, at), own in zip(sums.groups, owns, strict=True):
-            block = cross[:, :, at].transpose(0, 2, 3, 1)  # (T, causes, p, q)
-            gram = own - block @ block.transpose(0, 1, 3, 2)
-            ratio = _log_ratio(gram, clear[:, at], left, freedom)
-            weights[:, members, shape] = ratio + log_prior[members, shape, None]
-    return Weighed(first, weights)
+    begun = [sums.begun(first, n, ramp=ramp) for ramp in (False, True)]
+    log_scale = log_marginals(sums, n)
+    log_scale -= logsumexp(log_scale)
+    for scale, weight, log_share in zip(scales, weights, log_scale, strict=True):
+        factor, side, square = sums.without_change(n, scale)
+        left = NOISE_WORD + square
+        inverse = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
+        inverse *= sums.of.scaled(scale)
+        for shape, (cross, towards, owns) in enumerate(begun):
+            cross = inverse @ cross
+            clear = towards - side @ cross
+            for (members, at), own in zip(sums.groups, owns, strict=True):
+                block = cross[:, :, at].transpose(0, 2, 3, 1)  # (T, causes, p, q)
+                gram = own - block @ block.transpose(0, 1, 3, 2)
+                ratio = _log_ratio(gram, clear[:, at], left, freedom)
+                weight[:, members, shape] = ratio + log_prior[members, shape, None]
+        weight += log_share
+    return Weighed(first, weights[0] if len(scales) == 1 else logsumexp(weights, axis=0))
+
+
+def log_marginals(sums: RunningSums, n: int) -> F64:
+    """(scales,) log of Student's density of the first *n* checks' readings without a change, by
+    how large the standing errors are; everything known integrated out."""
+    found = []
+    for scale in sums.of.scales:
+        factor, _, square = sums.without_change(n, scale)
+        spread = float(np.log(np.diag(factor)).sum())
+        found.append(log_student(float(sums.numbers[n]), spread, square))
+    return np.array(found)
 
 
 def log_marginal(sums: RunningSums, n: int) -> float:
-    """Log of Student's density of the first *n* checks' readings without a change, everything
-    known integrated out."""
-    factor, _, square = sums.without_change(n)
-    return log_student(float(sums.numbers[n]), float(np.log(np.diag(factor)).sum()), square)
+    """The same, whatever the standing errors' size."""
+    found = log_marginals(sums, n)
+    return float(logsumexp(found)) - float(np.log(len(found)))
+
+
+def at_its_share(of: Stack) -> Stack:
+    """The stack with its standing errors as large as its readings make likeliest."""
+    scales = log_marginals(RunningSums(of), of.n)
+    return of.at(of.scales[int(np.argmax(scales))])
 
 
 def log_student(numbers: float, spread: float, square: float) -> float:

@@ -21,8 +21,9 @@ from armd.compensation.model.slow_factors import DAY_S
 #: A calibration knows its constants as well as it says, within this factor: its model was fitted on
 #: other days, in other poses, on another artefact.
 TRUST = 2.0
-#: What a model does not have is there all along at this share of its typical size: no change.
-ALL_ALONG = 0.25
+#: What a model does not have is there all along, and is no change: at one of these shares of its
+#: typical size, as likely as each other beforehand. The checks tell which (decision 118).
+ALL_ALONG = (0.01, 0.03, 0.1, 0.3)
 #: Directions of it that all checks together see by less than this, in variances of one number,
 #: are none.
 LEAST_SEEN = 1e-3
@@ -40,6 +41,10 @@ class Stack:
     known: tuple[F64, ...]  # n × (r, q) per standard deviation of what is wrong all along
     targets: tuple[F64, ...]  # n × (r, 3 T) per mm
     blocks: tuple[slice, ...]  # K causes' columns
+    #: Of the known errors those that the model does not have, from and to, at such a share of their
+    #: typical size.
+    standing: tuple[int, int] = (0, 0)
+    share: float = 1.0
 
     @property
     def n(self) -> int:
@@ -49,6 +54,29 @@ class Stack:
     def gap_d(self) -> float:
         """How far checks are usually apart, days."""
         return float(np.median(np.diff(self.time_d))) if self.n > 1 else 1.0
+
+    @property
+    def stands(self) -> bool:
+        """Whether any of the known errors is one that the model does not have."""
+        return self.standing[0] < self.standing[1]
+
+    @property
+    def scales(self) -> tuple[float, ...]:
+        """What the standing errors may have to be multiplied by, each as likely as the others."""
+        if not self.stands:
+            return (1.0,)
+        return tuple(share / self.share for share in ALL_ALONG)
+
+    def scaled(self, scale: float) -> F64:
+        """(q,) factors of the known errors where the standing ones are *scale* times as large."""
+        factors = np.ones(self.known[0].shape[1])
+        factors[slice(*self.standing)] = scale
+        return factors
+
+    def at(self, scale: float) -> Stack:
+        """The same, the standing errors *scale* times as large."""
+        known = tuple(one * self.scaled(scale) for one in self.known)
+        return replace(self, known=known, share=self.share * scale)
 
     def only(self, chosen: Sequence[int]) -> Stack:
         """Some of the checks, in time."""
@@ -71,7 +99,10 @@ def stack(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
     """*checks* in order of time."""
     typical = np.array([c.typical for cause in causes for c in cause.candidate.columns])
     columns = [check.causes * typical for check in checks]
-    known = _compressed(_aligned(checks, columns))
+    share = max(ALL_ALONG)
+    stated = _compressed(_aligned(checks))
+    standing = _compressed([share * own for own in columns])
+    known = [np.concatenate(pair, axis=1) for pair in zip(stated, standing, strict=True)]
     ends = np.cumsum([len(cause.candidate.columns) for cause in causes])
     starts = np.concatenate([[0], ends[:-1]])
     begun = checks[0].mean_unix_s
@@ -82,18 +113,20 @@ def stack(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
         tuple(known),
         tuple(check.targets for check in checks),
         tuple(slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True)),
+        (stated[0].shape[1], known[0].shape[1]),
+        share,
     )
 
 
-def _aligned(checks: Sequence[Reduced], columns: Sequence[F64]) -> list[F64]:
-    """Known errors of every check under the same names, then the catalogue's, all along."""
+def _aligned(checks: Sequence[Reduced]) -> list[F64]:
+    """Known errors of every check under the same names."""
     names = list(dict.fromkeys(name for check in checks for name in check.known_names))
     place = {name: i for i, name in enumerate(names)}
     found = []
-    for check, own in zip(checks, columns, strict=True):
+    for check in checks:
         wide = np.zeros((len(check.residual), len(names)))
         wide[:, [place[name] for name in check.known_names]] = TRUST * check.known
-        found.append(np.concatenate([wide, ALL_ALONG * own], axis=1))
+        found.append(wide)
     return found
 
 
@@ -113,7 +146,6 @@ class RunningSums:
 
     def __init__(self, of: Stack) -> None:
         self.of = of
-        q = of.known[0].shape[1]
         days = of.time_d / RAMP_DAYS
         groups: dict[int, list[int]] = {}
         for k, block in enumerate(of.blocks):
@@ -128,7 +160,6 @@ class RunningSums:
         ]
         self._powers = np.array([np.ones(of.n), days, days**2])  # of time
         self.known = _cumulated(self._powers[:1], np.stack([k.T @ k for k in of.known]))[0]
-        self.known += np.eye(q)
         pairs = zip(of.known, of.residual, strict=True)
         towards = np.stack([known.T @ residual for known, residual in pairs])
         self.known_towards = _cumulated(self._powers[:1], towards)[0]
@@ -157,11 +188,13 @@ class RunningSums:
         pairs = zip(self.of.known, self.of.columns, strict=True)
         return _cumulated(self._powers[:2], np.stack([k.T @ x for k, x in pairs]))
 
-    def without_change(self, n: int) -> tuple[F64, F64, float]:
-        """Of the first *n* checks: the known errors' factor (q, q), their side (q,), and the square
-        that they leave."""
-        factor = cholesky(self.known[n], lower=True, check_finite=False)
-        side = solve_triangular(factor, self.known_towards[n], lower=True, check_finite=False)
+    def without_change(self, n: int, scale: float = 1.0) -> tuple[F64, F64, float]:
+        """Of the first *n* checks, the standing errors *scale* times as large: the known errors'
+        factor (q, q), their side (q,), and the square that they leave."""
+        by = self.of.scaled(scale)
+        gram = by[:, None] * self.known[n] * by + np.eye(len(by))
+        factor = cholesky(gram, lower=True, check_finite=False)
+        side = solve_triangular(factor, by * self.known_towards[n], lower=True, check_finite=False)
         return factor, side, float(self.square[n] - side @ side)
 
     def begun(self, first: I64, n: int, ramp: bool) -> tuple[F64, F64, list[F64]]:

@@ -12,7 +12,7 @@ from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change, amplitude_sizes, shapes, with_changes
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD
-from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
+from armd.compensation.interim.evidence.stack import ALL_ALONG, RAMP_DAYS, Stack
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import DAY_S, After, Time
 from armd.compensation.model.terms import Factor, Term
@@ -37,9 +37,16 @@ class Amplitudes:
 def fit(
     of: Stack, causes: Sequence[Cause], changes: Sequence[Change], bad: Sequence[int]
 ) -> Amplitudes:
-    """Amplitudes of all named *changes* at once, beside what is wrong all along."""
-    with_them = with_changes(of, causes, changes)
-    q = of.known[0].shape[1]
+    """Amplitudes of all named *changes* at once, beside what is wrong all along.
+
+    How far a cause has moved is the difference of after and before: what it was before may be as
+    large as anything that is wrong all along, whatever the others are (decision 119).
+    """
+    own = sorted({at for c in changes if c.cause is not None for at in _columns(of, c.cause)})
+    before = max(ALL_ALONG) if of.stands else 0.0
+    with_what_was = of.knowing([before * columns[:, own] for columns in of.columns])
+    with_them = with_changes(with_what_was, causes, changes)
+    q = with_what_was.known[0].shape[1]
     n = with_them.known[0].shape[1]
     kept = [i for i in range(of.n) if i not in bad]
     for change in changes:
@@ -70,6 +77,10 @@ def fit(
         split.append(values[at : at + rows * p].reshape(rows, p))
         at += rows * p
     return Amplitudes(tuple(split), cov)
+
+
+def _columns(of: Stack, cause: int) -> range:
+    return range(of.blocks[cause].start, of.blocks[cause].stop)
 
 
 def _sizes(causes: Sequence[Cause], changes: Sequence[Change]) -> F64:

@@ -8,12 +8,13 @@ from itertools import groupby
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from armd.compensation.interim.changes.change import ChangesFound, shapes
+from armd.compensation.interim.changes.change import ChangesFound, shapes, with_changes
 from armd.compensation.interim.changes.dated import between, instant
 from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.changes.ways import ways
 from armd.compensation.interim.checks.columns import Cause, causes_of
 from armd.compensation.interim.checks.history import Check, iso
+from armd.compensation.interim.evidence.likelihood import at_its_share
 from armd.compensation.interim.evidence.stack import Stack, stack
 from armd.compensation.interim.told.amend import Amplitudes, amended, at_the_end, fit
 from armd.compensation.interim.told.averaged import Averaged, affordable, averaged
@@ -35,8 +36,12 @@ def _epoch(checks: tuple[Check, ...]) -> Epoch:
     arm, calibration = checks[0].arm, checks[0].calibration
     causes = causes_of(arm, calibration.content)
     reduced = [check.reduced for check in checks]
-    stacked = stack(reduced, causes)
+    stacked = at_its_share(stack(reduced, causes))
     found = find(stacked, causes)
+    # What is there all along shows where neither changes nor bad checks are taken for it.
+    good = [i for i in range(stacked.n) if i not in found.bad]
+    explained = with_changes(stacked, causes, found.changes).only(good)
+    stacked = stacked.at(at_its_share(explained).share / stacked.share)
     amplitudes = fit(stacked, causes, found.changes, found.bad)
     instants = [instant(reduced, stacked, change, found.bad) for change in found.changes]
     possible = ways(stacked, causes, found.changes, found.bad)

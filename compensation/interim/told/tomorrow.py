@@ -13,7 +13,8 @@ from threadpoolctl import threadpool_limits
 from armd.arrays import F64
 from armd.compensation.effects.effect import plain
 from armd.compensation.interim.changes.change import Change
-from armd.compensation.interim.evidence.stack import stack
+from armd.compensation.interim.checks.reduced import Reduced
+from armd.compensation.interim.evidence.stack import Stack, stack
 from armd.compensation.interim.told.judgement import Epoch, Judgement
 from armd.compensation.interim.told.planned import as_check, planned, rows
 from armd.compensation.interim.told.result import named
@@ -113,7 +114,7 @@ def telling(epoch: Epoch, index: int) -> Tomorrow | None:
     again = checks[measured[-1]]  # its seats are projected out already
     usual = replace(again, mean_unix_s=at, targets=np.zeros((len(again.residual), 0)))
     every_pose = as_check(plan, arm, calibration, epoch.causes)
-    of = stack([*checks, every_pose], epoch.causes)
+    of = _stack(epoch, [*checks, every_pose])
     (ahead,) = foretold(of, epoch.causes, ways, measured, [len(checks)])
     pairs = list(combinations(range(len(plan.seats_mm)), SEATS))
     pools = [[plan.poses_on(seat) for seat in pair] for pair in pairs]
@@ -122,7 +123,7 @@ def telling(epoch: Epoch, index: int) -> Tomorrow | None:
     chosen, _, best = min(tried, key=lambda found: found[1])
     poses = np.array(chosen)
     this = rows(every_pose, numbers_of(poses))
-    of = stack([*checks, usual, this], epoch.causes)
+    of = _stack(epoch, [*checks, usual, this])
     told = epoch.told[index]
     assert told.cause is not None
     each = {told.cause.place: told.change.probability}
@@ -142,6 +143,12 @@ def telling(epoch: Epoch, index: int) -> Tomorrow | None:
     return Tomorrow(
         _sentence(advised, [named(epoch.causes[k]) for k in _causes(ways, index)]), advised
     )
+
+
+def _stack(epoch: Epoch, checks: Sequence[Reduced]) -> Stack:
+    """*checks* stacked, what is wrong all along as large as in the epoch."""
+    of = stack(checks, epoch.causes)
+    return of.at(epoch.stack.share / of.share)
 
 
 def _causes(ways: Sequence[tuple[Change, ...]], index: int) -> list[int]:
