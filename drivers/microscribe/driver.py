@@ -43,6 +43,10 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
         decoder = MicroScribeDecoder(expectation, config.max_joint_rate_deg_s, config.stream)
         super().__init__(decoder, config.port)
         self._bauds: tuple[int, ...] = wire.BAUDS if config.baud is None else (config.baud,)
+        self._fastest = self._bauds[0]
+        #: An arm takes any rate at which it is first spoken to, so one that was switched on while a
+        #: slow one was being tried answers at that: then the fastest is tried once more.
+        self._trying_fastest = self._is_slow = False
         self._tried = 0  # baud rates, since the last session
         self._give_up_ns = 0  # on this rate
         self._send_ns = 0  # when the next request may leave
@@ -92,6 +96,8 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
     def _ask(self, port: serial.Serial, now_ns: int) -> list[Item]:
         conversation, homing = self._decoder.conversation, self._decoder.homing
         if conversation.phase not in SESSION and now_ns >= self._give_up_ns:
+            self._is_slow |= self._trying_fastest
+            self._trying_fastest = False
             self._tried += 1
             self._hang_up()
             return self._try_open(now_ns)
@@ -148,9 +154,13 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
         if conversation.phase is Phase.POLL:
             byte_ns = 10_000_000_000 // port.baudrate
             self._send_ns = self._sent_ns + (1 + conversation.reply_size) * byte_ns
+            self._trying_fastest = port.baudrate < self._fastest and not self._is_slow
             if self._tried:  # this rate works: the next session begins with it
                 good = self._tried % len(self._bauds)
                 self._bauds, self._tried = self._bauds[good:] + self._bauds[:good], 0
+            if self._trying_fastest:
+                others = (baud for baud in self._bauds if baud != self._fastest)
+                self._bauds = (self._fastest, *others)
 
     # --- the port --------------------------------------------------------------------------
 
@@ -186,7 +196,11 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
     def _received(self, port: serial.Serial, data: bytes) -> list[Item]:
         items = self._feed("rx", data)
         self._answered(port)
-        return self._line.heard(self._decoder.last_sample_ns, items)
+        items = self._line.heard(self._decoder.last_sample_ns, items)
+        if self._trying_fastest and self._decoder.conversation.phase in SESSION:
+            self._hang_up()
+            items += self._try_open(time.monotonic_ns())
+        return items
 
     def _send(self, port: serial.Serial, data: bytes) -> list[Item]:
         frame = self._write(port, data)

@@ -280,11 +280,25 @@ def test_a_recording_begun_later_goes_on(run) -> None:
 
 
 def test_the_baud_rate_is_found(tmp_path: Path) -> None:
-    with simulated_arm(tmp_path, "--baud", "57600", wire=("--microscribe",), seconds=3.0) as arm:
+    """And kept, once the fastest has been tried with the arm there."""
+    with simulated_arm(tmp_path, "--baud", "57600", wire=("--microscribe",), seconds=5.0) as arm:
         items, _, _ = read_until_end(arm)
-    (identified,) = [i for i in items if isinstance(i, Event) and i.kind == "identified"]
-    assert identified.detail["baud"] == 57600
+    assert rates_found(items) == [57600, 57600]
     assert len(rows_of(items)) > 100
+
+
+def test_an_arm_that_is_switched_on_late_is_read_at_the_fastest_rate(tmp_path: Path) -> None:
+    """It takes the rate at which it is first spoken to, and the slow ones are being tried then."""
+    late = ("--fault", "silence@0:2.4")
+    with simulated_arm(tmp_path, *late, wire=("--microscribe",), seconds=5.0) as arm:
+        items, _, _ = read_until_end(arm)
+    first, last = rates_found(items)
+    assert first < last == 115200
+
+
+def rates_found(items: list[Item]) -> list[int]:
+    found = [i for i in items if isinstance(i, Event) and i.kind == "identified"]
+    return [event.detail["baud"] for event in found]
 
 
 def test_a_foreign_arm_gives_no_sample(tmp_path: Path) -> None:
