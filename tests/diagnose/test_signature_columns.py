@@ -92,6 +92,21 @@ def test_products_without_the_rows_are_products_with_them(compiled, monkeypatch)
     np.testing.assert_allclose(found, expected)
 
 
+@pytest.mark.parametrize("some", [slice(None), np.array([3, 11, 4])])
+def test_products_within_candidates_are_those_of_their_columns(
+    compiled, monkeypatch, some: slice | np.ndarray
+) -> None:
+    signatures, linear, q = compiled
+    columns = one_by_one(linear, q)[:, : 3 * N].reshape(4, N, 3)[:, some].reshape(4, -1)
+    jacobian = linear.jacobian[:, : 3 * N].reshape(-1, N, 3)[:, some]
+    monkeypatch.setattr("armd.compensation.diagnose.problem.pairs.PIECE", 7)
+    monkeypatch.setattr("armd.compensation.diagnose.problem.pairs.CHUNK", 2)
+    found = signatures.grams(jacobian, some)
+    gram = columns @ columns.T
+    np.testing.assert_allclose(found[2], [gram[:2, :2]])
+    np.testing.assert_allclose(found[1], gram[[2, 3], [2, 3]][:, None, None])
+
+
 def test_instants_lie_between_readings_spread_over_these_not_over_the_hours() -> None:
     time_s = np.concatenate([np.arange(900.0), [1e6, 1e6, 2e6]])
     between = moments(np.random.default_rng(3).permutation(time_s))

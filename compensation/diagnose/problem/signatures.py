@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.problem.linear import Linear
+from armd.compensation.diagnose.problem.pairs import Part, Within
 from armd.compensation.diagnose.problem.use import warmth
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Use
 from armd.compensation.model.arm import Arm
@@ -19,8 +20,6 @@ from armd.compensation.model.basis import basis_values
 from armd.compensation.model.terms import Factor, Term
 
 PIECE = 512  # rests at once
-
-Part = tuple[int, float, int]  # parameter, weight, row of the bases
 
 
 @dataclass(frozen=True)
@@ -93,6 +92,24 @@ class Signatures:
                 found[low:high] += values[basis[low:high], some] @ turned[:, j]
         return found
 
+    def grams(self, jacobian: F64, rests: slice | I64) -> dict[int, F64]:
+        """Products (c, m, m) within each candidate over some *rests*, by how many columns m it has;
+        zero where one changes the artefact. From a whitened Jacobian (P, n, 3) of these rests."""
+        elements = self._within.products(jacobian, self.bases[:, rests])
+        found = {}
+        for m in map(int, np.unique(self.count)):
+            i, j = np.triu_indices(m)
+            first = self._within.first[self.count == m]
+            gram = np.zeros((len(first), m, m))
+            gram[:, i, j] = gram[:, j, i] = elements[first[:, None] + np.arange(len(i))]
+            found[m] = gram
+        return found
+
+    @cached_property
+    def _within(self) -> Within:
+        columns = [[self.parts[c] for c in self.columns_of(i)] for i in range(len(self.first))]
+        return Within.of(columns)
+
     @property
     def n_pairs(self) -> int:
         """How many rows `of_pairs` has."""
@@ -143,6 +160,8 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
     changes: list[ArtefactChange | None] = []
     typical, reach, first, count = [], [], [], []
     for candidate in candidates:
+        if len({column.artefact is None for column in candidate.columns}) > 1:
+            raise ValueError(f"{candidate.cause}: some columns change the artefact, others do not")
         first.append(len(parts))
         count.append(len(candidate.columns))
         for column in candidate.columns:

@@ -23,7 +23,8 @@ class Cell:
 
 @dataclass(frozen=True)
 class ArtefactColumns:
-    """Candidates' columns that change the artefact, whitened; many are of one placement only."""
+    """Candidates' columns that change the artefact, whitened; many are of one placement only. Such
+    a candidate has no others."""
 
     columns: I64  # (c,) their numbers among all candidates', ascending
     white: Blocks  # of c columns
@@ -34,16 +35,16 @@ class ArtefactColumns:
         here, rows = self._at(cell)
         return self.columns[here], rows
 
-    def add_products(self, cell: Cell, first: I64, gram: F64) -> None:
-        """Add to *gram* (C, m, m) the products in a cell within candidates that have no others, by
-        the *first* (C,) of each one's columns among these; −1: not such a one."""
+    def add_products(self, cell: Cell, candidates: I64, gram: F64) -> None:
+        """Add to *gram* (C, m, m) the products in a cell within candidates, by the numbers (C, m)
+        of their columns."""
         here, rows = self._at(cell)
-        m = gram.shape[1]
-        begin = np.searchsorted(here, first)
-        end = np.searchsorted(here, first + m)
-        for i in np.flatnonzero((first >= 0) & (end > begin)):
+        numbers = self.columns[here]
+        begin = np.searchsorted(numbers, candidates[:, 0])
+        end = np.searchsorted(numbers, candidates[:, -1] + 1)
+        for i in np.flatnonzero(end > begin):
             some = slice(begin[i], end[i])
-            at = here[some] - first[i]
+            at = numbers[some] - candidates[i, 0]
             gram[i][np.ix_(at, at)] += rows[:, some].T @ rows[:, some]
 
     def _at(self, cell: Cell) -> tuple[I64, F64]:

@@ -33,8 +33,6 @@ from armd.compensation.estimate.linear.blocks import Piece
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
 
-CHUNK = 128  # candidates' columns at once: what stays in the processor's cache
-
 #: By how many columns m a candidate has: which candidates, and products (parts, c, m, m) within.
 Grams = dict[int, tuple[I64, F64]]
 
@@ -203,44 +201,25 @@ class Projection:
 
     def _grams(self, signatures: Signatures, changes: ArtefactColumns) -> tuple[F64, Grams]:
         """Squared lengths (parts, K) of all columns, and products within each candidate."""
+        counts = map(int, np.unique(signatures.count))
+        members = {m: np.flatnonzero(signatures.count == m) for m in counts}
+        grams = {m: (of, np.zeros((len(self.parts), len(of), m, m))) for m, of in members.items()}
+        for part, rests in self._rests_of_parts().items():
+            for m, gram in signatures.grams(self._at_rests[:, rests], rests).items():
+                grams[m][1][part] = gram
         lengths = np.zeros((len(self.parts), signatures.n_columns))
-        grams: Grams = {}
-        rows_of = self._rows_of_parts()
-        at_change = np.full(signatures.n_columns, -1)
-        at_change[changes.columns] = np.arange(len(changes.columns))
-        for m in map(int, np.unique(signatures.count)):
-            members = np.flatnonzero(signatures.count == m)
-            every = signatures.first[members][:, None] + np.arange(m)
-            gram = np.zeros((len(self.parts), len(members), m, m))
-            alone = (at_change[every] >= 0).all(axis=1)
-            others = np.flatnonzero(~alone)
-            step = max(CHUNK // m, 1)
-            for low in range(0, len(others), step):
-                some = others[low : low + step]
-                columns = every[some].ravel()
-                x = signatures.rows_of_terms(self.fit.linear, self.jacobian, columns)
-                changed = np.flatnonzero(at_change[columns] >= 0)
-                x[changed] += changes.white.dense(at_change[columns[changed]]).T
-                x = x.reshape(len(some), m, -1)
-                for part, rows in rows_of.items():
-                    here = x[:, :, rows]
-                    gram[part, some] = here @ here.transpose(0, 2, 1)
-            first = np.where(alone, at_change[every[:, 0]], -1)
+        for m, (of, gram) in grams.items():
+            columns = signatures.first[of][:, None] + np.arange(m)
             for cell in self.cells:
-                changes.add_products(cell, first, gram[cell.part])
-            lengths[:, every] = np.einsum("pcii->pci", gram)
-            grams[m] = (members, gram)
+                changes.add_products(cell, columns, gram[cell.part])
+            lengths[:, columns] = np.einsum("pcii->pci", gram)
         return lengths, grams
 
-    def _rows_of_parts(self) -> dict[int, slice | I64]:
-        parts = sorted({cell.part for cell in self.cells})
-        numbers = np.arange(len(self.clear))
-        return {
-            part: as_slice(
-                np.concatenate([numbers[cell.rows] for cell in self.cells if cell.part == part])
-            )
-            for part in parts
-        }
+    def _rests_of_parts(self) -> dict[int, slice | I64]:
+        found: dict[int, list[I64]] = {}
+        for cell in self.cells:
+            found.setdefault(cell.part, []).append(cell.rests)
+        return {part: as_slice(np.concatenate(of)) for part, of in found.items()}
 
 
 def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projection:
