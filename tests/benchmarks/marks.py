@@ -62,6 +62,8 @@ MARKS = [
     Mark("installed.mb", "MB", 300, None, "installed.numpy_and_zenoh_mb", "numpy and Zenoh"),
     Mark("identify.ratio", least=20),
     Mark("diagnose.seconds", "s", 5, None, "diagnose.imports_s", "its imports"),
+    Mark("diagnose.20000_readings.seconds", "s", 60, None, "diagnose.imports_s", "its imports"),
+    Mark("diagnose.20000_readings.peak_mb", "MB", 2000),
     *(
         Mark(f"calibrate.{n}.seconds", "s", most, None, f"calibrate.{n}.floor_s", "one dense step")
         for n, most in (("2000_readings", 5), ("20000_readings", 60))

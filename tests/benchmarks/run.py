@@ -19,7 +19,8 @@ from marks import table
 
 from armd.files.writing import write_whole
 
-#: Modules bench_NAME beside this file, each with run() → (nested) figures.
+#: Modules bench_NAME beside this file, each with run() → (nested) figures; some with shown(figures)
+#: → lines of a table of their own.
 NAMES = [
     "kernel", "wire", "daemon", "controller", "rate", "installed", "identify", "calibrate",
     "diagnose", "growth", "timing", "servo", "microscribe", "view",
@@ -37,12 +38,15 @@ def main(names: list[str]) -> int:
     }
     everything: dict[str, Any] = {}
     for name in names or NAMES:
-        figures = importlib.import_module(f"bench_{name}").run()
+        bench = importlib.import_module(f"bench_{name}")
+        figures = bench.run()
         results[name] = figures
         print(f"\n{name}")
         for figure, value in _flat(name, figures):
             everything[figure] = value
             print(f"  {figure.removeprefix(name + '.'):42} {_shown(value):>12}", flush=True)
+        if hasattr(bench, "shown"):
+            print("", *bench.shown(figures), sep="\n  ", flush=True)
     print("", *table(everything), sep="\n")
     out = Path("out")
     out.mkdir(exist_ok=True)

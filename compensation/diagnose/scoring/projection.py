@@ -9,6 +9,9 @@ takes it out of the sum.
 from __future__ import annotations
 
 import operator
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
@@ -32,6 +35,8 @@ from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
 from armd.compensation.estimate.linear.blocks import Piece
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
+
+CELLS = 4  # at once for each processor: what they come to is many megabytes
 
 #: By how many columns m a candidate has: which candidates, and products (parts, c, m, m) within.
 Grams = dict[int, tuple[I64, F64]]
@@ -151,23 +156,36 @@ class Projection:
         *grams*, what each cell's own columns take of a candidate's is taken."""
         products = np.zeros((len(self.parts), signatures.n_columns, self.clear.shape[1]))
         pairs = np.zeros((len(self.parts), signatures.n_pairs, self.clear.shape[1]))
-        for cell in self.cells:
-            taken = np.zeros((signatures.n_columns, cell.own.shape[1]))
-            if len(cell.rests):
-                others = np.hstack([cell.own, self.clear[cell.rows]])
-                by_axis = others.reshape(-1, 3, others.shape[1])
-                found = signatures.of_pairs(self._at_rests[:, cell.rests], by_axis, cell.rests)
-                pairs[cell.part] += found[:, taken.shape[1] :]
-                taken += signatures.weights @ found[:, : taken.shape[1]]
+        for cell, found in self._of_pairs(signatures):
+            own = cell.own.shape[1]
+            pairs[cell.part] += found[:, own:]
+            taken = signatures.weights @ found[:, :own]
             here, change = changes.at(cell)
             taken[here] += change.T @ cell.own
             products[cell.part, here] += change.T @ self.clear[cell.rows]
             for m, (members, gram) in grams.items():
-                own = taken[signatures.first[members][:, None] + np.arange(m)]
-                gram[cell.part] -= own @ own.transpose(0, 2, 1)
+                clear = taken[signatures.first[members][:, None] + np.arange(m)]
+                gram[cell.part] -= clear @ clear.transpose(0, 2, 1)
         for part, found in enumerate(pairs):
             products[part] += signatures.weights @ found
         return products
+
+    def _of_pairs(self, signatures: Signatures) -> Iterator[tuple[Cell, F64]]:
+        """Of each cell `Signatures.of_pairs` with the cell's own columns, then the shared ones and
+        the residual. Cells are summed in their order, however many processors there are."""
+
+        def of(cell: Cell) -> F64:
+            others = np.hstack([cell.own, self.clear[cell.rows]])
+            if not len(cell.rests):
+                return np.zeros((signatures.n_pairs, others.shape[1]))
+            by_axis = others.reshape(-1, 3, others.shape[1])
+            return signatures.of_pairs(self._at_rests[:, cell.rests], by_axis, cell.rests)
+
+        count = os.cpu_count() or 1
+        with ThreadPoolExecutor(count) as pool:
+            for first in range(0, len(self.cells), CELLS * count):
+                some = self.cells[first : first + CELLS * count]
+                yield from zip(some, pool.map(of, some), strict=True)
 
     def sums_with(self, known: Sums) -> Sums:
         """Products with all candidates' columns, where those with the first shared columns are

@@ -94,23 +94,7 @@ def inverse_root(matrix: F64) -> tuple[Root, float]:
 
     Raises `numpy.linalg.LinAlgError` where it is not.
     """
-    parts = BorderedParts.of(matrix)
-    rest = parts.border
-    left = matrix[np.ix_(rest, rest)]
-    own, taken = [], []
-    for at in parts.own:
-        inverse = _inverse_factor(matrix[np.ix_(at, at)])
-        across = inverse.T @ matrix[np.ix_(at, rest)]
-        left -= across.T @ across
-        own.append((at, inverse))
-        taken.append(across)
-    last = _inverse_factor(left)
-    border = np.zeros((len(matrix), len(rest)))
-    border[rest] = last
-    for (at, inverse), across in zip(own, taken, strict=True):
-        border[at] = -inverse @ (across @ last)
-    trace = float((border**2).sum() + sum((values**2).sum() for _, values in own))
-    return Root(tuple(own), border), trace
+    return _inverse_root(matrix, np.ones(len(matrix)))
 
 
 def pseudo_inverse_root(matrix: F64, least: float = LEAST_KNOWN) -> Root:
@@ -122,10 +106,9 @@ def pseudo_inverse_root(matrix: F64, least: float = LEAST_KNOWN) -> Root:
     """
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     size[size == 0.0] = 1.0
-    matrix = matrix / np.outer(size, size)
-    if (known := _root_of_known(matrix, least)) is not None:
+    if (known := _root_of_known(matrix, size, least)) is not None:
         return known.scaled(1.0 / size)
-    values, vectors = np.linalg.eigh(matrix)
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
     kept = values > least * max(float(values.max(initial=0.0)), 1e-300)
     return Root((), vectors[:, kept] / np.sqrt(values[kept]) / size[:, None])
 
@@ -135,15 +118,42 @@ def pseudo_inverse_factor(matrix: F64) -> F64:
     return pseudo_inverse_root(matrix).dense()
 
 
-def _root_of_known(matrix: F64, least: float) -> Root | None:
-    """The same where everything is known for sure, which takes no eigenvalues to tell: none is
-    below one over the inverse's trace, none above the largest sum of a row."""
+def _root_of_known(matrix: F64, size: F64, least: float) -> Root | None:
+    """The same in units of *size* (b,) where everything is known for sure, which takes no
+    eigenvalues to tell: none is below one over the inverse's trace, none above the largest sum of
+    a row."""
     try:
-        root, trace = inverse_root(matrix)
+        root, trace = _inverse_root(matrix, size)
     except np.linalg.LinAlgError:
         return None
-    largest = float(np.abs(matrix).sum(axis=1).max(initial=0.0))
+    largest = float((np.abs(matrix) @ (1.0 / size) / size).max(initial=0.0))
     return root if trace * largest * least < 1.0 else None
+
+
+def _inverse_root(matrix: F64, size: F64) -> tuple[Root, float]:
+    """As `inverse_root` of the matrix in units of *size* (b,)."""
+
+    def block(rows: I64, columns: I64) -> F64:
+        found: F64 = matrix[np.ix_(rows, columns)] / np.outer(size[rows], size[columns])
+        return found
+
+    parts = BorderedParts.of(matrix)
+    rest = parts.border
+    left = block(rest, rest)
+    own, taken = [], []
+    for at in parts.own:
+        inverse = _inverse_factor(block(at, at))
+        across = inverse.T @ block(at, rest)
+        left -= across.T @ across
+        own.append((at, inverse))
+        taken.append(across)
+    last = _inverse_factor(left)
+    border = np.zeros((len(matrix), len(rest)))
+    border[rest] = last
+    for (at, inverse), across in zip(own, taken, strict=True):
+        border[at] = -inverse @ (across @ last)
+    trace = float((border**2).sum() + sum((values**2).sum() for _, values in own))
+    return Root(tuple(own), border), trace
 
 
 def _inverse_factor(matrix: F64) -> F64:

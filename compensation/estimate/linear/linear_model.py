@@ -251,7 +251,8 @@ class LinearModel:
 
     def _unit(self, variance: F64) -> F64:
         """(b, b) products of columns of unit length, priors of that *variance* on the diagonal."""
-        scaled = self.gram / np.outer(self.length, self.length)
+        scaled: F64 = self.gram / self.length
+        scaled /= self.length[:, None]
         scaled[np.diag_indices_from(scaled)] += 1.0 / (variance * self.length**2)
         return scaled
 
