@@ -185,18 +185,19 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
         for basis in bases
         if not isinstance(basis, Use)
     ]
-    values = np.empty((states.n, len(bases)))
-    values[:, plain] = basis_values(probes, states, arm, model.reference_c, model.constants)
+    values = np.empty((len(bases), states.n))
+    values[plain] = basis_values(probes, states, arm, model.reference_c, model.constants).T
     for i, basis in enumerate(bases):
         if isinstance(basis, Use):
-            values[:, i] = warmth(basis, states)
+            values[i] = warmth(basis, states)
+    np.nan_to_num(values, copy=False)  # of many readings a copy is hundreds of megabytes
     return Signatures(
         tuple(candidates),
         np.array(first, dtype=np.int64),
         np.array(count, dtype=np.int64),
         tuple(parts),
         tuple(changes),
-        np.ascontiguousarray(np.nan_to_num(values.T)),
+        values,
         np.array(typical),
         np.array(reach),
     )
