@@ -20,8 +20,9 @@ PLACEMENT = np.array([0, 0, 1, 1, 1, 2, 2, 0, 2, 1, 0, 2])
 PART = np.array([0, 0, 1, 0, 1, 1, 1, 0, 1, 1, 1, 0])
 #: Placements in which each column of a change of the artefact is not zero.
 WHERE = [(0,), (0,), (1,), (2,), (0, 1, 2), (0, 1, 2), ()]
-#: Their numbers among all candidates' columns, and each candidate's first: of two columns each.
-NUMBERS, FIRST = np.array([4, 5, 9, 10, 11, 12, 20]), np.array([0, -1, 4, 2])
+#: Their numbers among all candidates' columns, and those of candidates of two columns each.
+NUMBERS = np.array([4, 5, 9, 10, 11, 12, 20])
+CANDIDATES = np.array([[4, 5], [6, 7], [11, 12], [9, 10]])
 
 
 def full() -> np.ndarray:
@@ -59,12 +60,12 @@ def test_a_cell_sees_the_columns_that_are_not_zero_there() -> None:
 
 def test_products_within_each_candidate_add_up_over_the_cells() -> None:
     columns, of = full(), ArtefactColumns(NUMBERS, in_blocks([full()], PLACEMENT))
-    gram = np.zeros((len(FIRST), 2, 2))
+    gram = np.zeros((len(CANDIDATES), 2, 2))
     for cell in cells():
-        of.add_products(cell, FIRST, gram)
-    for i, first in enumerate(FIRST):
-        own = columns[:, first : first + 2]
-        expected = own.T @ own if first >= 0 else np.zeros((2, 2))
+        of.add_products(cell, CANDIDATES, gram)
+    for i, numbers in enumerate(CANDIDATES):
+        own = columns[:, np.isin(NUMBERS, numbers)]
+        expected = own.T @ own if own.size else np.zeros((2, 2))
         assert gram[i] == pytest.approx(expected, abs=1e-12)
 
 
