@@ -12,6 +12,9 @@ from armd.files.schema import load_toml, validate
 from armd.files.writing import check_folder
 from armd.simulator.live.faults import FAULTS, Wire, check_wire, parse_fault, random_faults
 from armd.simulator.live.scenario import Scenario
+from armd.simulator.servobus.arm import N as SERVO_JOINTS
+from armd.simulator.servobus.arm import servo_ids
+from armd.simulator.truth.nominal import JOINTS
 from armd.terminal.loudness import add_loudness
 from armd.terminal.parser import Parser, Usage
 
@@ -153,12 +156,17 @@ def read_scenario(options: argparse.Namespace) -> Scenario:
     wire: Wire = "serial" if options.serial else "microscribe" if options.microscribe else "can"
     if options.servo:
         wire = "servo"
+    joints = scenario.joints or len(JOINTS)
+    if wire == "servo":
+        joints = len(servo_ids(scenario.joints or SERVO_JOINTS))
     faults = [*scenario.fault, *(parse_fault(text) for text in options.fault)]
     if scenario.faults_per_minute:
         if scenario.seconds is None:
             raise ArmdError("faults_per_minute wants seconds: how long the run lasts")
-        faults += random_faults(scenario.seed, scenario.faults_per_minute, scenario.seconds, wire)
-    check_wire(faults, wire)
+        faults += random_faults(
+            scenario.seed, scenario.faults_per_minute, scenario.seconds, wire, joints
+        )
+    check_wire(faults, wire, joints)
     return scenario.model_copy(update={"fault": faults})
 
 

@@ -97,8 +97,8 @@ class Fault(Strict):
     at_s: Annotated[float, Field(ge=0)]
     duration_s: Annotated[float, Field(ge=0)] | None = None
     amount: float | None = None
-    joint: Annotated[int, Field(ge=1, le=6)] = 2
-    channel: Annotated[int, Field(ge=1, le=6)] = 2
+    joint: Annotated[int, Field(ge=1)] = 2  # or servo
+    channel: Annotated[int, Field(ge=1)] = 2
 
     @field_validator("name")
     @classmethod
@@ -132,9 +132,13 @@ def parse_fault(text: str) -> Fault:
     return validate(f"--fault {text}", {"name": name, **times}, Fault)
 
 
-def check_wire(faults: Sequence[Fault], wire: Wire) -> None:
-    """Raise `BadInput` for a fault that this wire does not have."""
+def check_wire(faults: Sequence[Fault], wire: Wire, joints: int) -> None:
+    """Raise `BadInput` for a fault that this wire does not have, or of a joint (a servo, a channel)
+    that an arm with so many *joints* (servos) does not have."""
     for fault in faults:
+        for key, k in (("joint", fault.joint), ("channel", fault.channel)):
+            if k > joints:
+                raise BadInput("simulator", f"fault {fault.name}: {key}", str(k), f"1 to {joints}")
         if wire not in FAULTS[fault.name].wires:
             names = [name for name, kind in FAULTS.items() if wire in kind.wires]
             raise BadInput(
@@ -142,7 +146,9 @@ def check_wire(faults: Sequence[Fault], wire: Wire) -> None:
             )
 
 
-def random_faults(seed: int, per_minute: float, seconds: float, wire: Wire) -> list[Fault]:
+def random_faults(
+    seed: int, per_minute: float, seconds: float, wire: Wire, joints: int
+) -> list[Fault]:
     """Faults of all kinds at random times, places and lengths, the same for the same seed.
 
     One follows another after 2 s or more, so that each recovery can be told from the next loss;
@@ -159,7 +165,7 @@ def random_faults(seed: int, per_minute: float, seconds: float, wire: Wire) -> l
         duration_s = FAULTS[name].duration_s * rng.uniform(0.5, 1.5)
         if at_s + duration_s > seconds - 3.0:
             return faults
-        joint, channel = rng.integers(1, 7, 2)
+        joint, channel = rng.integers(1, joints + 1, 2)
         faults.append(
             Fault(
                 name=name,

@@ -70,18 +70,31 @@ def test_the_schedule_tells_begin_and_end_once() -> None:
 
 
 def test_random_faults_are_of_their_seed_their_wire_and_apart() -> None:
-    faults = random_faults(7, 12.0, 600.0, "can")
-    assert faults == random_faults(7, 12.0, 600.0, "can")
-    assert faults != random_faults(8, 12.0, 600.0, "can")
+    faults = random_faults(7, 12.0, 600.0, "can", 6)
+    assert faults == random_faults(7, 12.0, 600.0, "can", 6)
+    assert faults != random_faults(8, 12.0, 600.0, "can", 6)
     assert 60 < len(faults) < 180
     assert {fault.name for fault in faults} == {
         name for name, kind in FAULTS.items() if "can" in kind.wires
     }
-    check_wire(faults, "can")
+    check_wire(faults, "can", 6)
     for one, next_one in pairwise(faults):
         assert next_one.at_s >= one.at_s + one.seconds + 1.99
 
 
 def test_a_wire_has_its_own_faults() -> None:
     with pytest.raises(BadInput, match="unplug"):
-        check_wire([Fault(name="unplug", at_s=1.0)], "can")
+        check_wire([Fault(name="unplug", at_s=1.0)], "can", 6)
+
+
+def test_a_fault_is_of_a_joint_that_the_arm_has() -> None:
+    seventh = Fault(name="missing_answer", at_s=1.0, joint=9)
+    check_wire([seventh], "servo", 10)
+    with pytest.raises(BadInput, match="fault missing_answer: joint: found 9, expected 1 to 6"):
+        check_wire([seventh], "servo", 6)
+    fourth = Fault(name="sensor_open", at_s=1.0, channel=4)
+    with pytest.raises(BadInput, match="fault sensor_open: channel: found 4, expected 1 to 3"):
+        check_wire([fourth], "serial", 3)
+    few, many = (random_faults(7, 12.0, 600.0, "serial", n) for n in (3, 9))
+    assert {fault.joint for fault in few} == {1, 2, 3}
+    assert {fault.joint for fault in many} == set(range(1, 10))
