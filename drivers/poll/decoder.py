@@ -238,6 +238,8 @@ class ServoDecoder:
         for k, servo in enumerate(self.joints):
             if self._sampler.jumped >> k & 1:
                 self.roster.suspect(servo, now_ns)
+            if self._sampler.leapt >> k & 1:
+                self.roster.ask_anew(servo)
         return items
 
     def _pressed(self, positions: dict[int, int]) -> bool | None:

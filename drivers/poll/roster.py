@@ -185,13 +185,17 @@ class Roster:
             self._suspected_ns[servo] = now_ns
             self.suspects.add(servo)
 
+    def ask_anew(self, servo: int) -> None:
+        """It does not count until it has said who it is."""
+        if self.servos.pop(servo, None) is not None:
+            self.version += 1
+
     def contradicted(self, servos: Iterable[int], now_ns: int) -> list[Event]:
         """Two answers to one request, and they differ: told if it goes on. Whoever remains must say
         anew who he is."""
         events = []
         for servo in sorted(servos):
-            if self.servos.pop(servo, None) is not None:
-                self.version += 1
+            self.ask_anew(servo)
             if self.doubles.contradicted(servo, now_ns):
                 text = f"{self.name(servo)}: {self._twice(servo)}; none of its values is valid"
                 events.append(Event("duplicate_id", text, now_ns, "error", {"servo": servo}))

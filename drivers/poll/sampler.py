@@ -19,6 +19,9 @@ PAST_NS = 20_000_000
 TOLD_EVERY_NS = 60_000_000_000  # that cycles are left out
 #: Nothing for so long, and for so many times the usual: how fast joints moved before says nothing.
 PAUSE_NS, PAUSE_CYCLES = 100_000_000, 4
+#: However long ago a joint was read last: if it has gone farther than it can in this time (and in
+#: so many usual cycles) it has leapt. It may have; another homing offset would look like that too.
+LEAP_NS, LEAP_CYCLES = 5_000_000, 2
 
 
 class Cycle(NamedTuple):
@@ -42,6 +45,7 @@ class ServoSampler:
         self.lost = 0  # cycles in which nobody answered, or nobody knows at which instant
         self.untimed = 0  # of these: the latter
         self.jumped = 0  # bits of joints whose counts jumped in the last row
+        self.leapt = 0  # and of those that are to be asked who they are before they count
         n = len(ids)
         self._lateness = Lateness()
         #: the first cycle of a motion that nobody knows: the second tells how fast it was
@@ -96,12 +100,12 @@ class ServoSampler:
             held, self._held = self._held, None
             self._spacing_ns = spacing_ns
             self._begin(held, cycle)
-            return [*self._row(held), *self._row(cycle)]
+            return [*self._row(held, 0.0), *self._row(cycle, spacing_ns)]
         if spacing_ns > max(PAUSE_NS, PAUSE_CYCLES * self._spacing_ns):
             self._held = cycle
             return []
-        self._spacing_ns = spacing_ns
-        return self._row(cycle)
+        usual_ns, self._spacing_ns = self._spacing_ns, spacing_ns
+        return self._row(cycle, usual_ns)
 
     def pause(self) -> None:
         """The line is closed: what the next cycle brings has nothing to do with the last one."""
@@ -120,12 +124,12 @@ class ServoSampler:
         self._past_ns = 0
         self._note_past(round(held.at_ns[0]))
 
-    def _row(self, cycle: Cycle) -> list[Item]:
+    def _row(self, cycle: Cycle, usual_ns: float) -> list[Item]:
         number, positions, at_ns, late_ns, unix_minus_monotonic_ns, unusable, warned, pressed = (
             cycle
         )
         row_ns, doubt_ns = round(at_ns[0]), self._lateness.doubt_ns(late_ns)
-        self.jumped = 0
+        self.jumped = self.leapt = 0
         if doubt_ns and self._moves(positions, row_ns + doubt_ns):
             self.untimed += 1
             return self._tell_untimed(row_ns, doubt_ns)
@@ -141,6 +145,8 @@ class ServoSampler:
             self._raw, np.array([row_ns // 1000]), np.array([silent], np.uint16)
         )
         self.jumped = jumps = int(jumped[0])
+        if usual_ns:
+            self.leapt = self._leaps(counts[0].tolist(), at_ns, usual_ns) & ~(silent | jumps)
         if pressed is not None:
             self._buttons = int(pressed)
         out: SampleArray = np.zeros(1, self._dtype)
@@ -150,7 +156,7 @@ class ServoSampler:
         out["device_ns"] = row_ns - self._first_ns
         out["monotonic_ns"] = row_ns
         out["stamp_ns"] = row_ns + unix_minus_monotonic_ns
-        out["joint_invalid"] = silent | jumps | unusable
+        out["joint_invalid"] = silent | jumps | self.leapt | unusable
         out["joint_warning"] = warned
         out["buttons"] = self._buttons
         out["clock_mapped"] = True
@@ -188,6 +194,15 @@ class ServoSampler:
             if moved > 1 and abs(step) <= fastest:
                 return True
         return False
+
+    def _leaps(self, counts: list[int], at_ns: Sequence[float], usual_ns: float) -> int:
+        """Bits of joints that have gone as far as only a gap in the cycles lets them."""
+        most_ns, bits = max(LEAP_NS, LEAP_CYCLES * usual_ns), 0
+        for k, (count, last) in enumerate(zip(counts, self._last, strict=True)):
+            if last is not None and at_ns[k] - last[1] > most_ns:
+                step = (count - last[0] + HALF_TURN) % COUNTS_PER_TURN - HALF_TURN
+                bits |= (abs(step) > MARGIN_COUNTS + self._counts_per_ns * most_ns) << k
+        return bits
 
     def _note_past(self, row_ns: int) -> None:
         if row_ns - self._past_ns >= PAST_NS:

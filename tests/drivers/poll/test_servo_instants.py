@@ -21,6 +21,7 @@ class PacedLine:
     def __init__(self, family, counts_per_s):
         self.family, self.speed = family, counts_per_s
         self.ids = [1, 2, 3, 4, 5, 6]
+        self.shift = dict.fromkeys(self.ids, 0)  # counts that a servo tells beside the truth
         given = ServoConfig(kind=family.kind, port="/dev/null", baud=57_600, ids=self.ids)
         self.decoder = ServoDecoder(given, Expectation("SERVO-1", 6, 6, (4096,) * 6))
         self.now_ns, self.items = 1_000_000_000_000, []
@@ -51,7 +52,9 @@ class PacedLine:
         for servo in self.ids:
             self.now_ns += round(self.gap_ns)
             table = self.tables[servo]
-            self.family.put_position(table, 2048 + round(self.true(self.now_ns)))
+            self.family.put_position(
+                table, 2048 + round(self.true(self.now_ns)) + self.shift[servo]
+            )
             status = self.family.status(servo, 0, table[address : address + length])
             self.now_ns += round(len(status) * self.byte_ns)
             answers += status
@@ -162,3 +165,30 @@ def test_where_bytes_take_no_time_the_lines_own_time_bounds_nothing(family, wher
     line.cycles(10)
     assert line.decoder.counters["untimed"] == 5
     assert len(line.apart()) == 40 and line.apart().max() < 1.5
+
+
+@BOTH
+def test_a_step_that_only_a_gap_makes_possible_is_asked_about(family):
+    """Another tool moves a homing offset while the host stands still for 60 ms, in which a joint
+    may turn by 72 degrees: its servo does not count until it has said who it is."""
+    line = PacedLine(family, 0.0)
+    line.cycles(10)
+    line.now_ns += 60 * MS
+    line.shift[2] = 700
+    line.cycles(3)
+    assert line.rows()["joint_invalid"].tolist() == [0] * 10 + [0b10] * 3
+    assert 2 in line.decoder.roster.strangers
+    kind = line.decoder.family
+    line.exchange(0, kind.identity_bytes)
+    line.cycles(3)  # as its offset is the same, it was a motion
+    assert line.rows()["joint_invalid"].tolist()[-3:] == [0] * 3
+    assert line.rows()["count"][-1].tolist() == [0, 700, 0, 0, 0, 0]
+
+
+@BOTH
+def test_a_gap_in_a_motion_costs_no_row(family):
+    line = PacedLine(family, 2000.0)  # 176 degrees a second
+    line.cycles(10)
+    line.now_ns += 60 * MS
+    line.cycles(10)
+    assert (line.rows()["joint_invalid"] == 0).all() and len(line.rows()) == 20
