@@ -178,6 +178,8 @@ def daemon(
             latency_us = (arrived_ns - arm.latch_ns(points["seq"])) / 1000
             rss_mb = _rss_mb(armd.process.pid)
             armd.stop()
+    if not len(points):
+        raise RuntimeError(f"no point within {seconds:g} s: the machine is too busy to measure")
     missing = np.diff(points["seq"].astype(np.int64), prepend=int(points["seq"][0]) - 1) - 1
     flagged = (points["flags"] & Flag.SAMPLES_LOST) != 0
     figures = {

@@ -11,6 +11,7 @@ import json
 import os
 import platform
 import sys
+import traceback
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -37,9 +38,15 @@ def main(names: list[str]) -> int:
         }
     }
     everything: dict[str, Any] = {}
+    failed: list[str] = []
     for name in names or NAMES:
-        bench = importlib.import_module(f"bench_{name}")
-        figures = bench.run()
+        try:
+            bench = importlib.import_module(f"bench_{name}")
+            figures = bench.run()
+        except Exception:  # an hour of what the others measured is not lost with it
+            traceback.print_exc()
+            failed.append(name)
+            continue
         results[name] = figures
         print(f"\n{name}")
         for figure, value in _flat(name, figures):
@@ -52,7 +59,9 @@ def main(names: list[str]) -> int:
     out.mkdir(exist_ok=True)
     write_whole(out / "bench.json", json.dumps(results, indent=1) + "\n")
     print(f"\n{out / 'bench.json'} written")
-    return 0
+    if failed:
+        print(f"not measured: {', '.join(failed)}", file=sys.stderr)
+    return 1 if failed else 0
 
 
 def _flat(name: str, figures: Any) -> Iterator[tuple[str, Any]]:
