@@ -149,7 +149,7 @@ def _interim(args: argparse.Namespace) -> int:
     """A history of checks, and its true settings."""
     check_outputs({"--truth-out": (args.truth_out, SETTINGS)}, [], args.force)
     days = args.days or 40
-    history = interim.History(
+    history = interim.CheckSeries(
         days,
         tuple(interim.parse_happening(text, float(days // 2)) for text in args.plant),
         tuple(interim.parse_bad(text) for text in args.bad or ()),

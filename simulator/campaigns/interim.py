@@ -55,7 +55,7 @@ class Happening:
 
 
 @dataclass(frozen=True)
-class History:
+class CheckSeries:
     """Checks of *days* days, what goes wrong with the arm, and which checks are bad."""
 
     days: int
@@ -168,7 +168,7 @@ def arm_at(
 
 
 def carry_out(
-    history: History, seed: int, noise: Noise, drawn: int | None = None
+    history: CheckSeries, seed: int, noise: Noise, drawn: int | None = None
 ) -> Iterator[Measured]:
     """Measure check after check with the arm of *seed*; *drawn*: the seed of all else, if
     another."""

@@ -52,7 +52,7 @@ class Bench:
         self.calibration: Calibration = self._loaded.content
         self.causes = causes_of(self.arm, self.calibration)
 
-    def checks(self, history: interim.History, seed: int) -> Iterator[Reduced]:
+    def checks(self, history: interim.CheckSeries, seed: int) -> Iterator[Reduced]:
         for measured in interim.carry_out(history, self.seed, Noise(), seed):
             yield self._reduced(measured)
 

@@ -49,8 +49,8 @@ class Case:
         return interim.Happening(self.plant, self.day, self.grows)
 
     @property
-    def history(self) -> interim.History:
-        return interim.History(DAYS, (self.happening,), self.bad, self.artefact)
+    def history(self) -> interim.CheckSeries:
+        return interim.CheckSeries(DAYS, (self.happening,), self.bad, self.artefact)
 
     @property
     def used(self) -> F64:

@@ -130,7 +130,7 @@ def _probability(epoch: Epoch, place: tuple[str, str]) -> tuple[float, bool]:
 
 def in_control(bench: Bench, seed: int, checks: int, draws: int) -> tuple[int, int]:
     """Alarms and checks watched, of *draws* histories of *checks* checks without a change."""
-    statistics = noise_alone(list(bench.checks(interim.History(24), seed)), bench.causes,
+    statistics = noise_alone(list(bench.checks(interim.CheckSeries(24), seed)), bench.causes,
                              checks, draws, seed)  # fmt: skip
     return alarms_and_watched(statistics, likelihood.LIMIT)
 

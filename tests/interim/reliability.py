@@ -169,7 +169,7 @@ def expectation(pairs: Sequence[Pair]) -> tuple[float, float]:
 def months(bench: Bench, seed: int) -> list[list[Reduced]]:
     """Checks on every artefact, for their poses."""
     return [
-        list(bench.checks(interim.History(CHECKS, artefact=artefact), 10 * seed + k))
+        list(bench.checks(interim.CheckSeries(CHECKS, artefact=artefact), 10 * seed + k))
         for k, artefact in enumerate(interim.ARTEFACTS)
     ]
 

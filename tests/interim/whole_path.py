@@ -32,7 +32,7 @@ def whole_path(
     for number in range(histories):
         bench = benches[number % len(benches)]
         artefact = list(interim.ARTEFACTS)[number // len(benches) % len(interim.ARTEFACTS)]
-        history = interim.History(checks, artefact=artefact)
+        history = interim.CheckSeries(checks, artefact=artefact)
         result = _added(bench, history, 1000 * seed + 500 + number)
         over = [i for i, one in enumerate(result["checks"]) if one["statistic"] >= one["limit"]]
         called_bad = sum(one["verdict"] == "bad_check" for one in result["checks"])
@@ -51,7 +51,7 @@ def interval(alarms: int, watched: int) -> tuple[float, float]:
     return 1.0 / low, 1.0 / high if high else float("inf")
 
 
-def _added(bench: Bench, history: interim.History, seed: int) -> dict:
+def _added(bench: Bench, history: interim.CheckSeries, seed: int) -> dict:
     """What `armd interim add` reports of a history's checks."""
     folder = bench.folder / f"history-{seed}"
     sessions = []
