@@ -36,7 +36,7 @@ from support import synthetic
 #: Steps, by what `diagnose` calls them as it goes.
 STEPS = ("model under test", "search", "gain", "held out")
 PLANT = Plant("encoder_eccentricity", "joint 3", 0.9)
-BALLS, CORES = 20, 2
+CORES = 2
 #: Sessions, each a placement, and articulations of each of its twenty balls.
 WHOLE = ((20, 5), (100, 10))
 GROWN = {"fewest": (8, 5), "readings": (8, 10), "sessions": (16, 5)}

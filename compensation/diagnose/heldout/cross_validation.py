@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.data.in_order import in_order
 from armd.compensation.diagnose.diagnosis import SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import possible, stays_near
 from armd.compensation.diagnose.fitting.refit import solve_again
@@ -43,12 +42,11 @@ def cross_validate(result: SearchResult, arm: Arm, progress: TellShare) -> Cross
     whole = make_projection(solve_again(last, [], last.noise, arm), arm, folds)
     by_part = whole.sums_by_part(result.signatures)
     parts = [int(part) for part in np.unique(folds)]
-    with ThreadPoolExecutor(min(len(parts), os.cpu_count() or 1)) as pool:
-        found = pool.map(lambda part: _without(part, folds, result, whole, by_part), parts)
-        for done, (part, of_steps) in enumerate(zip(parts, found, strict=True), 1):
-            progress("gain", 0.9 + 0.1 * done / len(parts))
-            for square, own in zip(squares, of_steps, strict=True):
-                square[folds == part] = own
+    found = in_order(lambda part: _without(part, folds, result, whole, by_part), parts)
+    for done, (part, of_steps) in enumerate(zip(parts, found, strict=True), 1):
+        progress("gain", 0.9 + 0.1 * done / len(parts))
+        for square, own in zip(squares, of_steps, strict=True):
+            square[folds == part] = own
     return CrossValidated(squares, groups_of(last.linear.rests.observations))
 
 

@@ -9,15 +9,14 @@ takes it out of the sum.
 from __future__ import annotations
 
 import operator
-import os
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.data.in_order import in_order
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.diagnose.scoring.cells import (
@@ -35,8 +34,6 @@ from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
 from armd.compensation.estimate.linear.blocks import Piece
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.model.arm import Arm
-
-CELLS = 4  # at once for each processor: what they come to is many megabytes
 
 #: By how many columns m a candidate has: which candidates, and products (parts, c, m, m) within.
 Grams = dict[int, tuple[I64, F64]]
@@ -181,11 +178,7 @@ class Projection:
             by_axis = others.reshape(-1, 3, others.shape[1])
             return signatures.of_pairs(self._at_rests[:, cell.rests], by_axis, cell.rests)
 
-        count = os.cpu_count() or 1
-        with ThreadPoolExecutor(count) as pool:
-            for first in range(0, len(self.cells), CELLS * count):
-                some = self.cells[first : first + CELLS * count]
-                yield from zip(some, pool.map(of, some), strict=True)
+        return zip(self.cells, in_order(of, self.cells), strict=True)
 
     def sums_with(self, known: Sums) -> Sums:
         """Products with all candidates' columns, where those with the first shared columns are
