@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 import throwaway_root
 from debian_packages import unpacked
-from throwaway_root import ThrowawayRoot
+from throwaway_root import INSIDE, ThrowawayRoot
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
-INSTALL = "/tmp/project/deploy/install.sh"
+INSTALL = INSIDE / "deploy" / "install.sh"
 NEEDED_BYTES = 3 << 30
 CODE = "/var/cache/armd/numba/"
 AS_ARMD = ["setpriv", "--reuid=armd", "--regid=armd", "--clear-groups"]

@@ -14,12 +14,14 @@ ENTER = """\
 mount -t overlay overlay -o lowerdir=/,upperdir="$1/upper",workdir="$1/work" "$1/root"
 for folder in proc sys dev; do mount --rbind "/$folder" "$1/root/$folder"; done
 mount -t tmpfs tmpfs "$1/root/tmp"
-mkdir "$1/root/tmp/project"
+mkdir "$1/root$3"
 tar -C "$2" --exclude=./.venv --exclude=./.git --exclude=./.cache --exclude=./build -c . |
-    tar -C "$1/root/tmp/project" -x
-root=$1/root; shift 2
+    tar -C "$1/root$3" -x
+root=$1/root; shift 3
 exec chroot "$root" "$@"
 """
+#: Where in it the project lies.
+INSIDE = Path("/", "tmp", "project")
 SUDO_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 
 
@@ -28,7 +30,7 @@ class Unavailable(Exception):
 
 
 class ThrowawayRoot:
-    """Commands run in it as root, with the project in /tmp/project and this machine's network,
+    """Commands run in it as root, with the project at `INSIDE` and this machine's network,
     and without its systemd."""
 
     def __init__(self, folder: Path) -> None:
@@ -43,7 +45,7 @@ class ThrowawayRoot:
     def run(self, *command: str | Path) -> subprocess.CompletedProcess[str]:
         enter = ["unshare", "--mount", "--propagation=private", "sh", "-euc", ENTER, "sh"]
         return subprocess.run(
-            [*enter, self.folder, PROJECT, *command],
+            [*enter, self.folder, PROJECT, INSIDE, *command],
             capture_output=True,
             text=True,
             env={**os.environ, "PATH": SUDO_PATH, "LC_ALL": "C"},
