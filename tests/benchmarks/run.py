@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from marks import table
+from floors_and_marks import table
 
 from armd.files.writing import write_whole
 
