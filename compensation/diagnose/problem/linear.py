@@ -16,9 +16,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.poses import (
-    Poses,
-)
+from armd.compensation.estimate.poses import Poses
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
@@ -87,9 +85,9 @@ class Linear:
             return column
         at = observations.known_mm(self.poses.target_mm)
         if change.kind == "expansion":
-            move = at * self.rests.artefact_rise_c[:, None]
+            move = self._from_still_mm * self.rests.artefact_rise_c[:, None]
         elif change.kind == "scale":
-            move = at
+            move = self._from_still_mm
         elif change.kind == "sag":
             move = self._sag(change, at)
         else:
@@ -102,6 +100,22 @@ class Linear:
         rotation = self.poses.rotation[observations.placement]
         column[: 3 * self.rests.n] = -np.einsum("nij,nj->ni", rotation, move).ravel()
         return column
+
+    @cached_property
+    def _from_still_mm(self) -> F64:
+        """(n, 3) where targets are, from the point that an artefact grows about: its origin.
+
+        Where nothing of it is certified, its frame lies anywhere (rounding decides), and a target
+        far from the origin would move by what one sensor's noise makes of that: there it is the
+        middle of the seats, and a single seat does not move (docs/decisions/0125).
+        """
+        observations = self.rests.observations
+        target_mm = self.poses.target_mm.copy()
+        certified = observations.has_truth | ~observations.unknown[observations.target]
+        for session in np.setdiff1d(observations.session, observations.session[certified]):
+            seats = np.unique(observations.target[observations.session == session])
+            target_mm[seats] -= target_mm[seats].mean(axis=0)
+        return observations.known_mm(target_mm)
 
     def artefact_columns(self, changes: Sequence[ArtefactChange]) -> Blocks:
         """The columns of several changes; of one placement that was moved, in that placement."""
