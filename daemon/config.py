@@ -10,8 +10,16 @@ from pydantic import Field
 
 from armd import keys
 from armd.compensation.model.arm import Arm, Offset, load_arm
-from armd.drivers.config import DriverConfig, ReplayConfig, ServoConfig
+from armd.drivers.can.objects import CHANNELS_PER_MODULE, TEMPERATURE_NODES
+from armd.drivers.config import (
+    CanConfig,
+    DriverConfig,
+    MicroScribeConfig,
+    ReplayConfig,
+    ServoConfig,
+)
 from armd.drivers.identity import Expectation
+from armd.drivers.microscribe.wire import N_JOINTS
 from armd.drivers.poll.protocol.family import COUNTS_PER_TURN
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_toml
@@ -153,6 +161,11 @@ def load_config(path: str | Path) -> Config:
             raise BadInput(arm_path, where, "nothing", "a number: a live arm sends counts")
     if isinstance(file.driver, ServoConfig):
         _check_servos(path, file.driver, arm_path, arm)
+    elif isinstance(file.driver, CanConfig):
+        _check_nodes(path, file.driver, arm_path, arm)
+    elif isinstance(file.driver, MicroScribeConfig) and arm.n_joints != N_JOINTS:
+        expected = f"{N_JOINTS}, a MicroScribe's"
+        raise BadInput(arm_path, "joint", f"{arm.n_joints} joints", expected)
     if keys.FORBIDDEN & set(arm.serial_number):
         expected = f"none of {' '.join(sorted(keys.FORBIDDEN))}, it becomes a part of Zenoh keys"
         raise BadInput(arm_path, "serial_number", repr(arm.serial_number), expected)
@@ -160,6 +173,18 @@ def load_config(path: str | Path) -> Config:
         other = min(file.zenoh.model_fields_set - {"config"})
         raise BadInput(path, f"zenoh.{other}", "this key", "it inside zenoh.config, or no config")
     return Config(config_path, file, arm)
+
+
+def _check_nodes(path: str | Path, driver: CanConfig, arm_path: Path, arm: Arm) -> None:
+    """Whether there are nodes enough on a bus for the arm; raises `BadInput`."""
+    numbers = driver.encoder_serial_numbers
+    if numbers is not None and len(numbers) != arm.n_joints:
+        found, expected = f"{len(numbers)} numbers", f"{arm.n_joints}, one for each joint"
+        raise BadInput(path, "driver.encoder_serial_numbers", found, expected)
+    most = CHANNELS_PER_MODULE * len(TEMPERATURE_NODES)
+    if len(arm.sensors) > most:
+        expected = f"{most} at most, the channels of {len(TEMPERATURE_NODES)} modules on CAN"
+        raise BadInput(arm_path, "temperature_sensor", f"{len(arm.sensors)} sensors", expected)
 
 
 def _check_servos(path: str | Path, driver: ServoConfig, arm_path: Path, arm: Arm) -> None:

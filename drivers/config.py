@@ -6,30 +6,71 @@ from __future__ import annotations
 from difflib import get_close_matches
 from typing import Annotated, Literal, Self
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from armd.drivers.microscribe import wire as microscribe
+from armd.drivers.poll.protocol import dynamixel, feetech
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S
 from armd.files.schema import KEY_FAULT, Strict
+
+#: What a UART for which somebody builds an arm keeps to; adapters end at 12 Mbaud.
+LEAST_BAUD, MOST_BAUD = 9_600, 12_000_000
+
+
+def _name(text: str) -> str:
+    if not text.strip() or not text.isprintable():
+        raise ValueError("a name of printable characters")
+    return text
+
+
+def _return_delay(delay_us: int) -> int:
+    if delay_us not in range(0, 509, 2):
+        raise ValueError("an even number, 0 to 508")
+    return delay_us
+
+
+Printable = Annotated[str, AfterValidator(_name)]  # of a port, file or adapter
+#: Cycles a second. Between fewer than 5 a line would be silent, and the state not READY.
+RateHz = Annotated[float, Field(ge=5, le=2000)]
+#: Slower than by hand, to faster than any arm: at 20 000 a joint goes half a turn in 9 ms.
+JointRate = Annotated[float, Field(ge=1, le=20_000)]
 
 
 class SerialConfig(Strict):
     kind: Literal["serial"]
-    port: Annotated[str, Field(min_length=1)]  # a stable name: /dev/serial/by-id/…
-    baud: Annotated[int, Field(gt=0)] = 2_000_000
-    max_joint_rate_deg_s: Annotated[float, Field(gt=0)] = MAX_JOINT_RATE_DEG_S
+    port: Printable  # a stable name: /dev/serial/by-id/…
+    baud: Annotated[int, Field(ge=LEAST_BAUD, le=MOST_BAUD)] = 2_000_000
+    max_joint_rate_deg_s: JointRate = MAX_JOINT_RATE_DEG_S
 
 
 class CanConfig(Strict):
     model_config = ConfigDict(extra="allow")  # bitrate, host, port, …: passed to python-can
 
     kind: Literal["can"]
-    interface: Annotated[str, Field(min_length=1)]  # "socketcan", "socketcand", "slcan", …
+    interface: str  # "socketcan", "socketcand", "slcan", …
     channel: str | int | None = None
-    rate_hz: Annotated[float, Field(gt=0, le=2000)] = 500.0
+    rate_hz: RateHz = 500.0
     sync: Literal["producer", "follower"] = "producer"
-    encoder_serial_numbers: list[int] | None = None  # 1018:4 of nodes 1…N, in this order
-    max_joint_rate_deg_s: Annotated[float, Field(gt=0)] = MAX_JOINT_RATE_DEG_S
+    #: 1018:4 of nodes 1…N, in this order; CiA 301: 0 is none
+    encoder_serial_numbers: list[Annotated[int, Field(ge=1, le=0xFFFF_FFFF)]] | None = None
+    max_joint_rate_deg_s: JointRate = MAX_JOINT_RATE_DEG_S
+
+    @field_validator("channel", mode="before")
+    @classmethod
+    def _a_name_or_a_number(cls, channel: object) -> object:
+        if isinstance(channel, str):
+            return _name(channel)
+        if channel is None or (type(channel) is int and channel >= 0):
+            return channel
+        raise ValueError("a name, or a number of 0 or more")
+
+    @field_validator("encoder_serial_numbers")
+    @classmethod
+    def _once_each(cls, numbers: list[int] | None) -> list[int] | None:
+        if numbers is not None and len(set(numbers)) != len(numbers):
+            raise ValueError("each number once")
+        return numbers
 
     @model_validator(mode="after")
     def _python_can_knows_the_rest(self) -> Self:
@@ -49,7 +90,10 @@ class CanConfig(Strict):
                 hint = f"; {near[0]}?" if near else ""
                 expected = f"a key of armd or of python-can's {self.interface}{hint}"
                 raise _wrong(key, "an unknown key", expected)
-        for key in options.required - set(given) - ({"channel"} if self.channel else set()):
+            if expected := options.expected(key, given[key]):
+                raise _wrong(key, repr(given[key]), expected)
+        named = set() if self.channel is None else {"channel"}
+        for key in sorted(options.required - set(given) - named):
             raise _wrong(key, "nothing", f"this key, which python-can's {self.interface} needs")
         return self
 
@@ -73,19 +117,19 @@ class Trigger(Strict):
 
 class ServoConfig(Strict):
     kind: Literal["feetech", "dynamixel"]
-    port: Annotated[str, Field(min_length=1)]  # a stable name: /dev/serial/by-id/…
-    baud: Annotated[int, Field(gt=0)] = 1_000_000
+    port: Printable  # a stable name: /dev/serial/by-id/…
+    baud: int = 1_000_000
     ids: Annotated[list[ServoId], Field(min_length=3, max_length=9)]  # joint k is ids[k-1]
-    rate_hz: Annotated[float, Field(gt=0, le=2000)] | None = None  # None: what the line allows
+    rate_hz: RateHz | None = None  # at the most; None: what the line allows
     temperature_ids: list[ServoId] | None = None  # sensor k is this servo's; None: ids
     trigger: Trigger | None = None
-    adapter_serial: Annotated[str, Field(min_length=1)] | None = None  # of the USB adapter
+    adapter_serial: Printable | None = None  # of the USB adapter
     # Nothing is ever written to a servo but by these two, at each connection:
     torque_off: bool = False
-    return_delay_us: Annotated[int, Field(ge=0, le=508, multiple_of=2)] | None = None
+    return_delay_us: Annotated[int, AfterValidator(_return_delay)] | None = None
     #: take changed homing offsets and other servos without `armd accept`
     accept_changed_offsets: bool = False
-    max_joint_rate_deg_s: Annotated[float, Field(gt=0)] = MAX_JOINT_RATE_DEG_S
+    max_joint_rate_deg_s: JointRate = MAX_JOINT_RATE_DEG_S
 
     @field_validator("ids", "temperature_ids")
     @classmethod
@@ -94,19 +138,42 @@ class ServoConfig(Strict):
             raise ValueError("each id once")
         return ids
 
+    @model_validator(mode="after")
+    def _servos_have_such_a_rate(self) -> Self:
+        bauds = feetech.BAUDS if self.kind == "feetech" else dynamixel.BAUDS
+        if self.baud not in bauds:
+            raise _wrong("baud", str(self.baud), f"a rate of {self.kind} servos: {_listed(bauds)}")
+        return self
+
+
+def _listed(bauds: tuple[int, ...]) -> str:
+    return ", ".join(map(str, sorted(bauds)))
+
+
+def _microscribe_baud(baud: int) -> int:
+    if baud not in microscribe.BAUDS:
+        raise ValueError(f"a rate of the arm: {_listed(microscribe.BAUDS)}")
+    return baud
+
 
 class MicroScribeConfig(Strict):
     kind: Literal["microscribe"]
-    port: Annotated[str, Field(min_length=1)]
-    baud: Annotated[int, Field(gt=0)] | None = None  # found by trying
+    port: Printable
+    baud: Annotated[int, AfterValidator(_microscribe_baud)] | None = None  # found by trying
     stream: bool = True  # False: each reading is asked for, as from an arm that cannot stream
-    max_joint_rate_deg_s: Annotated[float, Field(gt=0)] = MAX_JOINT_RATE_DEG_S
+    max_joint_rate_deg_s: JointRate = MAX_JOINT_RATE_DEG_S
+
+
+def _speed(speed: float) -> float:
+    if speed != 0 and not 0.001 <= speed <= 1000:
+        raise ValueError("0, or 0.001 to 1000")
+    return speed
 
 
 class ReplayConfig(Strict):
     kind: Literal["replay"]
-    file: Annotated[str, Field(min_length=1)]  # MCAP, relative to armd.toml
-    speed: Annotated[float, Field(ge=0)] = 1.0  # 0: as fast as it goes
+    file: Printable  # MCAP, relative to armd.toml
+    speed: Annotated[float, AfterValidator(_speed)] = 1.0  # 0: as fast as it goes
 
 
 DriverConfig = Annotated[

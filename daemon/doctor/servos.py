@@ -12,11 +12,7 @@ from armd.drivers.poll.protocol import dynamixel, feetech
 from armd.drivers.poll.protocol.family import FAMILIES, Family, Servo, model_name
 from armd.drivers.poll.protocol.packet import Status
 
-#: Rates that servos can be set to, the usual ones first.
-BAUDS = {
-    "feetech": (1_000_000, 500_000, 250_000, 115_200, 57_600, 38_400),
-    "dynamixel": (1_000_000, 57_600, 2_000_000, 3_000_000, 4_000_000, 115_200, 9_600),
-}
+BAUDS = {"feetech": feetech.BAUDS, "dynamixel": dynamixel.BAUDS}
 #: Asked at every rate. Where one answers, all ids are asked.
 LIKELY_IDS, ALL_IDS, NOBODY = range(1, 17), range(253), 253
 #: A servo answers within 0.5 ms; an adapter may hold that back for 16 ms, and a Python fake longer.

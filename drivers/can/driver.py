@@ -20,7 +20,6 @@ from armd.drivers.config import CanConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.sample import Item
 from armd.drivers.shell import Shell
-from armd.errors import BadInput
 
 RENEW_NS = 2_000_000_000  # a bus that stays silent is built anew this often
 BURST = 64  # frames received before SYNC and the nodes get their turn
@@ -37,11 +36,7 @@ class CanDriver(Shell[CanDecoder]):
         name = f"{config.interface} {config.channel or ''}".strip()
         super().__init__(decoder, name, RENEW_NS, "can")
         self._config = config
-        serial_numbers = config.encoder_serial_numbers
-        if serial_numbers is not None and len(serial_numbers) != expectation.n_joints:
-            found, expected = f"{len(serial_numbers)} numbers", f"{expectation.n_joints}"
-            raise BadInput("armd.toml", "driver.encoder_serial_numbers", found, expected)
-        self._setup = NodeSetup(expectation, config.rate_hz, serial_numbers)
+        self._setup = NodeSetup(expectation, config.rate_hz, config.encoder_serial_numbers)
         self._network: OwnNetwork | None = None
         self._opening: Job[can.BusABC] | None = None
         self._send_faults = self._garbled = 0  # of networks that are closed

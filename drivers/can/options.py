@@ -1,12 +1,16 @@
-"""Which keys of `[driver]` python-can knows: it swallows any other without a word."""
+"""Which keys of `[driver]` python-can knows, and what their values can be: it swallows any other
+without a word."""
 
 from __future__ import annotations
 
 import inspect
 import logging
+import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
+from typing import Any, get_args, get_type_hints
 
 from can.interfaces import BACKENDS
 from can.typechecking import BitTimingDict, BitTimingFdDict
@@ -14,10 +18,27 @@ from can.typechecking import BitTimingDict, BitTimingFdDict
 logging.getLogger("can").addHandler(logging.NullHandler())  # makers' libraries that are not there
 
 #: What `can.Bus` itself makes something of, or any interface may be given.
-COMMON = {"bitrate", "data_bitrate", "fd", "receive_own_messages"} | {
-    *BitTimingDict.__annotations__,
-    *BitTimingFdDict.__annotations__,
+COMMON: dict[str, type] = {
+    "bitrate": int,
+    "data_bitrate": int,
+    "fd": bool,
+    "receive_own_messages": bool,
+    **dict.fromkeys((*BitTimingDict.__annotations__, *BitTimingFdDict.__annotations__), int),
 }
+#: Of keys for whose kind python-can has no word.
+_KINDS: dict[str, type] = {**COMMON, "host": str, "port": int, "btr": str}
+#: Of CiA 301 the slowest and the fastest; what transceivers for CAN FD reach; of a socket; of a
+#: UART; and longer than so many seconds nobody waits.
+_UART, _SECONDS = (9_600, 12_000_000), (0, 60)
+_RANGES = {
+    "bitrate": (10_000, 1_000_000),
+    "data_bitrate": (10_000, 8_000_000),
+    "port": (1, 65_535),
+    "hop_limit": (0, 255),
+    **dict.fromkeys(("baudrate", "tty_baudrate", "ttyBaudrate"), _UART),
+    **dict.fromkeys(("sleep_after_open", "timeout", "poll_interval"), _SECONDS),
+}
+_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text"}
 _TAKEN = re.compile(r"""kwargs(?:\.get|\.pop)?[(\[]["'](\w+)["']""")
 INTERFACES = tuple(sorted(BACKENDS))
 
@@ -28,6 +49,34 @@ class InterfaceKeys:
 
     known: frozenset[str]
     required: frozenset[str]
+    kinds: Mapping[str, type]  # of their values: bool, int, float or str; where that is known
+
+    def expected(self, key: str, value: object) -> str:
+        """What should stand there instead of *value*; empty where it may be."""
+        kind = self.kinds.get(key)
+        least, most = _RANGES.get(key, (0, math.inf))
+        if kind is None:
+            number = isinstance(value, int | float)
+            return "" if not number or _is_within(value, least, most) else "a number of 0 or more"
+        if kind is bool:
+            fits = isinstance(value, bool)
+        elif kind is str:
+            fits = isinstance(value, str) and bool(value.strip()) and value.isprintable()
+        else:
+            numbers = int if kind is int else int | float
+            number = isinstance(value, numbers) and not isinstance(value, bool)
+            fits = number and _is_within(value, least, most)
+        if fits:
+            return ""
+        return _WORDS[kind] + (f", {least} to {most}" if math.isfinite(most) else _at_least(kind))
+
+
+def _is_within(value: Any, least: float, most: float) -> bool:
+    return math.isfinite(value) and least <= value <= most
+
+
+def _at_least(kind: type) -> str:
+    return " of 0 or more" if kind in (int, float) else ""
 
 
 def options_of(interface: str) -> InterfaceKeys | None:
@@ -41,13 +90,29 @@ def options_of(interface: str) -> InterfaceKeys | None:
         source = inspect.getsource(bus)
     except Exception:  # a maker's library that is missing shows itself in any way it likes
         return None
-    known = COMMON | set(_TAKEN.findall(source))
+    kinds: dict[str, type] = {}
+    known = set(COMMON) | set(_TAKEN.findall(source))
     required: set[str] = set()
-    for kind in (kind for kind in bus.__mro__ if "__init__" in vars(kind)):
-        for parameter in inspect.signature(kind.__init__).parameters.values():
+    for base in (base for base in bus.__mro__ if "__init__" in vars(base)):
+        hints = get_type_hints(base.__init__)
+        for parameter in inspect.signature(base.__init__).parameters.values():
             if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
                 continue
             known.add(parameter.name)
-            if kind is bus and parameter.default is parameter.empty:
+            kind = _kind_of(hints.get(parameter.name), parameter.default)
+            if kind is not None:
+                kinds.setdefault(parameter.name, kind)
+            if base is bus and parameter.default in (parameter.empty, ""):
                 required.add(parameter.name)
-    return InterfaceKeys(frozenset(known - {"self"}), frozenset(required - {"self"}))
+    known.discard("self")
+    required.discard("self")
+    return InterfaceKeys(frozenset(known), frozenset(required), {**_KINDS, **kinds})
+
+
+def _kind_of(hint: Any, default: object) -> type | None:
+    """Of a parameter's values, by its annotation (T, or T | None), or else by its default."""
+    given = [each for each in get_args(hint) or (hint,) if each is not type(None)]
+    if len(given) == 1 and given[0] in _WORDS:
+        kind: type = given[0]
+        return kind
+    return type(default) if hint is None and type(default) in _WORDS else None

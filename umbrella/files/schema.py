@@ -149,7 +149,12 @@ def _hostile(path: str | Path, error: RecursionError | ValueError) -> BadInput:
 
 def _location(fault: Any) -> tuple[int | str, ...]:
     location: tuple[int | str, ...] = fault["loc"]
-    return (*location, fault["ctx"]["key"]) if fault["type"] == KEY_FAULT else location
+    match fault["type"]:
+        case "armd_key":
+            return (*location, fault["ctx"]["key"])
+        case "union_tag_invalid" | "union_tag_not_found":
+            return (*location, fault["ctx"]["discriminator"].strip("'"))
+    return location
 
 
 def _key(
@@ -194,8 +199,11 @@ def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
             *table, key = fault["loc"]
             known = keys_at(model, table)
             return "an unknown key", f"one of the documented keys{hint(str(key), known)}"
+        case "union_tag_not_found":
+            return "nothing", "this key"
         case "union_tag_invalid":
-            return repr(fault["ctx"]["tag"]), f"one of {fault['ctx']['expected_tags']}"
+            tag = fault["input"][fault["ctx"]["discriminator"].strip("'")]
+            return repr(tag), f"one of {fault['ctx']['expected_tags']}"
     shown = repr(fault["input"])
     found = shown if len(shown) <= MOST_SHOWN else shown[: MOST_SHOWN - 3] + "..."
     match fault["type"]:

@@ -24,6 +24,7 @@ from armd.daemon.catalogue.known import (
 )
 from armd.daemon.catalogue.lerobot import take_over
 from armd.drivers.microscribe.factory import read_factory
+from armd.drivers.microscribe.wire import BAUDS
 from armd.drivers.ports import serial_ports
 from armd.errors import BadInput
 from armd.files.outputs import ARM, add_force, check_same
@@ -52,7 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "and the port is known",
     )
     parser.add_argument("--port", help="the serial port (default: the only one that is plugged in)")
-    parser.add_argument("--baud", type=int, help="of microscribe (default: found by trying)")
+    parser.add_argument(
+        "--baud", type=int, choices=BAUDS, help="of microscribe (default: found by trying)"
+    )
     parser.add_argument("--ball", action="store_true", help="microscribe: a ball tip, not a point")
     parser.add_argument("--serial-number", metavar="NAME", help="what to call this arm")
     parser.add_argument(

@@ -162,6 +162,9 @@ def _daemon(path: Path, _: Arms) -> str:
     from armd.daemon.config import load_config
 
     config = load_config(path)
+    if config.driver.kind == "replay" and not Path(config.driver.file).exists():
+        file = config.driver.file
+        raise BadInput(file, "the file", "nothing", f"an existing file{near(Path(file))}")
     if config.calibration is not None:
         load_calibration(config.calibration, config.arm)
     return ""
