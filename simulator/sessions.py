@@ -116,6 +116,7 @@ def run(args: argparse.Namespace) -> int:
                 raise BadInput(
                     f"--session {args.session}", f"--{option}", "it", "it not: interim's"
                 )
+    check_outputs({"--truth-out": (args.truth_out, SETTINGS)}, [], args.force)
     if args.session == INTERIM:
         return _interim(args)
     if args.session == PRINTED:
@@ -130,7 +131,6 @@ def run(args: argparse.Namespace) -> int:
             write_whole(args.truth_out, json.dumps(printed.as_json(), indent=1) + "\n")
         print(f"3 sessions, {readings} readings in {folder}")
         return 0
-    check_outputs({"--truth-out": (args.truth_out, SETTINGS)}, [], args.force)
     noise = Noise().scaled(args.noise)
     campaign = KINDS[args.session](args.seed, noise)
     plants = [parse_plant(text) for text in args.plant]
@@ -147,7 +147,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _interim(args: argparse.Namespace) -> int:
     """A history of checks, and its true settings."""
-    check_outputs({"--truth-out": (args.truth_out, SETTINGS)}, [], args.force)
     days = args.days or 40
     history = interim.CheckSeries(
         days,

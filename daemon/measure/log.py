@@ -35,7 +35,7 @@ class Log:
         check_output_folder(folder)
         path = folder / NAME
         if not path.exists():
-            for name in ("session.toml", *READINGS):
+            for name in ("session.toml", *READINGS, "arm.toml"):  # which is written here, too
                 if (folder / name).exists():
                     expected = "a new folder, or one that `armd measure` began"
                     raise BadInput(folder, "the folder", name, expected)

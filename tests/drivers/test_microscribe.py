@@ -321,10 +321,22 @@ def test_the_factorys_geometry_becomes_an_arm_toml(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "arm.toml"
-    with simulated_arm(tmp_path, wire=("--microscribe",), seconds=20.0) as arm:
+    with simulated_arm(tmp_path, wire=("--microscribe",), seconds=60.0) as arm:
         path.unlink(missing_ok=True)
         command = ["arm", "microscribe", "--port", arm.port, "-o", str(path)]
         assert cli.main(command) == 0
+        assert cli.main(command) == 0  # the same once more takes nothing away
+        told = f"{tmp_path / 'armd.toml'}: left as it is; its [driver] for this arm:"
+        assert f'{told}\n  kind = "microscribe"\n' in capsys.readouterr().out
+        written = path.read_bytes()
+        path.write_text("# mine\n")
+        assert cli.main(command) == 2
+        refused = f"armd: {path}: the file: found an arm.toml with another content, expected"
+        assert capsys.readouterr().err.startswith(refused)
+        assert path.read_text() == "# mine\n"
+        assert cli.main([*command, "--force"]) == 0
+        assert path.read_bytes() == written
+        assert cli.main([*command[:-1], str(tmp_path / "none" / "arm.toml")]) == 2
         arm.stop()
     assert cli.main(["check", str(path), str(tmp_path / "armd.toml")]) == 0
     found = load_arm(path)

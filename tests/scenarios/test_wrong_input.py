@@ -115,6 +115,7 @@ RIGHT = {
     "arm": "arm so101 -o out.toml",
     "lerobot": "arm import-lerobot lerobot.json -o out.toml",
     "simulate": "simulate --session demo -o sessions --truth-out truth.json",
+    "so101": "simulate --session so101 -o sessions --truth-out truth.json",
     "wire": "simulate --serial --seconds 0.1 --scenario scenario.toml --truth truth.bin"
     " --fault-log faults.jsonl --arm-out out.toml",
 }

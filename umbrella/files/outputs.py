@@ -19,7 +19,7 @@ from armd.errors import BadInput
 from armd.files.writing import check_folder, check_place, same_place
 
 _HEAD_BYTES = 1 << 16
-_SESSION_FILES = ("session.toml", "readings.csv", "readings.parquet")
+SESSION_FILES = ("session.toml", "readings.csv", "readings.parquet")
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,11 @@ def _has_columns(*names: str) -> Callable[[bytes], bool]:
     return told
 
 
+def _is_settings(head: bytes) -> bool:
+    told = ("plants", "encoder_eccentricity_arcsec")  # of a campaign; of a printed arm
+    return any(_json_key(head, key) is not None for key in told)
+
+
 def _is_truth(head: bytes) -> bool:
     return b"\0" in head and not head.startswith(b"\x89MCAP")
 
@@ -75,7 +80,7 @@ RECORDING = OutputKind("a recording", None)
 ARM = OutputKind("an arm.toml", None)
 SESSION = OutputKind("a session's file", None)
 TRUTH = OutputKind("a simulator's truth", _is_truth)
-SETTINGS = OutputKind("a simulator's settings", lambda head: _json_key(head, "plants") is not None)
+SETTINGS = OutputKind("a simulator's settings", _is_settings)
 FAULT_LOG = OutputKind("a simulator's fault log", lambda head: head.startswith(b'{"event": '))
 
 
@@ -158,7 +163,7 @@ def _what(path: Path, head: bytes) -> str:
     """In words, what stands where an output should go."""
     if head.startswith(b"\x89MCAP"):
         return "a recording, which cannot be had again"
-    if path.name in _SESSION_FILES:
+    if path.name in SESSION_FILES:
         return "a session's file"
     if _is_calibration(head):
         return "a calibration"
@@ -175,4 +180,4 @@ def _check_not_read(path: Path, where: str, inputs: Iterable[Path]) -> None:
 def _files_of(inputs: Iterable[str | Path | None]) -> list[Path]:
     """The files that a run reads; of a session folder those in it."""
     files = [Path(path) for path in inputs if path is not None]
-    return files + [path / name for path in files if path.is_dir() for name in _SESSION_FILES]
+    return files + [path / name for path in files if path.is_dir() for name in SESSION_FILES]

@@ -29,7 +29,7 @@ from armd.drivers.ports import serial_ports
 from armd.errors import BadInput
 from armd.files.outputs import ARM, add_force, check_same
 from armd.files.schema import validate
-from armd.files.writing import write_whole
+from armd.files.writing import check_place, write_whole
 
 MICROSCRIBE = "MicroScribe 3D, 3DX, 3DL, G or G2: the factory's geometry, read from the arm"
 
@@ -100,6 +100,8 @@ def _microscribe(args: argparse.Namespace) -> int:
     ports = [args.port] if args.port else [str(port) for port in serial_ports()]
     if len(ports) != 1:
         raise BadInput("armd arm", "--port", f"{len(ports)} serial ports", "the MicroScribe's")
+    if args.output is not None:
+        check_place(args.output)  # before the arm is asked, which takes seconds
     factory = read_factory(ports[0], args.baud)
     text = microscribe.arm_text(factory, ports[0], args.ball)
     validate(f"{ports[0]}: the arm's memory", tomllib.loads(text), Arm)
@@ -109,10 +111,14 @@ def _microscribe(args: argparse.Namespace) -> int:
     check_same(args.output, text, ARM, args.force)
     write_whole(args.output, text)
     print(f"{args.output}: {title(text)}")
+    daemon_file = microscribe.daemon_text(args.output.name, ports[0], factory.baud)
     path = args.output.parent / "armd.toml"
-    if not path.exists():
-        write_whole(path, microscribe.daemon_text(args.output.name, ports[0], factory.baud))
-        print(f"{path}: for `armd run {path}`, on {ports[0]}")
+    if path.exists():
+        print(f"{path}: left as it is; its [driver] for this arm:", end="\n  ")
+        print(*_driver_of(daemon_file), sep="\n  ")
+        return 0
+    write_whole(path, daemon_file)
+    print(f"{path}: for `armd run {path}`, on {ports[0]}")
     return 0
 
 
@@ -133,7 +139,12 @@ def _write_daemon_file(output: Path, bus: Bus, port: str | None) -> None:
 
 
 def _driver(bus: Bus, port: str | None) -> list[str]:
-    lines = daemon_text("arm.toml", bus, port or "/dev/serial/by-id/…").splitlines()
+    return _driver_of(daemon_text("arm.toml", bus, port or "/dev/serial/by-id/…"))
+
+
+def _driver_of(text: str) -> list[str]:
+    """The lines of `[driver]` in an armd.toml that is made here."""
+    lines = text.splitlines()
     return lines[lines.index("[driver]") + 1 :]
 
 

@@ -14,7 +14,15 @@ from armd.compensation.data.session import load_session
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.model.arm import Arm, load_arm
 from armd.errors import BadInput
-from armd.files.outputs import ARM, add_force, check_output_folder, check_same
+from armd.files.outputs import (
+    ARM,
+    SESSION,
+    SESSION_FILES,
+    add_force,
+    check_output_folder,
+    check_outputs,
+    check_same,
+)
 from armd.files.writing import write_whole
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
@@ -131,6 +139,9 @@ def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns:
     check_output_folder(args.output)
     if args.output.exists() and any(args.output.iterdir()) and not args.force:
         raise BadInput(args.output, "-o", "a folder that is not empty", "a new one (or --force)")
+    for name in SESSION_FILES if args.output.is_dir() else ():
+        inputs = [args.table, args.arm, args.artefact]
+        check_outputs({"-o": (args.output / name, SESSION)}, inputs, args.force)
     with tempfile.TemporaryDirectory() as scratch:
         trial = Path(scratch) / args.output.name
         write_session(trial, content, columns)

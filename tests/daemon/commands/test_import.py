@@ -57,6 +57,17 @@ def bench(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Bench:
     return Bench(tmp_path, capsys)
 
 
+def test_a_table_is_never_written_over_by_its_own_session(bench: Bench) -> None:
+    (bench.folder / "out").mkdir()
+    table = bench.folder / "out" / "readings.csv"
+    table.write_text("q1,q2,q3,what only this table has\n1,2,3,4\n")
+    before = table.read_bytes()
+    for force in ((), ("--force",)):
+        code, told = bench.run("out/readings.csv", *force)
+        assert code == 2 and ("an input of this run" in told or not force)
+    assert table.read_bytes() == before and len(list(table.parent.iterdir())) == 1
+
+
 def test_what_a_german_excel_writes(bench: Bench) -> None:
     text = (
         "Messung vom 1. März;;;;;;\r\n"

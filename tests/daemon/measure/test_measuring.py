@@ -347,6 +347,11 @@ def test_one_writer_at_a_time_and_one_plan(tmp_path):
     (tmp_path / "other" / "session.toml").write_text("")
     with pytest.raises(BadInput, match=r"found session\.toml"):
         Measuring(tmp_path / "other", plan, IN_USE)
+    (tmp_path / "arms").mkdir()
+    (tmp_path / "arms" / "arm.toml").write_text("# typed by somebody")
+    with pytest.raises(BadInput, match=r"found arm\.toml, expected a new folder"):
+        Measuring(tmp_path / "arms", plan, IN_USE)
+    assert [path.name for path in (tmp_path / "arms").iterdir()] == ["arm.toml"]
     with pytest.raises(BadInput, match=r"found no measuring\.jsonl"):
         Measuring.resume(tmp_path / "other", IN_USE)
 
