@@ -111,7 +111,7 @@ def _diagnose(
         written = by_session(result, baseline, arm, sessions, holdout, groups)
         squares = [
             on_sessions(step, baseline, arm, sessions, holdout, written.growth)
-            for step in result.steps
+            for step in result.steps()
         ]
         kept = np.ones(len(groups), dtype=bool)
         measured = gains(squares, groups, kept)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from armd.arrays import F64
@@ -85,7 +86,8 @@ class SearchResult:
     facts: SessionFacts
     first: Fit  # without findings
     last: Fit  # with all
-    steps: tuple[Fit, ...]  # with none, the first, the first two … of the findings
+    #: makes fits with none, the first, the first two … of the findings; each takes its time
+    steps: Callable[[], Sequence[Fit]]
     found: tuple[Finding, ...]
     signatures: Signatures  # of the whole catalogue
     tests: int  # candidates that the data can see

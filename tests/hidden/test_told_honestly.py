@@ -13,7 +13,7 @@ from armd.compensation.data.session import Session, load_session
 from armd.compensation.design.conditions import draw_poses
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Diagnosis
-from armd.compensation.diagnose.search.search import _as_told
+from armd.compensation.diagnose.search.findings import as_told
 from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.diagnose.told.sizes import size_known
 from armd.compensation.diagnose.told.verdict import verdict
@@ -108,7 +108,7 @@ def test_a_size_within_its_own_uncertainty_is_told_as_such(found: Diagnosis) -> 
 def test_what_has_no_name_has_no_causes_parameters(found: Diagnosis) -> None:
     (one,) = found.found
     nameless = replace(one, candidate=replace(one.candidate, cause="unknown"))
-    last = _as_told(found.search.last, [nameless])
+    last = as_told(found.search.last, [nameless])
     (candidate,) = last.findings
     assert candidate.cause == "unknown"
     columns = {column.name for column in candidate.columns}

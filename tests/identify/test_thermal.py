@@ -12,6 +12,7 @@ from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.per_temperature import regression
 from armd.compensation.identify.thermal.temperatures import left_out_in_turn, temperature_groups
 from armd.compensation.identify.thermal.terms import angle_terms, length_terms
+from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from support import synthetic
 
@@ -163,6 +164,30 @@ def test_placements_are_grouped_by_their_temperature() -> None:
     groups = temperature_groups(gather(sessions, ARM))
     assert [int(mask.sum()) for _, mask in groups] == [60, 30]
     assert [mean for mean, _ in groups] == pytest.approx([20.1, 26.0], abs=0.2)
+
+
+def test_placements_close_to_the_next_are_not_all_of_one_temperature() -> None:
+    """A campaign of many days: no gap anywhere, and 11 K from the coldest to the warmest."""
+    rng = np.random.default_rng(2)
+    truth = synthetic.disturbed(ARM, rng, 0.2)
+    slope = Term(parameter="a_2", coefficient=6e-3, basis=[Temperature(weights={"t2": 1.0})])
+    sessions = [
+        synthetic.session(
+            ARM, truth, rng, terms=[slope], readings=24, temperature_c=c, scatter_k=0.0,
+            encoder_rad=1e-6, name=f"T{c:.1f}",
+        )
+        for c in rng.permutation(np.arange(18.0, 29.1, 0.5))
+    ]  # fmt: skip
+    observations = gather(sessions, ARM)
+    groups = temperature_groups(observations)
+    assert [mean for mean, _ in groups] == sorted(mean for mean, _ in groups)
+    assert (np.sum([mask for _, mask in groups], axis=0) == 1).all()
+    spans = [np.ptp(observations.states.temperature_c[mask]) for _, mask in groups]
+    assert len(groups) == 4 and max(spans) < 3.0
+    found = calibrate(sessions, ARM)
+    (told,) = [t for t in found.calibration.terms if t.parameter == "a_2"]
+    assert told.coefficient == pytest.approx(6e-3, rel=0.1)
+    assert found.rms_um < 10.0
 
 
 @pytest.mark.parametrize("placements", [1, 2, 3, 4])

@@ -10,13 +10,15 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armd.compensation.diagnose.diagnosis import Explained, Finding, Rival
+from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
 from armd.compensation.diagnose.scoring.confusion import compare
 from armd.compensation.diagnose.scoring.evidence import Scores, kind
-from armd.compensation.diagnose.scoring.shape import is_shape
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.diagnose.scoring.threshold import family_wise
 from armd.compensation.diagnose.search.explains import explain, variables_of
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.unknown import without_a_name
 
 #: A place this much less probable than the best is still told as an alternative.
 LEAST_PROBABILITY = 0.01
@@ -214,3 +216,15 @@ def _without_a_name(
     candidate = replace(finding.candidate, cause="unknown", depends_on=tuple(names))
     together = finding.probability + sum(rival.probability for rival in others)
     return replace(finding, candidate=candidate, probability=min(together, 1.0))
+
+
+def as_told(fit: Fit, found: Sequence[Finding]) -> Fit:
+    """The fit with what is told without a name nameless: no parameter of it, and no term of an
+    extended calibration, is called by a cause's name."""
+    named = tuple(
+        without_a_name(own, told.candidate) if told.candidate.cause == "unknown" else own
+        for own, told in zip(fit.findings, found, strict=True)
+    )
+    shapes = {shape_place(a): shape_place(b) for a, b in zip(fit.findings, named, strict=True)}
+    findings = tuple(replace(c, location=shapes.get(c.location, c.location)) for c in named)
+    return replace(fit, findings=findings)

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -27,10 +26,15 @@ from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.scoring.shape import shape_place
 from armd.compensation.diagnose.scoring.threshold import family_wise, significant
 from armd.compensation.diagnose.search.chance import beside_lasting_noise
-from armd.compensation.diagnose.search.findings import CLEARLY, judge, likelier_rival, weighed
+from armd.compensation.diagnose.search.findings import (
+    CLEARLY,
+    as_told,
+    judge,
+    likelier_rival,
+    weighed,
+)
 from armd.compensation.diagnose.search.refusals import Refusals
 from armd.compensation.diagnose.search.revisit import Revisit, RivalSet, log_weight
 from armd.compensation.diagnose.search.rival_sets import beside_rival_sets
@@ -47,7 +51,6 @@ from armd.compensation.diagnose.search.selection import (
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.mount_drift import steady_drift
-from armd.compensation.effects.unknown import without_a_name
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
 
@@ -134,14 +137,12 @@ class Search:
         left, log_p = strongest_left(scored, self._tests)
         told = beside_lasting_noise(judge(scored, own, self._tests), scored, self._tests)
         found = self._beside_rival_sets(told, current, scored)
-        steps = [first] if current.findings else []
-        steps += [self._fit(current.findings[:i], current) for i in range(1, len(found))]
-        last = _as_told(current, found)
+        last = as_told(current, found)
         return SearchResult(
             self.facts,
             first,
             last,
-            (*steps, last),
+            partial(self._steps, first, current, last),
             found,
             scored.scores.signatures,
             self._tests,
@@ -151,6 +152,14 @@ class Search:
             would_show,
             tuple(self._refusals.told),
         )
+
+    def _steps(self, first: Fit, current: Fit, last: Fit) -> list[Fit]:
+        """Fits of none, the first, the first two … of the *current* findings: of none the *first*,
+        of all the *last*."""
+        if not current.findings:
+            return [last]
+        between = range(1, len(current.findings))
+        return [first, *(self._fit(current.findings[:i], current) for i in between), last]
 
     def _with(
         self, best: Candidate, current: Fit, scored: ScoredCandidates, seen: set[str]
@@ -299,15 +308,3 @@ class Search:
         scored = score_candidates(projection, self._signatures)
         self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
         return scored
-
-
-def _as_told(fit: Fit, found: Sequence[Finding]) -> Fit:
-    """The fit with what is told without a name nameless: no parameter of it, and no term of an
-    extended calibration, is called by a cause's name."""
-    named = tuple(
-        without_a_name(own, told.candidate) if told.candidate.cause == "unknown" else own
-        for own, told in zip(fit.findings, found, strict=True)
-    )
-    shapes = {shape_place(a): shape_place(b) for a, b in zip(fit.findings, named, strict=True)}
-    findings = tuple(replace(c, location=shapes.get(c.location, c.location)) for c in named)
-    return replace(fit, findings=findings)

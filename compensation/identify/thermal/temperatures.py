@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.arrays import Mask
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.folds import placement_folds
 from armd.compensation.estimate.observations import Observations
 
 #: Placements closer than this in temperature count as one temperature.
 SAME_TEMPERATURE_K = 0.75
+#: Of many placements each is close to the next, however far the last is from the first: what spans
+#: more than this is no one temperature (docs/decisions/0126).
+MOST_SPAN_K = 3.0
 #: So many sets the lowest and the highest temperature's placements are left out in: few, as each
 #: set costs a fit, and more than two, as what stays has to tell the temperature.
 SETS_AT_AN_END = 3
@@ -36,14 +39,25 @@ def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
     counts = np.bincount(observations.placement, minlength=len(observations.placement_names))
     mean = np.bincount(observations.placement, row_c, len(counts)) / np.maximum(counts, 1)
     order = [p for p in np.argsort(mean) if counts[p]]
-    groups: list[list[int]] = []
+    chains: list[list[int]] = []
     for p in order:
-        if groups and mean[p] - mean[groups[-1][-1]] < SAME_TEMPERATURE_K:
-            groups[-1].append(int(p))
+        if chains and mean[p] - mean[chains[-1][-1]] < SAME_TEMPERATURE_K:
+            chains[-1].append(int(p))
         else:
-            groups.append([int(p)])
+            chains.append([int(p)])
+    groups = [group for chain in chains for group in _evenly(np.array(chain), mean)]
     masks = [np.isin(observations.placement, group) for group in groups]
     return [(float(row_c[mask].mean()), mask) for mask in masks]
+
+
+def _evenly(chain: I64, mean_c: F64) -> list[I64]:
+    """Placements, by ascending temperature, in as few equal spans as are short enough."""
+    own = mean_c[chain] - mean_c[chain[0]]
+    if not own[-1] > MOST_SPAN_K:  # nor where it is unknown
+        return [chain]
+    spans = int(np.ceil(own[-1] / MOST_SPAN_K))
+    of = np.minimum((own / own[-1] * spans).astype(np.int64), spans - 1)
+    return [chain[of == k] for k in range(spans)]
 
 
 def left_out_in_turn(observations: Observations, groups: list[tuple[float, Mask]]) -> list[LeftOut]:
