@@ -11,7 +11,7 @@ from armd.drivers.identity import Expectation
 from armd.drivers.joint_watch import JointWatch
 from armd.drivers.microscribe import wire
 from armd.drivers.microscribe.conversation import ATTEMPTS, Conversation, Phase
-from armd.drivers.microscribe.homing import Homing
+from armd.drivers.microscribe.homing import LIFT_IT, Before, Homing
 from armd.drivers.microscribe.instants import ReadingInstants
 from armd.drivers.microscribe.stream import PacketStream, Streamed
 from armd.drivers.microscribe.timer import TICK_NS
@@ -19,7 +19,7 @@ from armd.drivers.sample import Event, Item, RawFrame, sample_dtype
 from armd.drivers.unwrap import MAX_JOINT_RATE_DEG_S, Unwrapper
 
 UP, SEQ, HOMED = b"up ", b"seq ", b"homed"  # "link" frames: the baud rate; a recording's begin
-TIMED = b"timed "  # of a recording's begin: the timer, and the stream if it is under way
+TIMED = b"timed "  # of a recording's begin: timer, homing, and the stream if it is under way
 POLLS_BEFORE = 4  # readings asked for before it streams again: each bounds the timer
 PUT_IT_TO_REST = "put the stylus into its rest and press a pedal"
 
@@ -37,6 +37,7 @@ class MicroScribeDecoder:
         self.conversation = Conversation()
         self.accepted = False  # whether the connected arm is the expected one
         self.homing: Homing | None = None  # of an accepted arm
+        self._before: Before | None = None  # of a homing that was lost
         self.last_sample_ns: int | None = None  # arrival of the last reading, host monotonic
         self._expected = expectation
         self._max_rate = max_joint_rate_deg_s
@@ -87,7 +88,8 @@ class MicroScribeDecoder:
         if self.homing.homed:
             frames.append(first._replace(data=HOMED))
         stream = self.conversation.stream
-        state = [self._told, self._instants.state(), stream and stream.state()]
+        streaming = [self._told, self._instants.state(), stream and stream.state()]
+        state = [*streaming, self.homing.state()]
         return [*frames, first._replace(data=TIMED + json.dumps(state).encode())]
 
     def warm_up(self) -> None:
@@ -107,6 +109,8 @@ class MicroScribeDecoder:
                 i for reply in self.conversation.sent(frame) for i in self._reply(*reply, frame)
             ]
             items += self._whether_it_streams(frame)
+            if self.homing is not None and frame.data[0] == wire.HOME:
+                self.homing.asked()
             # Not a cycle: HOME, and what is asked of an arm whose samples nobody wants.
             if self.accepted and frame.data[0] in wire.POLLS:
                 self._seq += 1
@@ -124,14 +128,18 @@ class MicroScribeDecoder:
                 self.homing.acknowledged()
         elif data.startswith(TIMED):
             state = json.loads(data.removeprefix(TIMED))
-            self._told, instants, stream = state
+            self._told, instants, stream, *homing = state
             self._instants.restore(instants)
+            if homing:  # an older recording has none
+                self.homing = Homing.restored(homing[0])
             if stream is not None:
                 self.conversation.resume(PacketStream.restored(stream))
         else:
             if data.startswith(UP):
                 self._instants.baud = int(data.removeprefix(UP))
             self.conversation.restart()
+            if self.homing is not None:
+                self._before = self.homing.lost()
             self.accepted, self.homing = False, None
             self._instants.restart()
             self._told = ""
@@ -163,7 +171,8 @@ class MicroScribeDecoder:
         if self._seq == self._delivered + 1:
             self._seq += self._instants.missing(at_ns)
         self._instants.stream_ended()
-        return self._sample(reading, at_ns, frame, self.homing, holds)
+        took_ns = frame.monotonic_ns - request.monotonic_ns
+        return self._sample(reading, at_ns, frame, self.homing, holds, took_ns)
 
     def _greet(self, counts_per_turn: tuple[int, ...], frame: RawFrame) -> list[Item]:
         at_ns = frame.monotonic_ns
@@ -174,7 +183,7 @@ class MicroScribeDecoder:
         if faults:
             text = f"a foreign arm is connected: {'; '.join(faults)}"
             return [Event("foreign_arm", text, at_ns, "error", {"faults": faults})]
-        self.homing = Homing(counts_per_turn)
+        self.homing = Homing(counts_per_turn, self._before)
         self._unwrapper = self._new_unwrapper(counts_per_turn)
         text = f"MicroScribe {self._serial_number} identified, at {self._instants.baud} baud"
         detail = {"serial_number": self._serial_number, "baud": self._instants.baud}
@@ -186,9 +195,11 @@ class MicroScribeDecoder:
     def _homed(self, frame: RawFrame) -> list[Item]:
         if self.homing is None or self.homing.homed or self._unwrapper is None:
             return []
-        self.homing.acknowledged()
         self._unwrapper.restart()
-        return [Event("homed", "the arm is homed", frame.monotonic_ns, "info")]
+        if self.homing.acknowledged():
+            return [Event("homed", "the arm is homed", frame.monotonic_ns, "info")]
+        text = f"the homing is not believed, as {self.homing.doubt}"
+        return [Event("home_unconfirmed", text, frame.monotonic_ns)]
 
     def _new_unwrapper(self, counts_per_turn: list[int] | tuple[int, ...]) -> Unwrapper:
         return Unwrapper(counts_per_turn, counts_per_turn, self._max_rate)
@@ -236,16 +247,26 @@ class MicroScribeDecoder:
         frame: RawFrame,
         homing: Homing,
         clock_mapped: bool,
+        took_ns: int = 0,
     ) -> list[Item]:
+        """*took_ns*: of a reading that was asked for, from its request to its reply."""
         counts = reading.counts[: wire.N_JOINTS]
         self._instants.taken(at_ns)
         items: list[Item] = []
-        if not homing.homed:
-            refused = homing.watch(counts, reading.buttons, at_ns)
-            if refused:
-                text = f"the arm stays unhomed, as {refused}: {PUT_IT_TO_REST}"
-                items.append(Event("home_refused", text, frame.monotonic_ns))
         assert self._unwrapper is not None
+        was_homed = homing.homed
+        if not was_homed:
+            refused = homing.watch(counts, reading.buttons, at_ns, reading.ticks, took_ns)
+            if refused:
+                to_do = LIFT_IT if homing.unconfirmed else PUT_IT_TO_REST
+                text = f"the arm stays unhomed, as {refused}: {to_do}"
+                items.append(Event("home_refused", text, frame.monotonic_ns))
+        if homing.homed:
+            homing.follow(counts, at_ns, reading.ticks)
+            if not was_homed:
+                self._unwrapper.restart()
+                text = "the arm is homed: the stylus came back to its rest"
+                items.append(Event("homed", text, frame.monotonic_ns, "info"))
         sample = np.zeros(1, self._dtype)
         every = (1 << len(counts)) - 1
         withheld = np.array([0 if homing.homed else every], np.uint16)

@@ -59,7 +59,9 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
     @property
     def hindrance(self) -> str:
         homing = self._decoder.homing
-        return f"not homed: {PUT_IT_TO_REST}" if homing is not None and not homing.homed else ""
+        if homing is None or homing.homed:
+            return ""
+        return f"not homed: {homing.doubt if homing.unconfirmed else PUT_IT_TO_REST}"
 
     def close(self) -> None:
         """A session ends, and with it the stream: whoever comes next finds the arm silent."""

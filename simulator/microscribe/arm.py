@@ -7,6 +7,7 @@ the modified form; armd's rows are of the other form, so that the two share noth
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
 
@@ -57,6 +58,21 @@ def _shift(mm: float, axis: int) -> F64:
     frame = np.eye(4)
     frame[axis, 3] = mm
     return frame
+
+
+class Hand(Protocol):
+    """Whoever holds the arm; instants in s after the simulator's start."""
+
+    def homed(self, t_s: float) -> None:
+        """HOME has come."""
+
+    def angles(self, t_s: float) -> F64:
+        """True angles (5,) rad."""
+        ...
+
+    def buttons(self, t_s: float) -> int:
+        """Bit 0: the right pedal; bit 1: the left one."""
+        ...
 
 
 class PedalHand:

@@ -30,21 +30,23 @@ _BLOCKS = {
 
 
 class MicroScribeDevice:
-    """One arm on one port. *baud*: the only rate at which it hears; None: any.
+    """One arm on one port. *baud*: the only rate at which it hears; None: any. *hand*: another one
+    than `arm.PedalHand`.
 
     Rows of truth are numbered by their instant (CLOCK_MONOTONIC, ns), as this wire has no number.
     """
 
     def __init__(
-        self, scenario: Scenario, port: PtyPort, truth: TruthFile, log: FaultLog, baud: int | None
-    ) -> None:
+        self, scenario: Scenario, port: PtyPort, truth: TruthFile, log: FaultLog,
+        baud: int | None, hand: arm.Hand | None = None,
+    ) -> None:  # fmt: skip
         self._scenario = scenario
         self._schedule = Schedule(scenario.fault, SCHEDULE_HZ)
         self._port = port
         self._truth = truth
         self._log = log
         self._baud = baud
-        self._hand = arm.PedalHand(scenario.seed)
+        self._hand = hand or arm.PedalHand(scenario.seed)
         self._rng = np.random.default_rng([scenario.seed, 0x35CB])
         self._listening: Callable[[bytes], bytes] = self._synchronise
         self._began_ns = 0
@@ -178,6 +180,7 @@ class MicroScribeDevice:
                 self._log.write(what, fault=fault.name, **now)
                 self._line.fault(fault, what == "begin")
         if any(fault.name == "reboot" for fault in ended):
+            self._timer = self._timer.restarted(self._now_s())
             self._wake()
         if self._schedule.is_on("unplug"):
             self._port.unplug()

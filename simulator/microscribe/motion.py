@@ -20,7 +20,11 @@ class Timer:
 
     def __init__(self, ppm: float, first: int) -> None:
         self._hz = self.HZ * (1 + ppm * 1e-6)
-        self._first = first
+        self._ppm, self._first = ppm, first
+
+    def restarted(self, t_s: float) -> Timer:
+        """It reads 0 at *t_s*: the power is back."""
+        return Timer(self._ppm, -math.floor(t_s * self._hz))
 
     def ticks(self, t_s: float) -> int:
         return self._first + math.floor(t_s * self._hz)
