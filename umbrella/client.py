@@ -30,6 +30,8 @@ from armd.zenoh_session import ENDPOINT, find_arm, open_session
 WAITING_POINTS = 1 << 14
 WAITING_MESSAGES = 1024
 POLL_S = 0.002
+#: A daemon that answers does so in a fraction of a millisecond; one that is away delays this long.
+SETTLED_S = 1.0
 
 
 class Stream(Closing):
@@ -59,6 +61,20 @@ class Stream(Closing):
             if waiting is None:
                 waiting = WAITING_POINTS if what in (keys.POINT, keys.RAW) else WAITING_MESSAGES
             self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
+            if what in (keys.POINT, keys.RAW, keys.JOINTS):
+                self._pass_over_leftovers(session, serial)
+
+    def _pass_over_leftovers(self, session: zenoh.Session, serial: str) -> None:
+        """Drop what may come of this session's last subscription to the same key.
+
+        The daemon sends on until it hears that the last one ended, and again once it hears of this
+        one: between the two it sends nothing, and a sample of before would begin a stream with a
+        hole. What the daemon is asked after both, it answers after both.
+        """
+        for _ in session.get(keys.key(serial, keys.HEALTH), timeout=SETTLED_S):
+            pass
+        while self._subscriber.try_recv() is not None:
+            pass
 
     def close(self) -> None:
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]

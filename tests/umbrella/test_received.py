@@ -75,6 +75,39 @@ def test_what_is_malformed_is_passed_over_and_counted():
         assert arm.lost.total == 0
 
 
+def test_a_stream_begins_whole_right_after_another_one_ended():
+    """Fast points: of some hundred changes of subscription dozens fall between two of them."""
+    ended = threading.Event()
+
+    def publish(publisher):
+        payload = np.zeros(1, armd.POINT)
+        while not ended.is_set():
+            publisher.put("armd/SIM-0001/point", payload.tobytes())
+            payload["seq"] += 1
+            time.sleep(100e-6)
+
+    def answer(query):
+        query.reply("armd/SIM-0001/health", b"{}")
+
+    begun = 0
+    with careless_network() as (publisher, _, arm):
+        publisher.declare_queryable("armd/SIM-0001/health", answer)
+        thread = threading.Thread(target=publish, args=(publisher,))
+        thread.start()
+        try:
+            for _ in range(300):
+                next(iter(arm.points()))
+                with arm.stream(keys.POINT) as stream:
+                    time.sleep(0.005)
+                    arm.lost.begin()
+                    begun += len(arm.decode(stream.take())) > 1
+                assert arm.lost.total == 0
+        finally:
+            ended.set()
+            thread.join()
+    assert begun > 250
+
+
 def test_a_client_keeps_to_the_publisher_it_met_first_until_that_is_silent():
     with careless_network() as (publisher, other, arm), arm.stream(keys.POINT) as stream:
         time.sleep(0.2)

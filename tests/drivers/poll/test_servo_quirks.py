@@ -118,10 +118,15 @@ def test_a_changed_homing_offset_is_found_by_asking_and_its_joint_is_invalid(run
     """Each servo is asked who it is every three seconds, of six; an answer may be lost."""
     family, line = run
     register = {"feetech": 31, "dynamixel": 20}[family]
-    (told,) = [text for text in line.told("offsets_changed") if "found 120" in text]
-    assert f"servo 1 (joint 1): homing offset (register {register}): found 120, expected 0" in told
+    (event,) = [e for e in line.events if e.kind == "offsets_changed" and "found 120" in e.text]
+    expected = f"servo 1 (joint 1): homing offset (register {register}): found 120, expected 0"
+    assert expected in event.text
     invalid = line.during("homing_changed", 6.5)["joint_invalid"]
-    assert (invalid & 0b1 != 0).all() and (invalid == 0b1).mean() > 1 - LOST
+    assert (invalid & 0b1 != 0).all()
+    # Of half a second a busy machine may leave nearly all cycles out: the others since it was told.
+    changed = line.during("homing_changed")
+    others = changed["joint_invalid"][changed["monotonic_ns"] > event.monotonic_ns] & ~np.uint16(1)
+    assert len(others) > BUSY and (others == 0).mean() > 1 - LOST
 
 
 def test_another_firmware_and_a_torque_that_is_on_are_told_and_taken_back(run):
