@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from armd.compiled import library
 from armd.daemon.config import load_config
 from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.rehearsal import rehearse
+from armd.drivers.microscribe.wire import N_JOINTS
 from armd.drivers.table import open_driver
 from armd.errors import ArmdError
 
@@ -54,12 +55,13 @@ def made_up(folder: Path, joints: int, configuration: str = SERIAL) -> Path:
     return path
 
 
-def call(files: Iterable[Path], numbers: Iterable[int]) -> None:
+def call(files: Iterable[Path], numbers: Sequence[int]) -> None:
     """As the daemons of these files do, and those of arms with these numbers of joints."""
     with tempfile.TemporaryDirectory() as folder:
         for joints in numbers:
             call_everything(made_up(Path(folder), joints))
-            call_everything(made_up(Path(folder), joints, MICROSCRIBE))  # as CAN and servos too
+        if numbers:  # what all wires but the serial one share is the same for any of them
+            call_everything(made_up(Path(folder), N_JOINTS, MICROSCRIBE))
     for path in files:
         try:
             call_everything(path)

@@ -13,6 +13,7 @@ import pytest
 from armd.compiled import library
 from armd.daemon import ahead as program
 from armd.daemon.ahead import can_link, tidy
+from armd.daemon.config import load_config
 
 ARM = """\
 schema = "armd.arm/1"
@@ -122,6 +123,15 @@ def test_without_a_file_it_is_for_every_number_of_joints(
         monkeypatch.setattr(sys, "argv", ["ahead", *arguments])
         assert program.main() == 0
     assert asked == [[3, 4, 5, 6, 7, 8, 9], [], [7]]
+
+
+def test_every_made_up_arm_is_one_that_a_daemon_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`make install` calls them all: one that a check refuses would stop it."""
+    called = []
+    monkeypatch.setattr(program, "call_everything", lambda path: called.append(load_config(path)))
+    program.call([], range(3, 10))
+    assert {config.arm.n_joints for config in called} == {*range(3, 10)}
+    assert {config.driver.kind for config in called} == {"serial", "microscribe"}
 
 
 def test_a_bad_file_is_told_of_and_stops_nothing(tmp_path: Path) -> None:
