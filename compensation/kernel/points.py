@@ -67,10 +67,7 @@ def _covariances(
     for i in range(m):
         moved[:] = 0.0
         for row in range(len(factor)):
-            column, weight = rows[row], 1.0
-            if column >= count:
-                weight = pose_basis(program, work, column - count, i)
-                column = program.parameter[column - count]
+            column, weight = moves_by(rows[row], count, program, work, i)
             jx = weight * derivatives[i, 0, column]
             jy = weight * derivatives[i, 1, column]
             jz = weight * derivatives[i, 2, column]
@@ -86,6 +83,15 @@ def _covariances(
                     total += moved[a, r] * moved[b, r]
                 points[start + i].covariance_mm2[part] = total
                 part += 1
+
+
+@jit
+def moves_by(row: int, count: int, program: Program, work: Work, i: int) -> tuple[int, float]:
+    """By which of *count* parameters an unknown moves sample *i* of the block, with what weight:
+    itself; numbers from *count* on are coefficients of pose terms."""
+    if row < count:
+        return row, 1.0
+    return program.parameter[row - count], pose_basis(program, work, row - count, i)
 
 
 @jit

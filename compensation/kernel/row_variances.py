@@ -14,7 +14,7 @@ from armd.arrays import F64, I64
 from armd.compensation.kernel.covariance import Parts, assemble
 from armd.compensation.kernel.kernel import alike, take_angles
 from armd.compensation.kernel.memory import Amounts, FlatModel, Program, Work, fold, opened
-from armd.compensation.kernel.points import pose_basis
+from armd.compensation.kernel.points import moves_by, pose_basis
 from armd.compensation.kernel.pose_factors import evaluate_factors
 from armd.compensation.kernel.slow_factors import SlowProgram, evaluate
 from armd.compensation.model.kinematics import compiled_jacobian
@@ -99,9 +99,6 @@ def _move(
 ) -> None:
     """How a unit of each of *rows* (R,) moves sample *i* of the block, into *moved* (R, 3)."""
     for row in range(len(rows)):
-        column, weight = rows[row], 1.0
-        if column >= count:
-            weight = pose_basis(program, work, column - count, i)
-            column = program.parameter[column - count]
+        column, weight = moves_by(rows[row], count, program, work, i)
         for axis in range(3):
             moved[row, axis] = weight * derivatives[i, axis, column]

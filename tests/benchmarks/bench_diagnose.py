@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from bench_calibrate import SIZES
 from measured import measured
 from threadpoolctl import threadpool_limits
 
@@ -37,8 +38,6 @@ from support import synthetic
 STEPS = ("model under test", "search", "gain", "held out")
 PLANT = Plant("encoder_eccentricity", "joint 3", 0.9)
 CORES = 2
-#: Sessions, each a placement, and articulations of each of its twenty balls.
-WHOLE = ((20, 5), (100, 10))
 GROWN = {"fewest": (8, 5), "readings": (8, 10), "sessions": (16, 5)}
 JOINTS = (4, 8)
 ARMD = [sys.executable, "-m", "armd"]
@@ -48,7 +47,7 @@ def run(repeats: int = 3) -> dict[str, Any]:
     """Of 2000 readings the best of *repeats*, of 20 000 one run."""
     with tempfile.TemporaryDirectory() as name, _on_cores(CORES):
         folder = Path(name)
-        few, many = (_case(folder / str(size[0]), *size) for size in WHOLE)
+        few, many = (_case(folder / str(size[0]), *size) for size in SIZES)
         _command(few)  # the first may compile
         figures = min((_command(few) for _ in range(repeats)), key=lambda one: one["seconds"])
         return {
