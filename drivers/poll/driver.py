@@ -45,9 +45,11 @@ class ServoDriver(SerialShell[ServoDecoder]):
         self._answered_ns: int | None = None  # when a servo was heard last
         self._strange_bytes = 0  # that have come since then
         self._undecoded: list[RawFrame] = []  # what it has brought, while more is to come
+        self._brought = b""  # the bytes of these
         self._is_cycle = False
         self._side: ReadRequest | None = None  # due besides the cycles
         self._next: ReadRequest | None = None  # the next cycle's, should the present one complete
+        self._ahead = b""  # its packet
 
     @property
     def hindrance(self) -> str:
@@ -168,6 +170,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         self._side = self._plan.side_question(now_ns)
         if self._side is None:
             self._next = self._plan.cycle(now_ns)
+            self._ahead = self._packet(self._next)
 
     def _set_next_due(self, now_ns: int) -> None:
         if self._period_ns:
@@ -218,18 +221,24 @@ class ServoDriver(SerialShell[ServoDecoder]):
     # --- bytes -----------------------------------------------------------------------------
 
     def _received(self, port: serial.Serial, data: bytes) -> list[Item]:
-        frame, exchange, request = self._frame("rx", data), self._decoder.exchange, self._next
+        clock = self._time.now()
+        exchange, request = self._decoder.exchange, self._next
+        self._brought += data
+        sent: RawFrame | None = None
+        if (
+            request is not None
+            and exchange is not None
+            and self._decoder.family.completes(self._brought, exchange.request, exchange.missing)
+        ):  # the line waits for this: all else can be done while the next answers come
+            sent = self._write(port, self._ahead)
+        frame = RawFrame(*clock, "rx", data, CHANNEL)
         self._heard_ns = now_ns = frame.monotonic_ns
         self._strange_bytes += len(data)
         if exchange is None:
+            self._brought = b""
             return self._take(frame)
         self._undecoded.append(frame)
-        brought = b"".join(each.data for each in self._undecoded)
-        sent: RawFrame | None = None
-        family = self._decoder.family
-        if request is not None and family.completes(brought, exchange.request, exchange.missing):
-            sent = self._write(port, self._packet(request))  # what they say can wait
-        elif len(brought) < self._wanted(exchange):
+        if sent is None and len(self._brought) < self._wanted(exchange):
             return []
         self._decode()
         if sent is None and not exchange.complete:
@@ -261,6 +270,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         for frame in self._undecoded:
             self._take(frame)
         self._undecoded.clear()
+        self._brought = b""
 
     def _hang_up(self) -> None:
         self._decode()
