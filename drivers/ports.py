@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -10,3 +12,10 @@ def serial_ports(dev: Path = Path("/dev")) -> list[Path]:
     named = {path.resolve(): path for path in sorted((dev / "serial/by-id").glob("*"))}
     devices = sorted([*dev.glob("ttyUSB*"), *dev.glob("ttyACM*")])
     return [named.get(device.resolve(), device) for device in devices]
+
+
+def is_pseudo(descriptor: int) -> bool:
+    """Whether a port is a pseudo-terminal: a bridge to another machine, or a simulated arm."""
+    with suppress(OSError):  # no terminal
+        return os.ttyname(descriptor).startswith("/dev/pts/")
+    return False

@@ -18,10 +18,14 @@ from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, note
 from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, Pace, RequestPlan
 from armd.drivers.poll.protocol.packet import ReadRequest
+from armd.drivers.ports import is_pseudo
 from armd.drivers.sample import Item, RawFrame
 from armd.drivers.shell import SerialShell
 
 WRITE_NS = 10_000_000  # what a servo needs to keep a register, and to say so
+#: On a pseudo-terminal after a request: a kernel thread without any priority carries it, and would
+#: wait until we have decoded what came before.
+CARRIED_S = 30e-6
 ASLEEP = 0.9  # of the time that answers need on the line at least, nobody listens for them
 
 
@@ -50,6 +54,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         self._side: ReadRequest | None = None  # due besides the cycles
         self._next: ReadRequest | None = None  # the next cycle's, should the present one complete
         self._ahead = b""  # its packet
+        self._pause_s = 0.0  # after it
 
     @property
     def hindrance(self) -> str:
@@ -210,6 +215,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         missing = self._open_port(self._baud, now_ns)
         if self._port is None:
             return missing
+        self._pause_s = CARRIED_S if is_pseudo(self._port.fileno()) else 0.0
         self._line.opened(now_ns)
         self._plan.restart(now_ns)
         self._side = self._next = None
@@ -231,6 +237,8 @@ class ServoDriver(SerialShell[ServoDecoder]):
             and self._decoder.family.completes(self._brought, exchange.request, exchange.missing)
         ):  # the line waits for this: all else can be done while the next answers come
             sent = self._write(port, self._ahead)
+            if self._pause_s:
+                time.sleep(self._pause_s)
         frame = RawFrame(*clock, "rx", data, CHANNEL)
         self._heard_ns = now_ns = frame.monotonic_ns
         self._strange_bytes += len(data)

@@ -4,6 +4,7 @@ wrong with them, injected on the wire."""
 import os
 import time
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from armd.drivers.poll.decoder import ServoDecoder
 from armd.drivers.poll.memory import Memory
 from armd.drivers.poll.protocol.family import FAMILIES
 from armd.drivers.poll.sampler import ServoSampler
+from armd.drivers.ports import is_pseudo
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
 from support.fake_servos import Dynamixel, FakeServos, Feetech
@@ -445,6 +447,16 @@ def test_button_and_temperatures_of_other_servos(tmp_path, family):
             start_ns = time.monotonic_ns()
             taken.take(5.0, lambda: taken.temperatures[-1].celsius.tolist() == [26, 25, 52])
             assert time.monotonic_ns() - start_ns < 1.3 * S
+
+
+def test_a_pseudo_terminal_is_told_from_a_port(tmp_path):
+    """On the former the driver pauses after a request, for the kernel thread that carries it."""
+    master, slave = os.openpty()
+    with (tmp_path / "file").open("w") as file, Path("/dev/null").open() as null:
+        assert is_pseudo(slave)
+        assert not is_pseudo(file.fileno()) and not is_pseudo(null.fileno())
+    os.close(master)
+    os.close(slave)
 
 
 @BOTH
