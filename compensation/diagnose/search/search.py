@@ -41,10 +41,10 @@ from armd.compensation.diagnose.search.rival_sets import beside_rival_sets
 from armd.compensation.diagnose.search.selection import (
     AS_WELL,
     choose,
+    going_on,
     joined,
     key_of,
     next_finding,
-    shape_wanted,
     strongest_left,
     with_their_causes,
 )
@@ -110,7 +110,7 @@ class Search:
             best = next_finding(scored, self._tests)
             if len(current.findings) >= MOST_FINDINGS:
                 break
-            findings = None if best is None else self._with(best, current, scored, seen)
+            findings = None if best is None else going_on(best, scored, seen, self._tests)
             if best is None or findings is None:  # nothing is wanted, or a circle
                 if self._asks_again(current):
                     scored = self._survey(current)
@@ -154,22 +154,12 @@ class Search:
         )
 
     def _steps(self, first: Fit, current: Fit, last: Fit) -> list[Fit]:
-        """Fits of none, the first, the first two … of the *current* findings: of none the *first*,
-        of all the *last*."""
+        """With none, the first, the first two … of the *current* findings: with none the *first*,
+        with all the *last*."""
         if not current.findings:
             return [last]
         between = range(1, len(current.findings))
         return [first, *(self._fit(current.findings[:i], current) for i in between), last]
-
-    def _with(
-        self, best: Candidate, current: Fit, scored: ScoredCandidates, seen: set[str]
-    ) -> list[Candidate] | None:
-        """The findings with one more, or with a shape where the look back undoes what that does;
-        None where it does either."""
-        findings = joined(current.findings, best)
-        if key_of(findings) in seen and (shape := shape_wanted(scored, self._tests)):
-            findings = joined(current.findings, shape)
-        return None if key_of(findings) in seen else findings
 
     def _as_likely(
         self, current: Fit, scored: ScoredCandidates, seen: set[str]

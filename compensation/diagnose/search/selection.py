@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -244,6 +244,17 @@ def _finer(scores: Scores) -> dict[int, list[Candidate]]:
 def _value(candidate: Candidate) -> float:
     """Of what is scanned; what has no grid stays in its order."""
     return candidate.setting[0][1] if candidate.setting else 0.0
+
+
+def going_on(
+    best: Candidate, scored: ScoredCandidates, seen: Collection[str], tests: int
+) -> list[Candidate] | None:
+    """The findings with one more, or with a shape where the look back undoes what that does; None
+    where it does either: both sets were *seen*."""
+    findings = joined(scored.fit.findings, best)
+    if key_of(findings) in seen and (shape := shape_wanted(scored, tests)):
+        findings = joined(scored.fit.findings, shape)
+    return None if key_of(findings) in seen else findings
 
 
 def shape_wanted(scored: ScoredCandidates, tests: int) -> Candidate | None:
