@@ -60,7 +60,7 @@ def _shift(mm: float, axis: int) -> F64:
     return frame
 
 
-class Hand(Protocol):
+class Holder(Protocol):
     """Whoever holds the arm; instants in s after the simulator's start."""
 
     def homed(self, t_s: float) -> None:

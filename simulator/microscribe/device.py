@@ -38,7 +38,7 @@ class MicroScribeDevice:
 
     def __init__(
         self, scenario: Scenario, port: PtyPort, truth: TruthFile, log: FaultLog,
-        baud: int | None, hand: arm.Hand | None = None,
+        baud: int | None, hand: arm.Holder | None = None,
     ) -> None:  # fmt: skip
         self._scenario = scenario
         self._schedule = Schedule(scenario.fault, SCHEDULE_HZ)
