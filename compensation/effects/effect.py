@@ -116,6 +116,11 @@ class Candidate:
         return frozenset(repr(column) for column in self.columns)
 
 
+def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
+    """The findings with one more, which takes the place of those it contains."""
+    return [*(c for c in findings if not c.within(more)), more]
+
+
 @dataclass(frozen=True)
 class SessionFacts:
     """What the catalogue needs to know of the arm, the model under test and the sessions."""

@@ -13,10 +13,9 @@ from armd.compensation.diagnose.scoring.shape import OFF, is_shape, shape_candid
 from armd.compensation.diagnose.search.findings import _honest as honest
 from armd.compensation.diagnose.search.findings import _nearest as nearest
 from armd.compensation.diagnose.search.findings import likelier_rival
-from armd.compensation.diagnose.search.selection import joined
 from armd.compensation.diagnose.told.advice import alike
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.effects.effect import Candidate, Column, joined
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.curve import curve_at

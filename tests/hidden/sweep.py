@@ -67,7 +67,7 @@ CONSTANTS = (
         "from nine noise units on, tails are clipped too much",
     ),
     Constant(
-        "diagnose.search.selection",
+        "diagnose.scoring.evidence",
         "LEAST_SHARE",
         "explains a quarter of what the best one does",
         True,

@@ -16,7 +16,8 @@ from armd.compensation.diagnose.heldout.gain import folds_of, groups_of, left_ou
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.evidence import Sums, total
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
-from armd.compensation.diagnose.search.selection import joined, next_finding
+from armd.compensation.diagnose.search.selection import next_finding
+from armd.compensation.effects.effect import joined
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
 

@@ -102,3 +102,12 @@ def score_candidates(
     if not isinstance(candidates, Signatures):
         candidates = compile_candidates(candidates, projection.fit.linear, projection.arm)
     return ScoredCandidates(projection, projection.sums(candidates))
+
+
+def weakest(projection: Projection) -> tuple[int, float]:
+    """The least significant of the findings, each beside all others: its number, and the log of its
+    p value."""
+    own = score_candidates(projection, projection.fit.findings)
+    log_p = [float(own.freed(i).log_p[i]) for i in range(len(projection.fit.findings))]
+    least = int(np.argmax(log_p))
+    return least, log_p[least]

@@ -26,6 +26,8 @@ ABSORBED = 1e-6
 #: χ² of more columns than this counts mostly noise: a walk's many small steps go one way or none.
 #: There the Bayes factor tells, too: it is over B once in B cases at most by chance (Markov).
 MOST_COUNTED = 12
+#: What explains alone at least such a share of what another does may be what that one stands for.
+LEAST_SHARE = 0.25
 #: What the catalogue does not know gets this prior share.
 UNKNOWN_PRIOR = 0.05
 
@@ -91,6 +93,11 @@ class Scores:
             log_p=np.where(held, 0.0, self.log_p),
             log_evidence=np.where(held, -np.inf, self.log_evidence),
         )
+
+    def explain_as_well(self, statistic: float) -> Mask:
+        """(C,) which explain alone a good part of what a *statistic* stands for."""
+        well: Mask = self.statistic >= LEAST_SHARE * statistic
+        return well
 
     def silent(self, causes: Iterable[str]) -> tuple[str, ...]:
         """Those of *causes* that have no candidate, or only candidates that are absorbed."""

@@ -13,7 +13,7 @@ the catalogue has make several names likelier than the one that is true.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,17 +26,20 @@ from armd.compensation.diagnose.scoring.candidates import (
     SHAPE_PRIOR,
     ScoredCandidates,
     score_candidates,
+    weakest,
 )
 from armd.compensation.diagnose.scoring.evidence import UNKNOWN_PRIOR, Scores, kind
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place, with_shapes
 from armd.compensation.diagnose.scoring.threshold import significant
-from armd.compensation.diagnose.search.selection import LEAST_SHARE, choose, joined
-from armd.compensation.effects.effect import SCALES, Candidate
+from armd.compensation.effects.effect import SCALES, Candidate, joined
 from armd.compensation.model.arm import Arm
 
 #: So many causes may take the place of one.
 MOST_IN_PLACE = 3
+
+#: What joins the findings of a projection, of the candidates with these scores in so many tests.
+Choose = Callable[[Projection, Scores, int], Candidate | None]
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,10 @@ class RivalSet:
 class Revisit:
     """One fit's findings against other sets, all about its point and in its noise."""
 
-    def __init__(self, scored: ScoredCandidates, arm: Arm, tests: int) -> None:
+    def __init__(self, scored: ScoredCandidates, arm: Arm, tests: int, choose: Choose) -> None:
+        """*choose*: by what rule the search adds one more."""
         self._scored, self._arm, self._tests = scored, arm, tests
+        self._choose = choose
         self._fit = scored.fit
         self._first = score_candidates(
             make_projection(solve_again(self._fit, [], self._fit.noise, arm), arm),
@@ -81,7 +86,7 @@ class Revisit:
         place = self._fit.findings[index].place
         others = np.array([c.place != place for c in scores.signatures.candidates])
         own = float(self._scored.alone(index).statistic[index])
-        return bool((scores.statistic * others * (scores.freedom > 0)).max() >= LEAST_SHARE * own)
+        return bool((scores.explain_as_well(own) & others & (scores.freedom > 0)).any())
 
     def _filled(self, findings: list[Candidate], barred: tuple[str, str]) -> list[Candidate]:
         """The findings with what else is wanted, none of the *barred* place; significant ones.
@@ -96,17 +101,15 @@ class Revisit:
         )
         for _ in range(MOST_IN_PLACE):
             scored = self._survey(findings)
-            more = choose(scored.projection, scored.scores.without(held), self._tests)
+            more = self._choose(scored.projection, scored.scores.without(held), self._tests)
             if more is None:
                 break
             findings = joined(findings, more)
         while findings:
-            own = score_candidates(self._survey(findings).projection, findings)
-            log_p = [float(own.freed(i).log_p[i]) for i in range(len(findings))]
-            weakest = int(np.argmax(log_p))
-            if significant(log_p[weakest], self._tests):
+            least, log_p = weakest(self._survey(findings).projection)
+            if significant(log_p, self._tests):
                 break
-            findings = findings[:weakest] + findings[weakest + 1 :]
+            findings = findings[:least] + findings[least + 1 :]
         return findings
 
     def _log_weight(self, findings: Sequence[Candidate]) -> float:

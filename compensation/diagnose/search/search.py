@@ -24,7 +24,11 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
-from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
+from armd.compensation.diagnose.scoring.candidates import (
+    ScoredCandidates,
+    score_candidates,
+    weakest,
+)
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.threshold import family_wise, significant
 from armd.compensation.diagnose.search.chance import beside_lasting_noise
@@ -42,14 +46,13 @@ from armd.compensation.diagnose.search.selection import (
     AS_WELL,
     choose,
     going_on,
-    joined,
     key_of,
     next_finding,
     strongest_left,
     with_their_causes,
 )
 from armd.compensation.effects import catalogue
-from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.effect import Candidate, joined
 from armd.compensation.effects.setup.mount_drift import steady_drift
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
@@ -218,7 +221,7 @@ class Search:
             return []
         key = key_of(current.findings)
         if self._rivals is None or self._rivals[0] != key:
-            self._rivals = key, Revisit(scored, self.arm, self._tests).others()
+            self._rivals = key, Revisit(scored, self.arm, self._tests, choose).others()
         return self._rivals[1]
 
     def _beside_rival_sets(
@@ -258,12 +261,10 @@ class Search:
     def _pruned(self, current: Fit) -> Fit:
         """Without findings that are not significant any more, the weakest first."""
         while current.findings:
-            own = score_candidates(make_projection(current, self.arm), current.findings)
-            log_p = [float(own.freed(i).log_p[i]) for i in range(len(current.findings))]
-            weakest = int(np.argmax(log_p))
-            if significant(log_p[weakest], self._tests):
+            least, log_p = weakest(make_projection(current, self.arm))
+            if significant(log_p, self._tests):
                 break
-            kept = [c for i, c in enumerate(current.findings) if i != weakest]
+            kept = [c for i, c in enumerate(current.findings) if i != least]
             current = self._fit(kept, current)
         return current
 

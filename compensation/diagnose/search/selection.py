@@ -23,7 +23,7 @@ from armd.compensation.diagnose.scoring.robust_refit import clipped_about, uncli
 from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
 from armd.compensation.diagnose.scoring.threshold import significant
-from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.effect import Candidate, joined
 
 #: Places whose grids are refined before they are compared, and such of the general basis that get
 #: a richer one: only what explains the data as well as any cause, to within so much log evidence.
@@ -34,10 +34,8 @@ AS_WELL = 10.0
 #: Values that are weighed at once; of more, some first.
 MOST_AT_ONCE = 64
 #: From about nine noise units on, the likeliest kinds are compared with the tails clipped about
-#: each one's own fit, and causes are tried with another shape: those that explain alone at least
-#: such a share of what the best one does.
+#: each one's own fit, and causes are tried with another shape: those that explain almost as well.
 STRONG = -40.0
-LEAST_SHARE = 0.25
 MOST_ALIKE = 12
 MOST_BENT = 8
 
@@ -46,11 +44,6 @@ def next_finding(scored: ScoredCandidates, tests: int) -> Candidate | None:
     """What joins the findings: a cause, or, where none does, the shape of one that is in."""
     cause = choose(scored.projection, scored.scores, tests)
     return cause or shape_wanted(scored, tests)
-
-
-def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
-    """The findings with one more, which takes the place of those it contains."""
-    return [*(c for c in findings if not c.within(more)), more]
 
 
 def key_of(findings: Sequence[Candidate]) -> str:
@@ -72,7 +65,7 @@ def choose(projection: Projection, scores: Scores, tests: int) -> Candidate | No
     if not significant(scores.log_p, tests).any():
         return None
     candidates, weight, log_p = _refined(scores, projection)
-    alike = np.flatnonzero(scores.statistic >= LEAST_SHARE * scores.statistic.max())
+    alike = np.flatnonzero(scores.explain_as_well(scores.statistic.max()))
     clipped = weight
     if log_p.min() < STRONG:
         weight = _with_own_tails(weight, alike, candidates, projection)
