@@ -13,6 +13,7 @@ from typing import Any
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.exchange import Exchange, Said, contradicts
+from armd.drivers.poll.pauses import Pauses
 from armd.drivers.poll.protocol.family import FAMILIES, Servo
 from armd.drivers.poll.protocol.packet import ReadRequest, Status
 from armd.drivers.poll.roster import Roster
@@ -53,14 +54,13 @@ class ServoDecoder:
             self.cycle_ids += (self._trigger.id,)
         self.everyone = self.cycle_ids + tuple(s for s in sensors if s not in self.cycle_ids)
         self.roster = Roster(family, self.joints, self.cycle_ids, self.everyone)
+        self.pauses = Pauses(family, self.roster.servos)
         self.chain_broken = False  # the last cycle's answers ended early, all in one packet
         self._sampler = ServoSampler(config.ids, config.max_joint_rate_deg_s)
         self._warmth = Warmth(sensors)
         self._splitter = family.splitter()
         self._own = family.splitter()  # of what we say
         self._asked: dict[bytes, ReadRequest | None] = {}  # what it means, by packet
-        self._gaps: dict[tuple[int, ...], list[float]] = {}  # by the servos asked
-        self._gaps_version = -1  # of the roster that they are of
         self._sizes = range(0)  # of answers to the last request
         self._number = -1  # of the present cycle
         self._settled = False  # it is known whose arm this is
@@ -216,7 +216,7 @@ class ServoDecoder:
         if exchange.answers.keys() <= exchange.doubtful:
             return items
         self.last_sample_ns = self.last_heard_ns
-        gaps_ns = self.gaps_ns(request)
+        gaps_ns = self.pauses.before_ns(request, self.roster.version)
         at_ns = exchange.instants(self.byte_ns, gaps_ns)
         unix_minus_monotonic_ns = exchange.sent.unix_ns - now_ns
         items += self._temperatures(exchange, silent, round(at_ns[0]), unix_minus_monotonic_ns)
@@ -247,21 +247,6 @@ class ServoDecoder:
         if trigger is None or trigger.id not in positions:
             return None
         return positions[trigger.id] % 4096 < trigger.pressed_below
-
-    def gaps_ns(self, request: ReadRequest) -> list[float]:
-        """The pauses before the answers to *request*, in the order in which these are asked for."""
-        if request.fast:
-            return [0.0] * len(request.ids)
-        if self._gaps_version != self.roster.version:
-            self._gaps.clear()
-            self._gaps_version = self.roster.version
-        gaps_ns = self._gaps.get(request.ids)
-        if gaps_ns is None:
-            least_us = self.family.return_delay_least_us
-            known = map(self.roster.servos.get, request.ids)
-            told_us = [0 if servo is None else servo.return_delay_us for servo in known]
-            gaps_ns = self._gaps[request.ids] = [max(us, least_us) * 1e3 for us in told_us]
-        return gaps_ns
 
     def _temperatures(
         self, exchange: Exchange, silent: set[int], at_ns: int, unix_minus_monotonic_ns: int

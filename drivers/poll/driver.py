@@ -198,7 +198,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         decoder = self._decoder
         items = self._take(sent)
         answers = len(request.ids) * decoder.family.answer_bytes(request)
-        gaps_ns = sum(decoder.gaps_ns(request))
+        gaps_ns = sum(decoder.pauses.before_ns(request, decoder.roster.version))
         self._needs_ns = (len(sent.data) + answers) * decoder.byte_ns + gaps_ns
         self._heard_ns = 0
         return items
