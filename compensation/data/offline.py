@@ -38,6 +38,7 @@ from armd.compensation.data.session_columns import (
     temperatures,
 )
 from armd.compensation.data.session_format import AngleUnit
+from armd.compensation.data.table_writing import table_writer, write_group
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration, used_sensors
@@ -265,27 +266,17 @@ def _parquet_pieces(
             columns = [*table.columns, *_table(*corrector.correct(new)).columns]
             return pa.Table.from_arrays(columns, schema=schema)
 
-        with _writer(part, suffix, schema) as out:
+        with table_writer(source, part, suffix, schema) as out:
             group: list[pa.Table] = []
             for table in in_order(corrected, taken()):
                 group.append(table)
                 if sum(map(len, group)) >= GROUP_ROWS:
-                    out.write_table(pa.concat_tables(group))
+                    write_group(source, out, group)
                     group.clear()
                 done += len(table)
                 yield done, done / file.metadata.num_rows
             if group:
-                out.write_table(pa.concat_tables(group))
-
-
-def _writer(
-    part: Path, suffix: str, schema: pa.Schema
-) -> pa.parquet.ParquetWriter | pa.csv.CSVWriter:
-    if suffix != ".parquet":
-        return pa.csv.CSVWriter(part, schema)
-    # Hardly a measured number comes twice: looking each up in a dictionary took most of the time.
-    repeated = [field.name for field in schema if not pa.types.is_floating(field.type)]
-    return pa.parquet.ParquetWriter(part, schema, use_dictionary=repeated)
+                write_group(source, out, group)
 
 
 def _table(figures: F64, flags: npt.NDArray[np.uint32]) -> pa.Table:

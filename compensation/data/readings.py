@@ -266,6 +266,8 @@ def cast_columns(path: Path, table: pa.Table, wanted: dict[str, pa.DataType]) ->
     table = table.select([name for name in table.column_names if name in wanted])
     for i, name in enumerate(table.column_names):
         kind = table[name].type
+        if pa.types.is_boolean(kind):  # Arrow casts it: a true angle were 1 rad
+            raise BadInput(path, f"column {name}", str(kind), str(wanted[name]))
         try:
             table = table.set_column(i, name, table[name].cast(wanted[name]))
         except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import datetime
 import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AwareDatetime, Field, model_validator
+from pydantic import AfterValidator, AwareDatetime, Field, model_validator
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Vector3
@@ -16,8 +17,18 @@ from armd.terminal.suggest import hint
 #: What a certified length may be off the certified positions, beside their uncertainties.
 CONTRADICTION_MM = 1.0
 
+#: Beyond these an instant is no measurement's, and years from then on have no calendar here.
+FIRST_YEAR, LAST_YEAR = 1970, 2200
+
 AngleUnit = Literal["rad", "deg", "count"]
 Name = Annotated[str, Field(min_length=1)]
+
+
+def measured_at(instant: datetime.datetime) -> datetime.datetime:
+    """*instant*, if somebody can have measured then; raises `ValueError` with what is expected."""
+    if not FIRST_YEAR <= instant.year <= LAST_YEAR:
+        raise ValueError(f"an instant of the years {FIRST_YEAR} to {LAST_YEAR}")
+    return instant
 
 
 class Target(Strict):
@@ -110,7 +121,7 @@ class SessionFile(Strict):
 
     schema_: Literal["armd.session/1"] = Field(alias="schema")
     arm: Name
-    started: AwareDatetime
+    started: Annotated[AwareDatetime, AfterValidator(measured_at)]
     operator: Name | None = None
     angle_unit: AngleUnit = "rad"
     artefact: Artefact

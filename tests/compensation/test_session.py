@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import re
 from pathlib import Path
 
 import numpy as np
@@ -245,3 +246,12 @@ def test_a_session_counts_once(folder: Path) -> None:
     for given in ([folder, folder.parent / "." / "first"], [folder]):
         with pytest.raises(BadInput, match="found given twice, expected every session once"):
             load_sessions(given, ARM, besides=[fitted] if len(given) == 1 else [])
+
+
+@pytest.mark.parametrize("started", ["9999-12-31T23:59:59Z", "0001-01-01T00:00:00+10:00"])
+def test_a_start_that_nobody_can_have_measured_at_is_refused(folder: Path, started: str) -> None:
+    write_session(folder, session_file(), columns())
+    path = folder / "session.toml"
+    path.write_text(re.sub("(?m)^started = .*$", f"started = {started}", path.read_text()))
+    with pytest.raises(BadInput, match=r"session\.toml: started: found .* of the years 1970"):
+        load_session(folder, ARM)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from armd.compensation.data.offline import COLUMNS, Corrector, correct_file
 from armd.compensation.data.readings import read_header
-from armd.compensation.data.session_format import AngleUnit, SessionFile
+from armd.compensation.data.session_format import AngleUnit, SessionFile, measured_at
 from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.errors import BadInput
 from armd.files.outputs import POINTS, add_force, check_outputs
@@ -79,4 +79,7 @@ def _instant(text: str) -> float:
     if instant is None or instant.tzinfo is None:
         expected = "an instant with its offset from UTC, as 2026-03-01T09:00:00Z"
         raise BadInput("the command line", "--started", repr(text), expected)
-    return instant.timestamp()
+    try:
+        return measured_at(instant).timestamp()
+    except ValueError as error:
+        raise BadInput("the command line", "--started", repr(text), str(error)) from error

@@ -299,6 +299,45 @@ def test_a_long_parquet_file_is_not_kept(bench: Bench, monkeypatch: pytest.Monke
     assert max(kept) - before < source.stat().st_size / 2
 
 
+@pytest.mark.parametrize(
+    ("column", "kind"),
+    [
+        (pa.array([[1, 2]]), "list<"),
+        (pa.array([{"by": "hand"}]), "struct<"),
+        (pa.array([b"\xff"]), "binary"),
+    ],
+)
+def test_a_column_that_no_csv_file_can_hold_is_named(
+    bench: Bench, capsys: pytest.CaptureFixture[str], column: pa.Array, kind: str
+) -> None:
+    angles = {f"q{k}": [0.1] for k in (1, 2, 3)}
+    pyarrow.parquet.write_table(
+        pa.table({**angles, "note": column}), bench.folder / "readings.parquet"
+    )
+    assert bench.run(source="readings.parquet", target="points.csv") == 2
+    assert f"readings.parquet: column note: found {kind}" in capsys.readouterr().err
+    assert not (bench.folder / "points.csv").exists()
+    assert bench.run(source="readings.parquet", target="points.parquet") == 0
+
+
+def test_true_and_false_are_no_angles(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    table = pa.table({"q1": [True], "q2": [0.1], "q3": [0.1]})
+    pyarrow.parquet.write_table(table, bench.folder / "readings.parquet")
+    assert bench.run(source="readings.parquet") == 2
+    assert "column q1: found bool, expected double" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("started", ["9999-12-31T23:59:59Z", "0001-01-01T00:00:00+10:00"])
+def test_a_start_that_nobody_can_have_measured_at_is_refused(
+    bench: Bench, capsys: pytest.CaptureFixture[str], started: str
+) -> None:
+    bench.readings("q1,q2,q3\n0,0,0\n")
+    assert bench.run("--started", started) == 2
+    assert f"--started: found {started!r}, expected an instant of the years" in (
+        capsys.readouterr().err
+    )
+
+
 def test_bad_usage(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
     bench.readings("q1,q2,q3\n0,0,0\n")
     assert bench.run("--started", "yesterday") == 2
