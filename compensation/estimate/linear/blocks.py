@@ -84,6 +84,8 @@ class Blocks:
     def only(self, numbers: I64 | slice) -> Blocks:
         """Some of the columns, in their order."""
         kept = np.arange(self.size)[numbers]
+        if np.array_equal(kept, np.arange(self.size)):
+            return self
         turn = np.full(self.size, -1)
         turn[kept] = np.arange(len(kept))
         pieces = []

@@ -119,6 +119,8 @@ class LinearModel:
 
     def only(self, columns: I64) -> LinearModel:
         """The problem of some columns, by number, ascending."""
+        if len(columns) == self.layout.n:
+            return self
         return LinearModel(
             self.layout.only(columns),
             self.gram[np.ix_(columns, columns)],
