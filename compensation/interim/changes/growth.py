@@ -12,7 +12,7 @@ from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change, amplitude_sizes, ramp, shapes
 from armd.compensation.interim.changes.held import held
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import log_student
+from armd.compensation.interim.evidence.likelihood import known_errors, log_student
 from armd.compensation.interim.evidence.stack import Stack
 
 #: Bends lie so many checks apart, and no more of them than this.
@@ -55,12 +55,9 @@ def _rate(of: Stack, change: Change) -> F64:
     """(p,) of a growth at one rate throughout, in typical sizes."""
     assert change.cause is not None
     block, grown = of.blocks[change.cause], ramp(of, change.origin_d)
-    own = np.concatenate([w * x[:, block] for w, x in zip(grown, of.columns, strict=True)])
-    known, residual = np.concatenate(of.known), np.concatenate(of.residual)
-    cross = known.T @ own
-    cleared = np.linalg.solve(known.T @ known + np.eye(known.shape[1]), cross)
-    gram = own.T @ own - cross.T @ cleared + np.eye(own.shape[1]) / change.size**2
-    rate: F64 = np.linalg.solve(gram, own.T @ residual - cleared.T @ (known.T @ residual))
+    own = [change.size * w * x[:, block] for w, x in zip(grown, of.columns, strict=True)]
+    told = known_errors(of.knowing(own).sums(range(of.n)))
+    rate: F64 = change.size * told.mean[of.known[0].shape[1] :]
     return rate
 
 
@@ -72,21 +69,19 @@ def log_marginals(of: Stack, cause: int, courses: Sequence[Change]) -> F64:
     common is summed up once.
     """
     own = [columns[:, of.blocks[cause]] for columns in of.columns]
-    gram = sum((k.T @ k for k in of.known), np.eye(of.known[0].shape[1]))
-    factor = cholesky(gram, lower=True, check_finite=False)
+    sums = of.sums(range(of.n))
+    factor = cholesky(sums.curvature + np.eye(len(sums.side)), lower=True, check_finite=False)
 
     def cleared(side: F64) -> F64:
         found: F64 = solve_triangular(factor, side, lower=True, check_finite=False)
         return found
 
-    pairs = list(zip(of.known, own, of.residual, strict=True))
-    cross = np.stack([known.T @ x for known, x, _ in pairs])  # (n, q, p)
+    cross = np.stack([known.T @ x for known, x in zip(of.known, own, strict=True)])  # (n, q, p)
     products = np.stack([x.T @ x for x in own])  # (n, p, p)
-    towards = np.stack([x.T @ z for _, x, z in pairs])  # (n, p)
-    side = cleared(np.sum([known.T @ z for known, _, z in pairs], axis=0))
-    square = sum(float(z @ z) for z in of.residual) - float(side @ side)
+    towards = np.stack([x.T @ z for x, z in zip(own, of.residual, strict=True)])  # (n, p)
+    side = cleared(sums.side)
+    square = sums.square - float(side @ side)
     spread = float(np.log(np.diag(factor)).sum())
-    numbers = float(sum(len(z) for z in of.residual))
     p = own[0].shape[1]
     found = []
     for course in courses:
@@ -99,7 +94,7 @@ def log_marginals(of: Stack, cause: int, courses: Sequence[Change]) -> F64:
         left = (shape.T @ towards).ravel() * sizes - along.T @ side
         left = solve_triangular(root, left, lower=True, check_finite=False)
         more = float(np.log(np.diag(root)).sum())
-        found.append(log_student(numbers, spread + more, square - float(left @ left)))
+        found.append(log_student(float(sums.numbers), spread + more, square - float(left @ left)))
     return np.array(found)
 
 

@@ -29,12 +29,8 @@ class Rest:
     """What all other checks know: the known errors, and how large the noise is."""
 
     def __init__(self, of: Stack, kept: Sequence[int]) -> None:
-        q = of.known[0].shape[1]
         self.of = of
-        self.curvature = sum((of.known[i].T @ of.known[i] for i in kept), np.zeros((q, q)))
-        self.side = sum((of.known[i].T @ of.residual[i] for i in kept), np.zeros(q))
-        self.square = sum(float(of.residual[i] @ of.residual[i]) for i in kept)
-        self.numbers = sum(len(of.residual[i]) for i in kept)
+        self.sums = of.sums(kept)
 
     def log_evidence(self, check: int) -> float:
         """Log likelihood ratio that *check*, one of those kept, is spoilt, to that it is not."""
@@ -45,16 +41,16 @@ class Rest:
     def log_densities(self, check: int, scale: float) -> tuple[float, float, float]:
         """Of the other checks; and, they known, of *check* as it usually is and spoilt; the
         standing errors *scale* times as large. But for what is the same of any scale."""
-        of = self.of
+        of, sums = self.of, self.sums
         by = of.scaled(scale)
         known, residual = of.known[check] * by, of.residual[check]
-        curvature = by[:, None] * self.curvature * by + np.eye(len(by)) - known.T @ known
+        curvature = by[:, None] * sums.curvature * by + np.eye(len(by)) - known.T @ known
         factor = cho_factor(curvature, check_finite=False)
-        side = by * self.side - known.T @ residual
+        side = by * sums.side - known.T @ residual
         at = cho_solve(factor, side, check_finite=False)
-        square = self.square - float(residual @ residual) - float(side @ at)
+        square = sums.square - float(residual @ residual) - float(side @ at)
         left = square + NOISE_WORD
-        numbers = self.numbers - len(residual)
+        numbers = sums.numbers - len(residual)
         freedom = NOISE_WORD + numbers
         rest = log_student(float(numbers), float(np.log(np.diag(factor[0])).sum()), square)
         rest -= 0.5 * len(residual) * float(np.log(left))  # the check's own scale

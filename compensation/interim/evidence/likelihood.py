@@ -21,7 +21,7 @@ from scipy.special import gammaln, logsumexp
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.stack import RunningSums, Stack
+from armd.compensation.interim.evidence.stack import CheckSums, RunningSums, Stack
 
 #: About so many checks pass on average until a false alarm.
 RUN_LENGTH = 500.0
@@ -112,6 +112,24 @@ def log_student(numbers: float, spread: float, square: float) -> float:
     scale = float(gammaln(freedom / 2) - gammaln(NOISE_WORD / 2)) - numbers / 2 * np.log(np.pi)
     shape = NOISE_WORD * np.log(NOISE_WORD) - freedom * np.log(NOISE_WORD + square)
     return float(scale - spread + shape / 2)
+
+
+@dataclass(frozen=True)
+class KnownErrors:
+    """The q known errors as some checks tell them, in standard deviations of what was known."""
+
+    mean: F64  # (q,)
+    covariance: F64  # (q, q), of unit noise
+    scale: float  # of all variances: the likelihood integrates it out; here it is at its mean
+
+
+def known_errors(sums: CheckSums) -> KnownErrors:
+    """What checks of these sums tell of them."""
+    curvature = sums.curvature + np.eye(len(sums.side))
+    covariance = np.asarray(np.linalg.inv(curvature), dtype=np.float64)
+    mean = covariance @ sums.side
+    left = NOISE_WORD + sums.square - float(sums.side @ mean)
+    return KnownErrors(mean, covariance, left / (NOISE_WORD + sums.numbers))
 
 
 def _log_ratio(gram: F64, side: F64, left: float, freedom: float) -> F64:

@@ -32,6 +32,16 @@ RAMP_DAYS = 30.0
 
 
 @dataclass(frozen=True)
+class CheckSums:
+    """Sums over some checks of products of their q known errors and their numbers."""
+
+    curvature: F64  # (q, q)
+    side: F64  # (q,)
+    square: float
+    numbers: int
+
+
+@dataclass(frozen=True)
 class Stack:
     """n checks in time: per check r numbers, K causes in blocks of columns, q known errors."""
 
@@ -87,6 +97,17 @@ class Stack:
             columns=tuple(self.columns[i] for i in chosen),
             known=tuple(self.known[i] for i in chosen),
             targets=tuple(self.targets[i] for i in chosen),
+        )
+
+    def sums(self, chosen: Sequence[int]) -> CheckSums:
+        """Over some of the checks."""
+        pairs = [(self.known[i], self.residual[i]) for i in chosen]
+        q = self.known[0].shape[1]
+        return CheckSums(
+            sum((known.T @ known for known, _ in pairs), np.zeros((q, q))),
+            sum((known.T @ residual for known, residual in pairs), np.zeros(q)),
+            sum(float(residual @ residual) for _, residual in pairs),
+            sum(len(residual) for _, residual in pairs),
         )
 
     def knowing(self, extra: Sequence[F64]) -> Stack:

@@ -11,7 +11,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change, amplitude_sizes, shapes, with_changes
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import NOISE_WORD
+from armd.compensation.interim.evidence.likelihood import known_errors
 from armd.compensation.interim.evidence.stack import ALL_ALONG, RAMP_DAYS, Stack
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.slow_factors import DAY_S, After, Time
@@ -47,26 +47,15 @@ def fit(
     with_what_was = of.knowing([before * columns[:, own] for columns in of.columns])
     with_them = with_changes(with_what_was, causes, changes)
     q = with_what_was.known[0].shape[1]
-    n = with_them.known[0].shape[1]
     kept = [i for i in range(of.n) if i not in bad]
     for change in changes:
         if change.cause is None:  # what comes then belongs to nothing known
             kept = [i for i in kept if i < change.first]
-    curvature, side = np.eye(n), np.zeros(n)
-    square, numbers = NOISE_WORD, NOISE_WORD
-    for i in kept:
-        known, residual = with_them.known[i], of.residual[i]
-        curvature += known.T @ known
-        side += known.T @ residual
-        square += float(residual @ residual)
-        numbers += len(residual)
-    covariance = np.linalg.inv(curvature)
-    solution = covariance @ side
-    scale = (square - float(side @ solution)) / numbers
+    told = known_errors(with_them.sums(kept))
     sizes = _sizes(causes, changes)
     # The columns' sign: a residual is what the arm shows too much under the calibration.
-    values = -solution[q:] * sizes
-    cov = scale * covariance[q:, q:] * np.outer(sizes, sizes)
+    values = -told.mean[q:] * sizes
+    cov = told.scale * told.covariance[q:, q:] * np.outer(sizes, sizes)
     split, at = [], 0
     for change in changes:
         if change.cause is None:

@@ -25,7 +25,7 @@ from scipy.special import logsumexp
 from armd.arrays import F64, I64
 from armd.compensation.interim.changes.change import Change, Way, with_changes
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import NOISE_WORD
+from armd.compensation.interim.evidence.likelihood import known_errors
 from armd.compensation.interim.evidence.stack import Stack
 
 #: Where a new seat stands is not known, mm: farther off than any change moves it.
@@ -109,21 +109,13 @@ def foretold(
     means: list[list[F64]] = [[] for _ in ahead]
     covariances: list[list[F64]] = [[] for _ in ahead]
     for way in ways:
-        known = with_changes(of, causes, way).known
-        curvature, side = np.eye(known[0].shape[1]), np.zeros(known[0].shape[1])
-        left, freedom = NOISE_WORD, NOISE_WORD
-        for i in measured:
-            curvature += known[i].T @ known[i]
-            side += known[i].T @ of.residual[i]
-            left += float(of.residual[i] @ of.residual[i])
-            freedom += len(of.residual[i])
-        # The likelihood integrates the scale of all variances out; here it is at its mean.
-        scale = (left - float(side @ np.linalg.solve(curvature, side))) / freedom
+        with_them = with_changes(of, causes, way)
+        told = known_errors(with_them.sums(measured))
         for number, check in enumerate(ahead):
-            here, seat = known[check], SEAT_MM * of.targets[check]
-            spread = np.linalg.solve(curvature, here.T)
-            means[number].append(spread.T @ side)
-            covariances[number].append(scale * (np.eye(len(here)) + here @ spread) + seat @ seat.T)
+            here, seat = with_them.known[check], SEAT_MM * of.targets[check]
+            spread = np.eye(len(here)) + here @ told.covariance @ here.T
+            means[number].append(here @ told.mean)
+            covariances[number].append(told.scale * spread + seat @ seat.T)
     pairs = zip(means, covariances, strict=True)
     return [Foretold(np.array(mean), np.array(covariance)) for mean, covariance in pairs]
 
