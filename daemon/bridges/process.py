@@ -31,11 +31,6 @@ ServeArm = Callable[[Arm], Awaitable[None]]
 """Serves one arm until it is cancelled."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
-    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
-
-
 def ready(what: str, where: str) -> None:
     """Whoever started this process may now use it."""
     print(f"armd: ready {what} on {where}", flush=True)

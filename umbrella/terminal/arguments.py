@@ -1,10 +1,23 @@
-"""Numbers on a command line, as types of argparse: what cannot be meant is refused at once."""
+"""What several commands take: which arm, and numbers; what cannot be meant is refused at once."""
 
 from __future__ import annotations
 
 import argparse
 import math
 from collections.abc import Callable
+
+import armd
+
+
+def add_arm(parser: argparse.ArgumentParser) -> None:
+    """Which arm's daemon, and where it is reached."""
+    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
+    add_endpoint(parser)
+
+
+def add_endpoint(parser: argparse.ArgumentParser) -> None:
+    """Where a daemon is reached."""
+    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
 
 
 def seconds(text: str) -> float:

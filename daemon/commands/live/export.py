@@ -17,6 +17,7 @@ from armd.drivers.replay.recording import Recording
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.terminal.arguments import add_endpoint
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="an arm whose daemon runs, or its measurements as .jsonl, a log's folder, "
         "a recording .mcap (the one arm that is there)",
     )
-    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    add_endpoint(parser)
     parser.add_argument(
         "--log",
         action="store_true",

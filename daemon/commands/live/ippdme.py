@@ -8,13 +8,14 @@ from armd.daemon.bridges import process
 from armd.daemon.bridges.ippdme.commands_2_5 import VERSIONS
 from armd.daemon.bridges.ippdme.server import DmeServer
 from armd.daemon.bridges.listening import address
+from armd.terminal.arguments import add_arm
 
 LISTEN = "127.0.0.1:1294"
 DME_VERSION = "1.4.3"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    process.add_arguments(parser)
+    add_arm(parser)
     parser.add_argument(
         "--listen", type=address, default=address(LISTEN), metavar="HOST:PORT", help=f"({LISTEN})"
     )

@@ -21,7 +21,7 @@ from armd.errors import BadInput
 from armd.files.inputs import check_input
 from armd.files.outputs import check_output_folder
 from armd.files.schema import load_toml
-from armd.terminal.arguments import positive, seconds, whole
+from armd.terminal.arguments import add_arm, positive, seconds, whole
 
 WAIT_S = 60.0  # for an arm to show up
 
@@ -40,8 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "while it runs, Enter after: d delete the last, a once more, s leave out, f finish, q stop"
     )
     parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
-    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
-    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    add_arm(parser)
     parser.add_argument(
         "-o",
         "--output",

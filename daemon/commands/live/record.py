@@ -23,7 +23,7 @@ from armd.daemon.state import State
 from armd.errors import BadInput
 from armd.files.outputs import RECORDING, add_force, check_output_folder, check_outputs
 from armd.files.writing import told
-from armd.terminal.arguments import seconds
+from armd.terminal.arguments import add_arm, seconds
 from armd.terminal.counted import counted
 from armd.terminal.printable import printable
 
@@ -33,8 +33,7 @@ FIRST_S = 1.0  # for its frames to begin
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
-    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    add_arm(parser)
     add_force(parser)
     output = parser.add_mutually_exclusive_group()
     output.add_argument(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 
 import armd
+from armd.terminal.arguments import add_arm
 from armd.terminal.printable import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
-    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    add_arm(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from armd.daemon.bridges.ros2.node import NAME, legal
 from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.terminal.arguments import add_arm
 
 RATE_HZ = 100.0
 MOST_DOMAINS = 232
@@ -20,7 +21,7 @@ URDF = OutputKind("a URDF", lambda head: b"<robot" in head)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    process.add_arguments(parser)
+    add_arm(parser)
     parser.add_argument(
         "--router", metavar="ENDPOINT", help="of ROS (rmw_zenohd), as tcp/ros-host:7447"
     )

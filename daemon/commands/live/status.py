@@ -14,14 +14,14 @@ from armd.daemon.commands.screen import in_use, temperatures
 from armd.daemon.host.root import WARNING
 from armd.daemon.state import State
 from armd.errors import BadInput
+from armd.terminal.arguments import add_arm
 from armd.terminal.printable import printable
 
 GOOD = (State.READY, State.WARMING)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
-    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    add_arm(parser)
     parser.add_argument("--json", action="store_true", help="the whole health message")
 
 

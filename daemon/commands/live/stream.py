@@ -8,12 +8,13 @@ from armd.daemon.bridges import lines, process
 from armd.daemon.bridges.listening import address
 from armd.daemon.bridges.stream import LineStream
 from armd.errors import BadInput
+from armd.terminal.arguments import add_arm
 
 LISTEN = "127.0.0.1:1390"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    process.add_arguments(parser)
+    add_arm(parser)
     parser.add_argument(
         "--listen", type=address, default=address(LISTEN), metavar="HOST:PORT", help=f"({LISTEN})"
     )

@@ -21,7 +21,7 @@ import armd
 from armd.errors import BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
-from armd.terminal.arguments import positive
+from armd.terminal.arguments import add_endpoint, positive
 from armd.terminal.counted import counted
 from armd.terminal.printable import printable
 from armd.terminal.suggest import did_you_mean
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "armd tip NAME [SERIAL]             short for `use`"
     )
     parser.add_argument("words", nargs="+", metavar="WORD", help="one of the lines above")
-    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    add_endpoint(parser)
     parser.add_argument("--name", metavar="NAME", help="of the tip (calibrate: the one in use)")
     parser.add_argument(
         "--apply",

@@ -11,13 +11,14 @@ from armd.daemon.bridges.listening import address
 from armd.daemon.bridges.view.access import Access, is_loopback, read_token
 from armd.daemon.bridges.view.server import PageServer
 from armd.errors import BadInput
+from armd.terminal.arguments import add_arm
 
 LISTEN = "127.0.0.1:8470"
 SESSIONS = "measured"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    process.add_arguments(parser)
+    add_arm(parser)
     parser.add_argument(
         "--listen", type=address, default=address(LISTEN), metavar="HOST:PORT", help=f"({LISTEN})"
     )

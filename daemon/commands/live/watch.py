@@ -13,14 +13,13 @@ import armd
 from armd import Arm, Point, keys
 from armd.daemon.commands.screen import Screen, refreshes
 from armd.daemon.commands.terminal import hush
-from armd.terminal.arguments import seconds
+from armd.terminal.arguments import add_arm, seconds
 
 REFRESH_S = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("serial", nargs="?", help="serial number (the one arm that is there)")
-    parser.add_argument("--endpoint", default=armd.ENDPOINT, help=f"({armd.ENDPOINT})")
+    add_arm(parser)
     parser.add_argument("--json", action="store_true", help="one line per point")
     parser.add_argument("--seconds", type=seconds, metavar="S", help="stop by itself (at Ctrl-C)")
 
