@@ -30,6 +30,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from floors import F64, I64, Arrivals, Latencies, line_alone, zenoh_alone
+from measured import processor_s, resident_mb
 from stolen import Stolen
 
 from armd import POINT, Flag
@@ -169,14 +170,14 @@ def daemon(
             arrivals = Arrivals()
             session.declare_subscriber(f"armd/{armd.serial}/point", arrivals.take)
             time.sleep(SETTLE_S)
-            first, cpu_s = len(arrivals.payloads), _cpu_s(armd.process.pid)
+            first, cpu_s = len(arrivals.payloads), processor_s(armd.process.pid)
             goes_first = os.sched_getscheduler(armd.process.pid) != os.SCHED_OTHER
             time.sleep(seconds)
-            last, cpu_s = len(arrivals.payloads), _cpu_s(armd.process.pid) - cpu_s
+            last, cpu_s = len(arrivals.payloads), processor_s(armd.process.pid) - cpu_s
             points = np.frombuffer(b"".join(arrivals.payloads[first:last]), POINT)
             arrived_ns = np.array(arrivals.arrived_ns[first:last])
             latency_us = (arrived_ns - arm.latch_ns(points["seq"])) / 1000
-            rss_mb = _rss_mb(armd.process.pid)
+            rss_mb = resident_mb(armd.process.pid)
             armd.stop()
     if not len(points):
         raise RuntimeError(f"no point within {seconds:g} s: the machine is too busy to measure")
@@ -268,15 +269,3 @@ def _percentiles(parts: list[Second]) -> dict[str, float]:
     latency_us = np.concatenate([second.latency_us for second in parts])
     p50, p99, p99_9 = np.percentile(latency_us, [50, 99, 99.9])
     return {"p50_us": float(p50), "p99_us": float(p99), "p99_9_us": float(p99_9)}
-
-
-def _cpu_s(pid: int) -> float:
-    """CPU seconds of a process, all its threads."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _rss_mb(pid: int) -> float:
-    """What of a process is resident."""
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

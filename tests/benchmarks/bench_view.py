@@ -9,7 +9,6 @@ that reads all it is told. `stalled` are forty that read nothing. `ippdme_stalle
 
 from __future__ import annotations
 
-import os
 import socket
 import subprocess
 import sys
@@ -24,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from floors import Arrivals
+from measured import processor_s, resident_mb
 
 from armd import POINT
 from support.running_bridge import RunningBridge, running_bridge
@@ -61,12 +61,12 @@ def run() -> dict[str, Any]:
                 ):
                     with browsers(view, reading, stalled) as heard:
                         time.sleep(SETTLE_S)
-                        cpu_s, n = _cpu_s(view.process.pid), heard[0]
+                        cpu_s, n = processor_s(view.process.pid), heard[0]
                         series[name].append(_latency_us(arm, arrivals))
                         own = figures[name]
-                        cpu_s = _cpu_s(view.process.pid) - cpu_s
+                        cpu_s = processor_s(view.process.pid) - cpu_s
                         own["cpu_percent_of_a_core"].append(100 * cpu_s / SECONDS)
-                        own["resident_mb"].append(_resident_mb(view.process.pid))
+                        own["resident_mb"].append(resident_mb(view.process.pid))
                         if reading:
                             own["updates_hz"].append((heard[0] - n) / SECONDS / reading)
             with running_bridge("ippdme", *options) as dme, flooding(dme):
@@ -147,14 +147,3 @@ def _latency_us(arm: SimulatedArm, arrivals: Arrivals) -> np.ndarray:
 def _lost(arrivals: Arrivals) -> int:
     seq = np.frombuffer(b"".join(arrivals.payloads), POINT)["seq"].astype(np.int64)
     return int((np.diff(seq) - 1).sum())
-
-
-def _cpu_s(pid: int) -> float:
-    """CPU seconds of a process, all its threads."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def _resident_mb(pid: int) -> float:
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -1,7 +1,8 @@
-"""A command of its own: how long it took, what processor time, how much memory."""
+"""What a process took: time, processor time, memory."""
 
 from __future__ import annotations
 
+import os
 import resource
 import subprocess
 import time
@@ -29,3 +30,15 @@ def measured(command: Sequence[str]) -> dict[str, float]:
         "processor_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
         "peak_mb": 1.024e-3 * peak_kb,
     }
+
+
+def processor_s(pid: int) -> float:
+    """CPU seconds of a process so far, all its threads."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def resident_mb(pid: int) -> float:
+    """What of a process is resident."""
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import os
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,6 +31,7 @@ from armd.compensation.model.slow_factors import Time
 from armd.compensation.model.state import States
 from armd.compensation.model.terms import Term
 from armd.errors import BadInput
+from support.spoilt_files import fifo, loop, nest
 
 DATA = Path(__file__).parent / "data"
 RELEASED = sorted(DATA.glob("calibration-*.json"))  # one per released version, as it wrote them
@@ -102,20 +102,6 @@ def test_what_is_loaded_is_what_was_hashed_though_the_file_is_replaced_meanwhile
     assert (loaded.sha256, loaded.content.provenance) == (first.sha256, {})
     monkeypatch.setattr(module, "_parse", lambda *a: (path.unlink(), parse(*a))[1])
     assert load_calibration(path).content.provenance == {"n": 2}
-
-
-def nest(path: Path) -> None:
-    path.write_text('{"a": ' + "[" * 100_000 + "]" * 100_000 + "}")
-
-
-def loop(path: Path) -> None:
-    path.unlink()
-    path.symlink_to(path.name)
-
-
-def fifo(path: Path) -> None:
-    path.unlink()
-    os.mkfifo(path)
 
 
 def many_terms(path: Path) -> None:

@@ -14,6 +14,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 ARMD = [sys.executable, "-m", "armd.daemon.cli"]
@@ -90,12 +91,14 @@ def _print_findings(findings: list[dict], truth: dict[str, list[float]]) -> None
         print(f"  {cause} {place}{beside}, probability {finding['probability']:.2f}{doubt}")
 
 
-def main() -> int:
+def main(run: Callable[[Path, int], dict[str, float]] = run) -> int:
+    """Prints what *run* measures in a folder, by a seed; 1 where a correction does not help or
+    the arm does not pass."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--folder", type=Path)
     args = parser.parse_args()
-    with tempfile.TemporaryDirectory() as scratch:
+    with tempfile.TemporaryDirectory(prefix="armd-so101-") as scratch:
         figures = run(args.folder or Path(scratch), args.seed)
     helped = figures["diagnosed"] <= figures["calibrated"] < figures["nominal"]
     return 0 if helped and figures["passed"] else 1

@@ -10,7 +10,6 @@ the verdict is not passed.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import queue
@@ -18,7 +17,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterable, Iterator
@@ -28,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 from programs import program
-from so101 import ARMD, MPE, armd, identified
+from so101 import ARMD, MPE, armd, identified, main
 
 from armd.simulator.printed.bench import CALLIPER_MM, CONES_MM, SEATS_MM
 
@@ -246,16 +244,5 @@ def run(folder: Path, seed: int) -> dict[str, float]:
     return Bench(folder, seed).run()
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--folder", type=Path)
-    args = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="armd-so101-") as scratch:
-        figures = run(args.folder or Path(scratch), args.seed)
-    helped = figures["diagnosed"] <= figures["calibrated"] < figures["nominal"]
-    return 0 if helped and figures["passed"] else 1
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(run))

@@ -4,7 +4,6 @@ questions. The stream loses nothing, and every point is made with the calibratio
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +22,7 @@ from armd.compensation.model.terms import Term
 from support.drawn import drawn
 from support.running_daemon import Daemon, Heard, running_daemon
 from support.simulated_arm import simulated_arm
+from support.spoilt_files import fifo, loop, nest
 
 EXTRA = "[commands]\nenabled = true\n"
 DAY_S = 86_400.0
@@ -111,20 +111,6 @@ def test_in_a_storm_of_reloads_every_point_is_made_with_the_calibration_it_names
     np.testing.assert_allclose(np.diff(z)[changes], np.diff(lifts)[changes], atol=5.0)
     still = np.diff(lifts) == 0
     assert np.abs(np.diff(z)[still]).max() < 5.0
-
-
-def nest(path: Path) -> None:
-    path.write_text("[" * 10**6)
-
-
-def fifo(path: Path) -> None:
-    path.unlink()
-    os.mkfifo(path)
-
-
-def loop(path: Path) -> None:
-    path.unlink()
-    path.symlink_to(path.name)
 
 
 def too_many_terms(path: Path) -> None:
