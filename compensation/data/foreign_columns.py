@@ -102,7 +102,7 @@ def find_columns(
             f"{few(warm)}: temperatures without a sensor; the arm.toml has {sensors}"
             " ([[temperature_sensor]], and temperature = of each joint)"
         )
-    _check_angles(table, found, arm, angle_unit)
+    _check_angles(table, found, arm)
     return found
 
 
@@ -221,7 +221,7 @@ def _number(table: ForeignTable, row: int, column: int) -> float:
         raise BadInput(table.path, where, repr(text), "a number") from error
 
 
-def _check_angles(table: ForeignTable, found: FoundColumns, arm: Arm, given: str | None) -> None:
+def _check_angles(table: ForeignTable, found: FoundColumns, arm: Arm) -> None:
     """Counts want counts per turn."""
     for k, joint in enumerate(arm.joint, 1):
         if found.angle_unit == "count" and joint.counts_per_turn is None:

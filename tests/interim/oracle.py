@@ -35,7 +35,7 @@ def oracle_delay(
     return float(np.inf)
 
 
-def true_change(case: Case, of: Stack, causes: Sequence[Cause], right: int, first: int) -> Change:
+def true_change(case: Case, of: Stack, right: int, first: int) -> Change:
     """The change as it was, from the first good check on that has it."""
     kept = [i for i in range(of.n) if i not in case.bad_checks]
     nearest = next(i for i in kept if i >= first)
@@ -43,4 +43,4 @@ def true_change(case: Case, of: Stack, causes: Sequence[Cause], right: int, firs
     if not case.grows:
         return truth
     origin = origin_d(of, kept, kept.index(nearest))
-    return growth(of, causes, replace(truth, origin_d=origin), kept, [nearest])
+    return growth(of, replace(truth, origin_d=origin), kept, [nearest])

@@ -32,7 +32,7 @@ def by_the_oracle(
 ) -> Calibration:
     """The calibration of somebody who knows what changed when, and not how far."""
     of = epoch.stack
-    truth = true_change(case, of, epoch.causes, right, first)
+    truth = true_change(case, of, right, first)
     amplitudes = fit(of, epoch.causes, (truth,), case.bad_checks)
     return _mended(bench, epoch, (truth,), [onset], amplitudes)
 
@@ -52,9 +52,7 @@ def _mended(
 ) -> Calibration:
     begun = epoch.checks[0].reduced.mean_unix_s
     last = epoch.checks[-1].reduced.last_unix_s
-    return amended(
-        bench.calibration, epoch.stack, begun, epoch.causes, changes, instants, amplitudes, last, {}
-    )
+    return amended(bench.calibration, begun, epoch.causes, changes, instants, amplitudes, last, {})
 
 
 def errors_um(

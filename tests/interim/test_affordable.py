@@ -59,7 +59,7 @@ def written(
 ) -> Calibration:
     every = averaged(of, causes, ways, ())
     instants = [BEGUN_UNIX_S] * len(every.changes)
-    made = amended(calibration, of, BEGUN_UNIX_S, causes, every.changes, instants,
+    made = amended(calibration, BEGUN_UNIX_S, causes, every.changes, instants,
                    every.amplitudes, BEGUN_UNIX_S + 86400.0 * CHECKS, {})  # fmt: skip
     return save_calibration(path, made).content
 

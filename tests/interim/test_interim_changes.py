@@ -55,14 +55,12 @@ def test_an_alarm_that_later_checks_refute_is_withdrawn(seed: int) -> None:
 @pytest.mark.parametrize("cause", [0, 1])
 def test_a_growths_likelihood_is_that_of_a_stack_that_knows_it(cause: int) -> None:
     rng = np.random.default_rng(3)
-    of, causes = a_stack(rng)
+    of, _ = a_stack(rng)
     p = of.blocks[cause].stop - of.blocks[cause].start
     courses = [
         Change(cause, True, first, first, first, at, 1.0, bends_d=bends,
                rate_size=rng.uniform(0.1, 3.0, p))
         for first, at, bends in ((1, 0.2, ()), (2, 1.1, (2.5, 4.0)), (4, 3.0, (5.5,)))
     ]  # fmt: skip
-    expected = [
-        log_marginal(RunningSums(with_changes(of, causes, [course])), of.n) for course in courses
-    ]
+    expected = [log_marginal(RunningSums(with_changes(of, [course])), of.n) for course in courses]
     assert log_marginals(of, cause, courses) == pytest.approx(expected, abs=1e-9)

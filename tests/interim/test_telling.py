@@ -30,13 +30,13 @@ def change(cause: int, first: int) -> Change:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_check_is_foretold_as_all_numbers_together_say(seed: int) -> None:
     """The joint normal of all readings and the check's own, conditioned on the readings."""
-    of, causes = a_stack(np.random.default_rng(seed))
+    of, _ = a_stack(np.random.default_rng(seed))
     seat = np.random.default_rng(seed).normal(size=(len(of.residual[4]), 3))
     targets = tuple(seat if i == 4 else own for i, own in enumerate(of.targets))
     of = replace(of, targets=targets)
     ways = [(change(0, 2),), (change(1, 3),)]
     measured = [0, 1, 3]  # the third was a bad one
-    (told,) = foretold(of, causes, ways, measured, [4])
+    (told,) = foretold(of, ways, measured, [4])
     for number, (one,) in enumerate(ways):
         factors = []
         for i in [*measured, 4]:

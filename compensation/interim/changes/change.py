@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
 #: A told change may be of any size, in typical ones.
@@ -77,7 +76,7 @@ def amplitude_sizes(change: Change, columns: int) -> F64:
     return sizes
 
 
-def with_changes(of: Stack, causes: Sequence[Cause], changes: Sequence[Change]) -> Stack:
+def with_changes(of: Stack, changes: Sequence[Change]) -> Stack:
     """The stack where these changes, of whatever size, are among what is known."""
     columns: list[list[F64]] = [[] for _ in range(of.n)]
     for change in changes:

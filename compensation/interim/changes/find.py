@@ -40,7 +40,7 @@ def find(of: Stack, causes: Sequence[Cause]) -> ChangesFound:
     first_look: Watched | None = None
     since = 0
     for _ in range(MOST_ROUNDS):
-        null = with_changes(of, causes, found)
+        null = with_changes(of, found)
         looked = watch(null, causes, since, bad)
         first_look = first_look or looked
         bad = tuple(sorted({*(i for i in bad if i < since), *looked.bad}))
@@ -78,9 +78,9 @@ def find(of: Stack, causes: Sequence[Cause]) -> ChangesFound:
                 gradual=True,
                 origin_d=origin_d(of, kept, kept.index(found[same].first)),
             )
-            others = with_changes(of, causes, found[:same])
+            others = with_changes(of, found[:same])
             near = [i for i in kept if abs(i - begun.first) <= NEAR and i <= alarms[same]]
-            found[same] = growth(others, causes, begun, kept, near)
+            found[same] = growth(others, begun, kept, near)
             del found[same + 1 :], alarms[same + 1 :]
             since = until
             continue
@@ -152,7 +152,7 @@ def _since_start(
     """Log ratio of all readings *until* a check with some change where the last one found may be,
     to that without it."""
     start = found[-2].first + 1 if len(found) > 1 else 0
-    before = with_changes(of, causes, found[:-1])
+    before = with_changes(of, found[:-1])
     return weighed_since(before, causes, start, until, until, bad)[0].log_sum
 
 
@@ -167,7 +167,7 @@ def _renamed(
 ) -> Change | None:
     """The last change found under another name, if all readings until now want that rather than
     *another* change beside it; it began by the check that told it, *alarm*."""
-    before = with_changes(of, causes, found[:-1])
+    before = with_changes(of, found[:-1])
     start = found[-2].first + 1 if len(found) > 1 else 0
     weighed, kept = weighed_since(before, causes, start, alarm + 1, until, bad)
     last = found[-1]

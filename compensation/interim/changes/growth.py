@@ -11,7 +11,6 @@ from scipy.linalg import cholesky, solve_triangular
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change, amplitude_sizes, ramp, shapes
 from armd.compensation.interim.changes.held import held
-from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import known_errors, log_student
 from armd.compensation.interim.evidence.stack import Stack
 
@@ -19,18 +18,16 @@ from armd.compensation.interim.evidence.stack import Stack
 CHECKS_APART, MOST_BENDS = 3, 14
 
 
-def growth(
-    of: Stack, causes: Sequence[Cause], change: Change, kept: Sequence[int], firsts: Sequence[int]
-) -> Change:
+def growth(of: Stack, change: Change, kept: Sequence[int], firsts: Sequence[int]) -> Change:
     """A growth at its likeliest onset, one of the checks *firsts*, and the interval of onsets."""
-    found = growths(of, causes, change, kept, firsts)
+    found = growths(of, change, kept, firsts)
     low, high = held(np.array([share for share, _ in found]))
     _, best = max(found, key=lambda one: one[0])
     return replace(best, earliest=firsts[low], latest=firsts[high])
 
 
 def growths(
-    of: Stack, causes: Sequence[Cause], change: Change, kept: Sequence[int], firsts: Sequence[int]
+    of: Stack, change: Change, kept: Sequence[int], firsts: Sequence[int]
 ) -> list[tuple[float, Change]]:
     """A growth from each of the checks *firsts* on by a course that may bend, with its share; all
     onsets are as likely beforehand."""

@@ -34,7 +34,7 @@ def weighed_again(
     that knows the others, and as `weighed_since` has it."""
     named = [change for change in changes if change.cause is not None]
     until = next((change.first for change in changes if change.cause is None), of.n)
-    others = with_changes(of, causes, named[:index] + named[index + 1 :])
+    others = with_changes(of, named[:index] + named[index + 1 :])
     start = named[index - 1].first + 1 if index else 0
     end = named[index + 1].first if index + 1 < len(named) else until
     return others, *weighed_since(others, causes, start, end, until, bad)
@@ -73,4 +73,4 @@ def likeliest(of: Stack, causes: Sequence[Cause], weighed: Weighed, kept: Sequen
     )
     if not change.gradual:
         return change
-    return growth(of, causes, change, kept, [kept[int(first)] for first in weighed.first])
+    return growth(of, change, kept, [kept[int(first)] for first in weighed.first])

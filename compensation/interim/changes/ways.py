@@ -66,7 +66,7 @@ def _alternatives(
         grown = share[:, k, 1]
         t, s = (int(at) for at in np.unravel_index(int(np.argmax(grown)), grown.shape))
         likeliest = one(t, k, True, SIZES[s])
-        for begun, course in growths(others, causes, likeliest, kept, firsts):
+        for begun, course in growths(others, likeliest, kept, firsts):
             yield float(by_cause[k]) * begun, (course,)
 
 

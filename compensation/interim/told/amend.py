@@ -45,7 +45,7 @@ def fit(
     own = sorted({at for c in changes if c.cause is not None for at in _columns(of, c.cause)})
     before = max(ALL_ALONG) if of.stands else 0.0
     with_what_was = of.knowing([before * columns[:, own] for columns in of.columns])
-    with_them = with_changes(with_what_was, causes, changes)
+    with_them = with_changes(with_what_was, changes)
     q = with_what_was.known[0].shape[1]
     kept = [i for i in range(of.n) if i not in bad]
     for change in changes:
@@ -91,7 +91,6 @@ def at_the_end(of: Stack, change: Change, amplitudes: F64) -> F64:
 
 def amended(
     calibration: Calibration,
-    of: Stack,
     begun_unix_s: float,
     causes: Sequence[Cause],
     changes: Sequence[Change],

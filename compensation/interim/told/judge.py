@@ -40,7 +40,7 @@ def _epoch(checks: tuple[Check, ...]) -> Epoch:
     found = find(stacked, causes)
     # What is there all along shows where neither changes nor bad checks are taken for it.
     good = [i for i in range(stacked.n) if i not in found.bad]
-    explained = with_changes(stacked, causes, found.changes).only(good)
+    explained = with_changes(stacked, found.changes).only(good)
     stacked = stacked.at(at_its_share(explained).share / stacked.share)
     amplitudes = fit(stacked, causes, found.changes, found.bad)
     instants = [instant(reduced, stacked, change, found.bad) for change in found.changes]
@@ -83,7 +83,6 @@ def _told(
     possible = every.changes[: every.until(index)]
     calibration = amended(
         last.calibration.content,
-        of,
         reduced[0].mean_unix_s,
         causes,
         possible,

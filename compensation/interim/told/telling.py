@@ -100,7 +100,6 @@ def all_of(
 
 def foretold(
     of: Stack,
-    causes: Sequence[Cause],
     ways: Sequence[tuple[Change, ...]],
     measured: Sequence[int],
     ahead: Sequence[int],
@@ -109,7 +108,7 @@ def foretold(
     means: list[list[F64]] = [[] for _ in ahead]
     covariances: list[list[F64]] = [[] for _ in ahead]
     for way in ways:
-        with_them = with_changes(of, causes, way)
+        with_them = with_changes(of, way)
         told = known_errors(with_them.sums(measured))
         for number, check in enumerate(ahead):
             here, seat = with_them.known[check], SEAT_MM * of.targets[check]

@@ -115,7 +115,7 @@ def telling(epoch: Epoch, index: int) -> Tomorrow | None:
     usual = replace(again, mean_unix_s=at, targets=np.zeros((len(again.residual), 0)))
     every_pose = as_check(plan, arm, calibration, epoch.causes)
     of = _stack(epoch, [*checks, every_pose])
-    (ahead,) = foretold(of, epoch.causes, ways, measured, [len(checks)])
+    (ahead,) = foretold(of, ways, measured, [len(checks)])
     pairs = list(combinations(range(len(plan.seats_mm)), SEATS))
     pools = [[plan.poses_on(seat) for seat in pair] for pair in pairs]
     whole = [float(overlap(share, ahead.rows(numbers_of(np.concatenate(p))))) for p in pools]
@@ -129,7 +129,7 @@ def telling(epoch: Epoch, index: int) -> Tomorrow | None:
     each = {told.cause.place: told.change.probability}
     each |= {rival.place: probability for rival, probability in told.rivals}
     shares, of_way, all_ways = all_of(epoch.ways, epoch.causes, index, each)
-    next_ones = foretold(of, epoch.causes, all_ways, measured, range(len(checks), of.n))
+    next_ones = foretold(of, all_ways, measured, range(len(checks), of.n))
     after_usual, after_this = (chance_wrong(shares, of_way, one) for one in next_ones)
     advised = Advised(
         seats_mm=plan.seats_mm[list(pairs[best])],

@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         found.numbers["time_s"] = [float("nan")] * n
         told.append("there is no column of times: when each row was read is unknown")
     content = _content(args, arm, found.angle_unit, found.texts["target"], told)
-    names = ["time_s", "placement", "target", *arm_columns(arm, found.numbers)]
+    names = ["time_s", "placement", "target", *arm_columns(found.numbers)]
     columns = {name: (found.numbers | found.texts)[name] for name in names}
     with aside(args).status("writing the session …"):
         _write(args, arm, content, columns)
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def arm_columns(arm: Arm, numbers: dict[str, list[float]]) -> list[str]:
+def arm_columns(numbers: dict[str, list[float]]) -> list[str]:
     """What is not the time, the angles first."""
     return [name for name in numbers if name != "time_s"]
 
