@@ -66,6 +66,16 @@ class Use:
 
 
 @dataclass(frozen=True)
+class Winding:
+    """A joint wound up by its way from reading to reading, up to an angle and no further, moves
+    parameters by their weights; unwound where each session begins. Known at the readings alone."""
+
+    joint: int
+    within_rad: float
+    parameters: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
 class Column:
     """One amplitude: what it adds, its unit, and its typical size (prior standard deviation)."""
 
@@ -75,7 +85,7 @@ class Column:
     terms: tuple[Term, ...] = ()
     artefact: ArtefactChange | None = None
     reach: float = np.inf  # times the typical size that is still plausible
-    use: Use | None = None
+    use: Use | Winding | None = None
 
 
 @dataclass(frozen=True)

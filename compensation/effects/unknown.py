@@ -11,7 +11,7 @@ from dataclasses import replace
 from itertools import combinations
 
 from armd.arrays import F64
-from armd.compensation.effects import location
+from armd.compensation.effects import history, location, rolled
 from armd.compensation.effects.effect import (
     AXES,
     Candidate,
@@ -37,6 +37,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             turning = k if name == "theta" else None
             for variables, functions in _functions(facts, turning):
                 yield _candidate(k, name, unit, variables, functions, _general(variables))
+    yield from history.candidates(facts)
+    yield from rolled.candidates(facts)
 
 
 _Function = tuple[str, str, float, tuple[Factor, ...]]  # label, unit, typical size, factors
@@ -220,6 +222,9 @@ def reading(candidate: Candidate, _: F64) -> str:
         of = f"{cause.replace('_', ' ')} ({place})"
         turning = " and ".join(candidate.depends_on)
         return f"{of} is not quite of the catalogue's form: its size varies with {turning}"
+    if any(column.use is not None for column in candidate.columns):
+        before = f"what joint {candidate.depends_on[0][1:]} did before a reading"
+        return f"a structure in {before} that no cause of the catalogue has"
     return f"a structure in {', '.join(candidate.depends_on)} that no cause of the catalogue has"
 
 

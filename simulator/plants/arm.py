@@ -22,8 +22,11 @@ from armd.simulator.truth.effects import (
     RefittedTip,
     SquareWave,
     TrackCurve,
+    TwoWheels,
     WarmFromWork,
     WarmHousing,
+    WarmNeighbour,
+    WideHysteresis,
     WobblingAxis,
 )
 from armd.simulator.truth.rotations import ARC_SECOND, random_unit
@@ -156,5 +159,12 @@ def unknown(plant: Plant, rng: np.random.Generator, campaign: Campaign) -> Effec
             return Bristles(joint, plant.size, float(plant.detail.get("within_rad", 0.05)))
         case "letting go":
             return LettingGo(joint, plant.size)
+        case "wide hysteresis":
+            return WideHysteresis(joint, plant.size, float(rng.uniform(0.8, 2.0)))
+        case "two wheels":
+            waves, others = (int(n) for n in rng.integers(2, 6, 2))
+            return TwoWheels(joint, other, waves, others, plant.size, angle(plant, rng))
+        case "warm neighbour":
+            return WarmNeighbour(joint, other, plant.size, float(rng.uniform(300.0, 1200.0)))
         case _:
             return DrivenByRate(joint, plant.size)

@@ -53,6 +53,9 @@ def depends_on(plant: Plant) -> list[str]:
             "bristles": [f"w{joint}", f"q{joint}", "time_s"],
             "drag": [f"w{joint}"],
             "letting go": [f"w{joint}"],
+            "wide hysteresis": [f"w{joint}", f"q{joint}", "time_s"],
+            "two wheels": [f"q{joint}", f"q{other}"],
+            "warm neighbour": [f"w{joint}", "time_s"],
         }[str(plant.detail.get("kind", "cable"))]
     match plant.cause:
         case "joint_backlash" | "time_skew":

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from armd.compensation.diagnose.problem.use import warmth
-from armd.compensation.effects.effect import Use
+from armd.compensation.diagnose.problem.use import warmth, wound
+from armd.compensation.effects.effect import Use, Winding
 from armd.compensation.model.state import States
 
 TAU_S = 300.0
@@ -42,3 +42,14 @@ def test_rest_cools_it() -> None:
     found = warmth(Use(2, False, TAU_S, ()), still)
     assert found == pytest.approx([0.0, 2.0, 2.0 * np.exp(-1), 2.0 * np.exp(-3)])
     assert not warmth(Use(2, True, TAU_S, ()), still).any(), "a missing rate is no use"
+
+
+def test_a_joint_is_wound_up_as_far_as_it_goes_and_back_at_once() -> None:
+    """Up to 0.2 rad; the rows in any order, and each session begins unwound."""
+    q = np.array([0.5, 0.6, 1.5, 1.4, 1.2, 0.2, 3.0, 2.9])
+    of_rows = np.array([0.0, 0.5, 1.0, 0.5, -0.5, -1.0, 0.0, -0.5])
+    time_s, series = 10.0 * np.arange(8), np.repeat([0, 1], [6, 2])
+    order = np.random.default_rng(2).permutation(8)
+    whole = states(time_s, q, np.full(8, np.nan), series)
+    found = wound(Winding(2, 0.2, ()), whole.rows(order))
+    assert found == pytest.approx(of_rows[order], abs=1e-12)

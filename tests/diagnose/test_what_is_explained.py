@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.diagnosis import ENOUGH, Explained, Finding
+from armd.compensation.diagnose.scoring.shape import shape_place
 from armd.compensation.diagnose.search import explains, findings
 from armd.compensation.diagnose.search.explains import explain
 from armd.compensation.diagnose.told import verdict
@@ -22,6 +23,7 @@ BESIDE = Candidate(
 ELSEWHERE = Candidate(
     "unknown", location.parameter(5, "a_5(q5)"), (Column("a", "mm", 1.0),), ("q5",)
 )
+MESH = candidate("gear_mesh", 3)
 OVERWHELMING = -1e3
 
 
@@ -54,6 +56,24 @@ def test_the_share_is_of_all_that_its_variables_show(unparted: None) -> None:
     assert own.guess and own.variables == ("q3", "q2")
     (alone,) = explain(fit_of(NAMED), [101.0], scores_of((ELSEWHERE, 9001.0)), 100)
     assert alone.share == 1.0 and not alone.guess
+
+
+def test_a_form_of_its_own_is_not_explained_by_the_name(unparted: None) -> None:
+    """χ² of 900 is the name's, 300 the shape's that it has instead of the catalogue's."""
+    shape = Candidate("unknown", shape_place(NAMED), (Column("s", "1", 1.0),), ("q3",))
+    another = Candidate("unknown", shape_place(ELSEWHERE), (Column("s", "1", 1.0),), ("q3",))
+    (own, *_) = explain(fit_of(NAMED, shape, another), [901.0, 301.0, 9001.0], scores_of(), 100)
+    assert own.share == pytest.approx(0.75)
+
+
+def test_one_name_several_times_is_one_effect_without_a_name(unparted: None) -> None:
+    """Two gears of a joint, of the sum of two angles and of one; a curve's orders are one curve."""
+    sum_of, alone = (replace(MESH, depends_on=on) for on in (("q4", "q3"), ("q4",)))
+    told = explain(fit_of(sum_of, alone, NAMED), [301.0, 101.0, 5001.0], scores_of(), 100)
+    assert [each.share for each in told] == pytest.approx([0.75, 0.25, 1.0])
+    orders = [replace(MESH, setting=(("order", order, "1/turn"),)) for order in (3.0, 5.0)]
+    told = explain(fit_of(*orders), [301.0, 101.0], scores_of(), 100)
+    assert [each.share for each in told] == [1.0, 1.0]
 
 
 def test_an_amplitude_that_changes_half_way_accounts_for_less(

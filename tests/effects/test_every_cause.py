@@ -14,13 +14,13 @@ import pytest
 
 from armd.compensation.diagnose.problem.signatures import compile_candidates
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, SessionFacts
+from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, SessionFacts, Use
 from armd.compensation.effects.setup.artefact_moved import moved
 from armd.compensation.model.pose_factors import Approach, Rate, Side
 from armd.compensation.model.slow_factors import Dated, Temperature, TemperatureRate
 from support.plain_basis import Scene, value
 from support.plain_kinematics import rotation, tip_pose
-from support.whole_scene import Whole, warm, whole_scene
+from support.whole_scene import Whole, warm, whole_scene, wound
 
 #: Found by other means than the search: their columns have tests of their own.
 LOOKED_FOR = {"artefact_moved", "outliers"}
@@ -60,8 +60,11 @@ def added(column: Column, scene: Scene) -> np.ndarray:
         worth = np.prod([value(factor, scene) for factor in term.basis], axis=0)
         found[:, names.index(term.parameter)] += term.coefficient * worth
     if column.use is not None:
+        before = (
+            warm(column.use, scene) if isinstance(column.use, Use) else wound(column.use, scene)
+        )
         for name, weight in column.use.parameters:
-            found[:, names.index(name)] += weight * warm(column.use, scene)
+            found[:, names.index(name)] += weight * before
     return found
 
 
@@ -159,7 +162,8 @@ def asked_of(column: Column) -> set[str]:
         if isinstance(factor, Approach):
             found.add("approach")
     if column.use is not None:
-        found |= {"time", "rates"} if column.use.by_rate else {"time"}
+        by_rate = isinstance(column.use, Use) and column.use.by_rate
+        found |= {"time", "rates"} if by_rate else {"time"}
     if column.artefact is not None and column.artefact.kind == "expansion":
         found.add("artefact_c")
     return found

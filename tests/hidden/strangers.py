@@ -33,10 +33,12 @@ from armd.simulator.plants.draw import FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, depends_on
 from support.planting import Effect, middle_unix_s, of_joint, planted, rms_um, slip, wave
 
-KINDS = ("stranger", "crowd", "again", "real")
+KINDS = ("stranger", "crowd", "again", "real", "alien")
+NAMELESS = ("stranger", "alien")
 SURE, SEEN = 0.95, 8.0
 DESIGN = Design(sessions=6, articulations=4, holdout=2)
 #: With a file of their own since they were strangers; and without one still.
+ALIEN_SIZE = {"wide hysteresis": 15.0, "two wheels": 8.0, "warm neighbour": 1500.0}
 JOINED = ("encoder_thermal", "gear_mesh", "self_heating", "stylus_sag", "artefact_sag")
 #: What one joint can have at once, and the joints at which all of it shows.
 AT_ONE_JOINT = (
@@ -100,7 +102,7 @@ class Strange:
 
     @property
     def right(self) -> bool:
-        if self.kind != "stranger":
+        if self.kind not in NAMELESS:
             return self.named == len(self.due) and not self.foreign
         named = self.truths[0][0] != "unknown" and self.truths[0][:2] in self.places
         named = named or any(map(self._fits, self.told))
@@ -127,6 +129,7 @@ def run_strange(kind: str, seed: int) -> Strange:
     started = time.perf_counter()
     runs: dict[str, Callable[[int, np.random.Generator], Strange]] = {
         "stranger": _stranger,
+        "alien": _alien,
         "crowd": _crowd,
         "again": _again,
         "real": _real,
@@ -161,6 +164,15 @@ def draw_stranger(rng: np.random.Generator) -> Plant:
 
 def _stranger(seed: int, rng: np.random.Generator) -> Strange:
     return _simulated("stranger", seed, [draw_stranger(rng)])
+
+
+def _alien(seed: int, rng: np.random.Generator) -> Strange:
+    kind = list(ALIEN_SIZE)[seed % len(ALIEN_SIZE)]
+    joint = int(rng.choice([2, 3, 4]))
+    other = joint + int(rng.choice([-1, 1]))
+    size = float(np.exp(rng.uniform(-0.3, 0.7))) * ALIEN_SIZE[kind]
+    detail: dict[str, float | str] = {"kind": kind, "joint": joint, "other": other}
+    return _simulated("alien", seed, [Plant("unknown", "-", size, detail)])
 
 
 def _crowd(seed: int, rng: np.random.Generator) -> Strange:
@@ -209,7 +221,7 @@ def _simulated(kind: str, seed: int, plants: Sequence[Plant]) -> Strange:
                 (p.cause, p.location, _words(p), value)
                 for p, value in zip(plants, snr, strict=True)
             ),
-            tuple(depends_on(plants[0])) if kind == "stranger" else (),
+            tuple(depends_on(plants[0])) if kind in NAMELESS else (),
             _told(diagnosis),
             rms_um(holdout, arm, given),
             rms_um(holdout, arm, diagnosis.extended),
@@ -365,7 +377,7 @@ def tell(o: Strange) -> str:
         for t in o.told
     )
     marks = ("SURE AND WRONG " if o.sure_and_wrong else "") + ("WORSE " if o.worse else "")
-    good = "ok " if o.right else "~~ " if o.kind == "stranger" and o.near else "-- "
+    good = "ok " if o.right else "~~ " if o.kind in NAMELESS and o.near else "-- "
     return (
         f"{good}{marks}{o.kind} {o.seed}: {truths} → {told or 'silence'}; {o.before_um:.2f} → "
         f"{o.after_um:.2f} (oracle {o.oracle_um:.2f}) µm, {o.seconds:.0f} s"
@@ -383,11 +395,11 @@ def rows(outcomes: Sequence[Strange]) -> list[tuple[str, str, str]]:
         own = [o for o in outcomes if o.kind == kind]
         if not own:
             continue
-        if kind == "stranger":
+        if kind in NAMELESS:
             seen = [o for o in own if o.due]
-            share("strangers: right", sum(o.right for o in seen), len(seen), "")
+            share(f"{kind}s: right", sum(o.right for o in seen), len(seen), "")
             both = sum(o.right or o.near for o in seen)
-            share("strangers: right or near", both, len(seen), "0.90")
+            share(f"{kind}s: right or near", both, len(seen), "0.90")
         else:
             due = sum(len(o.due) for o in own)
             share(f"{kind}: effects named", sum(o.named for o in own), due, "0.95")

@@ -19,7 +19,7 @@ from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelSta
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
-from armd.compensation.effects.effect import SessionFacts, Use
+from armd.compensation.effects.effect import SessionFacts, Use, Winding
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
 from armd.compensation.model.state import States
@@ -151,6 +151,19 @@ def warm(use: Use, scene: Scene) -> np.ndarray:
         work = np.abs(scene.rate[rows[1:], use.joint - 1]) if use.by_rate else way
         system = ([1.0], [use.time_constant_s, 1.0])
         found[rows] = lsim(system, [*work, 0.0], time_s - time_s[0], interp=False)[1]
+    return found
+
+
+def wound(winding: Winding, scene: Scene) -> np.ndarray:
+    """A joint less what follows it with play: it stands still within, and is dragged at the end."""
+    found, within = np.zeros(len(scene.q)), winding.within_rad
+    for run in np.unique(scene.series):
+        rows = np.flatnonzero(scene.series == run)
+        q = scene.q[rows, winding.joint - 1]
+        dragged = q[0]
+        for row, turned in zip(rows, q, strict=True):
+            dragged = max(turned - within, min(turned + within, dragged))
+            found[row] = (turned - dragged) / within
     return found
 
 

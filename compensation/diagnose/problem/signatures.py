@@ -13,8 +13,8 @@ from scipy.sparse import csr_array
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.pairs import Part, Within
-from armd.compensation.diagnose.problem.use import warmth
-from armd.compensation.effects.effect import ArtefactChange, Candidate, Use
+from armd.compensation.diagnose.problem.use import evaluated
+from armd.compensation.effects.effect import ArtefactChange, Candidate, Use, Winding
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.terms import Factor, Term
@@ -148,9 +148,9 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
     """Evaluate each distinct basis once, and say every column by its parts."""
     layout = arm.layout
     basis_of: dict[str, int] = {}
-    bases: list[list[Factor] | Use] = []
+    bases: list[list[Factor] | Use | Winding] = []
 
-    def number(key: str, basis: list[Factor] | Use) -> int:
+    def number(key: str, basis: list[Factor] | Use | Winding) -> int:
         if key not in basis_of:
             basis_of[key] = len(bases)
             bases.append(basis)
@@ -179,17 +179,17 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
             reach.append(column.reach)
     model = linear.model
     states = linear.rests.observations.states
-    plain = [i for i, basis in enumerate(bases) if not isinstance(basis, Use)]
+    plain = [i for i, basis in enumerate(bases) if not isinstance(basis, Use | Winding)]
     probes = [
         Term(parameter="theta_1", basis=basis, coefficient=1.0)
         for basis in bases
-        if not isinstance(basis, Use)
+        if not isinstance(basis, Use | Winding)
     ]
     values = np.empty((len(bases), states.n))
     values[plain] = basis_values(probes, states, arm, model.reference_c, model.constants).T
     for i, basis in enumerate(bases):
-        if isinstance(basis, Use):
-            values[i] = warmth(basis, states)
+        if isinstance(basis, Use | Winding):
+            values[i] = evaluated(basis, states)
     np.nan_to_num(values, copy=False)  # of many readings a copy is hundreds of megabytes
     return Signatures(
         tuple(candidates),

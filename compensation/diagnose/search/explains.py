@@ -19,7 +19,7 @@ from armd.arrays import F64, I64
 from armd.compensation.diagnose.diagnosis import Explained, PartCheck
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.evidence import Scores
-from armd.compensation.diagnose.scoring.shape import is_shape
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.diagnose.scoring.threshold import ALPHA, significant
 from armd.compensation.effects.effect import Candidate
 
@@ -57,14 +57,14 @@ def _beside(
     tests: int,
 ) -> tuple[float, tuple[str, ...]]:
     """What functions without a name explain (χ²) in a cause's variables beside it, be they found
-    or left out; and all these variables."""
+    or left out, and what the same name takes in other variables; and all these variables."""
     own = set(candidate.depends_on)
     names = dict.fromkeys(candidate.depends_on)
     if candidate.cause == "unknown" or not own:
         return 0.0, tuple(names)
     total = 0.0
     for other, statistic in zip(findings, statistics, strict=True):
-        if other.cause == "unknown" and not is_shape(other) and variables_of(other) & own:
+        if other is not candidate and _is_of_the_rest(candidate, other):
             total += max(statistic - len(other.columns), 0.0)
             names.update(dict.fromkeys(other.depends_on))
     more = [
@@ -79,6 +79,20 @@ def _beside(
         total += left
         names.update(dict.fromkeys(other.depends_on))
     return total, tuple(names)
+
+
+def _is_of_the_rest(candidate: Candidate, other: Candidate) -> bool:
+    """Whether a finding accounts for what a cause of its variables would, were that its name.
+
+    So does a form that it has not in the catalogue, and so do more causes of its name and place in
+    some of its variables: what errs with two angles in no form that has a name looks like several.
+    """
+    own, others = set(candidate.depends_on), set(other.depends_on)
+    if is_shape(other):
+        return other.location == shape_place(candidate)
+    if other.cause == "unknown":
+        return bool(variables_of(other) & own)
+    return other.place == candidate.place and bool(others & own) and others != own
 
 
 def variables_of(unknown: Candidate) -> set[str]:

@@ -23,6 +23,9 @@ from armd.simulator.truth.effects.foreign import (
     CreepingPlay,
     DrivenByRate,
     LettingGo,
+    TwoWheels,
+    WarmNeighbour,
+    WideHysteresis,
 )
 from armd.simulator.truth.effects.mechanical.bending_link import BendingLink
 from armd.simulator.truth.effects.mechanical.bending_stylus import BendingStylus
@@ -72,8 +75,11 @@ __all__ = [
     "SquareWave",
     "StretchedTape",
     "TrackCurve",
+    "TwoWheels",
     "WarmDisc",
     "WarmFromWork",
     "WarmHousing",
+    "WarmNeighbour",
+    "WideHysteresis",
     "WobblingAxis",
 ]

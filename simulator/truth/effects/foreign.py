@@ -8,6 +8,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.simulator.truth.effects.effect import Conditions, Effect, Posture, SmallMotion
+from armd.simulator.truth.effects.thermal.warm_from_work import WarmFromWork
 from armd.simulator.truth.rotations import ARC_SECOND
 
 
@@ -111,3 +112,62 @@ class Bristles(Effect):
                 state = np.sign(stretch) + (state - np.sign(stretch)) * left
             wound[i] = state
         return SmallMotion.about_own_axis(-self.arcsec * ARC_SECOND * wound)
+
+
+@dataclass(frozen=True)
+class WideHysteresis(Effect):
+    """A joint that follows its drive through springs which slip one after the other (Iwan): the
+    way since it turned back winds it up, less and less, as far as an angle and no further."""
+
+    joint: int
+    arcsec: float  # when it slips
+    within_rad: float
+
+    def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
+        if joint != self.joint:
+            return None
+        phi, rate = posture.phi[:, joint - 1], conditions.rate[:, joint - 1]
+        wound = np.zeros(len(phi))
+        slips_rad = self.within_rad * np.array([0.5, 0.75, 1.0, 1.25, 1.5])
+        state = np.zeros(len(slips_rad))
+        for i in range(len(phi)):
+            way = phi[i] - phi[i - 1] - rate[i] if i else 0.0
+            for stretch in (way, rate[i]):
+                state = np.clip(state + stretch / slips_rad, -1.0, 1.0)
+            wound[i] = state.mean()
+        return SmallMotion.about_own_axis(-self.arcsec * ARC_SECOND * wound)
+
+
+@dataclass(frozen=True)
+class TwoWheels(Effect):
+    """A gear that both joints turn: the angle of one errs with whole numbers of both."""
+
+    joint: int
+    other: int
+    waves: int
+    other_waves: int
+    arcsec: float
+    phase: float
+
+    def shown(self, joint: int, phi: F64, conditions: Conditions) -> F64 | None:
+        if joint != self.joint:
+            return None
+        rolled = self.waves * phi[:, joint - 1] + self.other_waves * phi[:, self.other - 1]
+        return self.arcsec * ARC_SECOND * np.asarray(np.sin(rolled + self.phase))
+
+
+@dataclass(frozen=True)
+class WarmNeighbour(Effect):
+    """The work of one joint warms another one's link: it lengthens, on its own time scale."""
+
+    joint: int
+    other: int  # of the link
+    ppm: float
+    time_constant_s: float
+
+    def strain(self, link: int, conditions: Conditions) -> F64 | None:
+        if link != self.other:
+            return None
+        return WarmFromWork(self.joint, 0.0, self.ppm, self.time_constant_s).strain(
+            self.joint, conditions
+        )
