@@ -106,3 +106,12 @@ def test_a_name_is_no_surer_than_a_set_without_it_allows() -> None:
     judged = run_strange("crowd", 20106190000)
     assert judged.sure_and_wrong == 0
     assert judged.named >= 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [970412220003, 970412220004, 970412220005])
+def test_what_went_before_a_reading_is_not_split_among_names(seed: int) -> None:
+    """Springs that slip, a wheel of two joints, a link that another joint's work warms."""
+    found = run_strange("alien", seed)
+    assert found.right, found
+    assert found.sure_and_wrong == 0
