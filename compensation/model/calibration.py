@@ -11,7 +11,7 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -140,12 +140,16 @@ def parse_calibration(path: str | Path, data: bytes) -> Calibration:
         raise BadInput(path, "the file", found, "a calibration") from error
 
 
-def save_calibration(path: str | Path, calibration: Calibration) -> LoadedCalibration:
+def save_calibration(
+    path: str | Path,
+    calibration: Calibration,
+    write: Callable[[str | Path, bytes], None] = write_whole,
+) -> LoadedCalibration:
     """Write whole or not at all; returns what a reader will load."""
     content = calibration.content()
     content["content_sha256"] = content_hash(content)
     data = (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
-    write_whole(path, data)
+    write(path, data)
     # Not read back: what goes to a pipe cannot be.
     return LoadedCalibration(_parse(path, data), hashlib.sha256(data).hexdigest(), Path(path), data)
 

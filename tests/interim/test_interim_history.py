@@ -19,11 +19,13 @@ from pathlib import Path
 import pytest
 
 from armd import __version__
+from armd.compensation.interim.checks import keeping
 from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of, save_calibration
 from armd.daemon.commands.offline import interim
 from armd.errors import BadInput
+from armd.files.writing import write_whole
 from armd.simulator.sessions import add_arguments
 from armd.simulator.sessions import run as simulate
 from armd.simulator.truth.arm import Materials, TrueArm
@@ -382,6 +384,62 @@ def test_a_folder_without_the_right_to_write_is_named(checks: Path, kept: Path, 
     where = history / place if place else history
     assert f"armd: {where}: the folder: found no permission to write in it" in done.stderr
     assert {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()} == before
+
+
+@pytest.mark.parametrize(("file", "after"), [("statistics.json", 1), ("history.jsonl", 0)])
+def test_a_full_disk_keeps_nothing_half(
+    checks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, after: int
+) -> None:
+    """The room ends at a check's statistics, the second check's, or at the line itself."""
+    history = tmp_path / "history"
+    add(checks, history, 1)
+    before = {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()}
+    left = [after]
+
+    def full(path: str | Path, content: bytes | str) -> None:
+        if Path(path).name == file:
+            if not left[0]:
+                raise BadInput(path, "the file", "no space left on its disk", "room for it")
+            left[0] -= 1
+        write_whole(path, content)
+
+    monkeypatch.setattr(keeping, "write_whole", full)
+    with pytest.raises(BadInput, match="no space left"):
+        add(checks, history, 2, 4)
+    assert {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()} == before
+    assert [p.name for p in (history / "checks").iterdir() if "day-01" not in p.name] == []
+    monkeypatch.undo()
+    assert add(checks, history, 2, 4) == 0
+
+
+def test_no_room_for_the_report_says_that_the_check_is_kept(
+    checks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    history = tmp_path / "history"
+
+    def full(path: str | Path, content: bytes | str) -> None:
+        raise BadInput(path, "the file", "no space left on its disk", "room for it")
+
+    monkeypatch.setattr(interim, "write_changed", full)
+    with pytest.raises(BadInput, match="the checks are kept: armd interim report judges them"):
+        add(checks, history, 1)
+    monkeypatch.undo()
+    assert run("report", "--history", history) == 0
+
+
+def test_a_history_that_cannot_be_written_is_reported(kept: Path) -> None:
+    """An archive, another one's share: what is known already need not be written again."""
+    words = [sys.executable, "-m", "armd.daemon.cli", "interim", "report", "--history", str(kept)]
+    if os.geteuid() == 0:  # root without its privilege to write everywhere
+        words = ["setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all",
+                 *words]  # fmt: skip
+    kept.chmod(0o555)
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, timeout=200)
+    finally:
+        kept.chmod(0o755)
+    assert done.returncode == 1, done.stderr
+    assert "the index of joint 3 slipped" in done.stdout
 
 
 def test_two_that_add_at_once_wait_for_each_other(checks: Path, kept: Path, tmp_path: Path) -> None:

@@ -82,6 +82,16 @@ def write_whole(path: str | Path, content: bytes | str) -> None:
         part.write_bytes(data)
 
 
+def write_changed(path: str | Path, content: bytes | str) -> None:
+    """As `write_whole`, unless *path* has this content already: then nothing need be writable."""
+    data = content.encode() if isinstance(content, str) else content
+    target = Path(path)
+    with suppress(OSError):
+        if not target.is_symlink() and target.read_bytes() == data:
+            return
+    write_whole(target, data)
+
+
 def check_place(path: str | Path) -> None:
     """Raise `BadInput` unless a file can be written at *path*, as far as can be told before."""
     target = Path(path)

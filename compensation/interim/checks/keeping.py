@@ -9,7 +9,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -150,41 +150,57 @@ def keep(
     """Keep checks, whole and reduced; the history is `locked`, and they are `check_new`."""
     arm_data = read_input(arm_file)
     arm_sha = hashlib.sha256(arm_data).hexdigest()
-    for name in FOLDERS:
-        (folder / name).mkdir(exist_ok=True)
-    _keep_file(folder / "arms" / f"{arm_sha}.toml", arm_data)
-    _keep_file(folder / "calibrations" / f"{calibration.sha256}.json", calibration.data)
     path = folder / HISTORY
-    text = read_input(path) if path.exists() else b""
-    previous = _hash_of_last(text)
-    added = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    for number, one in enumerate(new, len(lines) + 1):
-        session, at = one.session, iso(one.session.started_unix_s)
-        place = f"{at.replace(':', '').replace('-', '')}-{_plain(session.name)}"
-        files = _keep_check(folder / "checks" / place, one)
-        line: dict[str, Any] = {
-            "schema": "armd.interim.check/1",
-            "check": number,
-            "name": session.name,
-            "started": at,
-            "arm": session.arm,
-            "first_unix_s": float(session.states.time_s.min()),
-            "last_unix_s": float(session.states.time_s.max()),
-            "folder": place,
-            "files": files,
-            "arm_file": arm_sha,
-            "calibration": calibration.sha256,
-            "added": added,
-            "previous": previous,
-        }
-        data = json.dumps(line, ensure_ascii=False).encode()
-        previous = hashlib.sha256(data).hexdigest()
-        text += data + b"\n"
-    # A head of nothing before the first line, so that a history never stands without one.
-    if not (folder / HEAD).exists():
-        _write_head(folder, 0, BEGINNING)
-    write_whole(path, text)
+    places = [folder / "checks" / _folder_name(one.session) for one in new]
+    with told(folder), _taken_back_unless_told_of(places, path):
+        for name in FOLDERS:
+            (folder / name).mkdir(exist_ok=True)
+        _keep_file(folder / "arms" / f"{arm_sha}.toml", arm_data)
+        _keep_file(folder / "calibrations" / f"{calibration.sha256}.json", calibration.data)
+        text = read_input(path) if path.exists() else b""
+        previous = _hash_of_last(text)
+        added = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        for number, (one, place) in enumerate(zip(new, places, strict=True), len(lines) + 1):
+            session = one.session
+            line: dict[str, Any] = {
+                "schema": "armd.interim.check/1",
+                "check": number,
+                "name": session.name,
+                "started": iso(session.started_unix_s),
+                "arm": session.arm,
+                "first_unix_s": float(session.states.time_s.min()),
+                "last_unix_s": float(session.states.time_s.max()),
+                "folder": place.name,
+                "files": _keep_check(place, one),
+                "arm_file": arm_sha,
+                "calibration": calibration.sha256,
+                "added": added,
+                "previous": previous,
+            }
+            data = json.dumps(line, ensure_ascii=False).encode()
+            previous = hashlib.sha256(data).hexdigest()
+            text += data + b"\n"
+        # A head of nothing before the first line, so that a history never stands without one.
+        if not (folder / HEAD).exists():
+            _write_head(folder, 0, BEGINNING)
+        write_whole(path, text)
     _write_head(folder, len(lines) + len(new), previous)
+
+
+@contextmanager
+def _taken_back_unless_told_of(places: Sequence[Path], history: Path) -> Iterator[None]:
+    """What fails within this `with` (a full disk) leaves no check's folder, whole or in part, that
+    no new line of *history* tells of: there it would keep the disk full."""
+    before = history.read_bytes() if history.exists() else b""
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            if (history.read_bytes() if history.exists() else b"") == before:
+                for place in places:
+                    shutil.rmtree(_part_of(place), ignore_errors=True)
+                    shutil.rmtree(place, ignore_errors=True)
+        raise
 
 
 def _write_head(folder: Path, checks: int, sha256: str) -> None:
@@ -206,7 +222,7 @@ def _keep_check(place: Path, new: New) -> dict[str, str]:
     """The session's files and its statistics in *place*; their hashes."""
     if place.exists():  # begun and not finished: no line tells of it
         shutil.rmtree(place)
-    part = place.with_name(f".{place.name}.part")
+    part = _part_of(place)
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir()
     contents = {
@@ -224,6 +240,16 @@ def _keep_check(place: Path, new: New) -> dict[str, str]:
     finally:
         os.close(handle)
     return {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
+
+
+def _part_of(place: Path) -> Path:
+    """Where a check's folder is made before it stands in its *place*."""
+    return place.with_name(f".{place.name}.part")
+
+
+def _folder_name(session: Session) -> str:
+    at = iso(session.started_unix_s)
+    return f"{at.replace(':', '').replace('-', '')}-{_plain(session.name)}"
 
 
 def _plain(name: str) -> str:

@@ -28,7 +28,7 @@ from armd.compensation.report.written import add_pages, page_outputs, write_page
 from armd.daemon.commands.offline.given import add_arm
 from armd.errors import BadInput
 from armd.files.outputs import POSES, RESULT, add_force, check_outputs
-from armd.files.writing import write_whole
+from armd.files.writing import write_changed, write_whole
 from armd.terminal.aside import aside, bar
 
 #: In a history's folder: the last result, for the daemon and for programs.
@@ -98,7 +98,11 @@ def _add(args: argparse.Namespace) -> int:
             history.load(folder)  # a damaged history takes no more
         keeping.check_new(folder, lines, sessions)
         keeping.keep(folder, lines, new, Path(args.arm), calibration)
-        judgement, result, _ = _judged(folder)
+        try:
+            judgement, result, _ = _judged(folder)
+        except BadInput as error:  # no room for the report, it may be
+            kept = f"{error.expected} (the checks are kept: armd interim report judges them)"
+            raise BadInput(error.file, error.where, error.found, kept) from error
     if remark := keeping.dated_before(lines, sessions):
         console.print(f"armd: {remark}", soft_wrap=True, markup=False, highlight=False)
     _say(folder, judgement, result, "-" if args.json else None)
@@ -145,10 +149,11 @@ def _judged(folder: Path) -> tuple[Judgement, dict[str, Any], Tomorrow]:
             files.append(None)
             continue
         name = f"calibration-{len(files) + 1}.json"
-        files.append((name, save_calibration(folder / name, told.calibration).sha256))
+        saved = save_calibration(folder / name, told.calibration, write_changed)
+        files.append((name, saved.sha256))
     after = tomorrow(judgement)
     result = as_json(judgement, files, after.as_json())
-    write_whole(folder / REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    write_changed(folder / REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
     return judgement, result, after
 
 
