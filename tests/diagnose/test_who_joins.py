@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from armd.compensation.diagnose.scoring import candidates
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.threshold import family_wise
@@ -117,3 +118,14 @@ def test_a_finding_taken_out_is_a_candidate_again_as_in_dense_least_squares() ->
     # Nothing that is within a finding competes beside it, the finding itself but when it is out.
     assert scored.without(0).freedom.tolist() == [1, 2, 1]
     assert scored.scores.statistic[1] < scored.freed(0).statistic[1]
+
+
+def test_the_weakest_finding_is_the_one_that_is_missed_least(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each judged with itself out of the model, whatever it says while another is."""
+    by_one_out = np.array([[-9.0, -1.0, 0.0], [0.0, -4.0, -1.0], [-1.0, 0.0, -30.0]])
+    freed = SimpleNamespace(freed=lambda i: SimpleNamespace(log_p=by_one_out[i]))
+    monkeypatch.setattr(candidates, "score_candidates", lambda projection, findings: freed)
+    projection: Any = SimpleNamespace(fit=SimpleNamespace(findings=[FIRST, SECOND, OTHER]))
+    assert candidates.weakest(projection) == (1, -4.0)

@@ -7,6 +7,7 @@ from armd.compensation.estimate.linear.bordered import (
     BorderedParts,
     inverse_root,
     pseudo_inverse_root,
+    root_along_known,
 )
 
 BORDER = 4
@@ -57,3 +58,14 @@ def test_what_nothing_tells_stays_where_it_is(unknown: str) -> None:
     matrix[at] = matrix[:, at] = 0.0
     found = pseudo_inverse_root(matrix).squared(slice(None))
     np.testing.assert_allclose(found, np.linalg.pinv(matrix, hermitian=True), atol=1e-10)
+
+
+def test_a_root_has_the_directions_that_are_known_and_no_other() -> None:
+    vectors = np.linalg.qr(np.random.default_rng(3).normal(size=(4, 4)))[0]
+    values = np.array([2.0, 1.0, 1e-7, 0.0])
+    matrix = vectors * values @ vectors.T
+    for least, beside, kept in ((1e-9, 1e-300, 3), (1e-6, 1e-300, 2), (1e-9, 1e3, 2)):
+        root = root_along_known(matrix, least, beside)
+        expected = vectors[:, :kept] / values[:kept] @ vectors[:, :kept].T
+        assert root.shape == (4, kept)
+        np.testing.assert_allclose(root @ root.T, expected, rtol=1e-6, atol=1e-6)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.linear.bordered import BorderedParts
+from armd.compensation.estimate.linear.bordered import BorderedParts, root_along_known
 
 #: A direction of what absorbs freely this short (squared), beside the longest, is a gauge.
 _TINY = 1e-10
@@ -112,7 +112,5 @@ def _root_of_free(gram: F64, square: F64) -> F64:
     trace. *square* (f,): their squared lengths before anything was eliminated."""
     size = np.sqrt(square)
     size[size == 0.0] = 1.0
-    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
-    kept = values > _TINY * max(float(values.max(initial=0.0)), 1.0)
-    root: F64 = vectors[:, kept] / np.sqrt(values[kept]) / size[:, None]
+    root: F64 = root_along_known(gram / np.outer(size, size), _TINY, beside=1.0) / size[:, None]
     return root

@@ -18,6 +18,7 @@ from armd.compensation.diagnose.scoring.evidence import ABSORBED, MOST_COUNTED, 
 from armd.compensation.diagnose.scoring.memory import variance_of_sums
 from armd.compensation.diagnose.scoring.projection import Projection
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.linear.bordered import root_along_known
 
 #: A rest that alone decides this much of an amplitude has no residual to be judged by.
 MOST_LEVERAGE = 0.9
@@ -27,11 +28,9 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     """Log of the p value of a candidate's score, its variance from the rests' own residuals."""
     plain, clear, residual, size = _cleared(candidate, projection)
     gram = plain.T @ clear
-    values, vectors = np.linalg.eigh(gram)
-    kept = values > ABSORBED * max(float(values.max(initial=0.0)), 1e-300)
-    if not kept.any():
+    root = root_along_known(gram, ABSORBED)
+    if not root.shape[1]:
         return 0.0
-    root = vectors[:, kept] / np.sqrt(values[kept])
     score = root.T @ (plain.T @ residual)
     m, n = len(score), 3 * projection.fit.linear.rests.n
     weights = clear @ root

@@ -108,9 +108,16 @@ def pseudo_inverse_root(matrix: F64, least: float = LEAST_KNOWN) -> Root:
     size[size == 0.0] = 1.0
     if (known := _root_of_known(matrix, size, least)) is not None:
         return known.scaled(1.0 / size)
-    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
-    kept = values > least * max(float(values.max(initial=0.0)), 1e-300)
-    return Root((), vectors[:, kept] / np.sqrt(values[kept]) / size[:, None])
+    return Root((), root_along_known(matrix / np.outer(size, size), least) / size[:, None])
+
+
+def root_along_known(matrix: F64, least: float, beside: float = 1e-300) -> F64:
+    """F (b, r) with F Fᵀ the inverse along the eigenvectors of which more is known than *least*,
+    relative to the largest eigenvalue, but at least to *beside*."""
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > least * max(float(values.max(initial=0.0)), beside)
+    root: F64 = vectors[:, kept] / np.sqrt(values[kept])
+    return root
 
 
 def pseudo_inverse_factor(matrix: F64) -> F64:
@@ -158,6 +165,10 @@ def _inverse_root(matrix: F64, size: F64) -> tuple[Root, float]:
 
 def _inverse_factor(matrix: F64) -> F64:
     """Upper F with F Fᵀ the inverse."""
-    lower = np.linalg.cholesky(matrix)
+    return inverse_of_lower(np.asarray(np.linalg.cholesky(matrix), dtype=np.float64))
+
+
+def inverse_of_lower(lower: F64) -> F64:
+    """Upper F with F Fᵀ the inverse of a matrix, from Cholesky's factor *lower* of it."""
     found: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False).T
     return found

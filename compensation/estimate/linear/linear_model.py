@@ -25,10 +25,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.linear.bordered import Root, pseudo_inverse_root
+from armd.compensation.estimate.linear.bordered import (
+    Root,
+    inverse_of_lower,
+    pseudo_inverse_root,
+)
 from armd.compensation.estimate.linear.solution import FittedAlong, Solution, leaning
 
 #: Weight of nothing, beside columns of unit length: far above rounding (1e-16), far below what
@@ -172,7 +176,7 @@ class LinearModel:
     @cached_property
     def factor(self) -> F64:
         """F (b, b), F Fᵀ what projects: columns · F are an orthonormal basis of what they take."""
-        return _inverse_of(self._lower) / self.length[:, None]
+        return inverse_of_lower(self._lower) / self.length[:, None]
 
     @cached_property
     def _lower(self) -> F64:
@@ -266,8 +270,3 @@ def _lower_factor(matrix: F64) -> F64:
     """
     held = matrix + HELD * np.eye(len(matrix))
     return np.asarray(np.linalg.cholesky(held), dtype=np.float64)
-
-
-def _inverse_of(lower: F64) -> F64:
-    inverse: F64 = solve_triangular(lower, np.eye(len(lower)), lower=True, check_finite=False)
-    return inverse.T
