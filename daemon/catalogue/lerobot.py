@@ -28,6 +28,8 @@ Raw = Annotated[int, Field(ge=0, le=4095)]
 DEG_PER_COUNT = 360 / 4096
 MIDDLE = 2048  # the raw position that armd counts as 0
 TOOLS = ("gripper", "trigger")  # motors that are no joint of the chain
+#: LeRobot's names of an SO-100's, SO-101's, Koch's and OMX's joints, base to wrist.
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 
 
 class Motor(Strict):
@@ -57,7 +59,7 @@ def take_over(path: Path, name: str) -> TakenOver:
     Raises `BadInput` for a file that is not LeRobot's or that is another arm's.
     """
     arm, bus = known_arm(name), _bus(name)
-    motors = dict(sorted(load_json(path, CalibrationFile).root.items(), key=lambda m: m[1].id))
+    motors = _base_to_wrist(load_json(path, CalibrationFile).root)
     chain = {key: motor for key, motor in motors.items() if key not in TOOLS}
     _check(path, motors, chain, arm.n_joints, name)
     text = arm_text(name)
@@ -83,6 +85,14 @@ def take_over(path: Path, name: str) -> TakenOver:
     )
     ids = [motor.id for motor in chain.values()]
     return TakenOver(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors)
+
+
+def _base_to_wrist(motors: dict[str, Motor]) -> dict[str, Motor]:
+    """By the joints' names, whatever ids somebody gave their servos; where names are others, ids
+    have to do."""
+    if not set(motors) - set(TOOLS) <= set(JOINTS):
+        return dict(sorted(motors.items(), key=lambda motor: motor[1].id))
+    return {key: motors[key] for key in (*JOINTS, *TOOLS) if key in motors}
 
 
 def _bus(name: str) -> Bus:
@@ -115,7 +125,7 @@ def _parted(text: str) -> tuple[str, str]:
 
 def _with_ids(bus: Bus, ids: list[int], motors: dict[str, Motor], chain: dict[str, Motor]) -> Bus:
     """The bus with the calibration's ids: link k is as warm as the next motor, tools included."""
-    if tuple(ids) == bus.ids:
-        return bus
     tools = [motor.id for key, motor in motors.items() if key not in chain]
+    if tuple(ids) == bus.ids and tools[:1] == [bus.temperature_ids[-1]]:
+        return bus
     return replace(bus, ids=tuple(ids), temperature_ids=(*ids[1:], (tools or ids[-1:])[0]))

@@ -106,7 +106,7 @@ def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
         for number, line, whole in _lines(path):
             try:
                 found.measurements.append(_measurement(path, f"line {number}", json.loads(line)))
-            except ValueError as error:
+            except (ValueError, RecursionError) as error:
                 # The log ends a torn line before it goes on, so it may stand anywhere.
                 if whole and not line.startswith(b"{"):
                     expected = "a measurement as JSON"

@@ -14,6 +14,7 @@ import numpy as np
 
 from armd import Flag
 from armd.arrays import F64
+from armd.compensation.data.session_columns import LEAST_C, MOST_C
 from armd.compensation.interim.again.quality_page import Impact, quality_page
 from armd.compensation.interim.again.recorrect import Recorrected, recorrect
 from armd.compensation.model.arm import Arm, Vector3, load_arm
@@ -198,6 +199,10 @@ def _states(chosen: Sequence[MeasurementLine], arm: Arm, where: str) -> States:
         if m.temperatures_c and (missing := set(arm.sensors) - set(m.temperatures_c)):
             there = ", ".join(m.temperatures_c)
             raise BadInput(where, f"temperature {min(missing)}", f"{there} of seq {m.seq}", "it")
+        for name, value in m.temperatures_c.items():
+            if value is not None and not LEAST_C <= value <= MOST_C:
+                expected = f"a temperature in °C, {LEAST_C:g} to {MOST_C:g}"
+                raise BadInput(where, f"temperature {name}", f"{value:g} of seq {m.seq}", expected)
     celsius = [[m.temperatures_c.get(name) for name in arm.sensors] for m in chosen]
     return States(
         q=np.array([m.angles_rad for m in chosen], float).reshape(n, joints),

@@ -262,6 +262,35 @@ def test_lerobots_ids_are_taken_over(tmp_path: Path) -> None:
     assert driver["temperature_ids"] == [12, 13, 14, 15, 16]
 
 
+def test_servos_whose_ids_are_swapped_keep_their_joints(tmp_path: Path) -> None:
+    """A joint is the one of its name: by ids, the elbow's zero and limits became the wrist's."""
+    source, path = tmp_path / "follower.json", tmp_path / "arm.toml"
+    command = ["arm", "import-lerobot", str(source), "-o", str(path), "--port", "/dev/ttyACM0"]
+    source.write_text(json.dumps(LEROBOT))
+    assert cli.main(command) == 0
+    joints = load_arm(path).joint
+    swapped = {"elbow_flex": 4, "wrist_flex": 3, "gripper": 7}
+    content = {
+        key: {**motor, "id": swapped.get(key, motor["id"])} for key, motor in LEROBOT.items()
+    }
+    source.write_text(json.dumps(dict(sorted(content.items()))))
+    (tmp_path / "armd.toml").unlink()
+    assert cli.main([*command, "--force"]) == 0
+    assert load_arm(path).joint == joints
+    driver = tomllib.loads((tmp_path / "armd.toml").read_text())["driver"]
+    assert driver["ids"] == [1, 2, 4, 3, 5]
+    assert driver["temperature_ids"] == [2, 4, 3, 5, 7]
+
+
+def test_without_a_gripper_no_servo_is_asked_that_is_not_there(tmp_path: Path) -> None:
+    source, path = tmp_path / "leader.json", tmp_path / "arm.toml"
+    source.write_text(json.dumps({key: LEROBOT[key] for key in LEROBOT if key != "gripper"}))
+    command = ["arm", "import-lerobot", str(source), "-o", str(path), "--port", "/dev/ttyACM0"]
+    assert cli.main(command) == 0
+    driver = tomllib.loads((tmp_path / "armd.toml").read_text())["driver"]
+    assert driver["temperature_ids"] == [2, 3, 4, 5, 5]
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [

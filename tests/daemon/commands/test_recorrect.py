@@ -284,6 +284,7 @@ def test_the_page_as_pdf(bench: Bench) -> None:
     [
         ({"angles_rad": [0.0] * 6}, ["angles_rad", "found 6 of seq 0", "expected 3"]),
         ({"temperatures_c": {"other": 20.0}}, ["temperature t1", "other"]),
+        ({"temperatures_c": {"t1": 293.15}}, ["temperature t1: found 293.15 of seq 0", "°C"]),
         ({"flags": "x"}, ["line 1: flags", "'x'"]),
     ],
 )
@@ -295,6 +296,14 @@ def test_faults_are_named(
     told = capsys.readouterr().err
     assert all(word in told for word in ["m.jsonl", *words]), told
     assert not (bench.folder / "out.csv").exists()
+
+
+def test_brackets_without_end_are_no_measurement(
+    bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (bench.folder / "m.jsonl").write_text("[" * 200_000 + "\n")
+    assert bench.call() == 2
+    assert "m.jsonl: line 1: found" in capsys.readouterr().err
 
 
 def test_nothing_to_recorrect_is_an_empty_table(bench: Bench) -> None:
