@@ -24,7 +24,6 @@ from armd.simulator.truth.effects.foreign import (
     DrivenByRate,
     LettingGo,
     TwoWheels,
-    WarmNeighbour,
     WideHysteresis,
 )
 from armd.simulator.truth.effects.mechanical.bending_link import BendingLink
@@ -40,7 +39,7 @@ from armd.simulator.truth.effects.setup.refitted_tip import RefittedTip
 from armd.simulator.truth.effects.thermal.bowing_link import BowingLink
 from armd.simulator.truth.effects.thermal.expanding_link import ExpandingLink
 from armd.simulator.truth.effects.thermal.warm_disc import WarmDisc
-from armd.simulator.truth.effects.thermal.warm_from_work import WarmFromWork
+from armd.simulator.truth.effects.thermal.warm_from_work import WarmFromWork, WarmNeighbour
 from armd.simulator.truth.effects.thermal.warm_housing import WarmHousing
 
 __all__ = [

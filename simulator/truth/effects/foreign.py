@@ -8,7 +8,6 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.simulator.truth.effects.effect import Conditions, Effect, Posture, SmallMotion
-from armd.simulator.truth.effects.thermal.warm_from_work import WarmFromWork
 from armd.simulator.truth.rotations import ARC_SECOND
 
 
@@ -154,20 +153,3 @@ class TwoWheels(Effect):
             return None
         rolled = self.waves * phi[:, joint - 1] + self.other_waves * phi[:, self.other - 1]
         return self.arcsec * ARC_SECOND * np.asarray(np.sin(rolled + self.phase))
-
-
-@dataclass(frozen=True)
-class WarmNeighbour(Effect):
-    """The work of one joint warms another one's link: it lengthens, on its own time scale."""
-
-    joint: int
-    other: int  # of the link
-    ppm: float
-    time_constant_s: float
-
-    def strain(self, link: int, conditions: Conditions) -> F64 | None:
-        if link != self.other:
-            return None
-        return WarmFromWork(self.joint, 0.0, self.ppm, self.time_constant_s).strain(
-            self.joint, conditions
-        )

@@ -43,3 +43,20 @@ class WarmFromWork(Effect):
             left = np.exp(-(conditions.time_s[i] - conditions.time_s[i - 1]) / self.time_constant_s)
             heat[i] = left * heat[i - 1] + (1.0 - left) * work[i]
         return heat
+
+
+@dataclass(frozen=True)
+class WarmNeighbour(Effect):
+    """The work of one joint warms another one's link: it lengthens, on its own time scale."""
+
+    joint: int
+    other: int  # of the link
+    ppm: float
+    time_constant_s: float
+
+    def strain(self, link: int, conditions: Conditions) -> F64 | None:
+        if link != self.other:
+            return None
+        return WarmFromWork(self.joint, 0.0, self.ppm, self.time_constant_s).strain(
+            self.joint, conditions
+        )
