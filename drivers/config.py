@@ -131,10 +131,10 @@ class ServoConfig(Strict):
     accept_changed_offsets: bool = False
     max_joint_rate_deg_s: JointRate = MAX_JOINT_RATE_DEG_S
 
-    @field_validator("ids", "temperature_ids")
+    @field_validator("ids")
     @classmethod
-    def _once_each(cls, ids: list[int] | None) -> list[int] | None:
-        if ids is not None and len(set(ids)) != len(ids):
+    def _once_each(cls, ids: list[int]) -> list[int]:
+        if len(set(ids)) != len(ids):
             raise ValueError("each id once")
         return ids
 

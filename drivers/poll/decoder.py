@@ -52,7 +52,7 @@ class ServoDecoder:
         self.cycle_ids = self.joints
         if self._trigger is not None and self._trigger.id not in self.joints:
             self.cycle_ids += (self._trigger.id,)
-        self.everyone = self.cycle_ids + tuple(s for s in sensors if s not in self.cycle_ids)
+        self.everyone = tuple(dict.fromkeys((*self.cycle_ids, *sensors)))
         self.roster = Roster(family, self.joints, self.cycle_ids, self.everyone)
         self.pauses = Pauses(family, self.roster.servos)
         self.chain_broken = False  # the last cycle's answers ended early, all in one packet
