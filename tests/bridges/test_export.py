@@ -169,8 +169,13 @@ def test_a_log_with_a_torn_line(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert main(["export", str(folder), "-o", str(tmp_path / "a.csv")]) == 0
     told = capsys.readouterr().out
     assert ": 2 measurements" in told and "000001.jsonl: line 2: cut short" in told
+    (folder / "000001.jsonl").write_text(json.dumps(MEASUREMENT) + "\n" + 40 * "\0")
+    assert main(["export", str(folder), "--force", "-o", str(tmp_path / "a.csv")]) == 0
+    told = capsys.readouterr().out
+    assert ": 2 measurements" in told and "000001.jsonl: line 2: cut short" in told
 
 
+@pytest.mark.parametrize("end", ["\n", ""], ids=["whole", "at-the-end"])
 @pytest.mark.parametrize(
     ("line", "words"),
     [
@@ -181,9 +186,9 @@ def test_a_log_with_a_torn_line(tmp_path: Path, capsys: pytest.CaptureFixture[st
     ],
 )
 def test_bad_lines_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, words: list[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, words: list[str], end: str
 ) -> None:
-    (tmp_path / "m.jsonl").write_text(line + "\n")
+    (tmp_path / "m.jsonl").write_text(line + end)
     output = tmp_path / "a.csv"
     assert main(["export", str(tmp_path / "m.jsonl"), "-o", str(output)]) == 2
     told = capsys.readouterr().err

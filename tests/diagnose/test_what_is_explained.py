@@ -13,7 +13,7 @@ from armd.compensation.diagnose.search import explains, findings
 from armd.compensation.diagnose.search.explains import explain
 from armd.compensation.diagnose.told import verdict
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.effects.effect import Candidate, Column, Winding
 from support.small_fit import candidate, small_fit
 
 NAMED = candidate("encoder_scale", 3)  # depends on q3
@@ -74,6 +74,23 @@ def test_one_name_several_times_is_one_effect_without_a_name(unparted: None) -> 
     orders = [replace(MESH, setting=(("order", order, "1/turn"),)) for order in (3.0, 5.0)]
     told = explain(fit_of(*orders), [301.0, 101.0], scores_of(), 100)
     assert [each.share for each in told] == [1.0, 1.0]
+
+
+def test_the_way_before_counts_against_names_of_its_own_joint(unparted: None) -> None:
+    """That joint 2 is wound up shares the time and its angle with many causes, and no more."""
+    wound = [
+        Candidate(
+            "unknown",
+            location.parameter(joint, f"theta_{joint}(q{joint}, q3, time_s, way before)"),
+            (Column("w", "rad", 1.0, use=Winding(joint, 0.1, ((f"theta_{joint}", 1.0),))),),
+            (f"q{joint}", "q3", "time_s"),
+        )
+        for joint in (2, 3)
+    ]
+    for before, share in zip(wound, (1.0, 0.25), strict=True):
+        (found, _) = explain(fit_of(NAMED, before), [101.0, 301.0], scores_of(), 100)
+        (left_out,) = explain(fit_of(NAMED), [101.0], scores_of((before, 301.0)), 100)
+        assert found.share == left_out.share == pytest.approx(share)
 
 
 def test_an_amplitude_that_changes_half_way_accounts_for_less(

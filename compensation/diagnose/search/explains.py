@@ -72,6 +72,7 @@ def _beside(
         for i, other in enumerate(scores.signatures.candidates)
         if other.cause == "unknown"
         and own & set(other.depends_on)
+        and _moves_the_same(candidate, other)
         and significant(scores.log_p[i], tests)
     ]
     if more:
@@ -91,8 +92,16 @@ def _is_of_the_rest(candidate: Candidate, other: Candidate) -> bool:
     if is_shape(other):
         return other.location == shape_place(candidate)
     if other.cause == "unknown":
-        return bool(variables_of(other) & own)
+        return bool(variables_of(other) & own) and _moves_the_same(candidate, other)
     return other.place == candidate.place and bool(others & own) and others != own
+
+
+def _moves_the_same(candidate: Candidate, unknown: Candidate) -> bool:
+    """False of what went before a reading and moves another joint or link than a cause does: the
+    way to a reading has its joint's angle and the time in it, and says nothing of all else that
+    has them too."""
+    before = any(column.use is not None for column in unknown.columns)
+    return not before or unknown.location.joint == candidate.location.joint
 
 
 def variables_of(unknown: Candidate) -> set[str]:

@@ -103,12 +103,12 @@ def from_arm(arm: Arm) -> Measurements:
 def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
     found = Measurements(serial=serial)
     for path in files:
-        for number, line, whole in _lines(path):
+        for number, line in _lines(path):
             try:
                 found.measurements.append(_measurement(path, f"line {number}", json.loads(line)))
             except (ValueError, RecursionError) as error:
                 # The log ends a torn line before it goes on, so it may stand anywhere.
-                if whole and not line.startswith(b"{"):
+                if not _is_torn(line):
                     expected = "a measurement as JSON"
                     raise BadInput(path, f"line {number}", str(error), expected) from error
                 found.left_out.append(f"{path}: line {number}: cut short, left out")
@@ -116,12 +116,18 @@ def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
     return found
 
 
-def _lines(path: Path) -> Iterator[tuple[int, bytes, bool]]:
-    """Number from 1, content, and whether its end is there; empty lines are passed over."""
+def _is_torn(line: bytes) -> bool:
+    """Whether a line that cannot be read may have been one: its beginning, or the zeros that some
+    file systems have after a power cut."""
+    return line.startswith(b"{") or not line.strip(b"\0")
+
+
+def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Number from 1 and content; empty lines are passed over."""
     with open_input(path) as file:
         for number, line in enumerate(file, 1):
             if line.strip():
-                yield number, line.strip(), line.endswith(b"\n")
+                yield number, line.strip()
 
 
 def _from_recording(path: Path) -> Measurements:
