@@ -27,6 +27,7 @@ from armd.files.schema import Strict, load_json
 Raw = Annotated[int, Field(ge=0, le=4095)]
 DEG_PER_COUNT = 360 / 4096
 MIDDLE = 2048  # the raw position that armd counts as 0
+MOST_FEETECH_OFFSET = 2047  # eleven bits beside the sign, register 31
 TOOLS = ("gripper", "trigger")  # motors that are no joint of the chain
 #: LeRobot's names of an SO-100's, SO-101's, Koch's and OMX's joints, base to wrist.
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
@@ -62,6 +63,8 @@ def take_over(path: Path, name: str) -> TakenOver:
     motors = _base_to_wrist(load_json(path, CalibrationFile).root)
     chain = {key: motor for key, motor in motors.items() if key not in TOOLS}
     _check(path, motors, chain, arm.n_joints, name)
+    if bus.kind == "feetech":
+        _check_offsets(path, motors)
     text = arm_text(name)
     for k, (motor, joint) in enumerate(zip(chain.values(), arm.joint, strict=True), 1):
         # A Dynamixel turns its count round itself; LeRobot does it for a Feetech.
@@ -115,6 +118,14 @@ def _check(
         if motor.range_min >= motor.range_max:
             expected = f"less than range_max, {motor.range_max}"
             raise BadInput(path, f"{key}.range_min", str(motor.range_min), expected)
+
+
+def _check_offsets(path: Path, motors: dict[str, Motor]) -> None:
+    most = MOST_FEETECH_OFFSET
+    for key, motor in motors.items():
+        if abs(motor.homing_offset) > most:
+            expected = f"-{most} to {most}, which a Feetech servo can hold (register 31)"
+            raise BadInput(path, f"{key}.homing_offset", str(motor.homing_offset), expected)
 
 
 def _parted(text: str) -> tuple[str, str]:

@@ -301,6 +301,7 @@ def test_without_a_gripper_no_servo_is_asked_that_is_not_there(tmp_path: Path) -
         ({"elbow_flex": {"range_max": 4096}}, "elbow_flex.range_max: found 4096, expected less"),
         ({"elbow_flex": {"range_min": 3100}}, "elbow_flex.range_min: found 3100, expected less"),
         ({"elbow_flex": {"homing_offset": "x"}}, "elbow_flex.homing_offset: found 'x'"),
+        ({"gripper": {"homing_offset": -2048}}, "gripper.homing_offset: found -2048, expected -2"),
     ],
 )
 def test_what_is_no_calibration_of_this_arm_is_refused(
