@@ -121,18 +121,21 @@ class Roster:
         return [Event("torque_off", text, now_ns, "info", detail)]
 
     def miss(self, servos: Sequence[int], port: str, now_ns: int) -> list[Event]:
-        """These did not answer when a connection began."""
+        """These did not say who they are when a connection began."""
         return [
             Event(
                 "servo_missing",
-                f"{self.name(servo)}: found no answer on {port} to id {servo}, expected one: check"
-                " its cable and its id",
+                f"{self.name(servo)}: found {self._heard(servo)} on {port} to id {servo}, expected"
+                " one: check its cable and its id",
                 now_ns,
                 "error",
                 {"servo": servo},
             )
             for servo in servos
         ]
+
+    def _heard(self, servo: int) -> str:
+        return "two answers that differ" if servo in self.doubles else "no answer"
 
     def judge(
         self, changed: dict[int, list[str]], first: bool, arm: str, now_ns: int

@@ -78,6 +78,10 @@ def test_an_id_that_does_not_answer(kind):
     (event,) = feed(decoder, note="missing", servos=[3])
     words = "servo 3 (joint 3): found no answer on /dev/null to id 3, expected one"
     assert event.text.startswith(words)
+    decoder, _ = decoder_of(kind, GOOD[kind], GOOD[kind])
+    decoder.roster.doubles.contradicted(3, 10**9)
+    (event,) = feed(decoder, note="missing", servos=[3])
+    assert "found two answers that differ on /dev/null to id 3, expected one" in event.text
 
 
 @pytest.mark.parametrize("model", [0x0405, 0x0504], ids=["as it is read", "as it is meant"])
