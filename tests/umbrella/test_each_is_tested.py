@@ -16,7 +16,6 @@ HISTORY = "interim/test_interim_history.py"
 HELD_BY = {
     "diagnose/heldout/borne_out": "hidden/test_borne_out.py",  # by squares made up
     "interim/checks/history": HISTORY,
-    "interim/checks/keeping": HISTORY,
     "interim/told/judge": HISTORY,
     "interim/told/page": HISTORY,
     "interim/told/result": HISTORY,
