@@ -3,7 +3,8 @@
 With ``pytest -n 3`` (``make test``) one worker runs all that reads wires, in its order, as it would
 alone; one what talks over Zenoh and waits for others most of its time, a little behind it; one
 computes, at the lowest priority, so that a live test finds the processor as free as it was. What is
-marked `crowd` takes all processors there are, and runs after the others, alone.
+marked `crowd` needs all processors there are, and runs after the others, alone: a crowd of arms, or
+one that a busy machine of two slow processors can no longer follow.
 """
 
 from __future__ import annotations

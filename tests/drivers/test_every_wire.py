@@ -483,6 +483,7 @@ class TestFeetech(EveryServoBus):
 
 
 @pytest.mark.slow  # the engine is the same; its codec has tests of its own
+@pytest.mark.crowd
 class TestDynamixel(EveryServoBus):
     wire = ("--servo", "dynamixel")
     kind = "dynamixel"

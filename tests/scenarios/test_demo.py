@@ -68,6 +68,7 @@ def test_the_subscriber_in_ten_lines_hears_it(demo: Ran) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.crowd
 @pytest.mark.parametrize(
     ("wire", "joints"),
     [

@@ -100,7 +100,7 @@ def run(request, tmp_path_factory):
         yield request.param, taken_while_it_ran(take, SERVO_LONG_S)
 
 
-pytestmark = pytest.mark.slow  # twenty seconds of two lives
+pytestmark = [pytest.mark.slow, pytest.mark.crowd]  # twenty seconds of two lives
 
 
 def test_a_missing_answer_takes_no_other_away(run):
