@@ -106,11 +106,14 @@ class Candidate:
     @property
     def told_only(self) -> bool:
         """Whether no calibration can hold it: nothing that the daemon or `evaluate` could apply."""
-        return any(
-            column.use is not None
-            or (column.artefact is not None and column.artefact.kind == "sag")
-            for column in self.columns
+        return self.looks_back or any(
+            column.artefact is not None and column.artefact.kind == "sag" for column in self.columns
         )
+
+    @property
+    def looks_back(self) -> bool:
+        """Whether it depends on what went before a reading: known at the readings alone."""
+        return any(column.use is not None for column in self.columns)
 
     @cached_property
     def place(self) -> tuple[str, str]:

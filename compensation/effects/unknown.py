@@ -222,7 +222,7 @@ def reading(candidate: Candidate, _: F64) -> str:
         of = f"{cause.replace('_', ' ')} ({place})"
         turning = " and ".join(candidate.depends_on)
         return f"{of} is not quite of the catalogue's form: its size varies with {turning}"
-    if any(column.use is not None for column in candidate.columns):
+    if candidate.looks_back:
         before = f"what joint {candidate.depends_on[0][1:]} did before a reading"
         return f"a structure in {before} that no cause of the catalogue has"
     return f"a structure in {', '.join(candidate.depends_on)} that no cause of the catalogue has"

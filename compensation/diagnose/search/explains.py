@@ -100,8 +100,7 @@ def _moves_the_same(candidate: Candidate, unknown: Candidate) -> bool:
     """False of what went before a reading and moves another joint or link than a cause does: the
     way to a reading has its joint's angle and the time in it, and says nothing of all else that
     has them too."""
-    before = any(column.use is not None for column in unknown.columns)
-    return not before or unknown.location.joint == candidate.location.joint
+    return not unknown.looks_back or unknown.location.joint == candidate.location.joint
 
 
 def variables_of(unknown: Candidate) -> set[str]:

@@ -28,7 +28,7 @@ from armd.compensation.interim.checks.statistics import to_json
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.writing import check_folder, told, write_whole
+from armd.files.writing import check_folder, told, write_changed, write_whole
 from armd.terminal.counted import counted
 
 FOLDERS = ("arms", "calibrations", "checks")
@@ -155,8 +155,8 @@ def keep(
     with told(folder), _taken_back_unless_told_of(places, path):
         for name in FOLDERS:
             (folder / name).mkdir(exist_ok=True)
-        _keep_file(folder / "arms" / f"{arm_sha}.toml", arm_data)
-        _keep_file(folder / "calibrations" / f"{calibration.sha256}.json", calibration.data)
+        write_changed(folder / "arms" / f"{arm_sha}.toml", arm_data)
+        write_changed(folder / "calibrations" / f"{calibration.sha256}.json", calibration.data)
         text = read_input(path) if path.exists() else b""
         previous = _hash_of_last(text)
         added = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -211,11 +211,6 @@ def _write_head(folder: Path, checks: int, sha256: str) -> None:
 def _hash_of_last(text: bytes) -> str:
     lines = text.split(b"\n")[:-1]
     return hashlib.sha256(lines[-1]).hexdigest() if lines else BEGINNING
-
-
-def _keep_file(path: Path, data: bytes) -> None:
-    if not path.exists() or path.read_bytes() != data:
-        write_whole(path, data)
 
 
 def _keep_check(place: Path, new: New) -> dict[str, str]:

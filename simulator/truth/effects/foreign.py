@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -101,15 +102,12 @@ class Bristles(Effect):
     def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         if joint != self.joint:
             return None
-        phi, rate = posture.phi[:, joint - 1], conditions.rate[:, joint - 1]
-        wound = np.zeros(len(phi))
-        state = 0.0
-        for i in range(len(phi)):
-            way = phi[i] - phi[i - 1] - rate[i] if i else 0.0
-            for stretch in (way, rate[i]):
-                left = np.exp(-abs(stretch) / self.within_rad)
-                state = np.sign(stretch) + (state - np.sign(stretch)) * left
-            wound[i] = state
+
+        def stretched(state: F64, way_rad: float) -> F64:
+            left = np.exp(-abs(way_rad) / self.within_rad)
+            return np.asarray(np.sign(way_rad) + (state - np.sign(way_rad)) * left)
+
+        wound = _wound(joint, posture, conditions, np.zeros(1), stretched)
         return SmallMotion.about_own_axis(-self.arcsec * ARC_SECOND * wound)
 
 
@@ -125,16 +123,31 @@ class WideHysteresis(Effect):
     def axis(self, joint: int, posture: Posture, conditions: Conditions) -> SmallMotion | None:
         if joint != self.joint:
             return None
-        phi, rate = posture.phi[:, joint - 1], conditions.rate[:, joint - 1]
-        wound = np.zeros(len(phi))
         slips_rad = self.within_rad * np.array([0.5, 0.75, 1.0, 1.25, 1.5])
-        state = np.zeros(len(slips_rad))
-        for i in range(len(phi)):
-            way = phi[i] - phi[i - 1] - rate[i] if i else 0.0
-            for stretch in (way, rate[i]):
-                state = np.clip(state + stretch / slips_rad, -1.0, 1.0)
-            wound[i] = state.mean()
+
+        def stretched(state: F64, way_rad: float) -> F64:
+            return np.clip(state + way_rad / slips_rad, -1.0, 1.0)
+
+        wound = _wound(joint, posture, conditions, np.zeros(len(slips_rad)), stretched)
         return SmallMotion.about_own_axis(-self.arcsec * ARC_SECOND * wound)
+
+
+def _wound(
+    joint: int,
+    posture: Posture,
+    conditions: Conditions,
+    state: F64,
+    stretched: Callable[[F64, float], F64],
+) -> F64:
+    """How far springs (s,) are wound up in the mean at each reading (n,), by the way from the one
+    before; the last stretch is so far as the joint turns in a second."""
+    phi, rate = posture.phi[:, joint - 1], conditions.rate[:, joint - 1]
+    wound = np.zeros(len(phi))
+    for i in range(len(phi)):
+        way = phi[i] - phi[i - 1] - rate[i] if i else 0.0
+        state = stretched(stretched(state, way), rate[i])
+        wound[i] = state.mean()
+    return wound
 
 
 @dataclass(frozen=True)
