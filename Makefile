@@ -35,8 +35,10 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# One worker for what reads wires, one for what waits, one for what computes (tests/conftest.py).
-WORKERS := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 3
+# One worker for what reads wires, one for what waits, one for what computes (tests/conftest.py);
+# the few that fail for want of a processor run once more, alone (tests/twice.py).
+TWICE := $(BIN)/python tests/twice.py
+WORKERS := OPENBLAS_NUM_THREADS=1 $(TWICE) -n 3
 
 test: lint
 	@echo "armd: the tests take about ten minutes on two cores"
@@ -45,7 +47,7 @@ test: lint
 test-slow: install
 	@echo "armd: the slow tests take about a quarter of an hour on two cores"
 	$(WORKERS) -m "slow and not crowd" --ignore tests/deploy/test_system.py $(TEST_ARGS)
-	$(BIN)/python -m pytest -m crowd $(TEST_ARGS)
+	$(TWICE) -m crowd $(TEST_ARGS)
 
 # A fresh Monte Carlo of effects hidden by the simulator: make hidden CASES=100 SEED=7
 CASES ?= 40

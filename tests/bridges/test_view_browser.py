@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
 
 import armd
 from armd import keys
@@ -505,11 +505,34 @@ PLACEMENTS, ROUNDS = ("P1", "P2", "P3"), 1
 OPERATOR = """\
 schema = "armd.operator/1"
 artefact = "beam.toml"
-rest_s = 0.85
-press_after_s = 0.65
+rest_s = 1.3
+press_after_s = 1.0
 haste = 2.5
 start_s = 2.5
 """ + "".join(f'\n[[visit]]\nplacement = "{name}"\nrounds = {ROUNDS}\n' for name in PLACEMENTS)
+
+
+DONE_OR_ASTRAY = """() =>
+  document.getElementById("next-target").textContent.startsWith("everything")
+  || /delete (it|the reading)/.test(document.getElementById("outcome").textContent)"""
+
+
+def measured_to_the_end(page: Page) -> None:
+    """The hand goes its rounds whatever the page says; of a press that was not heard, on a machine
+    too busy, the page tells which reading is wrong for it, and that is deleted as by a person."""
+    for _ in range(5 * len(PLACEMENTS) * ROUNDS):
+        try:
+            page.wait_for_function(DONE_OR_ASTRAY, timeout=120_000)
+        except TimeoutError as error:
+            raise AssertionError(page.inner_text("#guide")) from error
+        if page.inner_text("#next-target").startswith("everything"):
+            return
+        so_far = page.inner_text("#progress")
+        page.click("[data-deed=delete]")
+        page.wait_for_function(
+            "(before) => document.getElementById('progress').textContent !== before", arg=so_far
+        )
+    raise AssertionError(page.inner_text("#guide"))
 
 
 def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) -> None:
@@ -553,8 +576,7 @@ def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) ->
             "(away) => document.getElementById('away').textContent !== away", arg=away
         )
         page.screenshot(path=OUT / "view-guided-1920.png")
-        done = "() => document.getElementById('next-target').textContent.startsWith('everything')"
-        page.wait_for_function(done, timeout=300_000)
+        measured_to_the_end(page)
         # The view is killed: nothing that was told as taken is lost.
         where = view.where
         view.process.kill()

@@ -8,8 +8,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-from debian_packages import CACHE
-
 from armd.simulator.truth.nominal import arm_toml
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -45,10 +43,7 @@ def make_payload(folder: Path, scratch: Path, python: str) -> None:
     """Fill *folder* with everything that a guest with that *python* finds under /mnt."""
     add_checks(folder)
     shutil.copy(REPOSITORY / "requirements.txt", folder)
-    _make("package.sh", python, folder)
-    shutil.copytree(
-        _make("wheelhouse.sh", python, CACHE / f"wheelhouse-{python}"), folder / "wheelhouse"
-    )
+    _make_package(folder, python, scratch / "package")
     config = folder / "config"
     config.mkdir()
     (config / "armd.toml").write_text(ARMD_TOML)
@@ -65,11 +60,14 @@ def add_checks(folder: Path) -> None:
     shutil.copytree(GUEST, folder / "guest", ignore=shutil.ignore_patterns("__pycache__"))
 
 
-def _make(script: str, python: str, folder: Path) -> Path:
-    """Fill *folder* by a documented command, for that *python*."""
-    command = [REPOSITORY / "deploy" / script, "--python", python, folder]
+def _make_package(folder: Path, python: str, scratch: Path) -> None:
+    """A package for that *python*, by the documented command, and the wheels it carries beside it:
+    `wheelhouse.sh` made them, and it compiles for minutes."""
+    command = [REPOSITORY / "deploy/package.sh", "--python", python, folder]
     subprocess.run(command, check=True, env={**os.environ, "PYTHON": sys.executable})
-    return folder
+    (package,) = folder.glob("*.deb")
+    subprocess.run(["dpkg-deb", "-x", package, scratch], check=True)
+    shutil.move(scratch / "usr/lib/armd/wheelhouse", folder / "wheelhouse")
 
 
 def _calibrate(sessions: Path, config: Path) -> None:
