@@ -11,6 +11,7 @@ import re
 import shlex
 import subprocess
 import sys
+import time
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -158,6 +159,13 @@ def a_line(bridge: RunningBridge, matching: str, say: str = "") -> str:
     raise AssertionError(f"no {matching}")
 
 
+def metrics(bridge: RunningBridge) -> bytes:
+    page = urllib.request.urlopen(f"http://{bridge.where}/metrics", timeout=PATIENCE_S)
+    said = page.read()
+    assert isinstance(said, bytes)
+    return said
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("line", SERVING)
 def test_who_serves_is_of_use(place: Place, line: str) -> None:
@@ -177,8 +185,10 @@ def test_who_serves_is_of_use(place: Place, line: str) -> None:
             page = urllib.request.urlopen(f"http://{bridge.where}/", timeout=PATIENCE_S)
             assert b"<title>armd</title>" in page.read()
         elif "--metrics" in line:
-            page = urllib.request.urlopen(f"http://{bridge.where}/metrics", timeout=PATIENCE_S)
-            assert b'serial="SIM-0001"' in page.read()
+            until_s = time.monotonic() + PATIENCE_S  # it serves before it has heard of any arm
+            while b'serial="SIM-0001"' not in metrics(bridge):
+                assert time.monotonic() < until_s, metrics(bridge)
+                time.sleep(0.1)
         else:  # what then comes there: test_ros2_live.py
             assert bridge.where == place.router
 

@@ -535,6 +535,7 @@ def measured_to_the_end(page: Page) -> None:
     raise AssertionError(page.inner_text("#guide"))
 
 
+@pytest.mark.crowd
 def test_an_artefact_is_measured_to_its_end(browser: Browser, tmp_path: Path) -> None:
     """Begun, led, killed, gone on with, one deleted, finished: the disk has what the page said."""
     sessions = tmp_path / "sessions"
