@@ -179,17 +179,18 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
             reach.append(column.reach)
     model = linear.model
     states = linear.rests.observations.states
-    plain = [i for i, basis in enumerate(bases) if not isinstance(basis, Use | Winding)]
-    probes = [
-        Term(parameter="theta_1", basis=basis, coefficient=1.0)
-        for basis in bases
-        if not isinstance(basis, Use | Winding)
-    ]
+    histories = {i: each for i, each in enumerate(bases) if isinstance(each, Use | Winding)}
+    probes = {
+        i: Term(parameter="theta_1", basis=each, coefficient=1.0)
+        for i, each in enumerate(bases)
+        if not isinstance(each, Use | Winding)
+    }
     values = np.empty((len(bases), states.n))
-    values[plain] = basis_values(probes, states, arm, model.reference_c, model.constants).T
-    for i, basis in enumerate(bases):
-        if isinstance(basis, Use | Winding):
-            values[i] = evaluated(basis, states)
+    values[list(probes)] = basis_values(
+        [*probes.values()], states, arm, model.reference_c, model.constants
+    ).T
+    if histories:
+        values[list(histories)] = evaluated([*histories.values()], states)
     np.nan_to_num(values, copy=False)  # of many readings a copy is hundreds of megabytes
     return Signatures(
         tuple(candidates),
