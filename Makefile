@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test test-slow lint bench clean hidden hidden-sweep interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-slow test-long lint bench clean hidden hidden-sweep interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -45,9 +45,14 @@ test: lint
 	$(WORKERS) -m "not slow" $(TEST_ARGS)
 
 test-slow: install
-	@echo "armd: the slow tests take about a quarter of an hour on two cores"
-	$(WORKERS) -m "slow and not crowd" --ignore tests/deploy/test_system.py $(TEST_ARGS)
+	@echo "armd: the slow tests take about half an hour on two cores"
+	$(WORKERS) -m "slow and not crowd and not long" --ignore tests/deploy/test_system.py $(TEST_ARGS)
 	$(TWICE) -m crowd $(TEST_ARGS)
+
+# Minutes each: many more cases of what the slow tests have a few of, and another processor
+test-long: install
+	@echo "armd: the long tests take about half an hour on two cores"
+	$(WORKERS) -m long $(TEST_ARGS)
 
 # A fresh Monte Carlo of effects hidden by the simulator: make hidden CASES=100 SEED=7
 CASES ?= 40

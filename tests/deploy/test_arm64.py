@@ -90,6 +90,7 @@ def arm64(index: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arm
         shutil.rmtree(folder)
 
 
+@pytest.mark.long
 def test_drivers_and_kernel_pass_their_tests_there(arm64: Arm64Python) -> None:
     told = arm64.run("-c", "import platform; print(platform.machine())")
     assert told.stdout == "aarch64\n", told.stderr

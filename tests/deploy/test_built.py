@@ -16,9 +16,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 ROOT = Path(__file__).parents[2]
 #: Fast, without an arm, a network or the pages in docs/; they reach every room. Folders are whole.
 TESTS = (
-    "diagnose",
-    "estimate",
     "model",
+    "diagnose/test_signature_columns.py",
+    "estimate/test_blocks.py",
     "umbrella/test_public_face.py",
     "umbrella/test_suggest.py",
     "compensation/test_session.py",
@@ -117,7 +117,7 @@ def test_tests_pass_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None
                 place.write_bytes(path.read_bytes())
     shutil.copy(ROOT / "tests" / "conftest.py", tmp_path / "tests")
     shutil.copytree(ROOT / "tests" / "support", tmp_path / "tests" / "support")
-    settings = "[pytest]\npythonpath = tests\nmarkers = slow: long\n"
+    settings = "[pytest]\npythonpath = tests\nmarkers =\n  slow: slow\n  long: long\n"
     (tmp_path / "pytest.ini").write_text(settings)
     ran = subprocess.run(
         [python, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow", "tests"],

@@ -65,6 +65,7 @@ def test_an_extended_calibration_is_never_worse(seed: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1500)
 def test_no_extended_calibration_of_many_is_worse() -> None:
     cases = [before_and_after(seed) for seed in range(100, 160)]

@@ -117,6 +117,7 @@ def test_of_several_rivals_the_near_and_likely_ones_count() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1500)  # some twenty pairs of diagnoses
 @pytest.mark.parametrize("n_seeds", [10])
 def test_the_proposed_poses_resolve_what_a_short_range_confounds(n_seeds: int, tmp_path) -> None:

@@ -14,6 +14,7 @@ from armd.compensation.interim.told import tomorrow
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_what_is_told_comes_as_often_as_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
