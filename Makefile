@@ -46,13 +46,13 @@ test: lint
 
 test-slow: install
 	@echo "armd: the slow tests take about half an hour on two cores"
-	$(WORKERS) -m "slow and not crowd and not long" --ignore tests/deploy/test_system.py $(TEST_ARGS)
+	$(WORKERS) --timeout 900 -m "slow and not crowd and not long" --ignore tests/deploy/test_system.py $(TEST_ARGS)
 	$(TWICE) -m "crowd and not long" $(TEST_ARGS)
 
 # Minutes each: many more cases of what the slow tests have a few of, and another processor
 test-long: install
 	@echo "armd: the long tests take about half an hour on two cores"
-	$(WORKERS) -m "long and not crowd" $(TEST_ARGS)
+	$(WORKERS) --timeout 1800 -m "long and not crowd" $(TEST_ARGS)
 	$(TWICE) -m "crowd and long" $(TEST_ARGS)
 
 # A fresh Monte Carlo of effects hidden by the simulator: make hidden CASES=100 SEED=7

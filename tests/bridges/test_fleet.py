@@ -20,6 +20,7 @@ import zenoh
 import armd
 from armd import POINT, Lost
 from armd.daemon.bridges.fleet import Fleet
+from support.long_case import long_case
 from support.running_bridge import PATIENCE_S, running_bridge
 from support.running_daemon import free_endpoint, running_daemon
 from support.simulated_arm import simulated_arm
@@ -228,7 +229,7 @@ def test_an_arm_speaks_for_itself_alone(tmp_path: Path) -> None:
 @pytest.mark.crowd
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("arms", [6, pytest.param(20, marks=pytest.mark.long)])
+@pytest.mark.parametrize("arms", [6, long_case(20)])
 def test_many_arms_through_one_router(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], arms: int
 ) -> None:

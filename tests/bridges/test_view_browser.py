@@ -60,7 +60,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimulatedArm]:
-    with simulated_arm(tmp_path_factory.mktemp("view"), seconds=500) as arm:
+    with simulated_arm(tmp_path_factory.mktemp("view"), seconds=1500) as arm:
         yield arm
 
 
@@ -398,6 +398,7 @@ def wait_for_outcome(page: Page, event: str) -> None:
     page.evaluate("window.outcomes = []")
 
 
+@pytest.mark.crowd
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1920, "light")])
 def test_a_guided_measurement_by_keyboard_alone(
     browser: Browser, view: RunningBridge, width: int, scheme: Any

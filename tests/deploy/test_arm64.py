@@ -28,7 +28,7 @@ TESTS = [
     "tests/model/test_sincos.py",
     "tests/model/test_basis.py",
 ]
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(3000)]
+pytestmark = [pytest.mark.slow, pytest.mark.long, pytest.mark.timeout(3000)]
 
 
 def pip(
@@ -90,7 +90,6 @@ def arm64(index: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Arm
         shutil.rmtree(folder)
 
 
-@pytest.mark.long
 def test_drivers_and_kernel_pass_their_tests_there(arm64: Arm64Python) -> None:
     told = arm64.run("-c", "import platform; print(platform.machine())")
     assert told.stdout == "aarch64\n", told.stderr

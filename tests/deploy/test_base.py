@@ -16,7 +16,7 @@ from armd.daemon.cli import OFFLINE
 from support.running_daemon import Daemon, free_endpoint, write_config
 from support.simulated_arm import simulated_arm
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.slow, pytest.mark.long, pytest.mark.timeout(1800)]
 
 ROOT = Path(__file__).parents[2]
 MOST_INSTALLED_MB = 300

@@ -98,6 +98,7 @@ def test_the_sdist_builds_the_same_wheel(wheel: Path, tree: Path, tmp_path: Path
     assert packaged(build(sdist, again)) == packaged(wheel)
 
 
+@pytest.mark.long
 def test_tests_pass_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
     """With what the wheel asks for, and nothing of this checkout in sight."""
     environment = tmp_path / "empty"

@@ -14,7 +14,7 @@ import throwaway_root
 from debian_packages import unpacked
 from throwaway_root import INSIDE, ThrowawayRoot
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.slow, pytest.mark.long, pytest.mark.timeout(1800)]
 
 INSTALL = INSIDE / "deploy" / "install.sh"
 NEEDED_BYTES = 3 << 30

@@ -8,7 +8,6 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -20,8 +19,8 @@ from armd.compensation.model.calibration import load_calibration
 from armd.simulator.campaigns.hidden import DESIGNS, Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
+from support.long_case import long_case
 
-LONG = partial(pytest.param, marks=pytest.mark.long)
 SMALL = Design(sessions=6, articulations=3, holdout=1)
 
 PLANTS = [
@@ -76,7 +75,9 @@ def test_a_hidden_cause_is_named_and_located(plant: Plant) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "plant", [*MORE_PLANTS[::3], *map(LONG, MORE_PLANTS[1::3] + MORE_PLANTS[2::3])], ids=_name
+    "plant",
+    [*MORE_PLANTS[::6], *map(long_case, (each for i, each in enumerate(MORE_PLANTS) if i % 6))],
+    ids=_name,
 )
 def test_every_cause_is_named_and_located(plant: Plant) -> None:
     _found_where_it_was_hidden(plant, Design())
@@ -104,7 +105,7 @@ def test_clean_data_are_met_with_silence_and_an_unchanged_model() -> None:
     ("noise", "seed"),
     [
         *itertools.product(["heavy tails", "slow drift"], [300]),
-        *itertools.starmap(LONG, itertools.product(["heavy tails", "slow drift"], [301, 302])),
+        *itertools.starmap(long_case, itertools.product(["heavy tails", "slow drift"], [301, 302])),
     ],
 )
 def test_neither_heavy_tails_nor_slow_drift_are_a_cause(noise: str, seed: int) -> None:
@@ -190,8 +191,8 @@ def test_a_bent_cause_is_not_its_neighbour_that_fits_better_unbent() -> None:
 @pytest.mark.parametrize(
     ("seed", "cause", "location", "size"),
     [
-        LONG(9604060001, "encoder_scale", "joint 2", 16.9),
-        LONG(9604060003, "link_bending", "link 2", 5.7),
+        long_case(9604060001, "encoder_scale", "joint 2", 16.9),
+        long_case(9604060003, "link_bending", "link 2", 5.7),
         (9604060016, "joint_compliance", "joint 3", 20.2),
     ],
 )

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pytest
 from cases import at_most
 from strangers import KINDS, Strange, Told, rows, run_strange
 
-LONG = partial(pytest.param, marks=pytest.mark.long)
+from support.long_case import long_case
+
 CABLE = ("unknown", "-", "cable 6", 30.0)
 SLIP, WAVE = ("encoder_slip", "joint 3"), ("encoder_ellipticity", "joint 2")
 
@@ -91,7 +90,9 @@ def test_a_base_that_steps_beside_others_is_no_slip_of_joint_1() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [20101190002, 777190009, *map(LONG, [20107190001, 777190002])])
+@pytest.mark.parametrize(
+    "seed", [20101190002, 777190009, *map(long_case, [20107190001, 777190002])]
+)
 def test_an_early_choice_is_looked_at_again_with_all_others_in(seed: int) -> None:
     """An eccentricity and an ellipticity stood for a joint that shifted; a walk in time for a slip
     and a joint that turns with temperature; a bending that was refused beside what was not found

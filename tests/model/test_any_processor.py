@@ -44,6 +44,7 @@ def run(folder: Path, name: str, **processor: str) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1200)  # it compiles twice, half a minute each where nothing else runs
 def test_without_avx_it_gives_the_same_positions(tmp_path: Path) -> None:
     own = run(tmp_path, "own")

@@ -28,6 +28,7 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibratio
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("cause", "location"),
     [

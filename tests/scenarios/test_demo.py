@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 import pytest
 
+from support.long_case import long_case
+
 SUBSCRIBER = Path(__file__).parents[2] / "docs/examples/subscriber.py"
 
 
@@ -72,7 +74,9 @@ def test_the_subscriber_in_ten_lines_hears_it(demo: Ran) -> None:
 @pytest.mark.parametrize(
     ("wire", "joints"),
     [
-        ("", 3), ("", 7), ("--can", 9), ("--servo=feetech", 5), ("--servo=dynamixel", 9),
+        ("", 3), ("--can", 9), ("--servo=dynamixel", 9),
+        long_case("", 7),
+        long_case("--servo=feetech", 5),
     ],
 )  # fmt: skip
 def test_arms_of_few_and_of_many_joints(wire: str, joints: int) -> None:

@@ -16,6 +16,7 @@ def test_each_step_helps_on_readings_that_took_no_part(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(900)  # where the machine is busy, the hand measures again what was refused
 def test_the_same_over_the_wire(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer readings than `make so101-live`; what a diagnosis adds to so few is left open."""
