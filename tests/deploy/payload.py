@@ -43,7 +43,7 @@ def make_payload(folder: Path, scratch: Path, python: str) -> None:
     """Fill *folder* with everything that a guest with that *python* finds under /mnt."""
     add_checks(folder)
     shutil.copy(REPOSITORY / "requirements.txt", folder)
-    _make_package(folder, python, scratch / "package")
+    _make_package(folder, python, scratch / "unpacked")
     config = folder / "config"
     config.mkdir()
     (config / "armd.toml").write_text(ARMD_TOML)
