@@ -161,9 +161,7 @@ def a_line(bridge: RunningBridge, matching: str, say: str = "") -> str:
 
 def metrics(bridge: RunningBridge) -> bytes:
     page = urllib.request.urlopen(f"http://{bridge.where}/metrics", timeout=PATIENCE_S)
-    said = page.read()
-    assert isinstance(said, bytes)
-    return said
+    return bytes(page.read())
 
 
 @pytest.mark.slow
@@ -186,8 +184,8 @@ def test_who_serves_is_of_use(place: Place, line: str) -> None:
             assert b"<title>armd</title>" in page.read()
         elif "--metrics" in line:
             until_s = time.monotonic() + PATIENCE_S  # it serves before it has heard of any arm
-            while b'serial="SIM-0001"' not in metrics(bridge):
-                assert time.monotonic() < until_s, metrics(bridge)
+            while b'serial="SIM-0001"' not in (said := metrics(bridge)):
+                assert time.monotonic() < until_s, said
                 time.sleep(0.1)
         else:  # what then comes there: test_ros2_live.py
             assert bridge.where == place.router

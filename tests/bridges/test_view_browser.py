@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Page, TimeoutError, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import TimeoutError as PageTimeout
 
 import armd
 from armd import keys
@@ -524,7 +525,7 @@ def measured_to_the_end(page: Page) -> None:
     for _ in range(5 * len(PLACEMENTS) * ROUNDS):
         try:
             page.wait_for_function(DONE_OR_ASTRAY, timeout=120_000)
-        except TimeoutError as error:
+        except PageTimeout as error:
             raise AssertionError(page.inner_text("#guide")) from error
         if page.inner_text("#next-target").startswith("everything"):
             return

@@ -16,9 +16,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 ROOT = Path(__file__).parents[2]
 #: Fast, without an arm, a network or the pages in docs/; they reach every room. Folders are whole.
 TESTS = (
+    "diagnose",
+    "estimate",
     "model",
-    "diagnose/test_signature_columns.py",
-    "estimate/test_blocks.py",
     "umbrella/test_public_face.py",
     "umbrella/test_suggest.py",
     "compensation/test_session.py",

@@ -74,11 +74,13 @@ def test_the_subscriber_in_ten_lines_hears_it(demo: Ran) -> None:
 @pytest.mark.parametrize(
     ("wire", "joints"),
     [
-        ("", 3), ("--can", 9), ("--servo=dynamixel", 9),
+        ("", 3),
         long_case("", 7),
+        ("--can", 9),
         long_case("--servo=feetech", 5),
+        ("--servo=dynamixel", 9),
     ],
-)  # fmt: skip
+)
 def test_arms_of_few_and_of_many_joints(wire: str, joints: int) -> None:
     options = [*([wire] if wire else []), "--joints", str(joints)]
     for _ in range(3):  # a machine that stands still for long loses samples, and the demo says so
