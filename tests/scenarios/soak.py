@@ -24,6 +24,7 @@ from mcap.reader import make_reader
 
 import armd
 from armd.arrays import F64
+from armd.client import Stream
 from support.audit import Audit
 from support.running_daemon import running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm
@@ -125,6 +126,7 @@ def soak(minutes: float, seed: int, folder: Path) -> dict[str, Any]:
     with (
         running_daemon(folder, str(folder / "port"), top='calibration = "calibration.json"') as d,
         armd.connect("SIM-0001", d.endpoint) as client,
+        client.stream(armd.keys.POINT) as points,  # before the arm, or its first points are missed
         recorder(d.endpoint, folder / "soak.mcap") as record,
         stopping_subscriber(d.endpoint) as second,
         simulated_arm(
@@ -133,7 +135,7 @@ def soak(minutes: float, seed: int, folder: Path) -> dict[str, Any]:
     ):
         audit = Audit(folder / "truth.bin", RATE_HZ)
         memory = Memory(d.process.pid)
-        _follow(arm, client, audit, memory, second)
+        _follow(arm, client, points, audit, memory, second)
         record.terminate()
         recorder_code = record.wait(30)
         code, stop_s = d.stop()
@@ -158,6 +160,7 @@ def soak(minutes: float, seed: int, folder: Path) -> dict[str, Any]:
 def _follow(
     arm: SimulatedArm,
     client: armd.Arm,
+    points: Stream,
     audit: Audit,
     memory: Memory,
     second: subprocess.Popen[bytes],
@@ -166,23 +169,33 @@ def _follow(
     stopped = False
     next_s = next_look_s = time.monotonic()
     ended_s: float | None = None
-    with client.stream(armd.keys.POINT) as stream:
-        while ended_s is None or time.monotonic() < ended_s + 1.0:
-            if payloads := stream.take():
-                audit.take(client.decode(payloads), time.monotonic_ns())
-            now_s = time.monotonic()
-            if now_s >= next_s:
-                next_s = now_s + STOP_AND_START_S
-                second.send_signal(signal.SIGCONT if stopped else signal.SIGSTOP)
-                stopped = not stopped
-            if now_s >= next_look_s:
-                next_look_s = now_s + 1.0
-                memory.look()
-                audit.settle()
-            if ended_s is None and arm.process.poll() is not None:
-                ended_s = now_s
-            time.sleep(0.002)
+    while ended_s is None or time.monotonic() < ended_s + 1.0:
+        if payloads := points.take():
+            audit.take(client.decode(payloads), time.monotonic_ns())
+        now_s = time.monotonic()
+        if now_s >= next_s:
+            next_s = now_s + STOP_AND_START_S
+            second.send_signal(signal.SIGCONT if stopped else signal.SIGSTOP)
+            stopped = not stopped
+        if now_s >= next_look_s:
+            next_look_s = now_s + 1.0
+            memory.look()
+            audit.settle()
+        if ended_s is None and arm.process.poll() is not None:
+            ended_s = now_s
+        time.sleep(0.002)
     audit.settle()
+
+
+def what_is_bad(report: dict[str, Any]) -> list[str]:
+    """A sentence for each figure that must be otherwise; none for a good run."""
+    zero = ("wrong", "unexplained", "recorder_exit_code", "daemon_exit_code")
+    bad = [f"{name} is {report[name]}, expected 0" for name in zero if report[name]]
+    if not report["delivered"]:
+        bad.append("no point was delivered")
+    if report["recorded"] != report["delivered"]:
+        bad.append(f"{report['recorded']} points recorded, {report['delivered']} delivered")
+    return bad
 
 
 def main() -> int:
@@ -193,9 +206,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="armd-soak-") as folder:
         report = soak(options.minutes, options.seed, Path(folder))
     print(json.dumps(report, indent=2))
-    clean = ("wrong", "unexplained", "recorder_exit_code", "daemon_exit_code")
-    good = not any(report[name] for name in clean) and report["delivered"] > 0
-    return 0 if good and report["recorded"] == report["delivered"] else 1
+    bad = what_is_bad(report)
+    for sentence in bad:
+        print(f"soak: {sentence}", file=sys.stderr)
+    return 1 if bad else 0
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from soak import slope_per_hour
+from soak import slope_per_hour, what_is_bad
 
 SECONDS = np.arange(3600.0)
 
@@ -28,3 +28,27 @@ def test_one_step_is_no_certain_slope_and_too_few_are_none() -> None:
     slope, uncertainty = slope_per_hour(SECONDS, np.where(SECONDS > 1800, 77.0, 76.0))
     assert slope == pytest.approx(1.5, rel=0.02) and uncertainty > 0.2
     assert all(math.isnan(x) for x in slope_per_hour(SECONDS[:19], SECONDS[:19]))
+
+
+GOOD = {
+    "wrong": 0,
+    "unexplained": 0,
+    "recorder_exit_code": 0,
+    "daemon_exit_code": 0,
+    "delivered": 7,
+    "recorded": 7,
+}
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        ({}, []),
+        ({"wrong": 2}, ["wrong is 2, expected 0"]),
+        ({"daemon_exit_code": -9}, ["daemon_exit_code is -9, expected 0"]),
+        ({"recorded": 9}, ["9 points recorded, 7 delivered"]),
+        ({"recorded": 0, "delivered": 0}, ["no point was delivered"]),
+    ],
+)
+def test_a_bad_run_says_what_is_bad(other: dict[str, int], said: list[str]) -> None:
+    assert what_is_bad(GOOD | other) == said
