@@ -18,8 +18,8 @@ from armd.drivers.poll.protocol.family import FAMILIES, Servo
 from armd.drivers.poll.protocol.packet import ReadRequest, Status
 from armd.drivers.poll.roster import Roster
 from armd.drivers.poll.sampler import ServoSampler
-from armd.drivers.poll.warmth import RESOLUTION_C, Warmth
-from armd.drivers.sample import Event, Item, RawFrame, Temperatures
+from armd.drivers.poll.warmth import Warmth
+from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.unwrap import warm_up
 
 CHANNEL = "poll"
@@ -57,7 +57,7 @@ class ServoDecoder:
         self.pauses = Pauses(family, self.roster.servos)
         self.chain_broken = False  # the last cycle's answers ended early, all in one packet
         self._sampler = ServoSampler(config.ids, config.max_joint_rate_deg_s)
-        self._warmth = Warmth(sensors)
+        self._warmth = Warmth(sensors, self.roster.name, family.register("temperature"))
         self._splitter = family.splitter()
         self._own = family.splitter()  # of what we say
         self._asked: dict[bytes, ReadRequest | None] = {}  # what it means, by packet
@@ -109,6 +109,7 @@ class ServoDecoder:
             said=[(each.id, each.error, each.data.hex()) for each in self._said.values()],
             warmth=self._warmth.state(),
             unproven=self._warmth.unproven(),
+            absurd=self._warmth.absurd(),
             sampler=self._sampler.state(),
         )
         began = self._under_way[0]._replace(direction="link", data=state)
@@ -252,14 +253,12 @@ class ServoDecoder:
         self, exchange: Exchange, silent: set[int], at_ns: int, unix_minus_monotonic_ns: int
     ) -> list[Item]:
         """What the cycle before told, NaN of those who do not answer now."""
-        celsius = self._warmth.reading(silent, self.roster.doubles, at_ns)
+        items = self._warmth.reading(silent, self.roster.doubles, at_ns, unix_minus_monotonic_ns)
         if exchange.request.length >= self.family.warm_bytes:
             for servo in exchange.answers.keys() - silent:
                 data = exchange.answers[servo].status.data
                 self._warmth.hear(servo, self.family.celsius_of(data))
-        if celsius is None:
-            return []
-        return [Temperatures(celsius, at_ns, at_ns, at_ns + unix_minus_monotonic_ns, RESOLUTION_C)]
+        return items
 
     # --- what else is known --------------------------------------------------------------------
 
@@ -293,6 +292,7 @@ class ServoDecoder:
                 for servo, error, data in note.get("said", ()):
                     status = Status(servo, error, bytes.fromhex(data))
                     self._said[servo, len(status.data)] = status
-                self._warmth.restore(note["warmth"], note.get("unproven", ()))
+                recent = (note.get(name, ()) for name in ("unproven", "absurd"))
+                self._warmth.restore(note["warmth"], *recent)
                 self._sampler.restore(note["sampler"])
         return []

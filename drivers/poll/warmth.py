@@ -7,51 +7,84 @@ a cycle brings is believed at the next, unless it was contradicted meanwhile.
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 
 import numpy as np
 
-from armd.arrays import F64
+from armd.drivers.sample import Event, Item, Temperatures
 
 FRESH_NS = 2_500_000_000  # a temperature that was not read for longer is none
 RESOLUTION_C = 1.0
+#: What is believed, °C: both makers let the limit at which a servo switches off lie between these.
+#: Beyond them a thermometer is broken, or colder than the byte can say.
+COLDEST_C, HOTTEST_C = 0.0, 100.0
+ABSURD_NS = 5_000_000_000  # a servo's absurd temperatures are told again after so long without one
 
 
 class Warmth:
     """Sensor k is the own thermometer of servo ids[k-1]."""
 
-    def __init__(self, ids: Sequence[int]) -> None:
+    def __init__(self, ids: Sequence[int], name: Callable[[int], str], register: str) -> None:
+        """*name* of a servo, and of the *register* that says its temperature, in events."""
         self._ids = ids
+        self._name = name
+        self._register = register
         self._said: dict[int, float] = {}  # °C, in the cycle before
         self._read: dict[int, tuple[float, int]] = {}  # °C, when
+        self._absurd_ns: dict[int, int] = {}  # who said what is not believed, and when last
         self._told: list[float] = []
 
     def hear(self, servo: int, celsius: float) -> None:
         """What it said in this cycle."""
         self._said[servo] = celsius
 
-    def reading(self, silent: Container[int], doubtful: Container[int], now_ns: int) -> F64 | None:
-        """All sensors (S,) °C, after the next cycle has been heard and before it is told: NaN of
-        those that are *silent* in it, *doubtful* or not known; None if that was told before."""
+    def reading(
+        self,
+        silent: Container[int],
+        doubtful: Container[int],
+        now_ns: int,
+        unix_minus_monotonic_ns: int,
+    ) -> list[Item]:
+        """All sensors, after the next cycle has been heard and before it is told: NaN of those
+        that are *silent* in it, *doubtful*, not known or beyond belief, after an event for each
+        that has become so; nothing if that was told before."""
         again = bool(self._said)
         if not self._ids or not (again or self._read):
-            return None
+            return []
+        items: list[Item] = []
         for servo, celsius in self._said.items():
             if servo not in doubtful:
                 self._read[servo] = celsius, now_ns
+                items += self._doubt(servo, celsius, now_ns)
         self._said.clear()
         celsius_all = [
             math.nan if servo in silent or servo in doubtful else self._celsius(servo, now_ns)
             for servo in self._ids
         ]
         if not again and _same(celsius_all, self._told):
-            return None
+            return items
         self._told = celsius_all
-        return np.array(celsius_all)
+        stamp_ns = now_ns + unix_minus_monotonic_ns
+        return [
+            *items, Temperatures(np.array(celsius_all), now_ns, now_ns, stamp_ns, RESOLUTION_C)
+        ]  # fmt: skip
 
     def _celsius(self, servo: int, now_ns: int) -> float:
         celsius, at_ns = self._read.get(servo, (math.nan, 0))
-        return celsius if now_ns - at_ns <= FRESH_NS else math.nan
+        return celsius if now_ns - at_ns <= FRESH_NS and _believable(celsius) else math.nan
+
+    def _doubt(self, servo: int, celsius: float, now_ns: int) -> list[Event]:
+        last_ns = self._absurd_ns.get(servo)
+        if _believable(celsius):
+            if last_ns is not None and now_ns - last_ns > ABSURD_NS:
+                del self._absurd_ns[servo]
+            return []
+        self._absurd_ns[servo] = now_ns
+        if last_ns is not None or servo not in self._ids:
+            return []
+        found = f"found {celsius:.0f}, expected {COLDEST_C:.0f} to {HOTTEST_C:.0f} °C"
+        text = f"{self._name(servo)}: {self._register}: {found}; it counts as missing"
+        return [Event("temperature_absurd", text, now_ns, "warning", {"servo": servo})]
 
     def state(self) -> list[tuple[int, float, int]]:
         return [(servo, celsius, at_ns) for servo, (celsius, at_ns) in self._read.items()]
@@ -59,12 +92,23 @@ class Warmth:
     def unproven(self) -> list[tuple[int, float]]:
         return list(self._said.items())
 
+    def absurd(self) -> list[tuple[int, int]]:
+        return list(self._absurd_ns.items())
+
     def restore(
-        self, state: Iterable[tuple[int, float, int]], unproven: Iterable[tuple[int, float]]
+        self,
+        state: Iterable[tuple[int, float, int]],
+        unproven: Iterable[tuple[int, float]],
+        absurd: Iterable[tuple[int, int]],
     ) -> None:
-        """As `state` and `unproven` gave it, through JSON."""
+        """As `state`, `unproven` and `absurd` gave it, through JSON."""
         self._read = {servo: (celsius, at_ns) for servo, celsius, at_ns in state}
         self._said = dict(unproven)
+        self._absurd_ns = dict(absurd)
+
+
+def _believable(celsius: float) -> bool:
+    return COLDEST_C <= celsius <= HOTTEST_C
 
 
 def _same(a: list[float], b: list[float]) -> bool:

@@ -66,7 +66,7 @@ class SimulatedServo:
         else:
             table[132:136] = position.to_bytes(4, "little", signed=True)
             table[120:122] = (int(time_s * 1000) & 0x7FFF).to_bytes(2, "little")
-        table[where.temperature] = max(-128, min(127, round(celsius))) & 0xFF
+        table[where.temperature] = max(0, min(255, round(celsius)))
 
     def set_homing(self, counts: int) -> None:
         """As another tool would: the register, and from then on every position."""

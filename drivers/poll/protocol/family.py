@@ -69,14 +69,15 @@ class Family(Protocol):
     position_bytes: int  # the least that holds the position
     warm_bytes: int  # the least that holds position and temperature
     identity_bytes: int  # from register 0 on, all that `identity` wants
-    registers: dict[str, int]  # where a `Servo`'s fields stand; torque and return delay: 1 byte
+    #: Where a `Servo`'s fields stand, and its temperature; torque and return delay: 1 byte.
+    registers: dict[str, int]
     id_register: int
     return_delay_least_us: int  # what a servo needs to turn the line round, whatever its register
     alarm: int | None  # 1 byte: why `alerts`; None where the error byte says it
     has_fast: bool  # whether one packet may carry all answers
 
     def register(self, name: str) -> str:
-        """A field of `Servo` in words, with its address."""
+        """What `registers` names, in words, with its address."""
         return f"{name.removesuffix('_us').replace('_', ' ')} (register {self.registers[name]})"
 
     def refusal(self, servo: Servo) -> str:
@@ -109,7 +110,10 @@ class Family(Protocol):
 
     def position_of(self, data: bytes) -> int: ...
 
-    def celsius_of(self, data: bytes) -> float: ...
+    def celsius_of(self, data: bytes) -> float:
+        """As the servo says it, believable or not: both makers' libraries read a byte without
+        sign."""
+        ...
 
     def identity(self, data: bytes) -> Servo: ...
 
@@ -135,7 +139,7 @@ class Feetech(Family):
     identity_bytes = 41
     registers = {
         "model": 3, "firmware": 0, "homing_offset": 31, "reversed": 18, "mode": 33, "torque": 40,
-        "return_delay_us": 7, "offset_in_force": 33,
+        "return_delay_us": 7, "offset_in_force": 33, "temperature": 63,
     }  # fmt: skip
     id_register = 5
     return_delay_least_us = 50
@@ -178,7 +182,7 @@ class Feetech(Family):
         return feetech.signed(data[0] | data[1] << 8, 15)
 
     def celsius_of(self, data: bytes) -> float:
-        return float(_signed_byte(data[7]))
+        return float(data[7])
 
     def identity(self, data: bytes) -> Servo:
         return Servo(
@@ -215,7 +219,7 @@ class Dynamixel(Family):
     identity_bytes = 71
     registers = {
         "model": 0, "firmware": 6, "homing_offset": 20, "reversed": 10, "mode": 11, "torque": 64,
-        "return_delay_us": 9, "offset_in_force": 11,
+        "return_delay_us": 9, "offset_in_force": 11, "temperature": 146,
     }  # fmt: skip
     id_register = 7
     return_delay_least_us = 40
@@ -258,7 +262,7 @@ class Dynamixel(Family):
         return int.from_bytes(data[:4], "little", signed=True)
 
     def celsius_of(self, data: bytes) -> float:
-        return float(_signed_byte(data[14]))
+        return float(data[14])
 
     def identity(self, data: bytes) -> Servo:
         offset, mode = int.from_bytes(data[20:24], "little", signed=True), data[11]
@@ -281,10 +285,6 @@ class Dynamixel(Family):
 
     def complaints(self, bits: int) -> str:
         return _words(bits, dynamixel.HARDWARE_ERRORS)
-
-
-def _signed_byte(byte: int) -> int:
-    return byte - 256 if byte > 127 else byte
 
 
 def _words(bits: int, names: dict[int, str]) -> str:

@@ -101,11 +101,3 @@ def test_servos_of_the_scs_series_are_refused(model):
 @pytest.mark.parametrize("model", [777, 2825, 11272])
 def test_no_servo_of_the_other_series_is_refused(model):
     assert FAMILIES["feetech"].refusal(as_found("feetech", model=model)) == ""
-
-
-@BOTH
-@pytest.mark.parametrize("celsius", [-20, -1, 0, 25, 127])
-def test_degrees_below_zero(kind, celsius):
-    data = bytearray(15)
-    data[{"feetech": 7, "dynamixel": 14}[kind]] = celsius & 0xFF
-    assert FAMILIES[kind].celsius_of(bytes(data)) == celsius
