@@ -9,6 +9,7 @@ from pathlib import Path
 
 from cobs import cobs
 
+from armd.daemon.doctor.device import may_be_a_port
 from armd.daemon.doctor.finding import Patient
 from armd.daemon.doctor.line import Line
 from armd.daemon.doctor.machine import ThisMachine
@@ -24,28 +25,41 @@ SYNC_EVERY_S, SYNC_S = 0.03, 0.4
 def examine_port(port: str, machine: ThisMachine) -> Patient:
     """What is on *port* and what stands in the way; nothing on it is changed."""
     patient = Patient(port)
-    if not machine.examine(Path(port), patient):
+    if not (may_be_a_port(Path(port), patient) and machine.examine(Path(port), patient)):
         return patient
     try:
-        with Line(port, OWN_BAUDS[0]) as line:
-            if not (_own(line, patient) or find_servos(line, patient) or _scribe(line, patient)):
-                other = ""
-                if line.heard_bytes and not line.echoes:
-                    other = f"; {line.heard_bytes} bytes of something else came: another device?"
-                patient.find(
-                    "no_answer",
-                    "nobody answers: no servo (Feetech, Dynamixel 2.0), no MicroScribe, no arm "
-                    f"that speaks armd's own wire{other}",
-                    "switch the arm's supply on, check the cable and that the adapter is a bus "
-                    "adapter; then `armd doctor --port " + port + "` again",
-                )
+        line = Line(port, OWN_BAUDS[0])
     except (OSError, ValueError, termios.error) as error:
         if getattr(error, "errno", None) in (errno.EAGAIN, errno.EBUSY):
             text = f"another program has {port} open, an `armd run` perhaps"
             patient.find("port_held", text, f"sudo fuser -v {port} names it: end it")
-            return patient
-        patient.find("port", f"{port} cannot be opened: {error}", f"ls -l {port}")
+        else:
+            patient.find("port", f"{port} cannot be opened: {error}", f"ls -l {port}")
+        return patient
+    try:
+        with line:
+            if not (_own(line, patient) or find_servos(line, patient) or _scribe(line, patient)):
+                _nobody(line, patient)
+    except (OSError, termios.error) as error:
+        text = f"{port} went away while it was asked: {error}"
+        patient.find("gone", text, "check the plug, the cable and the supply; then ask again")
     return patient
+
+
+def _nobody(line: Line, patient: Patient) -> None:
+    port, other = patient.name, ""
+    mend = "switch the arm's supply on, check the cable and that the adapter is a bus adapter"
+    if line.is_pseudo:
+        other += "; it is a pseudo-terminal"
+        mend = "start the program that is to speak at its other end, `armd simulate` perhaps"
+    if line.heard_bytes and not line.echoes:
+        other += f"; {line.heard_bytes} bytes of something else came: another device?"
+    patient.find(
+        "no_answer",
+        "nobody answers: no servo (Feetech, Dynamixel 2.0), no MicroScribe, no arm that speaks"
+        f" armd's own wire{other}",
+        f"{mend}; then `armd doctor --port {port}` again",
+    )
 
 
 def _own(line: Line, patient: Patient) -> bool:

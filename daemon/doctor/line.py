@@ -11,6 +11,7 @@ import serial
 from armd.closing import Closing
 from armd.drivers.poll.protocol.family import Family
 from armd.drivers.poll.protocol.packet import Packet
+from armd.drivers.ports import is_pseudo
 
 BYTES = 4096
 ECHO_S = 0.1  # an adapter gives bytes back within 16 ms, on a busy host later
@@ -24,6 +25,7 @@ class Line(Closing):
         self.echoes = False  # as far as is known
         self.heard_bytes = 0
         self._port = serial.Serial(port, baud, timeout=0, exclusive=True)
+        self.is_pseudo = is_pseudo(self._port.fileno())
 
     def close(self) -> None:
         self._port.close()

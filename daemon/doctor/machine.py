@@ -26,14 +26,7 @@ class ThisMachine:
     groups: Collection[int] = field(default_factory=lambda: {os.getegid(), *os.getgroups()})
 
     def examine(self, port: Path, patient: Patient) -> bool:
-        """Say what there is to say of *port*; whether it can be opened."""
-        if not port.exists():
-            patient.find(
-                "no_port",
-                f"{port} is not there",
-                "plug the arm in; `ls -l /dev/serial/by-id` names what is plugged in",
-            )
-            return False
+        """Say what there is to say of *port*, which is there; whether it can be opened."""
         device = port.resolve()
         if device != port:
             patient.say(f"is {device}")

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 import tempfile
 import threading
+import tty
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -225,7 +228,8 @@ def test_a_port_where_nobody_answers_is_told(capsys: pytest.CaptureFixture[str])
         code, patient = _doctor(bus.port, capsys)
     (finding,) = patient["findings"]
     assert code == 1 and finding["kind"] == "no_answer"
-    assert finding["mend"].startswith("switch the arm's supply on, check the cable")
+    assert finding["text"].endswith("it is a pseudo-terminal")
+    assert finding["mend"].startswith("start the program that is to speak at its other end")
 
 
 def test_an_arm_of_our_own_wire_is_known(
@@ -249,6 +253,74 @@ def test_a_microscribe_is_known(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_a_port_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
     code, patient = _doctor("/dev/ttyUSB_none", capsys)
     assert code == 1 and _kinds(patient) == {"no_port"}
+
+
+def test_what_is_no_serial_port_is_called_what_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nobody is told to end the programs that hold /dev/null: all of them do."""
+    (tmp_path / "file").touch()
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "pty").symlink_to("/dev/pts/98765")
+    (tmp_path / "stale").symlink_to("ttyUSB9")
+    own = "give the arm's own port: `ls -l /dev/serial/by-id` names what is plugged in"
+    said = {
+        "/dev/null": ("is another kind of device, no serial port", own),
+        tmp_path / "file": ("is a file, no serial port", own),
+        tmp_path / "pipe": ("is a pipe, no serial port", own),
+        tmp_path: ("is a folder, no serial port", own),
+        tmp_path / "pty": ("points to /dev/pts/98765, which is gone", "pseudo-terminal again"),
+        tmp_path / "stale": ("points to ttyUSB9, which is gone", "give its present port"),
+        tmp_path / "loop": ("Too many levels of symbolic links", f"namei -l {tmp_path / 'loop'}"),
+    }
+    for port, (words, mend) in said.items():
+        code, patient = _doctor(str(port), capsys)
+        (finding,) = patient["findings"]
+        assert code == 1 and finding["text"].startswith(f"{port} "), finding
+        assert finding["text"].endswith(words) and mend in finding["mend"], finding
+    command = [sys.executable, "-m", "armd", "doctor", "--port", "/dev/null"]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    lines = ["/dev/null", "  ✗ /dev/null is another kind of device, no serial port"]
+    assert ended.stdout.splitlines() == [*lines, f"    do: {own}"]
+    assert ended.returncode == 1 and not ended.stderr
+
+
+def test_the_screen_in_front_of_a_person_is_not_asked() -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    try:
+        for port in (os.ttyname(slave), "/dev/tty"):
+            command = [sys.executable, "-m", "armd", "doctor", "--json", "--port", port]
+            subprocess.run(command, stdin=slave, stdout=slave, timeout=60, check=False)
+            said = ""
+            while not said.rstrip().endswith("\n}"):
+                said += os.read(master, 4096).decode()
+            (finding,) = json.loads(said)["ports"][0]["findings"]
+            assert finding["kind"] == "no_serial_port"
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_a_port_that_goes_away_while_it_is_asked_is_told(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    port = os.ttyname(slave)
+
+    def pull() -> None:
+        os.read(master, 1)  # the first question
+        os.close(master)
+
+    pulling = threading.Thread(target=pull)
+    pulling.start()
+    code, patient = _doctor(port, capsys)
+    pulling.join()
+    os.close(slave)
+    (finding,) = patient["findings"]
+    assert code == 1 and finding["kind"] == "gone" and "went away" in finding["text"]
 
 
 # --- the machine ---------------------------------------------------------------------------------

@@ -1,0 +1,68 @@
+"""Whether a path is a serial port at all: a file, /dev/null or a screen is none, and nobody who
+holds it stands in the way."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+from pathlib import Path
+
+from armd.daemon.doctor.finding import Patient
+
+LISTED = "`ls -l /dev/serial/by-id` names what is plugged in"
+KINDS = {
+    stat.S_IFREG: "a file",
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFBLK: "a disk",
+}
+CONTROLLING = os.makedev(5, 0)  # /dev/tty
+#: Why a serial port may not open that is one: what holds it, or keeps us from it, is asked later.
+MAY_BE_ONE = (errno.EBUSY, errno.EAGAIN, errno.EACCES, errno.EPERM)
+
+
+def may_be_a_port(port: Path, patient: Patient) -> bool:
+    """Whether *port* is there and may be a serial port; if not, *patient* says what it is."""
+    try:
+        mode = port.stat().st_mode
+    except FileNotFoundError:
+        patient.find("no_port", *_not_there(port))
+        return False
+    except OSError as error:  # a folder that is closed to us, a loop of links
+        patient.find("no_port", f"{port} cannot be looked at: {error.strerror}", f"namei -l {port}")
+        return False
+    found = _character(port) if stat.S_ISCHR(mode) else KINDS.get(stat.S_IFMT(mode), "no device")
+    if found:
+        text = f"{port} is {found}, no serial port"
+        patient.find("no_serial_port", text, f"give the arm's own port: {LISTED}")
+    return not found
+
+
+def _not_there(port: Path) -> tuple[str, str]:
+    """What to say of it, and what to do."""
+    if not port.is_symlink():
+        return f"{port} is not there", f"plug the arm in; {LISTED}"
+    target = port.readlink()
+    text = f"{port} points to {target}, which is gone"
+    if target.parent.name == "pts":
+        return text, "start the program that made this pseudo-terminal again"
+    return text, f"plug the arm in, or give its present port; {LISTED}"
+
+
+def _character(device: Path) -> str:
+    """What a character device is that is no serial port; "" for one that may be."""
+    try:
+        fd = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError as error:
+        may_be = error.errno in MAY_BE_ONE
+        return "" if may_be else f"a device that does not open ({error.strerror})"
+    try:
+        if not os.isatty(fd):
+            return "another kind of device"
+        here = os.fstat(fd).st_rdev
+        ours = [os.fstat(i).st_rdev for i in (0, 1, 2) if os.isatty(i)]
+        return "the screen in front of you" if here in (CONTROLLING, *ours) else ""
+    finally:
+        os.close(fd)
