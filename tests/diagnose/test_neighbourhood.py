@@ -46,7 +46,7 @@ def test_a_named_cause_has_a_largest_size_and_a_blow_has_none() -> None:
         assert possible(candidate(cause, 1.0), np.array([1e9]))
 
 
-def fitted(changes: dict[str, float], known: bool = False) -> Any:
+def fitted(changes: dict[str, float], known: bool = False, encoder_rad: float = 0.0) -> Any:
     """A fit that moves identified constants: all that the fit's own methods are not asked for."""
     session = synthetic.session(
         ARM,
@@ -56,6 +56,7 @@ def fitted(changes: dict[str, float], known: bool = False) -> Any:
         spread_mm=80.0,
         known=known,
         distances=[(0, 1)],
+        encoder_rad=encoder_rad,
     )
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
     moved = [NAMES.index(name) for name in changes]
@@ -112,6 +113,16 @@ def test_a_certified_length_may_not_be_lost() -> None:
     assert "off by 10 of its uncertainties" in refused(lost, right, ARM)
     worse = fitted(all_lengths(-6 * share))
     assert refused(lost, worse, ARM) == "", "it was lost before, and by more"
+
+
+def test_seats_are_known_no_better_than_their_readings_scatter() -> None:
+    """Forty readings a seat that scatter by some 50 µm leave a distance in doubt by some 0.01 mm,
+    however well it is certified: an arm ten of its uncertainties too small loses nothing."""
+    right = fitted({"d_1": 0.0}, encoder_rad=1e-4)
+    share = 10.0 * UNCERTAINTY_MM / right.linear.rests.observations.distances.length_mm[0]
+    assert refused(fitted(all_lengths(-share), encoder_rad=1e-4), right, ARM) == ""
+    lost = fitted(all_lengths(-20 * share), encoder_rad=1e-4)
+    assert "the certified length" in refused(lost, right, ARM)
 
 
 def test_what_no_cause_can_be_is_refused_by_its_size() -> None:

@@ -18,14 +18,13 @@ from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, plain
 from armd.compensation.estimate.gauge import PLAUSIBLE
+from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length, certified_lengths
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
 
 #: An amplitude so many standard deviations of its broadest prior from zero is none of that cause.
 MOST_SIGMAS = 3.0
-#: A certified length is off when the fit leaves it so many standard uncertainties away.
-LENGTH_OFF = 3.0
 
 
 def refused(fit: Fit, before: Fit, arm: Arm) -> str:
@@ -90,24 +89,26 @@ def _too_far(fit: Fit, arm: Arm) -> str:
 
 def _length_lost(fit: Fit, before: Fit, arm: Arm) -> str:
     """Whether a certified length that held without the finding holds no longer."""
-    observations = fit.linear.rests.observations
-    certified = observations.distances
-    if not len(certified.length_mm):
+    if not len(fit.linear.rests.observations.distances.length_mm):
         return ""
-    off = [_lengths_off(_linear(one, arm)) for one in (fit, before)]
-    lost = (off[0] > LENGTH_OFF) & (off[0] > off[1])
-    if not lost.any():
+    now, then = _lengths(fit, arm), _lengths(before, arm)
+    lost = [a for a, b in zip(now, then, strict=True) if abs(a.off) > max(MOST_OFF, abs(b.off))]
+    if not lost:
         return ""
-    worst = int(np.argmax(np.where(lost, off[0], 0.0)))
-    a, b = (observations.target_names[int(k)] for k in certified.between[worst])
-    return f"the certified length {a}, {b} would be off by {off[0][worst]:.0f} of its uncertainties"
+    worst = max(lost, key=lambda length: abs(length.off))
+    between = ", ".join(worst.between)
+    return (
+        f"the certified length {between} would be off by {abs(worst.off):.0f} of its uncertainties"
+    )
 
 
-def _lengths_off(linear: Linear) -> F64:
-    """(D,) by how many standard uncertainties the certified lengths are missed."""
-    uncertainty = linear.rests.observations.distances.standard_uncertainty_mm
-    missed: F64 = np.abs(linear.residual[3 * linear.rests.n :]) / np.maximum(uncertainty, 1e-6)
-    return missed
+def _lengths(fit: Fit, arm: Arm) -> list[Length]:
+    """The certified lengths as the readings have them under a fit: they lie between the means of
+    readings that scatter, which is a part of their uncertainty as the certificate's is."""
+    linear = _linear(fit, arm)
+    n = linear.rests.n
+    residual = linear.residual[: 3 * n].reshape(n, 3)
+    return certified_lengths(linear.rests.observations, linear.poses, residual)
 
 
 def _linear(fit: Fit, arm: Arm) -> Linear:
