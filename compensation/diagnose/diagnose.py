@@ -41,6 +41,7 @@ from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.touched import MOST_TOUCHED, beside, find_touched
+from armd.compensation.freed import give_back_freed
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
@@ -87,6 +88,7 @@ def _diagnose(
     while True:
         rests = gather_rests(sessions, arm)
         baseline = model_under_test(sessions, arm, calibration)
+        give_back_freed()
         progress("search", 0.0)
         search = Search(rests, arm, baseline, progress, partial(better_by, arm=arm))
         found = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
@@ -101,6 +103,7 @@ def _diagnose(
         sessions = found.sessions
     if not baseline.held and (odd := baseline.calibration.provenance.get("odd_session")):
         told.append(odd)
+    give_back_freed()
     progress("gain", 0.9)
     last = result.last
     outlying, outlier_p = find_outliers(last)
@@ -121,6 +124,7 @@ def _diagnose(
         kept = np.ones(rests.n, dtype=bool)
         kept[outlying] = False
         measured = gains(squares, groups, np.ones_like(kept))
+        give_back_freed()
         progress("held out", 0.95)
         written = by_placement(result, arm, measured)
     measured = [

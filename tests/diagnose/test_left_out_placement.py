@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting.fit import columns_told_of
-from armd.compensation.diagnose.fitting.refit import Refits
+from armd.compensation.diagnose.fitting.refit import Refits, refits_without
 from armd.compensation.diagnose.problem.fitted import Fit
-from support.small_fit import small_fit
+from armd.compensation.diagnose.problem.whitening import Nuisance
+from armd.compensation.estimate.linear.blocks import in_blocks
+from support.small_fit import candidate, small_fit
 
 RESTS = 12
+PLACEMENTS, RESTS_OF_EACH = 3, 6
 
 
 def fit() -> Fit:
@@ -42,3 +45,55 @@ def test_the_pose_left_out_stays_and_all_else_is_the_least_norm_solution(
     np.testing.assert_allclose(found.solution, expected, atol=1e-10)
     assert not found.solution[6:12].any() and found.solution[:6].all()
     assert columns_told_of(found.problem).tolist() == [*range(6), 12, 13, 14]
+
+
+def fit_of_three(whole: float = 1.0) -> Fit:
+    """Of three placements, each with a pose of its own that absorbs freely; of a pose's six columns
+    the last is only told of where *whole* is not zero. Three constants, two findings."""
+    rng = np.random.default_rng(3)
+    rows = 3 * PLACEMENTS * RESTS_OF_EACH
+    poses = np.zeros((rows, 6 * PLACEMENTS))
+    for k in range(PLACEMENTS):
+        own = slice(3 * RESTS_OF_EACH * k, 3 * RESTS_OF_EACH * (k + 1))
+        poses[own, 6 * k : 6 * k + 6] = rng.normal(size=(3 * RESTS_OF_EACH, 6))
+        poses[own, 6 * k + 5] *= whole
+    findings = {
+        candidate("wave", 1, widths=2): rng.normal(size=(rows, 2)),
+        candidate("wave", 2): rng.normal(size=(rows, 1)),
+    }
+    known = small_fit(rng.normal(size=rows), poses, findings, identified=rng.normal(size=(rows, 3)))
+    placement = np.repeat(np.arange(PLACEMENTS), RESTS_OF_EACH)
+    columns = in_blocks([known.nuisance.columns.dense()], placement)
+    return replace(known, nuisance=Nuisance(columns, known.nuisance.variance))
+
+
+@pytest.mark.parametrize("some", [(), (0,), (1,), (0, 1)])
+@pytest.mark.parametrize("whole", [1.0, 0.0])
+@pytest.mark.parametrize("left_out", ["a placement", "every other rest"])
+def test_what_placements_share_is_solved_as_beside_their_poses(
+    some: tuple[int, ...], whole: float, left_out: str
+) -> None:
+    """By all columns in one pseudo-inverse; the fit without poses has the same of the others."""
+    known = fit_of_three(whole)
+    rests = np.arange(PLACEMENTS * RESTS_OF_EACH)
+    out = rests < RESTS_OF_EACH if left_out == "a placement" else rests % 2 == 0
+    of_findings = [known.layout.findings[i] for i in some]
+    shared = np.concatenate(
+        [np.r_[known.layout.identified], *(np.r_[at] for at in of_findings)]
+    ).astype(int)
+    columns = np.concatenate([np.arange(6 * PLACEMENTS), shared])
+    rows = known.nuisance.columns.dense(columns)[np.repeat(~out, 3)]
+    gram = rows.T @ rows + np.diag(1.0 / known.nuisance.variance[columns])
+    inverse = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
+    solution = inverse @ (rows.T @ known.residual[np.repeat(~out, 3)])
+    (refits,) = refits_without(known, [out])
+    found = refits.with_some(some)
+    last = len(shared)
+    np.testing.assert_allclose(found.solution, solution[-last:], atol=1e-10)
+    np.testing.assert_allclose(found.inverse, inverse[-last:, -last:], atol=1e-10)
+    full = known.nuisance.columns.dense(shared) @ solution[-last:]
+    np.testing.assert_allclose(found.fitted, full, atol=1e-10)
+    at_full = replace(known.noise, whitener=np.where(out[:, None, None], 0.0, known.noise.whitener))
+    beside_poses = Refits(known, at_full).with_some(some)
+    for one, other in zip(found.amplitudes, beside_poses.amplitudes, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-10)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from armd.arrays import F64
+from armd.arrays import F64, Mask
 from armd.compensation.diagnose.fitting.fit import (
     CURVE_SCALE,
     columns_told_of,
@@ -16,7 +16,13 @@ from armd.compensation.diagnose.fitting.fit import (
 )
 from armd.compensation.diagnose.fitting.nuisance import with_other_findings
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.layout import FitLayout, finding, with_some_findings
+from armd.compensation.diagnose.problem.layout import (
+    DRIFT,
+    PLACEMENTS,
+    FitLayout,
+    finding,
+    with_some_findings,
+)
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
@@ -37,11 +43,13 @@ def solve_again(known: Fit, findings: Sequence[Candidate], noise: RestNoise, arm
 
 class Refits:
     """One fit's linear problem with some of its findings only, for one whitener: the rows are
-    summed once."""
+    summed once, or were, to *equations*."""
 
-    def __init__(self, known: Fit, noise: RestNoise) -> None:
+    def __init__(
+        self, known: Fit, noise: RestNoise, equations: tuple[LinearModel, F64] | None = None
+    ) -> None:
         self._known, self._noise = known, noise
-        self._problem, self._side = normal_equations(
+        self._problem, self._side = equations or normal_equations(
             known.nuisance.columns, known.nuisance, known.layout, noise, known.residual
         )
 
@@ -54,6 +62,41 @@ class Refits:
         problem, _ = sized(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
         columns = known.nuisance.columns.only(kept)
         return solved(known, findings, columns, layout, problem, side, self._noise)
+
+
+def refits_without(known: Fit, left_out: Iterable[Mask]) -> list[Refits]:
+    """The fit's linear problem without the rests *left out* (n,), for each of these.
+
+    What absorbs in one placement only says nothing of another one. It is fitted along, and is no
+    column of these problems and fits: they have what placements share, a tenth of all columns where
+    there are many placements, and explain for it alone.
+    """
+    columns, variance, layout = known.nuisance.columns, known.nuisance.variance, known.layout
+    free = np.zeros(columns.size, dtype=bool)
+    free[layout.blocks.of([PLACEMENTS, DRIFT])] = True
+    alone = free & columns.in_one_piece
+    shared = np.flatnonzero(~alone)
+    of_shared = replace(
+        known,
+        nuisance=Nuisance(columns.only(shared), variance[shared]),
+        layout=FitLayout(layout.blocks.only(shared), layout.drawing[shared]),
+    )
+    found = []
+    for out in left_out:
+        whitener = np.where(out[:, None, None], 0.0, known.noise.whitener)
+        noise = replace(known.noise, whitener=whitener)
+        products, square = columns.products_clear_of(
+            alone, variance, whitener, noise.distance_mm, known.residual
+        )
+        problem = LinearModel.of_products(
+            of_shared.layout.blocks,
+            products[:-1, :-1],
+            variance[shared],
+            drawing=of_shared.layout.drawing,
+            square=square,
+        )
+        found.append(Refits(of_shared, noise, (problem, products[:-1, -1])))
+    return found
 
 
 def solved(

@@ -22,7 +22,7 @@ from armd.compensation.diagnose.diagnosis import Finding, Gain, SearchResult
 from armd.compensation.diagnose.extend import extended, knows_growth
 from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
-from armd.compensation.diagnose.fitting.refit import Refits
+from armd.compensation.diagnose.fitting.refit import Refits, refits_without
 from armd.compensation.diagnose.heldout.forward import later_squares
 from armd.compensation.diagnose.heldout.gain import folds_of, groups_of, left_out
 from armd.compensation.diagnose.heldout.judge import MOST_WORSE, Deaf, Judge, Look
@@ -188,15 +188,12 @@ def _in_one_fold(last: Fit, moves: F64) -> bool:
 
 
 def _left_out_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int], bool], F64]:
-    refits = []
-    for part in np.unique(folds):
-        out = folds == part
-        whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
-        refits.append((out, Refits(last, replace(last.noise, whitener=whitener))))
+    outs = [folds == part for part in np.unique(folds)]
+    refits = refits_without(last, outs)
 
     def squares(some: Sequence[int], growth: bool) -> F64:
         found = np.zeros(len(folds))
-        for out, refit in refits:
+        for out, refit in zip(outs, refits, strict=True):
             found[out] = left_out(refit.with_some(some), out, arm, growth)
         return found
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.diagnose.fitting.refit import Refits
+from armd.compensation.diagnose.fitting.refit import refits_without
 from armd.compensation.diagnose.heldout.gain import left_out
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import finding_columns
@@ -39,9 +39,8 @@ def later_squares(last: Fit, arm: Arm) -> Callable[[Sequence[int], bool], F64]:
         out = part >= known
         if not 0 < out.sum() < len(out):
             continue
-        whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
         held = _held_from(last, float(time_s[~out].max()), arm)
-        refits.append((out, Refits(held, replace(last.noise, whitener=whitener))))
+        refits += [(out, refit) for refit in refits_without(held, [out])]
 
     def squares(some: Sequence[int], growth: bool) -> F64:
         found = [np.zeros(0)]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.diagnose.fitting.refit import Refits, solve_again
+from armd.compensation.diagnose.fitting.refit import refits_without, solve_again
 from armd.compensation.diagnose.heldout.gain import capped, folds_of, groups_of, left_out
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.effects.effect import Candidate
@@ -39,9 +38,7 @@ def _squares(about: Fit, findings: Sequence[Candidate], arm: Arm) -> F64:
     folds = folds_of(about)
     known = solve_again(about, findings, about.noise, arm)
     squares = np.zeros(len(folds))
-    for part in np.unique(folds):
-        out = folds == part
-        whitener = np.where(out[:, None, None], 0.0, about.noise.whitener)
-        refits = Refits(known, replace(about.noise, whitener=whitener))
+    outs = [folds == part for part in np.unique(folds)]
+    for out, refits in zip(outs, refits_without(known, outs), strict=True):
         squares[out] = left_out(refits.with_some(range(len(findings))), out, arm)
     return squares

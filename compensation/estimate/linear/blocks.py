@@ -10,7 +10,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
+from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,48 @@ class Blocks:
             at = np.append(piece.columns, self.size)
             found[np.ix_(at, at)] += white.T @ white
         return found
+
+    def products_clear_of(
+        self, alone: Mask, variance: F64, whitener: F64, distance_mm: F64, residual: F64
+    ) -> tuple[F64, F64]:
+        """The same of all columns but those *alone* (m,), each in one of the pieces, which are
+        fitted along; and the squared lengths of these columns before.
+
+        *variance* (m,): of the amplitudes a priori, inf: free. What neither rows nor priors tell of
+        the columns fitted along takes nothing.
+        """
+        shared = np.flatnonzero(~alone)
+        turn = np.empty(self.size, dtype=np.int64)
+        turn[shared] = np.arange(len(shared))
+        n = 3 * self.n
+        last = np.hstack([self.distances[:, shared], residual[n:, None]]) / distance_mm[:, None]
+        found: F64 = last.T @ last
+        square = np.diag(found)[:-1].copy()
+        by_rest = residual[:n].reshape(-1, 3, 1)
+        for piece in self.pieces:
+            own = alone[piece.columns]
+            others = np.concatenate([piece.values[:, :, ~own], by_rest[piece.rests]], axis=2)
+            of_others, of_own = (
+                (whitener[piece.rests] @ some).reshape(3 * len(some), some.shape[2])
+                for some in (others, piece.values[:, :, own])
+            )
+            known = of_own.T @ of_own
+            known[np.diag_indices_from(known)] += 1.0 / variance[piece.columns[own]]
+            taken = pseudo_inverse_factor(known).T @ (of_own.T @ of_others)
+            at = np.append(turn[piece.columns[~own]], len(shared))
+            within = of_others.T @ of_others
+            square[at[:-1]] += np.diag(within)[:-1]
+            found[np.ix_(at, at)] += within - taken.T @ taken
+        return found, square
+
+    @cached_property
+    def in_one_piece(self) -> Mask:
+        """(m,) which columns are zero but in one piece."""
+        count = np.zeros(self.size, dtype=np.int64)
+        for piece in self.pieces:
+            count[piece.columns] += 1
+        one: Mask = (count <= 1) & ~self.distances.any(axis=0)
+        return one
 
     def whitened(self, whitener: F64, distance_mm: F64) -> Blocks:
         """In units of the noise, by matrices (n, 3, 3) and standard uncertainties (D,)."""

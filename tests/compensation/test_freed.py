@@ -1,0 +1,36 @@
+"""Memory that was freed below something that stays goes back to the system."""
+
+import platform
+import subprocess
+import sys
+
+import pytest
+
+#: Once a large array was freed, glibc takes all up to its size from the heap.
+HEAP = """
+import os
+import numpy as np
+from armd.compensation.freed import give_back_freed
+
+def resident_mb():
+    with open("/proc/self/statm") as statm:
+        return int(statm.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+del (large := [np.ones(3_500_000)])[:]
+freed = [np.ones(500_000) for _ in range(50)]
+above = np.ones(5_000)
+del freed
+before = resident_mb()
+give_back_freed()
+print(before - resident_mb(), above.sum())
+"""
+
+
+def test_what_was_freed_goes_back_and_what_stays_is_untouched() -> None:
+    if platform.libc_ver()[0] != "glibc":
+        pytest.skip("no C library that can be asked")
+    told = subprocess.run(
+        [sys.executable, "-c", HEAP], check=True, capture_output=True, text=True
+    ).stdout.split()
+    assert float(told[0]) > 150.0
+    assert float(told[1]) == 5000.0
