@@ -173,6 +173,7 @@ class Service:
                 "tip": self._arm.tip,
                 "tip_offset_mm": tip.offset_mm,
                 "tip_radius_mm": tip.radius_mm,
+                "serial": self._config.arm.serial_number,
             }
         )
         if self._measured is not None:

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -29,6 +30,7 @@ COLUMNS = (
     "stamp_ns", "x_mm", "y_mm", "z_mm", "i", "j", "k", "u_x_mm", "u_y_mm", "u_z_mm",
     "sd_x_mm", "sd_y_mm", "sd_z_mm", "count", "duration_s", "flags", "flag_names", "seq",
     "buttons", "trigger", "tip", "calibration", "tip_x_mm", "tip_y_mm", "tip_z_mm", "tip_radius_mm",
+    "serial",
 )  # fmt: skip
 #: Before the name of a sensor that is called like one of the columns.
 CLASH = "temperature_"
@@ -60,6 +62,7 @@ class MeasurementLine(BaseModel):
     tip_offset_mm: Vector | None = None
     tip_radius_mm: float | None = None
     calibration: str | None = None
+    serial: str | None = None  # of the arm; lines of before do not tell
 
 
 @dataclass
@@ -82,7 +85,7 @@ def from_path(path: Path) -> Measurements:
         files = log_files(path)
         if not files:
             raise BadInput(path, "the folder", f"no *{SUFFIX}", "a measurement log")
-        return _from_lines(files, path.name)
+        return _from_lines(files, unquote(path.name))
     if path.suffix == RECORDING:
         return _from_recording(path)
     if path.suffix == TABLE:
@@ -113,6 +116,9 @@ def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
                     raise BadInput(path, f"line {number}", str(error), expected) from error
                 found.left_out.append(f"{path}: line {number}: cut short, left out")
     found.measurements = _in_order(found.measurements)
+    told = {m.serial for m in found.measurements}
+    if told and None not in told:  # a log's folder may have been copied under another name
+        found.serial = str(told.pop()) if len(told) == 1 else ""
     return found
 
 
@@ -186,6 +192,7 @@ def _of_row(row: dict[str, str]) -> dict[str, Any]:
         "flag_names": (row.get("flag_names") or "").split(),
         "tip": row.get("tip") or None,
         "calibration": row.get("calibration") or None,
+        "serial": row.get("serial") or None,
         "trigger": row.get("trigger") or "",
         **{name: int(row[name]) for name in ("stamp_ns", "seq", "flags")},
         **{name: int(row[name]) for name in ("count", "buttons") if row.get(name)},

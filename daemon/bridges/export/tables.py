@@ -47,6 +47,7 @@ def as_csv(measurements: Sequence[MeasurementLine], tips: Tips) -> str:
                 m.calibration or "",
                 *(m.tip_offset_mm or (None,) * 3),
                 m.tip_radius_mm,
+                m.serial or "",
                 *(m.angles_rad or unknown),
                 *(m.rates_rad_s or unknown),
                 *(m.approach or (None,) * 3),

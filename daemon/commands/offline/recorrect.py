@@ -91,9 +91,10 @@ def run(args: argparse.Namespace) -> int:
     calibration = load_calibration(args.calibration, arm)
     with aside(args).status("reading the measurements …"):
         found = [source.from_path(path) for path in args.measurements]
-    for path, one in zip(args.measurements, found, strict=True):
-        if one.serial not in ("", arm.serial_number):
-            raise BadInput(path, "the arm", one.serial, f"{arm.serial_number}, as {args.arm} has")
+    nameless = sum(
+        _nameless(path, one, arm, args.arm)
+        for path, one in zip(args.measurements, found, strict=True)
+    )
     chosen = _chosen(found, since_ns)
     without = [m for m in chosen if m.angles_rad is None]
     chosen = [m for m in chosen if m.angles_rad is not None]
@@ -116,6 +117,9 @@ def run(args: argparse.Namespace) -> int:
     if without:
         none = counted(len(without), "measurement")
         left_out.insert(0, f"{none} without angles left out (pressed while invalid)")
+    if nameless:
+        said = f"{counted(nameless, 'measurement')} without the serial number of an arm (of an"
+        left_out.append(f"{said} older armd) taken for {arm.serial_number}'s")
     write_whole(args.output, _table(chosen, old, new, change, calibration))
     celsius = [c for m in chosen for c in m.temperatures_c.values() if c is not None]
     write_pages(args, lambda: quality_page(change, _inputs(args), left_out, args.operator, celsius))
@@ -123,6 +127,17 @@ def run(args: argparse.Namespace) -> int:
     for sentence in left_out:
         print(f"armd: {sentence}")
     return 0
+
+
+def _nameless(path: Path, found: Measurements, arm: Arm, arm_file: str) -> int:
+    """How many measurements say nothing of whose they are; raises `BadInput` for another arm's."""
+    expected = f"{arm.serial_number}, as {arm_file} has"
+    if found.serial not in ("", arm.serial_number):
+        raise BadInput(path, "the arm", found.serial, expected)
+    for m in found.measurements:
+        if m.serial not in (None, arm.serial_number):
+            raise BadInput(path, f"serial of seq {m.seq}", m.serial, expected)
+    return 0 if found.serial else sum(m.serial is None for m in found.measurements)
 
 
 def _inputs(args: argparse.Namespace) -> dict[str, str]:

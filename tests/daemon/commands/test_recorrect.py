@@ -94,6 +94,10 @@ class Bench:
         }  # fmt: skip
         save_calibration(self.folder / "new.json", Calibration.model_validate(content | changes))
 
+    def rename(self, serial: str) -> None:
+        (self.folder / "arm.toml").write_text(ARM.replace('"TEST"', f'"{serial}"'))
+        self.calibrate(arm=serial)
+
     def write(self, told: list[dict[str, Any]]) -> None:
         (self.folder / "m.jsonl").write_text("".join(json.dumps(m) + "\n" for m in told))
 
@@ -306,6 +310,42 @@ def test_brackets_without_end_are_no_measurement(
     assert "m.jsonl: line 1: found" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("source", ["m.jsonl", "m.csv", "log"])
+def test_whose_measurements_they_are(
+    bench: Bench, capsys: pytest.CaptureFixture[str], source: str
+) -> None:
+    """Another arm's with as many joints and the same sensors: nothing else would tell."""
+
+    def call(told: list[dict[str, Any]], folder: str = "A%2F1") -> tuple[int, str]:
+        bench.write(told)
+        lines = bench.folder / "m.jsonl"
+        if source == "m.csv":
+            assert main(["export", str(lines), "-o", str(bench.folder / source), "--force"]) == 0
+        capsys.readouterr()
+        name = source
+        if source == "log":
+            name = f"measurements/{folder}"
+            (bench.folder / name).mkdir(parents=True, exist_ok=True)
+            shutil.copy(lines, bench.folder / name / "000001.jsonl")
+        code = bench.call("--force", source=name)
+        return code, "".join(capsys.readouterr())
+
+    bench.rename("A/1")
+    ours, nobodys = measurements(serial="A/1"), measurements()
+    others = [*ours[:-1], ours[-1] | {"serial": "A/2"}]
+    assert call(ours)[0] == 0 and call(ours, "copied")[0] == 0
+    code, said = call(others)
+    assert code == 2
+    assert f"serial of seq 19: found A/2, expected A/1, as {bench.folder / 'arm.toml'} has" in said
+    code, said = call([*ours[:8], *nobodys[8:]])
+    sentence = "12 measurements without the serial number of an arm"
+    assert code == 0 and said.count(sentence) == (source != "log")  # the folder is called by it
+    if source == "log":
+        assert call(nobodys)[0] == 0
+        code, said = call(nobodys, "copied again")
+        assert code == 2 and "found copied again, expected A/1" in said
+
+
 def test_nothing_to_recorrect_is_an_empty_table(bench: Bench) -> None:
     bench.write([])
     assert bench.run() == []
@@ -337,4 +377,6 @@ def test_what_a_daemon_measured_is_found_again(
     assert main(["recorrect", str(log), *files, "-o", str(tmp_path / "out.csv")]) == 0
     rows = list(csv.DictReader((tmp_path / "out.csv").read_text().splitlines()))
     assert len(rows) > 1
+    told = [json.loads(line) for line in (log / "000001.jsonl").read_text().splitlines()]
+    assert {line["serial"] for line in told} == {"SIM-0001"}
     assert max(float(row["distance_mm"]) for row in rows) < 1e-3
