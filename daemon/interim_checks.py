@@ -7,7 +7,6 @@ folder may lie on a disk that is asleep, or on another machine.
 from __future__ import annotations
 
 import datetime
-import json
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import Any
 
 from armd.errors import BadInput
 from armd.files.inputs import read_input
+from armd.files.schema import json_data
 
 #: How often the folder is looked at, s.
 LOOK_S = 5.0
@@ -23,6 +23,8 @@ HOUR_S = 3600.0
 #: A check dated farther ahead than this was dated by a clock that is wrong, or ours is.
 CLOCKS_APART_H = 1.0
 REPORT = "report.json"
+#: What a file that is no result of `armd interim` may end in: the thread goes on.
+UNREADABLE = (BadInput, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError)
 #: A history of ten years is a few megabytes.
 MOST_BYTES = 1 << 26
 
@@ -42,8 +44,10 @@ class LastCheck:
 class InterimChecks:
     """`last` is the history's word as it was read last; None until then."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, serial_number: str) -> None:
+        """*serial_number*: of the arm that the checks must be of."""
         self.folder = folder
+        self._serial_number = serial_number
         self.last: LastCheck | None = None
         self._stamp: tuple[int, int] | None = None
         self._ended = threading.Event()
@@ -70,11 +74,17 @@ class InterimChecks:
             stamp = (status.st_mtime_ns, status.st_size)
             if stamp == self._stamp:
                 return
-            self.last = parsed(json.loads(read_input(path, MOST_BYTES)))
-            self._stamp = stamp
+            result = json_data(path, read_input(path, MOST_BYTES))
+            last = parsed(result)
+            arm = result.get("arm", self._serial_number)  # older results do not tell
+            if arm != self._serial_number:
+                last = LastCheck(
+                    fault=f"{path} is of arm {arm}, expected one of {self._serial_number}"
+                )
+            self.last, self._stamp = last, stamp
         except FileNotFoundError:
             self._stamp, self.last = None, LastCheck(fault=f"{path} is not there")
-        except (BadInput, OSError, ValueError, KeyError, TypeError, IndexError) as error:
+        except UNREADABLE as error:
             self._stamp = None
             self.last = LastCheck(fault=f"{path} cannot be read: {' '.join(str(error).split())}")
 

@@ -42,7 +42,7 @@ class Supervisor:
         self._changed = self._due = ""  # what the history of interim checks says
         self.interim: InterimChecks | None = None
         if (interim := config.file.interim) is not None:
-            self.interim = InterimChecks(config.beside(interim.history))
+            self.interim = InterimChecks(config.beside(interim.history), config.arm.serial_number)
         self.state = State.NOT_READY
         self.reason = "starting"
 

@@ -43,7 +43,7 @@ CHANGED = result(
 
 def read(folder: Path, text: str) -> InterimChecks:
     (folder / "report.json").write_text(text)
-    checks = InterimChecks(folder)
+    checks = InterimChecks(folder, "SIM-0001")
     checks.look()
     return checks
 
@@ -81,15 +81,32 @@ def test_a_change_is_told_until_the_calibration_has_it(tmp_path: Path) -> None:
     assert complaint(last, of_none, NOON, None)[0]
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema": "armd.interim/1"}', "null"])
+NO_RESULTS = (
+    "", "{", "[]", '{"schema": "armd.interim/1"}', "null", "[" * 100_000,
+    json.dumps(CHANGED | {"changes": [{"between": ["", ""], "location": "-", "cause": 5}]}),
+    json.dumps(result(checks=[{"name": "x", "started": "0001-01-01T00:00:00"}])),
+    json.dumps(result(checks={"-1": 0})),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("text", NO_RESULTS, ids=range(len(NO_RESULTS)))
 def test_a_history_that_cannot_be_read_is_told(tmp_path: Path, text: str) -> None:
     last = read(tmp_path, text).last
     changed, due = complaint(last, {}, NOON, None)
     assert not changed and "report.json cannot be read" in due
 
 
+def test_a_history_of_another_arm_says_nothing_of_this_one(tmp_path: Path) -> None:
+    last = read(tmp_path, json.dumps(CHANGED | {"arm": "SIM-0002"})).last
+    changed, due = complaint(last, {}, NOON, None)
+    assert not changed
+    assert due.endswith("report.json is of arm SIM-0002, expected one of SIM-0001")
+    own = read(tmp_path, json.dumps(CHANGED | {"arm": "SIM-0001"})).last
+    assert complaint(own, {}, NOON, None)[0]
+
+
 def test_a_missing_history_is_told_and_found_when_it_comes(tmp_path: Path) -> None:
-    checks = InterimChecks(tmp_path)
+    checks = InterimChecks(tmp_path, "SIM-0001")
     checks.look()
     assert "is not there" in complaint(checks.last, {}, NOON, None)[1]
     (tmp_path / "report.json").write_text(json.dumps(result()))
@@ -142,5 +159,9 @@ def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
         assert heard.json("health")[-1]["state"] == "INACCURATE"
         (history / "report.json").write_text(json.dumps(result(checks=recent)))
         heard.wait_for(lambda: len(heard.events("interim_due")) == 2)
+        heard.wait_for(lambda: "interim" not in heard.json("health")[-1]["reason"])
+        (history / "report.json").write_text("[" * 100_000)  # the thread that looks goes on
+        heard.wait_for(lambda: "cannot be read" in heard.json("health")[-1]["reason"])
+        (history / "report.json").write_text(json.dumps(result(checks=recent, arm="SIM-0001")))
         heard.wait_for(lambda: "interim" not in heard.json("health")[-1]["reason"])
         assert daemon.stop()[0] == 0
