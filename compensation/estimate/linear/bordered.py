@@ -94,21 +94,26 @@ def inverse_root(matrix: F64) -> tuple[Root, float]:
 
     Raises `numpy.linalg.LinAlgError` where it is not.
     """
-    return _inverse_root(matrix, np.ones(len(matrix)))
+    root, trace, _ = _inverse_root(matrix, np.zeros(len(matrix)), np.ones(len(matrix)))
+    return root, trace
 
 
-def pseudo_inverse_root(matrix: F64, least: float = LEAST_KNOWN) -> Root:
+def pseudo_inverse_root(matrix: F64, least: float = LEAST_KNOWN, held: F64 | None = None) -> Root:
     """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
 
     Relative to the largest eigenvalue, *least* is still knowledge, each unknown in units of its
     own diagonal: a prior far tighter than the rows of one unknown must not make the others look
-    as if nothing were known of them.
+    as if nothing were known of them. *held* (b,) is added to the diagonal, in no copy of a large
+    matrix.
     """
-    size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    held = np.zeros(len(matrix)) if held is None else held
+    size = np.sqrt(np.maximum(np.diag(matrix) + held, 0.0))
     size[size == 0.0] = 1.0
-    if (known := _root_of_known(matrix, size, least)) is not None:
+    if (known := _root_of_known(matrix, held, size, least)) is not None:
         return known.scaled(1.0 / size)
-    return Root((), root_along_known(matrix / np.outer(size, size), least) / size[:, None])
+    unit = matrix / np.outer(size, size)
+    unit[np.diag_indices_from(unit)] += held / size**2
+    return Root((), root_along_known(unit, least) / size[:, None])
 
 
 def root_along_known(matrix: F64, least: float, beside: float = 1e-300) -> F64:
@@ -125,32 +130,39 @@ def pseudo_inverse_factor(matrix: F64) -> F64:
     return pseudo_inverse_root(matrix).dense()
 
 
-def _root_of_known(matrix: F64, size: F64, least: float) -> Root | None:
+def _root_of_known(matrix: F64, held: F64, size: F64, least: float) -> Root | None:
     """The same in units of *size* (b,) where everything is known for sure, which takes no
     eigenvalues to tell: none is below one over the inverse's trace, none above the largest sum of
     a row."""
     try:
-        root, trace = _inverse_root(matrix, size)
+        root, trace, largest = _inverse_root(matrix, held, size)
     except np.linalg.LinAlgError:
         return None
-    largest = float((np.abs(matrix) @ (1.0 / size) / size).max(initial=0.0))
     return root if trace * largest * least < 1.0 else None
 
 
-def _inverse_root(matrix: F64, size: F64) -> tuple[Root, float]:
-    """As `inverse_root` of the matrix in units of *size* (b,)."""
+def _inverse_root(matrix: F64, held: F64, size: F64) -> tuple[Root, float, float]:
+    """As `inverse_root` of the matrix, *held* (b,) on its diagonal, in units of *size* (b,); and
+    the largest sum of a row of it."""
 
     def block(rows: I64, columns: I64) -> F64:
         found: F64 = matrix[np.ix_(rows, columns)] / np.outer(size[rows], size[columns])
+        if rows is columns:
+            found[np.diag_indices_from(found)] += held[rows] / size[rows] ** 2
         return found
 
     parts = BorderedParts.of(matrix)
     rest = parts.border
     left = block(rest, rest)
+    of_rest, largest = np.abs(left).sum(axis=1), 0.0
     own, taken = [], []
     for at in parts.own:
-        inverse = _inverse_factor(block(at, at))
-        across = inverse.T @ block(at, rest)
+        within, meeting = block(at, at), block(at, rest)
+        of_rest += np.abs(meeting).sum(axis=0)
+        sums = np.abs(within).sum(axis=1) + np.abs(meeting).sum(axis=1)
+        largest = max(largest, float(sums.max()))
+        inverse = _inverse_factor(within)
+        across = inverse.T @ meeting
         left -= across.T @ across
         own.append((at, inverse))
         taken.append(across)
@@ -160,7 +172,7 @@ def _inverse_root(matrix: F64, size: F64) -> tuple[Root, float]:
     for (at, inverse), across in zip(own, taken, strict=True):
         border[at] = -inverse @ (across @ last)
     trace = float((border**2).sum() + sum((values**2).sum() for _, values in own))
-    return Root(tuple(own), border), trace
+    return Root(tuple(own), border), trace, max(largest, float(of_rest.max(initial=0.0)))
 
 
 def _inverse_factor(matrix: F64) -> F64:

@@ -218,8 +218,8 @@ class LinearModel:
     @cached_property
     def _root(self) -> Root:
         """(b, r), times its transpose the covariance."""
-        root = pseudo_inverse_root(self._unit(np.minimum(self.variance, self.drawing)))
-        return root.scaled(1.0 / self.length)
+        held = 1.0 / np.minimum(self.variance, self.drawing)
+        return pseudo_inverse_root(self.gram, held=held)
 
     def lean(self, side: F64, drawn: F64, damping: float = 0.0, held: bool = False) -> Solution:
         """Amplitudes from the products (b,) with a residual, and what is known of them.
