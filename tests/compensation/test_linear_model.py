@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from armd.compensation.estimate.linear import linear_model
 from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 
@@ -62,6 +63,22 @@ def test_what_is_left_of_other_columns_is_what_an_orthogonal_projection_leaves(g
     np.testing.assert_allclose(others.T @ others - taken.T @ taken, clear.T @ clear, atol=1e-7)
     left = others - columns @ model.explain(columns.T @ others)
     np.testing.assert_allclose(left, clear[:N], atol=1e-6)
+
+
+@pytest.mark.parametrize("gauge", [False, True])
+def test_taken_apart_a_projection_takes_the_same(
+    monkeypatch: pytest.MonkeyPatch, gauge: bool
+) -> None:
+    """Of many columns; also where nothing tells two of them apart."""
+    of = blocks(7)
+    if gauge:
+        of.append(("again", of[0][1], np.full(of[0][1].shape[1], np.inf)))
+    model, columns = LinearModel.of_rows(of), np.hstack([c for _, c, _ in of])
+    others = np.random.default_rng(8).normal(size=(N, 3))
+    at_once = model.project(columns.T @ others)
+    monkeypatch.setattr(linear_model, "MANY", 0)
+    apart = model.project(columns.T @ others)
+    np.testing.assert_allclose(apart.T @ apart, at_once.T @ at_once, atol=1e-7)
 
 
 def test_a_gauge_takes_nothing_of_what_is_orthogonal_to_it() -> None:

@@ -7,11 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from armd.compensation.diagnose.fitting import refit
 from armd.compensation.diagnose.fitting.fit import columns_told_of
-from armd.compensation.diagnose.fitting.refit import Refits, refits_without
+from armd.compensation.diagnose.fitting.refit import (
+    Refits,
+    refits_without,
+    solve_again,
+    solve_shared_again,
+)
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.estimate.linear.blocks import in_blocks
+from support import synthetic
 from support.small_fit import candidate, small_fit
 
 RESTS = 12
@@ -97,3 +104,23 @@ def test_what_placements_share_is_solved_as_beside_their_poses(
     beside_poses = Refits(known, at_full).with_some(some)
     for one, other in zip(found.amplitudes, beside_poses.amplitudes, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-10)
+
+
+def test_with_other_findings_it_is_the_same_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As beside the poses, of which one is not fitted along but a column as others are."""
+    known, rng = fit_of_three(), np.random.default_rng(4)
+    others = [candidate("sag", 3, widths=2), candidate("wave", 2)]
+    columns = [rng.normal(size=(len(known.residual), len(c.columns))) for c in others]
+    monkeypatch.setattr(refit, "finding_columns", lambda *_: columns)
+    whitener = known.noise.whitener.copy()
+    whitener[:RESTS_OF_EACH] = 0.0
+    noise, arm = replace(known.noise, whitener=whitener), synthetic.arm()
+    alone = np.arange(known.layout.blocks.n - 3) < 12  # two of three poses; no findings
+    found = solve_shared_again(known, others, noise, arm, alone)
+    expected = solve_again(known, others, noise, arm)
+    np.testing.assert_allclose(found.solution, expected.solution[12:], atol=1e-10)
+    for one, other in zip(found.covariances, expected.covariances, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-10)
+    assert [str(c) for c in found.findings] == [str(c) for c in others]
+    at = found.layout.blocks
+    assert (at.sizes[0][1], found.layout.findings) == (6, (slice(9, 11), slice(11, 12)))

@@ -46,9 +46,24 @@ def test_the_root_is_that_of_the_inverse(parts: int) -> None:
     np.testing.assert_allclose(root.dense() @ root.dense().T, inverse, atol=1e-12)
     np.testing.assert_allclose(root.squared_times(side), inverse @ side, atol=1e-12)
     np.testing.assert_allclose(root.squared(slice(1, 6)), inverse[1:6, 1:6], atol=1e-12)
+    columns = np.random.default_rng(4).normal(size=(len(matrix), 2))
+    turned = root.turned(columns)
+    np.testing.assert_allclose(turned.T @ turned, columns.T @ inverse @ columns, atol=1e-12)
     by = np.arange(1.0, len(matrix) + 1.0)
     scaled = root.scaled(by).squared(slice(None))
     np.testing.assert_allclose(scaled, inverse * np.outer(by, by), atol=1e-10)
+
+
+@pytest.mark.parametrize("parts", [1, 12])
+def test_what_is_held_is_on_the_diagonal(parts: int) -> None:
+    matrix, _ = products(parts)
+    held = np.arange(1.0, len(matrix) + 1.0)
+    expected = np.linalg.inv(matrix + np.diag(held))
+    for root in (inverse_root(matrix, held)[0], pseudo_inverse_root(matrix, held=held)):
+        np.testing.assert_allclose(root.squared(slice(None)), expected, atol=1e-12)
+    nothing = pseudo_inverse_root(np.zeros_like(matrix), held=np.where(held > 2.0, held, 0.0))
+    told = np.where(held > 2.0, 1.0 / held, 0.0)
+    np.testing.assert_allclose(nothing.squared(slice(None)), np.diag(told), atol=1e-12)
 
 
 @pytest.mark.parametrize("unknown", ["of a part", "of the border"])

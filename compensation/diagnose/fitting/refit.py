@@ -71,32 +71,64 @@ def refits_without(known: Fit, left_out: Iterable[Mask]) -> list[Refits]:
     column of these problems and fits: they have what placements share, a tenth of all columns where
     there are many placements, and explain for it alone.
     """
-    columns, variance, layout = known.nuisance.columns, known.nuisance.variance, known.layout
-    free = np.zeros(columns.size, dtype=bool)
-    free[layout.blocks.of([PLACEMENTS, DRIFT])] = True
-    alone = free & columns.in_one_piece
-    shared = np.flatnonzero(~alone)
-    of_shared = replace(
-        known,
-        nuisance=Nuisance(columns.only(shared), variance[shared]),
-        layout=FitLayout(layout.blocks.only(shared), layout.drawing[shared]),
-    )
+    free = np.zeros(known.layout.blocks.n, dtype=bool)
+    free[known.layout.blocks.of([PLACEMENTS, DRIFT])] = True
+    alone = free & known.nuisance.columns.in_one_piece
+    shared = _of_shared(known, alone)
     found = []
     for out in left_out:
         whitener = np.where(out[:, None, None], 0.0, known.noise.whitener)
         noise = replace(known.noise, whitener=whitener)
-        products, square = columns.products_clear_of(
-            alone, variance, whitener, noise.distance_mm, known.residual
-        )
-        problem = LinearModel.of_products(
-            of_shared.layout.blocks,
-            products[:-1, :-1],
-            variance[shared],
-            drawing=of_shared.layout.drawing,
-            square=square,
-        )
-        found.append(Refits(of_shared, noise, (problem, products[:-1, -1])))
+        found.append(Refits(shared, noise, _shared_equations(known, shared, alone, noise)))
     return found
+
+
+def solve_shared_again(
+    known: Fit, findings: Sequence[Candidate], noise: RestNoise, arm: Arm, alone: Mask
+) -> Fit:
+    """As `solve_again`, with columns for what placements share only, as `refits_without` has them.
+
+    *alone*: which columns are fitted along, of those that there are without findings.
+    """
+    columns = finding_columns(known.linear, findings, arm)
+    sizes = [CURVE_SCALE] * len(findings)
+    nuisance, layout = with_other_findings(known.nuisance, known.layout, findings, columns, sizes)
+    first, count = layout.identified.stop, sum(block.shape[1] for block in columns)
+    alone = np.concatenate([alone[:first], np.zeros(count, dtype=bool), alone[first:]])
+    whole = replace(known, nuisance=nuisance, layout=layout)
+    shared = _of_shared(whole, alone)
+    problem, side = _shared_equations(whole, shared, alone, noise)
+    problem, _ = sized(problem, side, shared.layout, findings, sizes)
+    own, at = shared.nuisance.columns, shared.layout
+    return solved(shared, findings, own, at, problem, side, noise)
+
+
+def _of_shared(known: Fit, alone: Mask) -> Fit:
+    """The fit with the columns of what placements share; its solution is of no account."""
+    shared = np.flatnonzero(~alone)
+    return replace(
+        known,
+        nuisance=Nuisance(known.nuisance.columns.only(shared), known.nuisance.variance[shared]),
+        layout=FitLayout(known.layout.blocks.only(shared), known.layout.drawing[shared]),
+    )
+
+
+def _shared_equations(
+    known: Fit, shared: Fit, alone: Mask, noise: RestNoise
+) -> tuple[LinearModel, F64]:
+    """Linear problem and right side of the columns *shared*, the known fit's others *alone* being
+    fitted along."""
+    products, square = known.nuisance.columns.products_clear_of(
+        alone, known.nuisance.variance, noise.whitener, noise.distance_mm, known.residual
+    )
+    problem = LinearModel.of_products(
+        shared.layout.blocks,
+        products[:-1, :-1],
+        shared.nuisance.variance,
+        drawing=shared.layout.drawing,
+        square=square,
+    )
+    return problem, products[:-1, -1]
 
 
 def solved(

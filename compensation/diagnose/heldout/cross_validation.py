@@ -11,13 +11,14 @@ from armd.arrays import F64, I64
 from armd.compensation.data.in_order import in_order
 from armd.compensation.diagnose.diagnosis import SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import possible, stays_near
-from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.fitting.refit import solve_again, solve_shared_again
 from armd.compensation.diagnose.heldout.gain import folds_of, groups_of, left_out
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.evidence import Sums, total
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.search.selection import next_finding
 from armd.compensation.effects.effect import joined
+from armd.compensation.freed import give_back_freed
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
 
@@ -45,6 +46,7 @@ def cross_validate(result: SearchResult, arm: Arm, progress: TellShare) -> Cross
     parts = [int(part) for part in np.unique(folds)]
     found = in_order(lambda part: _without(part, folds, result, whole, by_part), parts)
     for done, (part, of_steps) in enumerate(zip(parts, found, strict=True), 1):
+        give_back_freed()
         progress("gain", 0.9 + 0.1 * done / len(parts))
         for square, own in zip(squares, of_steps, strict=True):
             square[folds == part] = own
@@ -59,7 +61,7 @@ def _without(
     last, arm, out = result.last, whole.arm, folds == part
     whitener = np.where(out[:, None, None], 0.0, last.noise.whitener)
     noise = replace(last.noise, whitener=whitener)
-    current = solve_again(last, [], noise, arm)
+    current = solve_shared_again(last, [], noise, arm, whole.alone)
     squares = [left_out(current, out, arm)]
     first = scored = ScoredCandidates(
         whole.without(part, current),
@@ -70,7 +72,7 @@ def _without(
         if found is None:  # nothing is gained by what the search on all readings found further
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break
-        tried = solve_again(last, joined(current.findings, found), noise, arm)
+        tried = solve_shared_again(last, joined(current.findings, found), noise, arm, whole.alone)
         if not (stays_near(tried, arm) and all(map(possible, tried.findings, tried.amplitudes))):
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break

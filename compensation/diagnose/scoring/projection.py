@@ -15,7 +15,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
 from armd.compensation.data.in_order import in_order
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures
@@ -77,8 +77,15 @@ class Projection:
         """Columns (N, m), whitened and clear of what the cells' own absorb."""
         return cleared(self.fit.noise.whiten(columns), self.cells)
 
+    @property
+    def alone(self) -> Mask:
+        """Which of the fit's nuisance columns are eliminated, in cells of their own."""
+        eliminated: Mask = self.place[: self.fit.layout.blocks.n] < 0
+        return eliminated
+
     def without(self, part: int, fit: Fit) -> Projection:
-        """Without the rests of a part, for a *fit* whose whitener is zero there."""
+        """Without the rests of a part, for a *fit* of the shared columns whose whitener is zero
+        there."""
         nothing = self.parts[part].of_no_rows()
         clear = self.clear.copy()
         for cell in self.cells:
@@ -88,6 +95,7 @@ class Projection:
             self,
             fit=fit,
             cells=tuple(cell for cell in self.cells if cell.part != part),
+            place=self.place[self.place >= 0],
             parts=tuple(nothing if i == part else model for i, model in enumerate(self.parts)),
             clear=clear,
             side=self.side * (np.arange(len(self.parts)) != part)[:, None],

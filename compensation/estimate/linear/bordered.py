@@ -69,6 +69,11 @@ class Root:
             blocks.append(block)
         return np.hstack([*blocks, self.border])
 
+    def turned(self, across: F64) -> F64:
+        """Fᵀ times columns (b, …)."""
+        own = (values.T @ across[at] for at, values in self.own)
+        return np.concatenate([*own, self.border.T @ across])
+
     def squared_times(self, side: F64) -> F64:
         """F Fᵀ times a vector (b,)."""
         found: F64 = self.border @ (self.border.T @ side)
@@ -89,12 +94,14 @@ class Root:
         return found
 
 
-def inverse_root(matrix: F64) -> tuple[Root, float]:
-    """F with F Fᵀ the inverse of a positive definite *matrix* (b, b), and its trace.
+def inverse_root(matrix: F64, held: F64 | float = 0.0) -> tuple[Root, float]:
+    """F with F Fᵀ the inverse of a positive definite *matrix* (b, b), *held* (b,) on its diagonal,
+    and its trace.
 
     Raises `numpy.linalg.LinAlgError` where it is not.
     """
-    root, trace, _ = _inverse_root(matrix, np.zeros(len(matrix)), np.ones(len(matrix)))
+    b = len(matrix)
+    root, trace, _ = _inverse_root(matrix, np.broadcast_to(held, (b,)), np.ones(b))
     return root, trace
 
 
