@@ -113,6 +113,9 @@ def test_a_certified_length_may_not_be_lost() -> None:
     assert "off by 10 of its uncertainties" in refused(lost, right, ARM)
     worse = fitted(all_lengths(-6 * share))
     assert refused(lost, worse, ARM) == "", "it was lost before, and by more"
+    hardly = fitted(all_lengths(-4.8 * share))
+    assert refused(lost, hardly, ARM) == "", "and by less than one uncertainty less"
+    assert refused(lost, fitted(all_lengths(-4.4 * share)), ARM)
 
 
 def test_seats_are_known_no_better_than_their_readings_scatter() -> None:

@@ -114,6 +114,7 @@ CONSTANTS = (
         "diagnose.fitting.neighbourhood", "MOST_SIGMAS", "three deviations of the broadest prior"
     ),
     Constant("diagnose.fitting.neighbourhood", "MOST_OFF", "a certified length is lost"),
+    Constant("diagnose.fitting.neighbourhood", "CLEARLY_MORE", "less is what a length moves by"),
     Constant("diagnose.fitting.target_steps", "STEP_P", "one in a thousand sets of noise"),
     Constant("diagnose.fitting.noise", "KNOT_S", "a base wanders in minutes, not in seconds"),
     Constant("diagnose.fitting.noise", "GROSS", "a gross error is four noise units off"),

@@ -25,6 +25,9 @@ from armd.compensation.model.basis import basis_values, parameter_rows
 
 #: An amplitude so many standard deviations of its broadest prior from zero is none of that cause.
 MOST_SIGMAS = 3.0
+#: By less than one standard uncertainty more than before a length misses by chance: of a dozen one
+#: is near its limit under any model, and what moves it over by a hair did not lose it.
+CLEARLY_MORE = 1.0
 
 
 def refused(fit: Fit, before: Fit, arm: Arm) -> str:
@@ -92,7 +95,12 @@ def _length_lost(fit: Fit, before: Fit, arm: Arm) -> str:
     if not len(fit.linear.rests.observations.distances.length_mm):
         return ""
     now, then = _lengths(fit, arm), _lengths(before, arm)
-    lost = [a for a, b in zip(now, then, strict=True) if abs(a.off) > max(MOST_OFF, abs(b.off))]
+    lost = [
+        a
+        for a, b in zip(now, then, strict=True)
+        if abs(a.off) > MOST_OFF
+        and abs(a.error_mm) - abs(b.error_mm) > CLEARLY_MORE * a.uncertainty_mm
+    ]
     if not lost:
         return ""
     worst = max(lost, key=lambda length: abs(length.off))

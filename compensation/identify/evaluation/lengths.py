@@ -33,9 +33,14 @@ class Length:
 
     @property
     def off(self) -> float:
-        """The error in units of its standard uncertainty, the certificate's and the scatter's."""
-        uncertainty = math.hypot(self.standard_uncertainty_mm, self.measured_uncertainty_mm)
-        return self.error_mm / max(uncertainty, 1e-9)
+        """The error in units of its standard uncertainty."""
+        return self.error_mm / self.uncertainty_mm
+
+    @property
+    def uncertainty_mm(self) -> float:
+        """Standard uncertainty of the error, the certificate's and the scatter's together."""
+        together = math.hypot(self.standard_uncertainty_mm, self.measured_uncertainty_mm)
+        return max(together, 1e-9)
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` of calibrate and evaluate have it."""
