@@ -41,6 +41,21 @@ def solve_again(known: Fit, findings: Sequence[Candidate], noise: RestNoise, arm
     return solved(known, findings, nuisance.columns, layout, problem, side, noise)
 
 
+def with_findings_unsolved(known: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
+    """The columns of a fit with other findings, to which no solution is known yet: amplitudes are
+    zero, what else was solved is of no account."""
+    columns = finding_columns(known.linear, findings, arm)
+    sizes = [CURVE_SCALE] * len(findings)
+    nuisance, layout = with_other_findings(known.nuisance, known.layout, findings, columns, sizes)
+    return replace(
+        known,
+        findings=tuple(findings),
+        amplitudes=tuple(np.zeros(len(candidate.columns)) for candidate in findings),
+        nuisance=nuisance,
+        layout=layout,
+    )
+
+
 class Refits:
     """One fit's linear problem with some of its findings only, for one whitener: the rows are
     summed once, or were, to *equations*."""
@@ -90,12 +105,10 @@ def solve_shared_again(
 
     *alone*: which columns are fitted along, of those that there are without findings.
     """
-    columns = finding_columns(known.linear, findings, arm)
     sizes = [CURVE_SCALE] * len(findings)
-    nuisance, layout = with_other_findings(known.nuisance, known.layout, findings, columns, sizes)
-    first, count = layout.identified.stop, sum(block.shape[1] for block in columns)
-    alone = np.concatenate([alone[:first], np.zeros(count, dtype=bool), alone[first:]])
-    whole = replace(known, nuisance=nuisance, layout=layout)
+    whole = with_findings_unsolved(known, findings, arm)
+    first, stop = whole.layout.identified.stop, whole.layout.mount.start
+    alone = np.concatenate([alone[:first], np.zeros(stop - first, dtype=bool), alone[first:]])
     shared = _of_shared(whole, alone)
     problem, side = _shared_equations(whole, shared, alone, noise)
     problem, _ = sized(problem, side, shared.layout, findings, sizes)

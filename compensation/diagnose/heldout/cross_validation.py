@@ -11,7 +11,7 @@ from armd.arrays import F64, I64
 from armd.compensation.data.in_order import in_order
 from armd.compensation.diagnose.diagnosis import SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import possible, stays_near
-from armd.compensation.diagnose.fitting.refit import solve_again, solve_shared_again
+from armd.compensation.diagnose.fitting.refit import solve_shared_again, with_findings_unsolved
 from armd.compensation.diagnose.heldout.gain import folds_of, groups_of, left_out
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.scoring.evidence import Sums, total
@@ -41,8 +41,9 @@ def cross_validate(result: SearchResult, arm: Arm, progress: TellShare) -> Cross
     last = result.last
     folds = folds_of(last)
     squares = [np.zeros(last.linear.rests.n) for _ in range(len(result.found) + 1)]
-    whole = make_projection(solve_again(last, [], last.noise, arm), arm, folds)
+    whole = make_projection(with_findings_unsolved(last, [], arm), arm, folds)
     by_part = whole.sums_by_part(result.signatures)
+    give_back_freed()
     parts = [int(part) for part in np.unique(folds)]
     found = in_order(lambda part: _without(part, folds, result, whole, by_part), parts)
     for done, (part, of_steps) in enumerate(zip(parts, found, strict=True), 1):
@@ -78,6 +79,7 @@ def _without(
             break
         current = tried
         squares.append(left_out(current, out, arm))
+        give_back_freed()
         if len(squares) <= len(result.found):
             projection = first.projection.with_findings_of(current)
             scored = ScoredCandidates(projection, projection.sums_with(first.sums))

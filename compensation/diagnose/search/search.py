@@ -103,8 +103,9 @@ class Search:
 
     def run(self) -> SearchResult:
         """Search forward, looking back after every step."""
-        scored = self.first
-        first = current = scored.fit
+        scored, first = self.first, self.first.fit
+        del self.first  # many megabytes; asked for again, it is made again
+        current = first
         untold = scored.scores.silent(set(catalogue.CATALOGUE) - NOT_SOUGHT)
         would_show = scored.scores.shown_at_typical_size()
         seen: set[str] = set()
