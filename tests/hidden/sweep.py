@@ -80,7 +80,6 @@ CONSTANTS = (
         "diagnose.search.findings", "CLEARLY", "Jeffreys' strong evidence: ten times likelier"
     ),
     Constant("diagnose.diagnosis", "ENOUGH", "a shape half off leaves a name with 0.8", True),
-    Constant("diagnose.search.findings", "MOST_BENT", "rivals tried with another shape: time"),
     Constant("diagnose.search.findings", "INDISTINGUISHABLE_P", "nothing significant is left"),
     Constant("diagnose.search.touched", "MOST_STEP", "mounts step by microns, hands by more"),
     Constant("diagnose.search.touched", "MOST_TOUCHED", "more is not now and then"),

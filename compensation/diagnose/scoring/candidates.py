@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from scipy.special import logsumexp
 
-from armd.arrays import F64, I64, Mask
+from armd.arrays import Mask
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
-from armd.compensation.diagnose.scoring.evidence import Scores, Sums, estimates, score
+from armd.compensation.diagnose.scoring.evidence import Scores, Sums, score
 from armd.compensation.diagnose.scoring.projection import Projection
-from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.effects.effect import Candidate
 
 #: That a strong finding's shape is off is as likely as not.
@@ -53,25 +53,8 @@ class ScoredCandidates:
 
     def freed(self, index: int) -> Scores:
         """Of all candidates, one finding and its shape taken out; also of parts of the others."""
-        return score(self.sums, self._columns_of(index))
-
-    def bent(self, index: int, others: Sequence[Candidate]) -> F64:
-        """What each of *others*, one finding and its shape taken out of the model, gains in log
-        evidence if its own shape may be off, as that finding's may."""
-        straight = score_candidates(self.projection, others)
-        known = estimates(straight.sums, self._columns_of(index))
-        joints = self.projection.arm.n_joints
-        shapes = [shape_candidate(c, own, joints) for c, own in zip(others, known, strict=True)]
-        both = [_bent(c, shape) for c, shape in zip(others, shapes, strict=True)]
-        free = score_candidates(self.projection, both).freed(index).log_evidence
-        gained = free - straight.freed(index).log_evidence + np.log(SHAPE_PRIOR)
-        may_be_off = np.array([shape is not None for shape in shapes], dtype=bool)
-        return np.where(may_be_off, np.logaddexp(0.0, gained), 0.0)
-
-    def _columns_of(self, index: int) -> I64:
-        """A finding's own columns among the shared ones, and its shape's."""
-        columns: I64 = self.projection.place[self.projection.shapes.without(self.fit, index)]
-        return columns
+        nuisance = self.projection.shapes.without(self.fit, index)
+        return score(self.sums, self.projection.place[nuisance])
 
     @cached_property
     def _of_findings(self) -> ScoredCandidates:
@@ -106,16 +89,10 @@ class ScoredCandidates:
         shape = next((c for c in self.fit.findings if c.location == shape_place(candidate)), None)
         shape = shape or self.projection.shapes.candidates[index]
         if shape is not None:  # in the model or not, it belongs to it
-            both = _bent(candidate, shape)
+            both = replace(candidate, columns=(*candidate.columns, *shape.columns))
             bent = float(score_candidates(self.projection, [both]).freed(index).log_evidence[0])
             own = float(np.logaddexp(own, bent + np.log(SHAPE_PRIOR)))
         return log_weight + max(own - best, 0.0)
-
-
-def _bent(candidate: Candidate, shape: Candidate | None) -> Candidate:
-    """A candidate together with its shape, if it has one."""
-    more = () if shape is None else shape.columns
-    return replace(candidate, columns=(*candidate.columns, *more))
 
 
 def score_candidates(
