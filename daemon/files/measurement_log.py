@@ -12,7 +12,7 @@ import threading
 import time
 from collections import deque
 from pathlib import Path
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from armd.drivers.sample import Event
 from armd.files.state_folder import state_folder
@@ -33,6 +33,11 @@ def logs_folder() -> Path:
 def log_folder(serial: str) -> Path:
     """Of one arm."""
     return logs_folder() / quote(serial, safe=" ")
+
+
+def serial_of(folder: Path) -> str:
+    """Of which arm a folder is, by its name."""
+    return unquote(folder.name)
 
 
 class MeasurementLog:

@@ -33,12 +33,11 @@ from armd.compensation.model.arm import Arm
 
 def solve_again(known: Fit, findings: Sequence[Candidate], noise: RestNoise, arm: Arm) -> Fit:
     """The linear problem of a fit with other findings and another whitener; nothing else moves."""
-    columns = finding_columns(known.linear, findings, arm)
-    sizes = [CURVE_SCALE] * len(findings)
-    nuisance, layout = with_other_findings(known.nuisance, known.layout, findings, columns, sizes)
-    problem, side = normal_equations(nuisance.columns, nuisance, layout, noise, known.residual)
-    problem, _ = sized(problem, side, layout, findings, sizes)
-    return solved(known, findings, nuisance.columns, layout, problem, side, noise)
+    whole = with_findings_unsolved(known, findings, arm)
+    problem, side = normal_equations(
+        whole.nuisance.columns, whole.nuisance, whole.layout, noise, whole.residual
+    )
+    return _sized_and_solved(whole, problem, side, noise)
 
 
 def with_findings_unsolved(known: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
@@ -105,15 +104,12 @@ def solve_shared_again(
 
     *alone*: which columns are fitted along, of those that there are without findings.
     """
-    sizes = [CURVE_SCALE] * len(findings)
     whole = with_findings_unsolved(known, findings, arm)
     first, stop = whole.layout.identified.stop, whole.layout.mount.start
     alone = np.concatenate([alone[:first], np.zeros(stop - first, dtype=bool), alone[first:]])
     shared = _of_shared(whole, alone)
     problem, side = _shared_equations(whole, shared, alone, noise)
-    problem, _ = sized(problem, side, shared.layout, findings, sizes)
-    own, at = shared.nuisance.columns, shared.layout
-    return solved(shared, findings, own, at, problem, side, noise)
+    return _sized_and_solved(shared, problem, side, noise)
 
 
 def _of_shared(known: Fit, alone: Mask) -> Fit:
@@ -142,6 +138,13 @@ def _shared_equations(
         square=square,
     )
     return problem, products[:-1, -1]
+
+
+def _sized_and_solved(whole: Fit, problem: LinearModel, side: F64, noise: RestNoise) -> Fit:
+    """A fit with all columns and findings, solved, the curves among these as large as they are."""
+    findings, layout = whole.findings, whole.layout
+    problem, _ = sized(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
+    return solved(whole, findings, whole.nuisance.columns, layout, problem, side, noise)
 
 
 def solved(

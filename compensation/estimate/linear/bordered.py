@@ -100,12 +100,12 @@ def inverse_root(matrix: F64, held: F64 | float = 0.0) -> tuple[Root, float]:
 
     Raises `numpy.linalg.LinAlgError` where it is not.
     """
-    b = len(matrix)
-    root, trace, _ = _inverse_root(matrix, np.broadcast_to(held, (b,)), np.ones(b))
+    held = np.broadcast_to(held, (len(matrix),))
+    root, trace, _ = _inverse_root(matrix, held, np.ones(len(matrix)))
     return root, trace
 
 
-def pseudo_inverse_root(matrix: F64, least: float = LEAST_KNOWN, held: F64 | None = None) -> Root:
+def pseudo_inverse_root(matrix: F64, least: float = LEAST_KNOWN, held: F64 | float = 0.0) -> Root:
     """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
 
     Relative to the largest eigenvalue, *least* is still knowledge, each unknown in units of its
@@ -113,7 +113,7 @@ def pseudo_inverse_root(matrix: F64, least: float = LEAST_KNOWN, held: F64 | Non
     as if nothing were known of them. *held* (b,) is added to the diagonal, in no copy of a large
     matrix.
     """
-    held = np.zeros(len(matrix)) if held is None else held
+    held = np.broadcast_to(held, (len(matrix),))
     size = np.sqrt(np.maximum(np.diag(matrix) + held, 0.0))
     size[size == 0.0] = 1.0
     if (known := _root_of_known(matrix, held, size, least)) is not None:

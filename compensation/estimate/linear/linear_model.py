@@ -184,7 +184,7 @@ class LinearModel:
 
     @cached_property
     def _lower(self) -> F64:
-        return _lower_factor(self._unit(self.variance))
+        return _lower_factor(self._unit())
 
     def project(self, across: F64) -> F64:
         """Coordinates (b, …) along that basis of what the blocks take of other columns, from their
@@ -262,11 +262,11 @@ class LinearModel:
         found: F64 = self.gram[np.ix_(own, own)] - taken.T @ taken
         return (found + found.T) / 2.0 + np.diag(1.0 / self.variance[own])
 
-    def _unit(self, variance: F64) -> F64:
-        """(b, b) products of columns of unit length, priors of that *variance* on the diagonal."""
+    def _unit(self) -> F64:
+        """(b, b) products of columns of unit length, their priors on the diagonal."""
         scaled: F64 = self.gram / self.length
         scaled /= self.length[:, None]
-        scaled[np.diag_indices_from(scaled)] += 1.0 / (variance * self.length**2)
+        scaled[np.diag_indices_from(scaled)] += 1.0 / (self.variance * self.length**2)
         return scaled
 
 

@@ -9,14 +9,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd import Arm, keys
 from armd.arrays import Vector
 from armd.compensation.data.session_columns import APPROACH
-from armd.daemon.files.measurement_log import SUFFIX, log_files
+from armd.daemon.files.measurement_log import SUFFIX, log_files, serial_of
 from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import Recording
 from armd.errors import BadInput
@@ -85,7 +84,7 @@ def from_path(path: Path) -> Measurements:
         files = log_files(path)
         if not files:
             raise BadInput(path, "the folder", f"no *{SUFFIX}", "a measurement log")
-        return _from_lines(files, unquote(path.name))
+        return _from_lines(files, serial_of(path))
     if path.suffix == RECORDING:
         return _from_recording(path)
     if path.suffix == TABLE:
