@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -22,6 +23,8 @@ PAUSE_NS, PAUSE_CYCLES = 100_000_000, 4
 #: However long ago a joint was read last: if it has gone farther than it can in this time (and in
 #: so many usual cycles) it has leapt. It may have; another homing offset would look like that too.
 LEAP_NS, LEAP_CYCLES = 5_000_000, 2
+#: Usual is the quickest of so many spacings: one stall beside another is none (decision 142).
+USUAL_OF = 4
 
 
 class Cycle(NamedTuple):
@@ -50,7 +53,8 @@ class ServoSampler:
         self._lateness = Lateness()
         #: the first cycle of a motion that nobody knows: the second tells how fast it was
         self._held: Cycle | None = None
-        self._heard_ns, self._spacing_ns = 0.0, 0.0  # the last cycle, and the one before that
+        self._heard_ns = 0.0  # the last cycle
+        self._spacings_ns: deque[float] = deque(maxlen=USUAL_OF)  # before it
         self._counts_per_ns = COUNTS_PER_TURN * max_joint_rate_deg_s / 360e9
         self._dtype = sample_dtype(n)
         self._unwrapper = Unwrapper(
@@ -98,18 +102,23 @@ class ServoSampler:
         spacing_ns, self._heard_ns = at_ns[0] - self._heard_ns, at_ns[0]
         if self._held is not None:
             held, self._held = self._held, None
-            self._spacing_ns = spacing_ns
+            self._spacings_ns.append(spacing_ns)
+            raw = [0 if each is None else each - HALF_TURN for each in held.positions]
+            leapt = self._leaps(raw, held.at_ns, spacing_ns)  # over the pause
             self._begin(held, cycle)
-            return [*self._row(held, 0.0), *self._row(cycle, spacing_ns)]
-        if spacing_ns > max(PAUSE_NS, PAUSE_CYCLES * self._spacing_ns):
+            return [*self._row(held, 0.0, leapt), *self._row(cycle, spacing_ns, leapt)]
+        usual_ns = min(self._spacings_ns, default=0.0)
+        if spacing_ns > max(PAUSE_NS, PAUSE_CYCLES * usual_ns):
             self._held = cycle
+            self._spacings_ns.clear()
             return []
-        usual_ns, self._spacing_ns = self._spacing_ns, spacing_ns
+        self._spacings_ns.append(spacing_ns)
         return self._row(cycle, usual_ns)
 
     def pause(self) -> None:
         """The line is closed: what the next cycle brings has nothing to do with the last one."""
         self._held = None
+        self._last = [None] * len(self._last)
 
     def _begin(self, held: Cycle, cycle: Cycle) -> None:
         """Each joint's last reading before *held*, as if it had come as steadily to *cycle*."""
@@ -124,12 +133,12 @@ class ServoSampler:
         self._past_ns = 0
         self._note_past(round(held.at_ns[0]))
 
-    def _row(self, cycle: Cycle, usual_ns: float) -> list[Item]:
+    def _row(self, cycle: Cycle, usual_ns: float, leapt: int = 0) -> list[Item]:
         number, positions, at_ns, late_ns, unix_minus_monotonic_ns, unusable, warned, pressed = (
             cycle
         )
         row_ns, doubt_ns = round(at_ns[0]), self._lateness.doubt_ns(late_ns)
-        self.jumped = self.leapt = 0
+        self.jumped, self.leapt = 0, leapt
         if doubt_ns and self._moves(positions, row_ns + doubt_ns):
             self.untimed += 1
             return self._tell_untimed(row_ns, doubt_ns)
@@ -146,7 +155,8 @@ class ServoSampler:
         )
         self.jumped = jumps = int(jumped[0])
         if usual_ns:
-            self.leapt = self._leaps(counts[0].tolist(), at_ns, usual_ns) & ~(silent | jumps)
+            leapt |= self._leaps(counts[0].tolist(), at_ns, usual_ns)
+        self.leapt = leapt & ~(silent | jumps)
         if pressed is not None:
             self._buttons = int(pressed)
         out: SampleArray = np.zeros(1, self._dtype)
@@ -238,7 +248,7 @@ class ServoSampler:
             "past": [self._past, self._past_ns],
             "late": list(self._lateness.seen_ns),
             "held": self._held,
-            "heard": [self._heard_ns, self._spacing_ns],
+            "heard": [self._heard_ns, *self._spacings_ns],
             "unwrap": [memory[name].tolist() for name in memory.dtype.names or ()],
         }
 
@@ -250,7 +260,8 @@ class ServoSampler:
         self._past, self._past_ns = state["past"]
         self._lateness.seen_ns.extend(state["late"])
         self._held = None if state["held"] is None else Cycle(*state["held"])
-        self._heard_ns, self._spacing_ns = state["heard"]
+        self._heard_ns, *spacings_ns = state["heard"]
+        self._spacings_ns.extend(spacings_ns)
         memory = self._unwrapper.memory
         for name, values in zip(memory.dtype.names or (), state["unwrap"], strict=True):
             memory[name] = values

@@ -233,7 +233,8 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
     tmp_path, monkeypatch, where
 ):
     """All joints move at 260°/s; every 25th cycle the host stands still for 30 ms: unnoticed, the
-    next cycle would seem to jump, and this one's instant would be wrong by 30 ms."""
+    next cycle would seem to jump, and this one's instant would be wrong by 30 ms. It costs those
+    rows in which a joint has leapt, until its servo has said who it is."""
     counts_per_s, stall_s = 3000.0, 0.03
 
     def true_count(at_ns):
@@ -285,7 +286,11 @@ def test_a_stall_costs_samples_and_neither_jumps_nor_passes_at_a_wrong_instant(
     apart = np.abs((apart + 2048) % 4096 - 2048)  # nobody can tell turns made in a long stall
     assert len(valid) > 100
     assert apart.max() < 0.6 * stall_s * counts_per_s
-    assert (rows["joint_invalid"] == 0).all() and not taken.told("count_jump")
+    # 72 counts over a gap may be another offset (decision 142): only there is a joint invalid
+    doubted = np.flatnonzero(rows["joint_invalid"] != 0)
+    first = doubted[(doubted > 0) & (rows["joint_invalid"][doubted - 1] == 0)]
+    assert (rows["monotonic_ns"][first] - rows["monotonic_ns"][first - 1] > 5_000_000).all()
+    assert not taken.told("count_jump") and not taken.told("offsets_changed")
     assert 5 <= counters["untimed"] <= counters["lost"]
     (told,) = taken.told("untimed")  # once a minute at the most
     assert "its instant is in doubt by" in told.text and told.severity == "warning"

@@ -82,7 +82,7 @@ class PacedLine:
 
 
 @BOTH
-@pytest.mark.parametrize("pause_s", [0.0, 0.6], ids=["first", "after-a-silence"])
+@pytest.mark.parametrize("pause_s", [0.0, 0.13], ids=["first", "after-a-silence"])
 def test_the_first_row_is_one_instant_too(family, pause_s):
     """At 57 600 baud the last servo is read 20 ms after the first: 10 counts at 500 a second."""
     line = PacedLine(family, 500.0)
@@ -192,3 +192,47 @@ def test_a_gap_in_a_motion_costs_no_row(family):
     line.now_ns += 60 * MS
     line.cycles(10)
     assert (line.rows()["joint_invalid"] == 0).all() and len(line.rows()) == 20
+
+
+@BOTH
+@pytest.mark.parametrize("stalls_ms", [(60, 120), (150,), (60, 150)], ids=str)
+def test_a_step_in_a_second_stall_or_a_pause_is_asked_about(family, stalls_ms):
+    """The cycle before was a stall too, or nobody was asked for so long that nothing before says
+    how fast a joint moves: another offset that came with it does not count either."""
+    line = PacedLine(family, 0.0)
+    line.cycles(10)
+    for stall_ms in stalls_ms[:-1]:
+        line.now_ns += stall_ms * MS
+        line.cycles(1)
+    line.now_ns += stalls_ms[-1] * MS
+    line.shift[2] = 700
+    line.cycles(3)
+    assert (line.rows()["joint_invalid"][-3:] == 0b10).all() and 2 in line.decoder.roster.strangers
+    before = line.rows()[:-3]
+    assert (before["joint_invalid"] == 0).all() and (before["count"] == 0).all()
+    line.exchange(0, line.decoder.family.identity_bytes)
+    line.cycles(3)  # the first of them waits for the second: all six were asked, for over 0.1 s
+    assert line.rows()["count"][-1].tolist() == [0, 700, 0, 0, 0, 0]
+    assert line.rows()["joint_invalid"][-1] == 0
+
+
+@BOTH
+def test_who_leapt_over_a_pause_is_asked_even_if_the_second_cycle_has_no_instant(family):
+    line = PacedLine(family, 2000.0)
+    line.cycles(10)
+    line.now_ns += 150 * MS
+    line.shift[2] = 700
+    line.cycles(1)
+    line.cycles(1, stall_ns=80 * MS)
+    assert line.decoder.counters["untimed"] and 2 in line.decoder.roster.strangers
+    line.cycles(3)
+    assert (line.rows()["joint_invalid"][10:] & 0b10).all()
+
+
+@BOTH
+def test_stalls_in_a_motion_cost_no_row(family):
+    line = PacedLine(family, 2000.0)
+    for stall_ms in (0, 60, 30, 45, 60, 10):
+        line.now_ns += stall_ms * MS
+        line.cycles(2)
+    assert (line.rows()["joint_invalid"] == 0).all() and len(line.rows()) == 12
