@@ -12,7 +12,7 @@ from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import MOST_BACK, NOISE_WORD, SIZES
-from armd.compensation.interim.evidence.stack import DAY_S, RunningSums, stack
+from armd.compensation.interim.evidence.stack import DAY_S, Begun, RunningSums, stack
 
 #: Standing errors of a size less likely than this are left out: without a change no ratio is so
 #: large as to make up for it.
@@ -50,22 +50,22 @@ def noise_alone(
     statistics = np.full((checks, draws), -np.inf)
     for n in range(1, of.n + 1):
         first = np.arange(max(0, n - MOST_BACK), n)
-        begun = [sums.begun(first, n, ramp=ramp) for ramp in (False, True)]
+        known = of.cleared(sums.upto(n))
+        begun = list(sums.begun(first, n, known.rotation))
         freedom = NOISE_WORD + float(sums.numbers[n])
-        inverses, sides, marginals = [], [], []
-        for scale in of.scales:
-            factor, _, _ = sums.without_change(n, scale)
-            inverse = np.linalg.inv(factor) * of.scaled(scale)
-            side = inverse @ known_side[n - 1]
+        roots, sides, marginals = [], [], []
+        for weight, spread in zip(known.weights, known.spread, strict=True):
+            root = np.sqrt(weight)
+            side = root[:, None] * (known.rotation @ known_side[n - 1])
             left = NOISE_WORD + square[n - 1] - (side**2).sum(axis=0)
-            marginals.append(-np.log(np.diag(factor)).sum() - 0.5 * freedom * np.log(left))
-            inverses.append(inverse)
+            marginals.append(-spread - 0.5 * freedom * np.log(left))
+            roots.append(root)
             sides.append(side)
         share = np.array(marginals) - logsumexp(marginals, axis=0)
         ratios = np.full((len(of.scales), draws), -np.inf)
-        for inverse, side, own_share, ratio in zip(inverses, sides, share, ratios, strict=True):
+        for root, side, own_share, ratio in zip(roots, sides, share, ratios, strict=True):
             some = own_share > LEAST_LOG
-            ratio[some] = _log_ratio(sums, begun, inverse, side[:, some], priors, freedom,
+            ratio[some] = _log_ratio(sums, begun, root, side[:, some], priors, freedom,
                                      square[n - 1, some],
                                      (plain[n] - plain[first])[..., some],
                                      (timed[n] - timed[first])[..., some], first)  # fmt: skip
@@ -75,8 +75,8 @@ def noise_alone(
 
 def _log_ratio(
     sums: RunningSums,
-    begun: Sequence[tuple[F64, F64, list[F64]]],
-    inverse: F64,
+    begun: Sequence[Begun],
+    root: F64,
     side: F64,
     priors: F64,
     freedom: float,
@@ -88,15 +88,19 @@ def _log_ratio(
     """(draws,) log of the summed ratio with standing errors of one size."""
     left = NOISE_WORD + square - (side**2).sum(axis=0)
     total = np.full(side.shape[1], -np.inf)
-    for shape, (cross, _, owns) in enumerate(begun):
-        cross = inverse @ cross
+    for shape, one in enumerate(begun):
+        cross = one.cross * root  # (T, C, q), columns group by group
         own_side = plain if shape == 0 else timed - sums.origin(first)[:, None, None] * plain
-        clear = own_side - np.einsum("tqc,qs->tcs", cross, side, optimize=True)
-        for (members, at), own in zip(sums.groups, owns, strict=True):
-            block = cross[:, :, at].transpose(0, 2, 3, 1)
-            value, vector = np.linalg.eigh(own - block @ block.transpose(0, 1, 3, 2))
+        own_side = own_side[:, np.concatenate([at.ravel() for _, at in sums.groups])]
+        clear = own_side - cross @ side
+        end = 0
+        for (members, at), own in zip(sums.groups, one.own, strict=True):
+            begin, end = end, end + at.size
+            block = cross[:, begin:end].reshape(*own.shape[:3], -1)
+            clear_of = clear[:, begin:end].reshape(*own.shape[:3], -1)
+            value, vector = np.linalg.eigh(own - block @ block.swapaxes(-1, -2))
             value = np.maximum(value, 0.0)[..., None]
-            along2 = (vector.swapaxes(-1, -2) @ clear[:, at]) ** 2
+            along2 = (vector.swapaxes(-1, -2) @ clear_of) ** 2
             for size in SIZES:
                 curvature = 1.0 + size**2 * value
                 quad = np.minimum((size**2 * along2 / curvature).sum(axis=2), 0.999 * left)

@@ -13,7 +13,7 @@ from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.changes.growth import log_marginals
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import log_marginal
-from armd.compensation.interim.evidence.stack import RunningSums, Stack
+from armd.compensation.interim.evidence.stack import Stack
 
 CHECKS, ROWS, FIRST = 40, 8, 8
 
@@ -62,5 +62,6 @@ def test_a_growths_likelihood_is_that_of_a_stack_that_knows_it(cause: int) -> No
                rate_size=rng.uniform(0.1, 3.0, p))
         for first, at, bends in ((1, 0.2, ()), (2, 1.1, (2.5, 4.0)), (4, 3.0, (5.5,)))
     ]  # fmt: skip
-    expected = [log_marginal(RunningSums(with_changes(of, [course])), of.n) for course in courses]
+    knowing = [with_changes(of, [course]) for course in courses]
+    expected = [log_marginal(one, one.sums(range(one.n))) for one in knowing]
     assert log_marginals(of, cause, courses) == pytest.approx(expected, abs=1e-9)

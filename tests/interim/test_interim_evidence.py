@@ -174,7 +174,8 @@ def test_without_a_doubt_there_are_no_poses(tmp_path: Path) -> None:
 def test_the_marginal_is_a_density(seed: int) -> None:
     of, _ = a_stack(np.random.default_rng(seed))
     nothing = [np.zeros((len(z), 1)) for z in of.residual]
-    assert log_marginal(RunningSums(of), of.n) == pytest.approx(density(of, nothing, 0.0), abs=1e-8)
+    marginal = log_marginal(of, of.sums(range(of.n)))
+    assert marginal == pytest.approx(density(of, nothing, 0.0), abs=1e-8)
 
 
 @pytest.mark.slow
@@ -249,7 +250,7 @@ def test_how_large_standing_errors_are_is_averaged_over(seed: int) -> None:
         with_it = logsumexp([density(one, step, size) for one in each])
         expected = with_it - without - np.log(len(SIZES)) + np.log(0.25)
         assert weighed.log_by_size[0, 1, 0, s] == pytest.approx(expected, abs=1e-8)
-    marginal = log_marginal(RunningSums(of), of.n)
+    marginal = log_marginal(of, of.sums(range(of.n)))
     assert marginal == pytest.approx(without - np.log(len(ALL_ALONG)), abs=1e-8)
 
 
@@ -258,8 +259,8 @@ def test_a_usual_check_beside_the_rest_is_all_of_them(seed: int) -> None:
     """Whatever the standing errors' size: the rest's density times the check's is that of all."""
     of, _ = with_standing(seed)
     of = replace(of, targets=tuple(np.ones((len(z), 3)) for z in of.residual))
-    rest = Rest(of, range(of.n))
-    together = [sum(rest.log_densities(3, scale)[:2]) for scale in of.scales]
+    rest = Rest(of, of.sums(range(of.n)))
+    together = rest.log_densities(3)[:, :2].sum(axis=1)
     expected = log_marginals(RunningSums(of), of.n)
     assert np.ptp(expected) > 0.1  # the sizes are told apart
     assert together - expected == pytest.approx(np.full(4, together[0] - expected[0]), abs=1e-8)

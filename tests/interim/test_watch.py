@@ -54,7 +54,7 @@ def by_hand(of: Stack, causes: list[Cause], doubted: list[int]) -> float:
     """Log odds of a change, over all ways in which the *doubted* checks may be bad."""
 
     def marginal(checks: list[int]) -> float:
-        return log_marginal(RunningSums(of.only(checks)), len(checks))
+        return log_marginal(of, of.sums(checks))
 
     clean = [i for i in range(of.n) if i not in doubted]
     nothing, change = [], []
@@ -64,7 +64,9 @@ def by_hand(of: Stack, causes: list[Cause], doubted: list[int]) -> float:
             weight = marginal(kept)
             for i in way:  # how likely its numbers are as a spoilt check's, given the clean ones
                 with_it = sorted([*clean, i])
-                weight += marginal(with_it) - marginal(clean) + Rest(of, with_it).log_evidence(i)
+                weight += (
+                    marginal(with_it) - marginal(clean) + Rest(of, of.sums(with_it)).log_evidence(i)
+                )
                 weight -= np.log(ONE_IN)
             onsets = np.arange(len(kept))
             ratio = weigh(RunningSums(of.only(kept)), causes, len(kept), onsets).log_sum
@@ -78,7 +80,7 @@ def test_a_doubted_check_is_weighed_both_ways() -> None:
     of = touched(0)
     residual = [*of.residual[:-1], of.residual[-1] + of.targets[-1][:, :3] @ [0.05, 0.02, -0.03]]
     off = Stack(of.time_d, tuple(residual), of.columns, of.known, of.targets, of.blocks)
-    doubted = list(spoilt(off, range(off.n), range(off.n - UNSETTLED, off.n)))
+    doubted = list(spoilt(off, off.sums(range(off.n)), range(off.n - UNSETTLED, off.n)))
     assert doubted == [off.n - 1]
     watched = watch(off, causes)
     assert watched.statistic[-1] == pytest.approx(by_hand(off, causes, doubted), abs=1e-9)

@@ -11,17 +11,18 @@ under both hypotheses alike, which keeps it so.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import gammaln, logsumexp
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.stack import CheckSums, RunningSums, Stack
+from armd.compensation.interim.evidence.amplitudes import integrated
+from armd.compensation.interim.evidence.cleared import Cleared
+from armd.compensation.interim.evidence.stack import Begun, CheckSums, RunningSums, Stack
 
 #: About so many checks pass on average until a false alarm.
 RUN_LENGTH = 500.0
@@ -34,6 +35,8 @@ SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)
 NOISE_WORD = 30.0
 #: Onsets farther back are no news: by then a change has been told, or is too small to be.
 MOST_BACK = 128
+#: So many onsets are weighed together that their products stay in a processor's cache.
+AT_ONCE = 16
 
 
 @dataclass(frozen=True)
@@ -56,52 +59,70 @@ class Weighed:
 
 def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Weighed:
     """Weigh changes of the first *n* checks that begin at checks *first*."""
-    freedom = NOISE_WORD + float(sums.numbers[n])
-    scales = sums.of.scales
-    weights = np.full((len(scales), len(first), len(causes), 2, len(SIZES)), -np.inf)
+    known = sums.of.cleared(sums.upto(n))
     priors = np.array([[c.prior_sudden, c.prior_gradual] for c in causes])
     with np.errstate(divide="ignore"):
         log_prior = np.log(priors) - np.log(len(SIZES))
-    begun = [sums.begun(first, n, ramp=ramp) for ramp in (False, True)]
-    log_scale = log_marginals(sums, n)
-    log_scale -= logsumexp(log_scale)
-    for scale, weight, log_share in zip(scales, weights, log_scale, strict=True):
-        factor, side, square = sums.without_change(n, scale)
-        left = NOISE_WORD + square
-        inverse = solve_triangular(factor, np.eye(len(factor)), lower=True, check_finite=False)
-        inverse *= sums.of.scaled(scale)
-        for shape, (cross, towards, owns) in enumerate(begun):
-            cross = inverse @ cross
-            clear = towards - side @ cross
-            for (members, at), own in zip(sums.groups, owns, strict=True):
-                block = cross[:, :, at].transpose(0, 2, 3, 1)  # (T, causes, p, q)
-                gram = own - block @ block.transpose(0, 1, 3, 2)
-                ratio = _log_ratio(gram, clear[:, at], left, freedom)
-                weight[:, members, shape] = ratio + log_prior[members, shape, None]
-        weight += log_share
-    return Weighed(first, weights[0] if len(scales) == 1 else logsumexp(weights, axis=0))
+    log_share = _log_marginals(known, int(sums.numbers[n]))
+    log_share -= logsumexp(log_share)
+    freedom = NOISE_WORD + float(sums.numbers[n])
+    weights = np.empty((len(first), len(causes), 2, len(SIZES)))
+    for at in range(0, len(first), AT_ONCE):
+        some = slice(at, at + AT_ONCE)
+        for shape, begun in enumerate(sums.begun(first[some], n, known.rotation)):
+            for members, ratio in _log_ratios(sums.groups, begun, known, freedom, log_share):
+                weights[some, members, shape] = ratio + log_prior[members, shape, None]
+    return Weighed(first, weights)
+
+
+def _log_ratios(
+    groups: Sequence[tuple[I64, I64]], begun: Begun, known: Cleared, freedom: float, log_share: F64
+) -> Iterator[tuple[I64, F64]]:
+    """Each group's causes, and log likelihood ratios (T, causes, sizes) of their changes, the
+    standing errors being of each size with a share of *log_share* (scales,)."""
+    clear = (
+        begun.towards[..., None] - begun.cross @ (known.weights * known.side).T
+    )  # (T, C, scales)
+    left = (NOISE_WORD + known.square)[:, None]
+    end = 0
+    for (members, at), own in zip(groups, begun.own, strict=True):
+        p = at.shape[1]
+        begin, end = end, end + at.size
+        block = begun.cross[:, begin:end].reshape(*own.shape[:3], -1)
+        gram = {
+            (i, j): own[..., i, j, None] - (block[:, :, i] * block[:, :, j]) @ known.weights.T
+            for i in range(p)
+            for j in range(i + 1)
+        }
+        side = clear[:, begin:end].reshape(*own.shape[:3], -1)
+        spread, quad = integrated(gram, [side[:, :, i] for i in range(p)], SIZES)
+        quad = np.minimum(quad, left * (1 - 1e-12))
+        each = -0.5 * (spread + freedom * np.log1p(-quad / left)) + log_share[:, None]
+        most = each.max(axis=2, keepdims=True)
+        yield members, most[:, :, 0] + np.log(np.exp(each - most).sum(axis=2))
 
 
 def log_marginals(sums: RunningSums, n: int) -> F64:
     """(scales,) log of Student's density of the first *n* checks' readings without a change, by
     how large the standing errors are; everything known integrated out."""
-    found = []
-    for scale in sums.of.scales:
-        factor, _, square = sums.without_change(n, scale)
-        spread = float(np.log(np.diag(factor)).sum())
-        found.append(log_student(float(sums.numbers[n]), spread, square))
-    return np.array(found)
+    return _log_marginals(sums.of.cleared(sums.upto(n)), int(sums.numbers[n]))
 
 
-def log_marginal(sums: RunningSums, n: int) -> float:
-    """The same, whatever the standing errors' size."""
-    found = log_marginals(sums, n)
+def _log_marginals(known: Cleared, numbers: int) -> F64:
+    pairs = zip(known.spread, known.square, strict=True)
+    return np.array([log_student(float(numbers), float(a), float(b)) for a, b in pairs])
+
+
+def log_marginal(of: Stack, sums: CheckSums) -> float:
+    """Log of the density of the readings of *sums*, whatever the standing errors' size."""
+    found = _log_marginals(of.cleared(sums), sums.numbers)
     return float(logsumexp(found)) - float(np.log(len(found)))
 
 
 def at_its_share(of: Stack) -> Stack:
     """The stack with its standing errors as large as its readings make likeliest."""
-    scales = log_marginals(RunningSums(of), of.n)
+    sums = of.sums(range(of.n))
+    scales = _log_marginals(of.cleared(sums), sums.numbers)
     return of.at(of.scales[int(np.argmax(scales))])
 
 
@@ -130,24 +151,6 @@ def known_errors(sums: CheckSums) -> KnownErrors:
     mean = covariance @ sums.side
     left = NOISE_WORD + sums.square - float(sums.side @ mean)
     return KnownErrors(mean, covariance, left / (NOISE_WORD + sums.numbers))
-
-
-def _log_ratio(gram: F64, side: F64, left: float, freedom: float) -> F64:
-    """Log likelihood ratio (T, causes, sizes) of amplitudes with *gram* (T, causes, p, p) and
-    *side* (T, causes, p)."""
-    if gram.shape[-1] == 1:
-        value, along = np.maximum(gram[..., 0], 0.0), side
-    else:
-        value, vector = np.linalg.eigh(gram)
-        value = np.maximum(value, 0.0)
-        along = (vector.swapaxes(-1, -2) @ side[..., None])[..., 0]
-    found = []
-    for size in SIZES:
-        curvature = 1.0 + size**2 * value
-        quad = np.minimum((size**2 * along**2 / curvature).sum(axis=-1), left * (1 - 1e-12))
-        spread = np.log(curvature).sum(axis=-1)
-        found.append(-0.5 * spread - 0.5 * freedom * np.log1p(-quad / left))
-    return np.stack(found, axis=-1)
 
 
 def run(

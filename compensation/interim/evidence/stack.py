@@ -6,16 +6,17 @@ All of it in the checks' order in time, so that the order of adding plays no par
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.reduced import Reduced
+from armd.compensation.interim.evidence.cleared import Cleared, cleared
 from armd.compensation.model.slow_factors import DAY_S
 
 #: A calibration knows its constants as well as it says, within this factor: its model was fitted on
@@ -39,6 +40,24 @@ class CheckSums:
     side: F64  # (q,)
     square: float
     numbers: int
+
+    def without(self, known: F64, residual: F64) -> CheckSums:
+        """All but a check of these *known* errors (r, q) and this *residual* (r,)."""
+        return CheckSums(
+            self.curvature - known.T @ known,
+            self.side - known.T @ residual,
+            self.square - float(residual @ residual),
+            self.numbers - len(residual),
+        )
+
+
+@dataclass(frozen=True)
+class Begun:
+    """Sums since T onsets, of C causes' columns group by group."""
+
+    cross: F64  # (T, C, q) with the known errors
+    towards: F64  # (T, C) with the readings
+    own: list[F64]  # by group (T, causes, p, p)
 
 
 @dataclass(frozen=True)
@@ -110,6 +129,11 @@ class Stack:
             sum(len(residual) for _, residual in pairs),
         )
 
+    def cleared(self, sums: CheckSums) -> Cleared:
+        """Of *sums* over some of the checks, all known errors eliminated."""
+        standing = slice(*self.standing)
+        return cleared(sums.curvature, sums.side, sums.square, standing, self.scales)
+
     def knowing(self, extra: Sequence[F64]) -> Stack:
         """With more known errors, (r, ·) per check."""
         known = zip(self.known, extra, strict=True)
@@ -162,7 +186,8 @@ def _compressed(known: Sequence[F64]) -> list[F64]:
 class RunningSums:
     """Running sums over the first i checks, for changes that begin at a check or between two.
 
-    The causes' are made when first asked for: without a change they play no part.
+    The causes' are made when first asked for: without a change they play no part. Their C columns
+    stand group by group.
     """
 
     def __init__(self, of: Stack) -> None:
@@ -179,6 +204,7 @@ class RunningSums:
             )
             for _, members in sorted(groups.items())
         ]
+        self._order = np.concatenate([at.ravel() for _, at in self.groups] or [np.zeros(0, int)])
         self._powers = np.array([np.ones(of.n), days, days**2])  # of time
         self.known = _cumulated(self._powers[:1], np.stack([k.T @ k for k in of.known]))[0]
         pairs = zip(of.known, of.residual, strict=True)
@@ -201,46 +227,55 @@ class RunningSums:
     def towards(self) -> F64:
         """(2, n + 1, C)."""
         pairs = zip(self.of.columns, self.of.residual, strict=True)
-        return _cumulated(self._powers[:2], np.stack([x.T @ z for x, z in pairs]))
+        return _cumulated(self._powers[:2], np.stack([x[:, self._order].T @ z for x, z in pairs]))
 
     @cached_property
     def cross(self) -> F64:
-        """(2, n + 1, q, C)."""
-        pairs = zip(self.of.known, self.of.columns, strict=True)
-        return _cumulated(self._powers[:2], np.stack([k.T @ x for k, x in pairs]))
+        """(2, n + 1, C, q)."""
+        pairs = zip(self.of.columns, self.of.known, strict=True)
+        return _cumulated(self._powers[:2], np.stack([x[:, self._order].T @ k for x, k in pairs]))
 
-    def without_change(self, n: int, scale: float = 1.0) -> tuple[F64, F64, float]:
-        """Of the first *n* checks, the standing errors *scale* times as large: the known errors'
-        factor (q, q), their side (q,), and the square that they leave."""
-        by = self.of.scaled(scale)
-        gram = by[:, None] * self.known[n] * by + np.eye(len(by))
-        factor = cholesky(gram, lower=True, check_finite=False)
-        side = solve_triangular(factor, by * self.known_towards[n], lower=True, check_finite=False)
-        return factor, side, float(self.square[n] - side @ side)
+    def upto(self, n: int) -> CheckSums:
+        """Of the first *n* checks."""
+        numbers = int(self.numbers[n])
+        return CheckSums(self.known[n], self.known_towards[n], float(self.square[n]), numbers)
 
-    def begun(self, first: I64, n: int, ramp: bool) -> tuple[F64, F64, list[F64]]:
-        """Cross products (T, q, C), sides (T, C) and own products (T, causes, p, p) by group, of
-        changes that begin at check *first* (T,), up to check *n*; a ramp is zero at the check
-        before."""
-        if not ramp:
-            return (
-                self.cross[0, n] - self.cross[0, first],
-                self.towards[0, n] - self.towards[0, first],
-                [own[0, n] - own[0, first] for own in self.own],
-            )
-        origin = self.origin(first)
-        a = origin[:, None]
-        cross = self.cross[:, n, None] - self.cross[:, first]
+    def dropping(self, left_out: Sequence[int], n: int, back: int) -> tuple[RunningSums, int]:
+        """Of the first *n* checks without those *left_out*, for changes that begin at one of the
+        last *back*; and with which check these sums begin to be kept apart."""
+        # A growth is dated by the check before its first one.
+        begin = max(0, n - back - len(left_out) - 1)
+
+        def dropped(of: F64, axis: int) -> F64:
+            some = np.moveaxis(of, axis, 0)[begin : n + 1]
+            for at in sorted((i - begin for i in left_out), reverse=True):
+                its = some[at + 1] - some[at]
+                some = np.concatenate([some[: at + 1], some[at + 2 :] - its])
+            return np.moveaxis(some, 0, axis)
+
+        new = copy(self)
+        new.of = self.of.only([i for i in range(begin, n) if i not in left_out])
+        new.known, new.known_towards = dropped(self.known, 0), dropped(self.known_towards, 0)
+        new.square, new.numbers = dropped(self.square, 0), dropped(self.numbers, 0)
+        new.own = [dropped(own, 1) for own in self.own]
+        new.towards, new.cross = dropped(self.towards, 1), dropped(self.cross, 1)
+        return new, begin
+
+    def begun(self, first: I64, n: int, rotation: F64) -> Iterator[Begun]:
+        """Steps, and then growths, that begin at checks *first* (T,), up to check *n*; a growth is
+        zero at the check before. The known errors are turned by *rotation* (q, q)."""
+        shape = (2, len(first), *self.cross.shape[2:])
+        turned = (self.cross[:, first].reshape(-1, shape[-1]) @ rotation.T).reshape(shape)
+        cross = (self.cross[:, n] @ rotation.T)[:, None] - turned
         towards = self.towards[:, n, None] - self.towards[:, first]
-        owns = []
-        for own in self.own:
-            since = own[:, n, None] - own[:, first]
-            b = origin[:, None, None, None]
-            owns.append(since[2] - 2 * b * since[1] + b**2 * since[0])
-        return (
+        owns = [own[:, n, None] - own[:, first] for own in self.own]
+        yield Begun(cross[0], towards[0], [own[0] for own in owns])
+        a = (origin := self.origin(first))[:, None]
+        b = origin[:, None, None, None]
+        yield Begun(
             cross[1] - a[:, :, None] * cross[0],
             towards[1] - a * towards[0],
-            owns,
+            [own[2] - 2 * b * own[1] + b**2 * own[0] for own in owns],
         )
 
     def origin(self, first: I64) -> F64:

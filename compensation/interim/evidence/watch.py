@@ -6,6 +6,7 @@ without one: a bad check right before a change hides neither.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -17,7 +18,7 @@ from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, spoilt
 from armd.compensation.interim.evidence.likelihood import LIMIT, MOST_BACK, log_marginal, weigh
-from armd.compensation.interim.evidence.stack import RunningSums, Stack
+from armd.compensation.interim.evidence.stack import CheckSums, RunningSums, Stack
 
 #: Until so many later checks are there, a check may turn out to have been bad; so many in a row
 #: that no cause of the catalogue explains are a change without a name.
@@ -38,7 +39,8 @@ class Watched:
 
 @dataclass(frozen=True)
 class Standing:
-    """What all checks until now say, some of the last of them doubted."""
+    """What all checks until now say, some of the last of them doubted; counted as they are summed
+    up."""
 
     statistic: float
     strange: bool
@@ -54,16 +56,17 @@ def watch(
     doubted: list[int] = []
     sums, kept = _sums(of, settled)
     for n in range(since + 1, of.n + 1):
-        here = [i for i in range(n) if i not in settled]
-        open_ = [i for i in here if i >= max(since, n - UNSETTLED)]
-        doubted = list(spoilt(of, here, open_)) if len(here) > 1 else []
-        if doubted:
-            standing = _weighed(of, causes, since, here, doubted)
+        count, begins = (bisect_left(kept, at) for at in (n, since))
+        open_ = range(bisect_left(kept, max(since, n - UNSETTLED)), count)
+        places = list(spoilt(sums.of, sums.upto(count), open_)) if count > 1 else []
+        if places:
+            standing = _weighed(sums, causes, begins, count, places)
         else:
-            standing = Standing(_statistic(sums, kept, causes, since, n), False, ())
+            standing = Standing(_log_ratio(sums, causes, begins, count), False, ())
+        doubted = [kept[i] for i in places]
         statistics[n - 1] = standing.statistic
         if standing.statistic >= LIMIT:
-            bad = tuple(sorted({*settled, *standing.bad}))
+            bad = tuple(sorted({*settled, *(kept[i] for i in standing.bad)}))
             return Watched(statistics, n - 1, standing.strange, bad)
         past = [i for i in doubted if i <= n - UNSETTLED]
         if past:
@@ -73,24 +76,29 @@ def watch(
 
 
 def _weighed(
-    of: Stack, causes: Sequence[Cause], since: int, here: Sequence[int], doubted: Sequence[int]
+    sums: RunningSums,
+    causes: Sequence[Cause],
+    begins: int,
+    count: int,
+    doubted: Sequence[int],
 ) -> Standing:
-    """Log odds of a change after the checks *here*, whichever of the *doubted* are bad."""
-    clean = [i for i in here if i not in doubted]
-    rest = _marginal(of, clean)
+    """Log odds of a change from check *begins* on, after *count* checks, whichever of the *doubted*
+    are bad."""
+    of, every = sums.of, sums.upto(count)
+    rest = log_marginal(of, _without(of, every, doubted))
     alone = {
-        i: _marginal(of, with_it) - rest + Rest(of, with_it).log_evidence(i)
+        i: log_marginal(of, with_it) - rest + Rest(of, with_it).log_evidence(i)
         for i in doubted
-        for with_it in [sorted([*clean, i])]
+        for with_it in [_without(of, every, [k for k in doubted if k != i])]
     }
     ways = [way for k in range(len(doubted) + 1) for way in combinations(doubted, k)]
     nothing, change = np.empty((2, len(ways)))
     for w, way in enumerate(ways):
-        sums, kept = _sums(of.only(here), [here.index(i) for i in way])
         bad = sum(alone[i] - np.log(ONE_IN) for i in way)
-        nothing[w] = bad + log_marginal(sums, len(kept))
-        begins = sum(here[k] < since for k in kept)
-        change[w] = nothing[w] + _log_ratio(sums, causes, begins, len(kept))
+        nothing[w] = bad + log_marginal(of, _without(of, every, way))
+        good, begin = sums.dropping(way, count, MOST_BACK)
+        onsets = max(begins - sum(i < begins for i in way) - begin, 0)
+        change[w] = nothing[w] + _log_ratio(good, causes, onsets, good.of.n)
     nameless = -np.inf
     if len(doubted) == UNSETTLED:
         nameless = np.log(STRANGE) + rest + sum(alone.values())
@@ -102,21 +110,15 @@ def _weighed(
     )
 
 
-def _marginal(of: Stack, checks: Sequence[int]) -> float:
-    return log_marginal(RunningSums(of.only(checks)), len(checks)) if len(checks) else 0.0
+def _without(of: Stack, sums: CheckSums, left_out: Sequence[int]) -> CheckSums:
+    for i in left_out:
+        sums = sums.without(of.known[i], of.residual[i])
+    return sums
 
 
 def _sums(of: Stack, left_out: Sequence[int]) -> tuple[RunningSums, list[int]]:
     kept = [i for i in range(of.n) if i not in left_out]
     return RunningSums(of.only(kept)), kept
-
-
-def _statistic(
-    sums: RunningSums, kept: Sequence[int], causes: Sequence[Cause], since: int, n: int
-) -> float:
-    """The alarm's statistic after *n* checks, of those kept."""
-    count, begins = (int(np.searchsorted(kept, at)) for at in (n, since))
-    return _log_ratio(sums, causes, begins, count)
 
 
 def _log_ratio(sums: RunningSums, causes: Sequence[Cause], begins: int, count: int) -> float:

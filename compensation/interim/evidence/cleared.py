@@ -1,0 +1,66 @@
+"""Known errors eliminated from sums over checks, however large the standing ones are, all at once.
+
+With curvature K of the q known errors by the checks, and D the inverse of their prior variances,
+
+    (K + D(s))⁻¹ = Tᵀ diag(w(s)) T
+
+by one T for all sizes s of the standing errors: those that do not stand are eliminated first
+(Cholesky), and what is left of the others is taken in its own directions, in which a prior of any
+size stays diagonal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky, eigh, solve_triangular
+
+from armd.arrays import F64
+
+
+@dataclass(frozen=True)
+class Cleared:
+    """What some checks leave when the q known errors are eliminated, by S sizes of the standing."""
+
+    rotation: F64  # (q, q) T
+    weights: F64  # (S, q) w
+    side: F64  # (q,) the known errors' side, rotated
+    spread: F64  # (S,) log of the root of the determinant of the readings' covariance
+    square: F64  # (S,) what is left of the readings' square
+
+
+def cleared(
+    curvature: F64, side: F64, square: float, standing: slice, scales: tuple[float, ...]
+) -> Cleared:
+    """Of *curvature* (q, q), *side* (q,) and *square*, the *standing* errors multiplied by each of
+    *scales*; all others have a prior variance of 1."""
+    q = len(side)
+    stands = np.zeros(q, dtype=bool)
+    stands[standing] = True
+    fixed, free = np.flatnonzero(~stands), np.flatnonzero(stands)
+    gram = curvature[np.ix_(fixed, fixed)] + np.eye(len(fixed))
+    factor = cholesky(gram, lower=True, check_finite=False)
+    inverse = solve_triangular(factor, np.eye(len(fixed)), lower=True, check_finite=False)
+    across = inverse @ curvature[np.ix_(fixed, free)]
+    left = curvature[np.ix_(free, free)] - across.T @ across
+    value, vector = eigh(left, check_finite=False, driver="evd") if len(free) else _NOTHING
+    value = np.maximum(value, 0.0)
+    rotation = np.zeros((q, q))
+    rotation[np.ix_(fixed, fixed)] = inverse
+    rotation[np.ix_(free, fixed)] = -vector.T @ across.T @ inverse
+    rotation[np.ix_(free, free)] = vector.T
+    by = np.array(scales)[:, None] ** 2
+    weights = np.ones((len(scales), q))
+    weights[:, free] = by / (1.0 + by * value)
+    turned = rotation @ side
+    return Cleared(
+        rotation,
+        weights,
+        turned,
+        np.log(np.diag(factor)).sum() + 0.5 * np.log1p(by * value).sum(axis=1),
+        square - weights @ turned**2,
+    )
+
+
+_NOTHING: tuple[F64, F64] = (np.zeros(0), np.zeros((0, 0)))
