@@ -105,6 +105,7 @@ CONSTANTS = (
     ),
     Constant("diagnose.heldout.judge", "CHANGED", "an arm may change between two measurements"),
     Constant("diagnose.extend", "GROWTH_KNOWN", "a growth known to a fifth of its size"),
+    Constant("diagnose.fitting.expansions", "EXPANSION_PER_K", "carbon, steel, aluminium: 0 to 23"),
     Constant("diagnose.fitting.follow", "MOST_ROUNDS", "most cases settle in three to six"),
     Constant("diagnose.fitting.follow", "STAYS", "a tenth of what the readings tell"),
     Constant("diagnose.fitting.fit", "CURVED_SHARE", "linear to a tenth of the noise"),

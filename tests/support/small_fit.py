@@ -8,6 +8,7 @@ import numpy as np
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import (
     DRIFT,
+    EXPANSIONS,
     IDENTIFIED,
     MOUNT,
     PLACEMENTS,
@@ -51,7 +52,7 @@ def small_fit(
         IDENTIFIED: nothing_identified if identified is None else identified,
     }
     blocks |= {finding(i): columns for i, columns in enumerate(findings.values())}
-    blocks |= {name: np.zeros((3 * n, 0)) for name in (MOUNT, TARGETS, DRIFT)}
+    blocks |= {name: np.zeros((3 * n, 0)) for name in (MOUNT, EXPANSIONS, TARGETS, DRIFT)}
     columns = np.hstack(list(blocks.values()))
     layout = linear_model.Layout(tuple((k, v.shape[1]) for k, v in blocks.items()))
     variance = np.full(layout.n, 100.0)

@@ -8,9 +8,11 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.diagnose.fitting import noise as noise_model
+from armd.compensation.diagnose.fitting.expansions import expansion_columns
 from armd.compensation.diagnose.problem.amplitudes import amplitude_variance
 from armd.compensation.diagnose.problem.layout import (
     DRIFT,
+    EXPANSIONS,
     IDENTIFIED,
     MOUNT,
     PLACEMENTS,
@@ -53,6 +55,7 @@ def gather_nuisance(
     for i, (candidate, block, size) in enumerate(zip(findings, columns, sizes, strict=True)):
         blocks[finding(i)] = block, amplitude_variance(candidate, size)
     blocks[MOUNT] = _column_of_the_mount(linear, baseline, arm)
+    blocks[EXPANSIONS] = expansion_columns(linear, baseline, arm)
     blocks[TARGETS] = noise_model.target_nuisance(linear)
     blocks[DRIFT] = noise_model.drift_columns(linear)
     joined = Nuisance(

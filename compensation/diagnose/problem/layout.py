@@ -10,13 +10,16 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.estimate.linear import linear_model
 
-PLACEMENTS, IDENTIFIED, MOUNT, TARGETS, DRIFT = (
+PLACEMENTS, IDENTIFIED, MOUNT, EXPANSIONS, TARGETS, DRIFT = (
     "placements and seats",
     "identified",
     "mount",
+    "expansions",
     "targets",
     "drift",
 )
+#: How many of the blocks that are always there stand before those of the findings, and after.
+BEFORE, AFTER = 2, 4
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,7 @@ class FitLayout:
 
     @property
     def _n_findings(self) -> int:
-        return len(self.blocks.sizes) - 5  # the blocks that are always there
+        return len(self.blocks.sizes) - BEFORE - AFTER
 
     def with_findings(self, counts: Sequence[int]) -> FitLayout:
         """With findings of so many columns each in the place of those that it has."""
@@ -62,7 +65,7 @@ class FitLayout:
         drawing = np.concatenate([self.drawing[:first], open_, self.drawing[stop:]])
         sizes = self.blocks.sizes
         own = tuple((finding(i), int(count)) for i, count in enumerate(counts))
-        return FitLayout(linear_model.Layout((*sizes[:2], *own, *sizes[-3:])), drawing)
+        return FitLayout(linear_model.Layout((*sizes[:BEFORE], *own, *sizes[-AFTER:])), drawing)
 
 
 def finding(index: int) -> str:
@@ -74,6 +77,6 @@ def with_some_findings(layout: FitLayout, some: Sequence[int]) -> tuple[I64, Fit
     """Which nuisance columns stay with *some* of the findings, and their layout."""
     names = [name for name, _ in layout.blocks.sizes]
     own = [finding(i) for i in some]
-    kept = layout.blocks.of([*names[:2], *own, *names[-3:]])
+    kept = layout.blocks.of([*names[:BEFORE], *own, *names[-AFTER:]])
     sizes = dict(layout.blocks.sizes)
     return kept, layout.with_findings([sizes[name] for name in own])

@@ -1,0 +1,41 @@
+"""Plain expansion of the links, where the model under test has no thermal model at all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.linear import Baseline, Linear
+from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.parameters import LEAST_LENGTH_MM
+from armd.compensation.model.slow_factors import Temperature
+
+#: A priori standard deviation of a length's growth: carbon fibre 0 to 2e-6, steel 12e-6, aluminium
+#: 23e-6 per kelvin.
+EXPANSION_PER_K = 20e-6
+
+
+def expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64, F64]:
+    """How every length grows per kelvin (N, m), and the variance of that (m,) in mm²/K²; none under
+    a calibration that is held, or beside a thermal model.
+
+    Each link expands in a straight line before it does so in a curve, and the readings that a
+    calibration is made of would identify it. Where they span too little for that, what they show
+    of it is no cause to be found (docs/decisions/0129). About the mean temperature, so that the
+    constants stay those of a calibration without a thermal model.
+    """
+    thermal = [f for t in baseline.model.terms for f in t.basis if isinstance(f, Temperature)]
+    terms = [] if baseline.held or thermal else length_terms(arm, [1])
+    if not terms:
+        return np.zeros((len(linear.residual), 0)), np.zeros(0)
+    states, model = linear.rests.observations.states, linear.model
+    rise = basis_values(terms, states, arm, model.reference_c, model.constants)
+    known = np.isfinite(rise)
+    mean = np.where(known, rise, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    rise = np.where(known, rise - mean, 0.0)
+    places = arm.layout.indices(term.parameter for term in terms)
+    columns = [linear.signature(p, own) for p, own in zip(places, rise.T, strict=True)]
+    lengths_mm = np.maximum(np.abs(model.constants[places]), LEAST_LENGTH_MM)
+    return np.array(columns).T, (EXPANSION_PER_K * lengths_mm) ** 2

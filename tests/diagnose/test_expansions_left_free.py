@@ -1,0 +1,109 @@
+"""Links that expand plainly, over too few kelvin for a thermal model: no cause is found in that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.diagnose import diagnose, model_under_test
+from armd.compensation.diagnose.fitting.expansions import EXPANSION_PER_K, expansion_columns
+from armd.compensation.diagnose.problem.baseline import from_calibration
+from armd.compensation.diagnose.problem.linearise import linearise
+from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.model.pose_factors import Harmonic
+from armd.compensation.model.terms import Term
+from support import synthetic
+
+ARM = synthetic.arm()
+#: Each less than 0.75 K from the next, and less than 3 K in all: one temperature.
+WORKSHOP_C = (20.6, 21.3, 22.0, 22.7)
+#: Aluminium, steel and carbon fibre, per kelvin.
+MATERIALS = (23e-6, 12e-6, 2e-6)
+ECCENTRIC = Term(parameter="theta_3", basis=[Harmonic(kind="sin", joint=3)], coefficient=4e-5)
+
+
+def measured(seed: int, celsius: tuple[float, ...], *more: Term) -> tuple[Session, ...]:
+    """Sessions two hours apart of an arm whose links are of different materials."""
+    rng = np.random.default_rng(seed)
+    truth = synthetic.disturbed(ARM, rng, 0.1)
+    sensors = [f"t{k}" for k in range(1, ARM.n_joints + 1)]
+    per_k = dict(zip(sensors, rng.choice(MATERIALS, ARM.n_joints), strict=True))
+    expansion = [
+        term.model_copy(
+            update={
+                "coefficient": per_k[next(iter(term.basis[0].weights))]
+                * truth[ARM.layout.index(term.parameter)]
+            }
+        )
+        for term in length_terms(ARM, [1])
+    ]
+    sessions = [
+        synthetic.session(
+            ARM,
+            truth,
+            rng,
+            terms=[*expansion, *more],
+            temperature_c=c,
+            scatter_k=0.1,
+            readings=90,
+            encoder_rad=5e-6,
+            noise_mm=0.003,
+            uncertainty_mm=0.0003,
+            name=f"{c}",
+        )
+        for c in celsius
+    ]
+    return tuple(
+        replace(
+            session,
+            started_unix_s=session.started_unix_s + 7200.0 * i,
+            states=replace(session.states, time_s=session.states.time_s + 7200.0 * i),
+        )
+        for i, session in enumerate(sessions)
+    )
+
+
+def found(sessions: tuple[Session, ...]) -> list[tuple[str, str]]:
+    diagnosis = diagnose(sessions, ARM)
+    assert diagnosis.baseline.calibration.provenance["thermal_order"] == 0
+    return [finding.candidate.place for finding in diagnosis.found]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_plain_expansion_of_all_links_is_no_finding(seed: int) -> None:
+    assert found(measured(seed, WORKSHOP_C)) == []
+
+
+def test_what_is_wrong_beside_it_is_found_alone() -> None:
+    sessions = measured(2, WORKSHOP_C, ECCENTRIC)
+    assert found(sessions) == [("encoder_eccentricity", "joint 3")]
+
+
+def test_they_are_free_by_what_materials_do_and_beside_no_other_model() -> None:
+    sessions = measured(1, WORKSHOP_C)
+    baseline = model_under_test(sessions, ARM, None)
+    linear = linearise(gather_rests(sessions, ARM), baseline.model, ARM)
+    columns, variance = expansion_columns(linear, baseline, ARM)
+    lengths_mm = [
+        baseline.model.constants[ARM.layout.index(t.parameter)] for t in length_terms(ARM, [1])
+    ]
+    assert columns.shape == (len(linear.residual), len(lengths_mm))
+    np.testing.assert_allclose(variance, (EXPANSION_PER_K * np.array(lengths_mm)) ** 2)
+    # d₃ is the same for all that stands beyond it: its column tells the temperature.
+    d3 = [t.parameter for t in length_terms(ARM, [1])].index("d_3")
+    plain = linear.jacobian[ARM.layout.index("d_3")][: 3 * linear.rests.n].reshape(-1, 3)
+    grown = columns[: 3 * linear.rests.n, d3].reshape(-1, 3)
+    rise = (grown * plain).sum(axis=1) / (plain**2).sum(axis=1)
+    assert abs(rise.mean()) < 1e-9 and 0.5 < rise.std() < 1.2
+
+    held = from_calibration(baseline.calibration, ARM, held=True)
+    assert expansion_columns(linear, held, ARM)[0].shape[1] == 0
+    warm = measured(1, (14.0, 20.0, 26.0))
+    thermal = model_under_test(warm, ARM, None)
+    assert thermal.calibration.provenance["thermal_order"] == 1
+    linear = linearise(gather_rests(warm, ARM), thermal.model, ARM)
+    assert expansion_columns(linear, thermal, ARM)[0].shape[1] == 0
