@@ -7,6 +7,7 @@ angle. The encoders' share grows with reach, so readings far out count for less.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -53,10 +54,14 @@ class Weighting:
 
     def whitening(self, joints: F64) -> F64:
         """W (n, 3, 3) at levers d tip / d angle (n, 3, N)."""
-        stretch = np.eye(3) + (joints - self.joints) @ backwards(self.joints)
+        stretch = np.eye(3) + (joints - self.joints) @ self._backwards
         covariance = self.noise.encoder_rad**2 * (joints @ joints.transpose(0, 2, 1))
         covariance += self.noise.reading_mm**2 * (stretch @ stretch.transpose(0, 2, 1))
         return whitening(covariance, self.weight)
+
+    @cached_property
+    def _backwards(self) -> F64:
+        return backwards(self.joints)
 
 
 def whitening(covariance: F64, weight: F64) -> F64:

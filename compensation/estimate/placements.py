@@ -16,6 +16,7 @@ from operator import add
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.data.in_order import in_order
 from armd.compensation.estimate.linear.linear_model import Layout, LinearModel
 from armd.compensation.estimate.linear.solution import FittedAlong
 from armd.compensation.estimate.observations import Observations
@@ -54,6 +55,7 @@ class Placements:
     others: Sequence[F64]  # joined placement by placement: all of them are large
     whitening: F64
     certified: Callable[[I64], F64] | None = None
+    whole: Placements | None = None  # the same where other readings weigh something, if known
 
     @cached_property
     def alone(self) -> LinearModel:
@@ -108,7 +110,19 @@ class Placements:
 
     @cached_property
     def _sessions(self) -> list[_Session]:
-        return [self._session(number) for number in np.unique(self.observations.session)]
+        numbers: list[int] = np.unique(self.observations.session).tolist()
+        known = {number: found for number in numbers if (found := self._in_whole(number))}
+        return list(in_order(lambda number: known.get(number) or self._session(number), numbers))
+
+    def _in_whole(self, number: int) -> _Session | None:
+        """A session as found in the whole, where no reading of it weighs otherwise there."""
+        if self.whole is None:
+            return None
+        own, targets = self.observations.session == number, self.targets_of(number)
+        alike = np.array_equal(self.whitening[own], self.whole.whitening[own])
+        if not (alike and np.array_equal(targets, self.whole.targets_of(number))):
+            return None
+        return next(s for s in self.whole._sessions if s.number == number)
 
     def _session(self, number: int) -> _Session:
         placement, targets = self.observations.placement, self.targets_of(number)
@@ -126,7 +140,7 @@ class Placements:
         if self.certified:  # no yardstick of what the readings tell of a target
             whole = replace(whole.measured(self.certified(targets)), square=whole.square)
         others, shifts = whole.clear_of(TARGETS)
-        return _Session(int(number), targets, placements, shifts, others)
+        return _Session(number, targets, placements, shifts, others)
 
     def targets_of(self, session: int) -> I64:
         """The free targets of a session."""

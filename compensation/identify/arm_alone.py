@@ -20,13 +20,15 @@ class ArmAlone:
     and free targets fitted along.
 
     *whitening* (n, 3, 3): W with WᵀW the inverse covariance of a reading, per mm². A certified
-    length without uncertainty counts as good to *length_floor_mm*.
+    length without uncertainty counts as good to *length_floor_mm*. *whole*: the same problem where
+    other readings weigh something, too; what it found of the sessions that weigh alike holds here.
     """
 
     at: Linearisation
     whitening: F64
     columns: F64
     length_floor_mm: float = 1e-6
+    whole: ArmAlone | None = None
 
     def solve(
         self,
@@ -91,7 +93,7 @@ class ArmAlone:
     def clear_cost_of(self, residual_mm: F64, poses: Poses) -> float:
         """The same of other residuals (n, 3), with *poses* near by."""
         there = replace(self.at, residual_mm=residual_mm, poses=poses)
-        return replace(self, at=there, columns=self.columns[:, :, :0]).clear_cost
+        return replace(self, at=there, columns=self.columns[:, :, :0], whole=None).clear_cost
 
     def followed(self, step: F64) -> tuple[F64, F64]:
         """Twists (p, 6) and target shifts (K, 3) that answer a *step* (C,) of the unknowns: least
@@ -113,6 +115,7 @@ class ArmAlone:
             (self.columns, self.at.residual_mm[:, :, None]),
             self.whitening,
             self._certified,
+            self.whole._placements if self.whole else None,
         )
 
     @property
@@ -138,13 +141,15 @@ class ArmAlone:
         observations, position = self.at.observations, self.at.poses.target_mm
         place = {int(k): 3 * j for j, k in enumerate(targets)}
         last = 3 * len(targets) + self.columns.shape[2]
-        rows = []
         positions, lengths = self._certificate_of(targets)
-        for k in positions.tolist():
-            of_position = np.zeros((3, last + 1))
-            of_position[:, place[k] : place[k] + 3] = np.eye(3)
-            of_position[:, last] = position[k] - observations.position_mm[k]
-            rows.append(of_position / observations.uncertainty_mm[k])
+        of_positions = np.zeros((len(positions), 3, last + 1))
+        at = np.array([place[k] for k in positions.tolist()], dtype=np.int64)
+        uncertainty = observations.uncertainty_mm[positions]
+        for axis in range(3):
+            of_positions[np.arange(len(at)), axis, at + axis] = 1.0 / uncertainty
+        off = position[positions] - observations.position_mm[positions]
+        of_positions[:, :, last] = off / uncertainty[:, None]
+        rows = [of_positions.reshape(-1, last + 1)]
         distances = observations.distances
         uncertain = np.maximum(distances.standard_uncertainty_mm, self.length_floor_mm)
         found, directions = self.at.poses.apart(distances.between)
@@ -155,4 +160,4 @@ class ArmAlone:
                     of_distance[0, place[k] : place[k] + 3] = sign * directions[i]
             of_distance[0, last] = found[i] - distances.length_mm[i]
             rows.append(of_distance / uncertain[i])
-        return np.vstack([np.zeros((0, last + 1)), *rows])
+        return np.vstack(rows)

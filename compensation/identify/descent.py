@@ -77,11 +77,15 @@ class Descent:
     start: F64  # (C,) what unidentifiable directions stay near
     weighting: Weighting
 
-    def run(self, x: F64, poses: Poses, floor_mm: float, held: bool) -> End:
-        """Step until what a step would gain is nothing beside the noise."""
+    def run(self, x: F64, begun: Linearisation, floor_mm: float, held: bool) -> End:
+        """Step until what a step would gain is nothing beside the noise; *begun*: at *x* (C,), with
+        poses to begin with."""
         scale = self.unknowns.plausible(self.terms, self.basis)
 
-        here = _Place(x, *self.linearise(x, poses, floor_mm, held))
+        if self._poses_anew(held):
+            here = _Place(x, *self.linearise(x, begun.poses, floor_mm, held))
+        else:
+            here = _Place(x, begun, self._alone(begun, floor_mm))
         damping = 0.0
         steps = 0
         while steps < MOST_STEPS:
@@ -93,7 +97,7 @@ class Descent:
                 break
 
             while True:
-                damped = here.alone.solve(scale, pull, damping, held)
+                damped = here.alone.solve(scale, pull, damping, held) if damping else solution
                 trial = self._moved(here, damped.step, floor_mm, held)
                 better = self._better(here, trial, solution, held)
                 if not better:
@@ -154,8 +158,11 @@ class Descent:
             position = forward(self.observations.states.q, rows)[0]
             poses = fit_poses(self.observations, position, self.weighting.weight, poses)
         at = linearise(self.observations, constants, terms, poses, self.reference_c, self.basis)
-        columns = self.unknowns.columns(at.jacobian, at.basis, terms)
-        return at, ArmAlone(at, self.weighting.whitening(at.joints), columns, floor_mm)
+        return at, self._alone(at, floor_mm)
+
+    def _alone(self, at: Linearisation, floor_mm: float) -> ArmAlone:
+        columns = self.unknowns.columns(at.jacobian, at.basis, self.terms)
+        return ArmAlone(at, self.weighting.whitening(at.joints), columns, floor_mm)
 
     def _poses_anew(self, held: bool) -> bool:
         """Whether poses are fitted at every place, and do not follow the steps alone."""

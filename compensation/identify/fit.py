@@ -119,7 +119,8 @@ def fit(
     region = np.zeros(observations.n, dtype=bool)
     steps, held = 0, noise is None
     for round_ in range(1, rounds + 1):
-        joints = linearise(observations, constants, terms, poses, reference_c, basis).joints
+        begun = linearise(observations, constants, terms, poses, reference_c, basis)
+        joints = begun.joints
         weight = redescending_weights(distance2, region)
         if held:
             weighing = ReadingNoise(0.0, weighing.typical_mm(joints))
@@ -129,7 +130,7 @@ def fit(
         )
         # A certified length bends the problem: far off it must not weigh more than the readings.
         floor_mm = weighing.reading_mm * (1.0 if held else 0.01)
-        end = descent.run(x, poses, floor_mm, held)
+        end = descent.run(x, begun, floor_mm, held)
         stands = np.array_equal(end.x, x)
         x, poses, steps = end.x, end.at.poses, steps + end.steps
         constants, terms = unknowns.put(x, constants, terms)

@@ -43,7 +43,8 @@ class HeldOut:
         whiten = whitening(fit.noise.covariance(fit.at.joints), weight)
         self.scale, self.pull = scale, pull
         base = replace(fit.at, residual_mm=residual)
-        self.folds = [_Fold(base, whiten, weight, columns, out) for out in folds if out.any()]
+        whole = ArmAlone(base, whiten, columns)
+        self.folds = [_Fold(whole, weight, out) for out in folds if out.any()]
         self._kept = [~np.isin(np.flatnonzero(out), fit.weighed_down) for out in folds if out.any()]
 
     def solve(self, fold: int, chosen: I64) -> Solution:
@@ -79,19 +80,19 @@ class Errors:
 
 
 class _Fold:
-    """One set of readings left out; *base* stands at the start."""
+    """One set of readings left out; the *whole* stands at the start."""
 
-    def __init__(
-        self, base: Linearisation, whiten: F64, weight: F64, columns: F64, out: Mask
-    ) -> None:
+    def __init__(self, whole: ArmAlone, weight: F64, out: Mask) -> None:
+        base, columns = whole.at, whole.columns
         self._base, self._columns, self._out = base, columns, out
         self._weight = weight[out]  # a reading gone wrong does not move its placement
         observations = base.observations
         touched = observations.target[~out & ~observations.has_truth]
         free = base.free_targets[np.isin(base.free_targets, touched)]
         # Rows left out weigh nothing: a copy of all others' columns for each fold would be large.
-        whiten = np.where(out[:, None, None], 0.0, whiten)
-        self.training = ArmAlone(replace(base, free_targets=free), whiten, columns)
+        whiten = np.where(out[:, None, None], 0.0, whole.whitening)
+        at = replace(base, free_targets=free)
+        self.training = ArmAlone(at, whiten, columns, whole=whole)
 
     @cached_property
     def _trial(self) -> ArmAlone | None:

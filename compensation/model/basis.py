@@ -34,14 +34,14 @@ def basis_values(
     """
     instants = Instants(states, arm, reference_c, constants, delay)
     known: dict[str, F64] = {}  # each distinct factor is evaluated once
-    values = np.ones((states.n, len(terms)))
+    values = np.ones((len(terms), states.n))  # each in one piece of memory
     for t, term in enumerate(terms):
         for factor in term.basis:
             key = factor.model_dump_json()
             if key not in known:
                 known[key] = factor.at(instants)
-            values[:, t] *= known[key]
-    return values
+            values[t] *= known[key]
+    return values.T
 
 
 def tip_motion(

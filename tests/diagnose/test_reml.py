@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting import noise as noise_model
-from armd.compensation.diagnose.fitting.likelihood import Restricted
+from armd.compensation.diagnose.fitting.likelihood import Absorbing, Restricted
 from armd.compensation.estimate.linear.blocks import in_blocks
 from support.small_fit import unit_noise
 
@@ -83,8 +83,10 @@ def test_the_restricted_likelihood_is_that_of_dense_matrices(share: float, struc
     distance = problem.rests.observations.distances.standard_uncertainty_mm
     # A scale is common to all rows: the lengths' own is taken along by it.
     whitener = noise_model._unit_whitener(problem, share)
-    products = in_blocks([columns], placement).products(whitener, distance, residual)
-    known = Restricted.of(products, variance, len(residual))
+    blocks = in_blocks([columns], placement)
+    products = blocks.products(whitener, distance, residual)
+    absorbing = Absorbing.of(blocks.meeting, variance)
+    known = Restricted.of(products, absorbing, len(residual))
     free, shared = columns[:, np.isinf(variance)], columns[:, ~np.isinf(variance)]
     assert known.freedom == len(residual) - free.shape[1]
 

@@ -45,11 +45,11 @@ def descended(
     position = forward(observations.states.q, np.tile(begin, (n, 1)))[0]
     poses = fit_poses(observations, position)
     basis = np.zeros((n, 0))
-    joints = linearise(observations, begin, [], poses, 20.0, basis).joints
+    at = linearise(observations, begin, [], poses, 20.0, basis)
     start = UNKNOWNS.values(nominal, [])
-    weighting = Weighting(noise, joints, np.ones(n))
+    weighting = Weighting(noise, at.joints, np.ones(n))
     descent = Descent(observations, begin, [], UNKNOWNS, 20.0, basis, start, weighting)
-    return descent.run(UNKNOWNS.values(begin, []), poses, FLOOR_MM, held)
+    return descent.run(UNKNOWNS.values(begin, []), at, FLOOR_MM, held)
 
 
 def standard(end: End, step: np.ndarray) -> np.ndarray:

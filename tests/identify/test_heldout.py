@@ -10,6 +10,7 @@ import pytest
 from armd.compensation.data.session import Session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
+from armd.compensation.identify.heldout import HeldOut
 from support import synthetic
 
 ARM = synthetic.arm()
@@ -66,3 +67,22 @@ def test_seats_at_other_places() -> None:
         elsewhere.append(float(np.sqrt(np.mean(found.distance_um**2))))
     # Evaluated, the other half finds its seats anew: it misses by a little less.
     assert 0.95 * rms(elsewhere) < rms(printed) < 1.25 * rms(elsewhere)
+
+
+def test_sessions_that_a_fold_leaves_alone_are_as_it_would_find_them_itself() -> None:
+    """Three sessions, two placements each, of which the fold takes one placement of the first."""
+    rng = np.random.default_rng(7)
+    truth = synthetic.disturbed(ARM, rng)
+    sessions = [
+        replace(synthetic.session(ARM, truth, rng, readings=60, placements=2), name=f"s{i}")
+        for i in range(3)
+    ]
+    result = calibrate([noisy(s, rng, 0) for s in sessions], ARM, Options(thermal_order=0)).fit
+    columns = result.unknowns.columns(result.at.jacobian, result.at.basis, result.terms)
+    scale, pull = result.solution.scale, -result.departure
+    out = result.observations.placement == 0
+    fold = HeldOut(result, columns, scale, result.at.residual_mm, pull, [out]).folds[0].training
+    own = replace(fold, whole=None)
+    taken = [fold._placements._in_whole(number) is not None for number in range(3)]
+    assert taken == [False, True, True]
+    np.testing.assert_array_equal(fold.solve(scale, pull).step, own.solve(scale, pull).step)

@@ -12,12 +12,34 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.linear.bordered import BorderedParts, root_along_known
 
 #: A direction of what absorbs freely this short (squared), beside the longest, is a gauge.
 _TINY = 1e-10
 LEAST_RELATIVE, MOST_RELATIVE = 1e-8, 1e6  # variance of a shared column over that of one rest
+
+
+@dataclass(frozen=True)
+class Absorbing:
+    """Which of b columns absorb in one part of the rows only, and which are shared."""
+
+    own: tuple[I64, ...]  # of each part, the drift's among them
+    shared: I64  # free, of all parts
+    held: I64  # by a prior
+    drifting: Mask  # (b,)
+    variance: F64  # (b,) of the amplitudes, inf: free, NaN: the drift's
+
+    @classmethod
+    def of(cls, meeting: Mask, variance: F64) -> Absorbing:
+        """By which columns meet each other (b, b) in some row."""
+        drifting, free = np.isnan(variance), np.isinf(variance)
+        inner = np.flatnonzero(drifting | free)
+        parts = BorderedParts.of(meeting[np.ix_(inner, inner)])
+        own, shared = [inner[part] for part in parts.own], inner[parts.border]
+        if drifting[shared].any():
+            own, shared = [inner], shared[:0]
+        return cls(tuple(own), shared, np.flatnonzero(~(drifting | free)), drifting, variance)
 
 
 @dataclass(frozen=True)
@@ -33,22 +55,17 @@ class Restricted:
     freedom: int  # rows less the rank of all that absorbs freely
 
     @classmethod
-    def of(cls, products: F64, variance: F64, rows: int) -> Restricted:
+    def of(cls, products: F64, absorbing: Absorbing, rows: int) -> Restricted:
         """From *products* (b + 1, b + 1) of whitened columns and a residual as the last, over so
-        many *rows*; *variance* (b,) of the amplitudes, inf: free, NaN: the drift's."""
-        drifting, free = np.isnan(variance), np.isinf(variance)
-        inner = np.flatnonzero(drifting | free)
-        parts = BorderedParts.of(products[np.ix_(inner, inner)])
-        own, shared = [inner[part] for part in parts.own], inner[parts.border]
-        if drifting[shared].any():
-            own, shared = [inner], shared[:0]
-        held = np.flatnonzero(~(drifting | free))
-        rest = np.concatenate([shared, held, [len(variance)]])
+        many *rows*."""
+        drifting, shared, held = absorbing.drifting, absorbing.shared, absorbing.held
+        rest = np.concatenate([shared, held, [len(drifting)]])
         gram = products[np.ix_(rest, rest)]
         curvature, across, rank = [np.empty(0)], [np.empty((0, len(rest)))], 0
-        for part in own:
-            r, clear = _clear_of_free(products, part[free[part]], part[drifting[part]], rest)
-            d = int(drifting[part].sum())
+        for part in absorbing.own:
+            drift = drifting[part]
+            r, clear = _clear_of_free(products, part[~drift], part[drift], rest)
+            d = int(drift.sum())
             rank += r
             # What is absorbed entirely must not come out negative by rounding.
             values, vectors = np.linalg.eigh(clear[:d, :d])
@@ -64,7 +81,7 @@ class Restricted:
             np.concatenate(curvature),
             np.concatenate(across) @ turn,
             turn.T @ gram @ turn,
-            variance[held],
+            absorbing.variance[held],
             root.shape[1],
             rows - rank - root.shape[1],
         )

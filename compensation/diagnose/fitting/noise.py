@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
 from armd.arrays import F64
-from armd.compensation.diagnose.fitting.likelihood import Restricted
+from armd.compensation.diagnose.fitting.likelihood import Absorbing, Restricted
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
@@ -134,12 +134,13 @@ def _estimate(
 ) -> RestNoise:
     """The same with lengths' standard uncertainties *distance* (D,) as if s were *scale_mm*."""
     relative = distance / scale_mm
+    absorbing = Absorbing.of(nuisance.meeting, variance)
 
     @cache
     def at_share(share: float) -> tuple[float, float, float]:
         whitener = _unit_whitener(linear, share)
         products = nuisance.products(whitener, relative, residual)
-        unlikely, scale, drift = _best_scale(Restricted.of(products, variance, len(residual)))
+        unlikely, scale, drift = _best_scale(Restricted.of(products, absorbing, len(residual)))
         log_det = -2.0 * float(np.log(np.einsum("nii->ni", whitener)).sum())
         return unlikely + log_det, scale, drift
 

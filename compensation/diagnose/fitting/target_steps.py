@@ -39,8 +39,11 @@ def target_steps(last: Fit) -> list[TargetStep]:
     left = 1e3 * (last.raw_residual - last.fitted)[: 3 * observations.n].reshape(-1, 3)
     pairs = np.stack([observations.placement, observations.target], axis=1)
     found = []
-    for placement, target in np.unique(pairs, axis=0):
-        own = left[(pairs == (placement, target)).all(axis=1)]
+    named, of = np.unique(pairs, axis=0, return_inverse=True)
+    rests = np.argsort(of.ravel(), kind="stable")
+    ends = np.cumsum(np.bincount(of.ravel(), minlength=len(named)))
+    for (placement, target), numbers in zip(named, np.split(rests, ends[:-1]), strict=True):
+        own = left[numbers]
         step_um, after, step_p = _clearest_step(own)
         found.append(
             TargetStep(

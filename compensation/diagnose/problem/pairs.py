@@ -15,6 +15,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from armd.arrays import F64, I64
+from armd.compensation.data.in_order import in_order
 
 Part = tuple[int, float, int]  # parameter, weight, row of the bases
 
@@ -75,17 +76,22 @@ class Within:
 
     def products(self, jacobian: F64, bases: F64) -> F64:
         """(elements,) over n rests, from a whitened Jacobian (P, n, 3) and basis values (B, n)."""
-        sums = [np.zeros((len(group), len(those))) for group, those in self.groups]
         one, other = self.parameters.T
-        for begin in range(0, bases.shape[1], PIECE):
+
+        def of(begin: int) -> F64:
             some = slice(begin, begin + PIECE)
             columns, values = jacobian[:, some], np.ascontiguousarray(bases[:, some])
             of_parameters = np.einsum("dna,dna->dn", columns[one], columns[other])
-            for (group, those), found in zip(self.groups, sums, strict=True):
+            found = [np.empty(0)]
+            for group, those in self.groups:
                 turned = of_parameters[those].T
                 for low in range(0, len(group), CHUNK):
                     a, c = group[low : low + CHUNK].T
-                    found[low : low + CHUNK] += (values[a] * values[c]) @ turned
-        flat = np.concatenate([np.empty(0), *(found.ravel() for found in sums)])
-        elements: F64 = self.weights @ flat
+                    found.append(((values[a] * values[c]) @ turned).ravel())
+            return np.concatenate(found)
+
+        total = np.zeros(self.weights.shape[1])
+        for found in in_order(of, range(0, bases.shape[1], PIECE)):
+            total += found
+        elements: F64 = self.weights @ total
         return elements

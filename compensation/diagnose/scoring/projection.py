@@ -59,6 +59,11 @@ class Projection:
         return reduce(operator.add, self.parts)
 
     @cached_property
+    def within(self) -> F64:
+        """(b, b) products of the shared columns, clear of the cells' own, among each other."""
+        return self.clear[:, :-1].T @ self.clear[:, :-1]
+
+    @cached_property
     def lasting(self) -> Lasting:
         """By what noise shows that it lasts from rest to rest."""
         linear, absorbed = self.fit.linear, [(cell.rests, cell.own) for cell in self.cells]

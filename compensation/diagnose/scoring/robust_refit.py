@@ -143,9 +143,9 @@ class _Problem:
 def _absorbing(projection: Projection) -> _Problem:
     """What placements share of what absorbs."""
     clear = projection.clear[:, :-1]
-    shared = projection.shared
     # Columns clear of the cells are what is weighed here: their own lengths are the yardstick.
-    model = LinearModel.of_products(shared.layout, clear.T @ clear, shared.variance)
+    shared = projection.shared
+    model = LinearModel.of_products(shared.layout, projection.within, shared.variance)
     residuals = projection.clear_of_cells(_residuals(projection))
     nothing = np.empty((len(clear), 0))
     return _Problem(projection, clear, nothing, model, residuals, clear.T @ residuals)

@@ -81,6 +81,15 @@ class Blocks:
         return found, square
 
     @cached_property
+    def meeting(self) -> Mask:
+        """(m, m) which columns are in one piece, or of one distance, together."""
+        together = self.distances != 0.0
+        found: Mask = together.T @ together
+        for piece in self.pieces:
+            found[np.ix_(piece.columns, piece.columns)] = True
+        return found
+
+    @cached_property
     def in_one_piece(self) -> Mask:
         """(m,) which columns are zero but in one piece."""
         count = np.zeros(self.size, dtype=np.int64)

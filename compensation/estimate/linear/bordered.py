@@ -14,7 +14,7 @@ from scipy.linalg import solve_triangular
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
 
 #: Relative to the largest eigenvalue, each unknown in units of its own diagonal: still knowledge.
 LEAST_KNOWN = 1e-13
@@ -30,7 +30,7 @@ class BorderedParts:
     border: I64
 
     @classmethod
-    def of(cls, matrix: F64) -> BorderedParts:
+    def of(cls, matrix: F64 | Mask) -> BorderedParts:
         """By what is not zero; no parts where all columns hang together."""
         meets = matrix != 0.0
         np.fill_diagonal(meets, True)

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -246,9 +247,7 @@ class LinearModel:
         own, others = self.layout.of(names), self.layout.but(names)
         unit = float(self.length[own].max(initial=0.0)) ** 2 or 1.0
         known = self.gram[np.ix_(own, own)] + np.diag(1.0 / self.variance[own])
-        values, vectors = np.linalg.eigh(known / unit)
-        kept = values > LEAST_TAKEN
-        factor = vectors[:, kept] / np.sqrt(values[kept] * unit)
+        factor = _factor_of_known(known / unit) / np.sqrt(unit)
         taken = factor.T @ self.gram[np.ix_(own, others)]
         left = self.only(others)
         return replace(left, gram=left.gram - taken.T @ taken), FittedAlong(factor, -factor @ taken)
@@ -268,6 +267,22 @@ class LinearModel:
         scaled /= self.length[:, None]
         scaled[np.diag_indices_from(scaled)] += 1.0 / (self.variance * self.length**2)
         return scaled
+
+
+def _factor_of_known(matrix: F64) -> F64:
+    """F (m, r) with F Fᵀ the inverse along the eigenvectors of which something is known.
+
+    Where that is all of them for sure no eigenvalues are needed: none is below one over the
+    inverse's trace.
+    """
+    with suppress(np.linalg.LinAlgError):
+        factor = inverse_of_lower(np.asarray(np.linalg.cholesky(matrix), dtype=np.float64))
+        if float((factor**2).sum()) * LEAST_TAKEN < 1.0:
+            return factor
+    values, vectors = np.linalg.eigh(matrix)
+    kept = values > LEAST_TAKEN
+    along: F64 = vectors[:, kept] / np.sqrt(values[kept])
+    return along
 
 
 def _lower_factor(matrix: F64) -> F64:
