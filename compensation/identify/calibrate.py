@@ -34,6 +34,7 @@ from armd.compensation.identify.heldout import HeldOut
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.sensor_noise import sensor_noise_c
 from armd.compensation.identify.thermal.comparison import Comparison, Trial
+from armd.compensation.identify.thermal.temperatures import far_apart
 from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of
@@ -50,7 +51,7 @@ class Options:
     """How to calibrate; the defaults decide from the data."""
 
     thermal_order: int | None = None  # None: chosen by the error on readings left out
-    compare: bool = True  # thermal models; without, the linear one wherever there can be one
+    compare: bool = True  # thermal models; without, the linear one wherever it can be told
     thermal_method: ThermalMethod = "polynomial"
     offset: bool = False  # C of eq. 14, per temperature; in the other models it is in the constants
     command: str = ""  # for the provenance
@@ -94,7 +95,9 @@ def _calibrate(
     order, final = 0, first
     per_temperature = thermal and options.thermal_method == "per-temperature"
     if thermal and not options.compare:
-        order, final = 1, _fit(observations, arm, unknown, terms, progress, first)
+        order = 1 if far_apart(groups) or Comparison(first, groups).tells_expansion() else 0
+        terms = terms if order else []
+        final = _fit(observations, arm, unknown, terms, progress, first)
     elif thermal:
         comparison = Comparison(first, groups)
         trials = comparison.trials()

@@ -7,7 +7,8 @@ import pytest
 
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.identify.evaluation.evaluate import evaluate_model
+from armd.compensation.identify.evaluation.evaluate import evaluate, evaluate_model
+from armd.compensation.identify.fit import rms_um
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.thermal.per_temperature import regression
 from armd.compensation.identify.thermal.temperatures import left_out_in_turn, temperature_groups
@@ -188,6 +189,35 @@ def test_placements_close_to_the_next_are_not_all_of_one_temperature() -> None:
     (told,) = [t for t in found.calibration.terms if t.parameter == "a_2"]
     assert told.coefficient == pytest.approx(6e-3, rel=0.1)
     assert found.rms_um < 10.0
+
+
+@pytest.mark.parametrize(
+    ("per_k", "width_k", "order"), [(2e-5, 2.1, 1), (0.0, 2.1, 0), (2e-5, 0.6, 0)]
+)
+def test_close_temperatures_tell_expansion_where_there_is_some(
+    per_k: float, width_k: float, order: int
+) -> None:
+    """Each less than 0.75 K from the next; more than that in all, or not."""
+    rng = np.random.default_rng(4)
+    truth = synthetic.disturbed(ARM, rng, 0.2)
+    terms = [
+        t.model_copy(update={"coefficient": per_k * truth[ARM.layout.index(t.parameter)]})
+        for t in length_terms(ARM, [1])
+    ]
+    cold, warm = 20.0, 20.0 + width_k
+    *sessions, warmer = [
+        synthetic.session(
+            ARM, truth, rng, terms=terms, readings=60, temperature_c=c, scatter_k=0.1,
+            encoder_rad=2e-6, noise_mm=0.002, name=f"T{c:.1f}",
+        )
+        for c in (*np.linspace(cold, warm, 4), warm + 5.0)
+    ]  # fmt: skip
+    chosen, none = calibrate(sessions, ARM), calibrate(sessions, ARM, Options(thermal_order=0))
+    assert chosen.thermal_order == order
+    missed = [
+        rms_um(evaluate([warmer], ARM, found.calibration).residual_mm) for found in (chosen, none)
+    ]
+    assert missed[0] < 0.6 * missed[1] if order else missed[0] == pytest.approx(missed[1], rel=0.01)
 
 
 @pytest.mark.parametrize("placements", [1, 2, 3, 4])

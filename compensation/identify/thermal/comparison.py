@@ -126,6 +126,12 @@ class Comparison:
                 best, chosen = error, m
         return chosen
 
+    def tells_expansion(self) -> bool:
+        """Whether the linear model clearly beats that without temperature."""
+        arm = self.fit.observations.arm
+        plain, grown = (self.errors(length_terms(arm, orders)) for orders in ([], [1]))
+        return grown.without_far_um < WORTH * plain.without_far_um
+
     def extended(self, terms: Sequence[Term]) -> list[Trial]:
         """Angles that move with temperature, added where they lower the held-out error."""
         chosen, best = list(terms), self.errors(terms).without_far_um

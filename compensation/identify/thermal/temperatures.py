@@ -46,6 +46,8 @@ def temperature_groups(observations: Observations) -> list[tuple[float, Mask]]:
         else:
             chains.append([int(p)])
     groups = [group for chain in chains for group in _evenly(np.array(chain), mean)]
+    if len(groups) == 1:
+        groups = _halves(groups[0], mean)
     masks = [np.isin(observations.placement, group) for group in groups]
     return [(float(row_c[mask].mean()), mask) for mask in masks]
 
@@ -58,6 +60,21 @@ def _evenly(chain: I64, mean_c: F64) -> list[I64]:
     spans = int(np.ceil(own[-1] / MOST_SPAN_K))
     of = np.minimum((own / own[-1] * spans).astype(np.int64), spans - 1)
     return [chain[of == k] for k in range(spans)]
+
+
+def far_apart(groups: list[tuple[float, Mask]]) -> bool:
+    """Whether temperatures are surely as far apart as telling expansion takes."""
+    return groups[-1][0] - groups[0][0] > MOST_SPAN_K
+
+
+def _halves(chain: I64, mean_c: F64) -> list[I64]:
+    """The only temperature as two, where it spans more than one may: there are no others that could
+    tell whether lengths grow with it."""
+    own = mean_c[chain] - mean_c[chain[0]]
+    if not own[-1] > SAME_TEMPERATURE_K:
+        return [chain]
+    warm = own > own[-1] / 2
+    return [chain[~warm], chain[warm]]
 
 
 def left_out_in_turn(observations: Observations, groups: list[tuple[float, Mask]]) -> list[LeftOut]:
