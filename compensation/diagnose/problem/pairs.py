@@ -36,40 +36,34 @@ class Within:
     def of(cls, candidates: Sequence[Sequence[Sequence[Part]]]) -> Within:
         """Of the columns of each candidate, by their parts; elements are the upper triangles, row
         by row."""
-        elements: list[tuple[int, tuple[int, int], tuple[int, int], float]] = []
-        first, count = [], 0
-        for columns in candidates:
-            first.append(count)
-            for i, own in enumerate(columns):
-                for other in columns[i:]:
-                    elements += [
-                        (count, (min(a, c), max(a, c)), (min(p, q), max(p, q)), v * w)
-                        for p, v, a in own
-                        for q, w, c in other
-                    ]
-                    count += 1
-        met: dict[tuple[int, int], set[tuple[int, int]]] = {}
-        for _, bases, parameters, _ in elements:
-            met.setdefault(bases, set()).add(parameters)
-        number = {pair: k for k, pair in enumerate(sorted(set().union(*met.values())))}
-        alike: dict[tuple[int, ...], list[tuple[int, int]]] = {}
-        for bases, of in met.items():
-            alike.setdefault(tuple(sorted(number[pair] for pair in of)), []).append(bases)
-        at, quadruples = {}, 0
-        for those, group in alike.items():
-            for bases in group:
-                for k in those:
-                    at[bases, k] = quadruples
-                    quadruples += 1
-        rows = [element for element, *_ in elements]
-        columns_of = [at[bases, number[pair]] for _, bases, pair, _ in elements]
+        count = np.array([len(c) * (len(c) + 1) // 2 for c in candidates], dtype=np.int64)
+        first = np.cumsum(count) - count
+        rows, one, other = _elements(candidates, first)
+        flat = [part for columns in candidates for column in columns for part in column]
+        parameter, weight, basis = np.array(flat, dtype=np.float64).reshape(len(flat), 3).T
+        named, number = np.unique(_pair(parameter[one], parameter[other]), return_inverse=True)
+        met = _pair(basis[one], basis[other]) * len(named) + number
+        quadruples, met_at = np.unique(met, return_inverse=True)
+        bases, those = np.divmod(quadruples, max(len(named), 1))
+        pairs, begin = np.unique(bases, return_index=True)
+        end = np.append(begin, len(bases))[1:]
+        alike: dict[bytes, list[int]] = {}
+        for k, (low, high) in enumerate(zip(begin, end, strict=True)):
+            alike.setdefault(those[low:high].tobytes(), []).append(k)
+        place, groups, total = np.empty(len(quadruples), dtype=np.int64), [], 0
+        for group in alike.values():
+            low, high = begin[group[0]], end[group[0]]
+            at = begin[group][:, None] + np.arange(high - low)
+            place[at] = total + np.arange(at.size).reshape(at.shape)
+            total += at.size
+            groups.append((_apart(pairs[group]), those[low:high]))
         return cls(
-            np.array(list(number), dtype=np.int64).reshape(-1, 2),
-            tuple((np.array(group), np.array(those)) for those, group in alike.items()),
-            np.array(first, dtype=np.int64),
+            _apart(named),
+            tuple(groups),
+            first,
             csr_array(
-                ([weight for *_, weight in elements], (rows, columns_of)),
-                shape=(count, quadruples),
+                ((weight[one] * weight[other]).tolist(), (rows, place[met_at])),
+                shape=(int(count.sum()), len(quadruples)),
                 dtype=np.float64,
             ),
         )
@@ -95,3 +89,42 @@ class Within:
             total += found
         elements: F64 = self.weights @ total
         return elements
+
+
+def _elements(candidates: Sequence[Sequence[Sequence[Part]]], first: I64) -> tuple[I64, I64, I64]:
+    """Of all products of two parts: the element, one row of the upper triangle after the other,
+    candidates beginning at *first*; and both parts, numbered through."""
+    sizes = [tuple(map(len, columns)) for columns in candidates]
+    begin = np.cumsum([0, *map(sum, sizes)])
+    alike: dict[tuple[int, ...], list[int]] = {}
+    for k, size in enumerate(sizes):
+        alike.setdefault(size, []).append(k)
+    found = [np.empty((3, 0), dtype=np.int64)]
+    for size, members in alike.items():
+        column, m = np.repeat(np.arange(len(size)), size), len(size)
+        i, j = np.nonzero(column[:, None] <= column)
+        low, high = column[i], column[j]
+        element = low * m - low * (low - 1) // 2 + high - low
+        parts = begin[members][:, None]
+        found.append(
+            np.stack([first[members][:, None] + element, parts + i, parts + j]).reshape(3, -1)
+        )
+    rows, one, other = np.hstack(found)
+    return rows, one, other
+
+
+#: More than there are parameters, or basis functions.
+_MANY = 1 << 20
+
+
+def _pair(one: F64, other: F64) -> I64:
+    """A number for two, in either order."""
+    pair: I64 = np.minimum(one, other).astype(np.int64) * _MANY + np.maximum(one, other).astype(
+        np.int64
+    )
+    return pair
+
+
+def _apart(pairs: I64) -> I64:
+    """(…, 2) the two of each."""
+    return np.stack(np.divmod(pairs, _MANY), axis=-1)

@@ -181,7 +181,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
     states = linear.rests.observations.states
     histories = {i: each for i, each in enumerate(bases) if isinstance(each, Use | Winding)}
     probes = {
-        i: Term.model_construct(parameter="theta_1", basis=each, coefficient=1.0)
+        i: Term(parameter="theta_1", basis=each, coefficient=1.0)
         for i, each in enumerate(bases)
         if not isinstance(each, Use | Winding)
     }
