@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,8 +15,9 @@ import pytest
 
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.refit import Refits, solve_again
-from armd.compensation.diagnose.heldout.borne_out import choose
+from armd.compensation.diagnose.heldout.borne_out import choose, found_again
 from armd.compensation.diagnose.heldout.gain import gain
 from armd.compensation.diagnose.heldout.judge import Look
 from armd.compensation.diagnose.told.result import as_json
@@ -121,6 +123,30 @@ def test_readings_held_out_make_doubtful_what_they_contradict() -> None:
         )
         assert chosen.some == (0,)
         assert chosen.doubts == {1: pytest.approx(1.0 if expected is None else expected)}
+
+
+def found_with(p_value: float) -> Any:
+    return SimpleNamespace(candidate=SimpleNamespace(cause="encoder_scale"), p_value=p_value)
+
+
+def steps_between(*rms_um: float) -> list[Gain]:
+    """What a repeated search gains from step to step, by readings that have a pattern in common."""
+    pattern = 1.0 + 0.2 * np.random.default_rng(4).normal(size=len(GROUPS))
+    squares = [(1e-3 * rms) ** 2 * pattern for rms in rms_um]
+    return [gain(*pair, GROUPS) for pair in pairwise(squares)]
+
+
+def test_a_sure_finding_may_be_found_again_beside_the_next_only() -> None:
+    """Of two causes, the first to be found may have hidden part of the second: alone it predicts
+    worse. A weak one, which may be chance, must not."""
+    steps = steps_between(26.8, 28.7, 6.3)
+    assert found_again(found_with(1e-300), steps)
+    assert not found_again(found_with(1e-4), steps)
+    assert not found_again(found_with(1e-300), steps[:1])
+    assert not found_again(found_with(1e-300), steps_between(26.8, 28.7, 27.5))
+    for p_value, still in ((1e-300, True), (1e-4, False)):  # worse by a hundredth, or by nothing
+        assert found_again(found_with(p_value), steps_between(26.8, 27.0)) == still
+        assert found_again(found_with(p_value), steps_between(26.8, 26.8))
 
 
 def test_nothing_is_written_that_could_not_be_found_again() -> None:

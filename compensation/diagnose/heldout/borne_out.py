@@ -154,14 +154,22 @@ def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> Bo
         for folds in (folds_of(last), _by_target(observations))
     ]
     able = [
-        not found.candidate.told_only
-        and own.after_um <= (1.0 + (MOST_WORSE if _sure(found) else 0.0)) * own.before_um
-        for found, own in zip(result.found, stepwise, strict=True)
+        not found.candidate.told_only and found_again(found, stepwise[i:])
+        for i, found in enumerate(result.found)
     ]
     later = later_squares(last, arm) if any(map(is_drift, last.findings)) else None
     growth = knows_growth(last, arm)
     deaf_to_growth = growth and _in_one_fold(last, last.net_growth())
     return choose(result, looks, able, _deaf_by_placement(last), later, growth, deaf_to_growth)
+
+
+def found_again(found: Finding, steps: Sequence[Gain]) -> bool:
+    """Whether a search repeated without the placements predicts them no worse with the first of
+    these *steps*, which is of *found*. A sure one may do so beside some of the next only: mended
+    alone, it may uncover a harm that it had hidden."""
+    if not _sure(found):
+        return steps[0].after_um <= steps[0].before_um
+    return min(step.after_um for step in steps) <= (1.0 + MOST_WORSE) * steps[0].before_um
 
 
 def _sure(found: Finding) -> bool:
