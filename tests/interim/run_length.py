@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import logsumexp
 
-from armd.arrays import F64, I64
+from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.likelihood import MOST_BACK, NOISE_WORD, SIZES
@@ -68,7 +68,8 @@ def noise_alone(
             ratio[some] = _log_ratio(sums, begun, root, side[:, some], priors, freedom,
                                      square[n - 1, some],
                                      (plain[n] - plain[first])[..., some],
-                                     (timed[n] - timed[first])[..., some], first)  # fmt: skip
+                                     (timed[n] - timed[first])[..., some],
+                                     sums.origin(first, n))  # fmt: skip
         statistics[n - 1] = logsumexp(share + ratios, axis=0)
     return statistics
 
@@ -83,14 +84,14 @@ def _log_ratio(
     square: F64,
     plain: F64,
     timed: F64,
-    first: I64,
+    origin: F64,
 ) -> F64:
     """(draws,) log of the summed ratio with standing errors of one size."""
     left = NOISE_WORD + square - (side**2).sum(axis=0)
     total = np.full(side.shape[1], -np.inf)
     for shape, one in enumerate(begun):
         cross = one.cross * root  # (T, C, q), columns group by group
-        own_side = plain if shape == 0 else timed - sums.origin(first)[:, None, None] * plain
+        own_side = plain if shape == 0 else timed - origin[:, None, None] * plain
         own_side = own_side[:, np.concatenate([at.ravel() for _, at in sums.groups])]
         clear = own_side - cross @ side
         end = 0

@@ -11,9 +11,9 @@ from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence import stack as stacked
 from armd.compensation.interim.evidence.amplitudes import integrated
-from armd.compensation.interim.evidence.cleared import Cleared, cleared
+from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, cleared
 from armd.compensation.interim.evidence.likelihood import weigh
-from armd.compensation.interim.evidence.stack import CheckSums, RunningSums, Stack
+from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import UNSETTLED, watch
 
 SCALES = (0.03, 0.3, 1.0, 10.0)

@@ -21,6 +21,7 @@ import pytest
 from armd import __version__
 from armd.compensation.interim.checks import keeping
 from armd.compensation.interim.checks.columns import causes_of
+from armd.compensation.interim.told import remembered
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, Noise, constants_of, save_calibration
 from armd.daemon.commands.offline import interim
@@ -144,6 +145,26 @@ def test_the_order_of_adding_does_not_matter(checks: Path, kept: Path, tmp_path:
     assert reported(history) == reported(kept)
     name = reported(kept)["changes"][0]["calibration_from"]
     assert (history / name).read_bytes() == (kept / name).read_bytes()
+
+
+def test_what_is_remembered_of_earlier_checks_decides_nothing(copy: Path) -> None:
+    """The report is the same with it, without it, and where it says something else."""
+    told = reported(copy)
+    watched = copy / remembered.WATCHED
+    data = json.loads(watched.read_text())
+    (epoch,) = data["epochs"]
+    assert 0 < len(epoch["checks"]) < DAYS
+    assert run("report", "--history", copy) == 1
+    assert reported(copy) == told
+    epoch["statistic"][0] = 3.0
+    for text in (json.dumps(data), "{"):
+        watched.write_text(text)
+        assert run("report", "--history", copy) == 1
+        assert reported(copy) == told
+    watched.unlink()
+    assert run("report", "--history", copy) == 1
+    assert reported(copy) == told
+    assert watched.is_file()
 
 
 def test_before_the_change_the_state_is_in_control(checks: Path, tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ def a_check(rows: int = 5) -> Reduced:
 
 def test_what_was_kept_is_read_to_seven_digits_of_each_number() -> None:
     kept = a_check()
-    read = from_json(Path("statistics.json"), json.loads(to_json(kept)))
+    read = from_json(Path("statistics.json"), to_json(kept).encode())
     for name in ("residual", "causes", "known", "targets"):
         ours, theirs = getattr(kept, name), getattr(read, name)
         assert ours.shape == theirs.shape
@@ -52,7 +52,7 @@ def test_what_was_kept_is_read_to_seven_digits_of_each_number() -> None:
 def test_a_check_without_known_errors_keeps_its_shape() -> None:
     nothing = np.zeros((5, 0))
     kept = replace(a_check(), known=nothing, known_names=(), targets=nothing, target_names=())
-    read = from_json(Path("statistics.json"), json.loads(to_json(kept)))
+    read = from_json(Path("statistics.json"), to_json(kept).encode())
     assert read.known.shape == read.targets.shape == (5, 0)
 
 
@@ -63,7 +63,7 @@ def test_a_check_without_known_errors_keeps_its_shape() -> None:
 def test_a_spoilt_file_names_itself_and_the_key(key: str, value: object) -> None:
     data = json.loads(to_json(a_check())) | {key: value}
     with pytest.raises(BadInput, match=rf"statistics\.json.*{key}"):
-        from_json(Path("kept/statistics.json"), data)
+        from_json(Path("kept/statistics.json"), json.dumps(data).encode())
 
 
 def epoch(first_unix_s: float, *, bad: tuple[int, ...] = (), firsts: tuple[int, ...] = ()) -> Any:

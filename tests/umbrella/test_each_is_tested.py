@@ -15,7 +15,6 @@ HISTORY = "interim/test_interim_history.py"
 #: Module → the tests that hold it. They write and read whole histories; or stand beside such tests.
 HELD_BY = {
     "diagnose/heldout/borne_out": "hidden/test_borne_out.py",  # by squares made up
-    "interim/checks/history": HISTORY,
     "interim/told/judge": HISTORY,
     "interim/told/page": HISTORY,
     "interim/told/result": HISTORY,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.interim.evidence.quiet import Quiet
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
 #: A told change may be of any size, in typical ones.
@@ -52,6 +53,7 @@ class ChangesFound:
     alarm: int | None
     changes: tuple[Change, ...]  # in order of onset
     bad: tuple[int, ...]
+    quiet: Quiet  # what the next check need not have watched again
 
 
 def shapes(of: Stack, change: Change) -> F64:

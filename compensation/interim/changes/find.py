@@ -18,6 +18,7 @@ from armd.compensation.interim.changes.growth import growth, origin_d
 from armd.compensation.interim.changes.likeliest import likeliest, weighed_again, weighed_since
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, weigh
+from armd.compensation.interim.evidence.quiet import NOTHING_YET, Quiet
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import Watched, watch
 
@@ -32,8 +33,8 @@ MOST_CHANGES = 5
 MOST_ROUNDS = 20
 
 
-def find(of: Stack, causes: Sequence[Cause]) -> ChangesFound:
-    """All changes of a stack of checks."""
+def find(of: Stack, causes: Sequence[Cause], quiet: Quiet = NOTHING_YET) -> ChangesFound:
+    """All changes of a stack of checks, some of which may have been watched already."""
     found: list[Change] = []
     alarms: list[int] = []
     bad: tuple[int, ...] = ()
@@ -41,7 +42,7 @@ def find(of: Stack, causes: Sequence[Cause]) -> ChangesFound:
     since = 0
     for _ in range(MOST_ROUNDS):
         null = with_changes(of, found)
-        looked = watch(null, causes, since, bad)
+        looked = watch(null, causes, since, bad, quiet if first_look is None else NOTHING_YET)
         first_look = first_look or looked
         bad = tuple(sorted({*(i for i in bad if i < since), *looked.bad}))
         if looked.alarm is None:
@@ -92,7 +93,7 @@ def find(of: Stack, causes: Sequence[Cause]) -> ChangesFound:
     found = _refined(of, causes, found, bad)
     assert first_look is not None
     statistic = _filled(first_look, of, causes, bad)
-    return ChangesFound(statistic, first_look.alarm, tuple(found), bad)
+    return ChangesFound(statistic, first_look.alarm, tuple(found), bad, first_look.quiet)
 
 
 def _refined(

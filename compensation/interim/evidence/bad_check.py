@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.interim.evidence.cleared import CheckSums
 from armd.compensation.interim.evidence.likelihood import NOISE_WORD, log_student
-from armd.compensation.interim.evidence.stack import CheckSums, Stack
+from armd.compensation.interim.evidence.stack import Stack
 
 #: One check in so many is spoilt.
 ONE_IN = 50.0

@@ -20,6 +20,25 @@ from armd.arrays import F64
 
 
 @dataclass(frozen=True)
+class CheckSums:
+    """Sums over some checks of products of their q known errors and their numbers."""
+
+    curvature: F64  # (q, q)
+    side: F64  # (q,)
+    square: float
+    numbers: int
+
+    def without(self, known: F64, residual: F64) -> CheckSums:
+        """All but a check of these *known* errors (r, q) and this *residual* (r,)."""
+        return CheckSums(
+            self.curvature - known.T @ known,
+            self.side - known.T @ residual,
+            self.square - float(residual @ residual),
+            self.numbers - len(residual),
+        )
+
+
+@dataclass(frozen=True)
 class Cleared:
     """What some checks leave when the q known errors are eliminated, by S sizes of the standing."""
 

@@ -21,8 +21,8 @@ from scipy.special import gammaln, logsumexp
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.amplitudes import integrated
-from armd.compensation.interim.evidence.cleared import Cleared
-from armd.compensation.interim.evidence.stack import Begun, CheckSums, RunningSums, Stack
+from armd.compensation.interim.evidence.cleared import CheckSums, Cleared
+from armd.compensation.interim.evidence.stack import Begun, RunningSums, Stack
 
 #: About so many checks pass on average until a false alarm.
 RUN_LENGTH = 500.0

@@ -16,7 +16,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.reduced import Reduced
-from armd.compensation.interim.evidence.cleared import Cleared, cleared
+from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, cleared
 from armd.compensation.model.slow_factors import DAY_S
 
 #: A calibration knows its constants as well as it says, within this factor: its model was fitted on
@@ -26,29 +26,11 @@ TRUST = 2.0
 #: typical size, as likely as each other beforehand. The checks tell which (decision 118).
 ALL_ALONG = (0.01, 0.03, 0.1, 0.3)
 #: Directions of it that all checks together see by less than this, in variances of one number,
-#: are none.
-LEAST_SEEN = 1e-3
+#: are none: so little that no later check, which may see more of them, makes a difference to what
+#: was said before.
+LEAST_SEEN = 1e-9
 #: A growth is counted per so many days.
 RAMP_DAYS = 30.0
-
-
-@dataclass(frozen=True)
-class CheckSums:
-    """Sums over some checks of products of their q known errors and their numbers."""
-
-    curvature: F64  # (q, q)
-    side: F64  # (q,)
-    square: float
-    numbers: int
-
-    def without(self, known: F64, residual: F64) -> CheckSums:
-        """All but a check of these *known* errors (r, q) and this *residual* (r,)."""
-        return CheckSums(
-            self.curvature - known.T @ known,
-            self.side - known.T @ residual,
-            self.square - float(residual @ residual),
-            self.numbers - len(residual),
-        )
 
 
 @dataclass(frozen=True)
@@ -82,7 +64,7 @@ class Stack:
     @property
     def gap_d(self) -> float:
         """How far checks are usually apart, days."""
-        return float(np.median(np.diff(self.time_d))) if self.n > 1 else 1.0
+        return gap_d(self.time_d)
 
     @property
     def stands(self) -> bool:
@@ -138,6 +120,11 @@ class Stack:
         """With more known errors, (r, ·) per check."""
         known = zip(self.known, extra, strict=True)
         return replace(self, known=tuple(np.concatenate(pair, axis=1) for pair in known))
+
+
+def gap_d(time_d: F64) -> float:
+    """How far checks at these times are usually apart, days."""
+    return float(np.median(np.diff(time_d))) if len(time_d) > 1 else 1.0
 
 
 def stack(checks: Sequence[Reduced], causes: Sequence[Cause]) -> Stack:
@@ -270,7 +257,7 @@ class RunningSums:
         towards = self.towards[:, n, None] - self.towards[:, first]
         owns = [own[:, n, None] - own[:, first] for own in self.own]
         yield Begun(cross[0], towards[0], [own[0] for own in owns])
-        a = (origin := self.origin(first))[:, None]
+        a = (origin := self.origin(first, n))[:, None]
         b = origin[:, None, None, None]
         yield Begun(
             cross[1] - a[:, :, None] * cross[0],
@@ -278,10 +265,11 @@ class RunningSums:
             [own[2] - 2 * b * own[1] + b**2 * own[0] for own in owns],
         )
 
-    def origin(self, first: I64) -> F64:
-        """(T,) when a growth begins that first shows at check *first*, in units of `RAMP_DAYS`."""
-        days = self.of.time_d / RAMP_DAYS
-        before = np.concatenate([[days[0] - self.of.gap_d / RAMP_DAYS], days[:-1]])
+    def origin(self, first: I64, n: int) -> F64:
+        """(T,) when a growth begins that first shows at check *first* of *n*, in units of
+        `RAMP_DAYS`."""
+        days = self.of.time_d[:n] / RAMP_DAYS
+        before = np.concatenate([[days[0] - gap_d(self.of.time_d[:n]) / RAMP_DAYS], days[:-1]])
         return before[first]
 
 

@@ -17,8 +17,10 @@ from scipy.special import logsumexp
 from armd.arrays import F64
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.bad_check import ONE_IN, Rest, spoilt
+from armd.compensation.interim.evidence.cleared import CheckSums
 from armd.compensation.interim.evidence.likelihood import LIMIT, MOST_BACK, log_marginal, weigh
-from armd.compensation.interim.evidence.stack import CheckSums, RunningSums, Stack
+from armd.compensation.interim.evidence.quiet import NOTHING_YET, Quiet
+from armd.compensation.interim.evidence.stack import RunningSums, Stack
 
 #: Until so many later checks are there, a check may turn out to have been bad; so many in a row
 #: that no cause of the catalogue explains are a change without a name.
@@ -35,6 +37,7 @@ class Watched:
     alarm: int | None  # the first check after which the statistic exceeded its limit
     strange: bool  # whether what was told then fits nothing in the catalogue
     bad: tuple[int, ...]  # checks that are off by themselves
+    quiet: Quiet  # until before the last check that was watched
 
 
 @dataclass(frozen=True)
@@ -48,14 +51,24 @@ class Standing:
 
 
 def watch(
-    of: Stack, causes: Sequence[Cause], since: int = 0, known_bad: Sequence[int] = ()
+    of: Stack,
+    causes: Sequence[Cause],
+    since: int = 0,
+    known_bad: Sequence[int] = (),
+    begun: Quiet = NOTHING_YET,
 ) -> Watched:
-    """Watch checks from *since* on, until a change is told; *known_bad* are left out."""
-    settled = [i for i in known_bad if i < since]
+    """Watch checks from *since* on, until a change is told; *known_bad* are left out. Of a history
+    watched from its first check on, some of the checks may have *begun* it already."""
+    watched = len(begun.statistic)
+    settled = list(begun.bad) if watched else [i for i in known_bad if i < since]
     statistics = np.full(of.n, np.nan)
+    statistics[:watched] = begun.statistic
     doubted: list[int] = []
     sums, kept = _sums(of, settled)
-    for n in range(since + 1, of.n + 1):
+    quiet = begun
+    for n in range(max(since, watched) + 1, of.n + 1):
+        if since == 0:
+            quiet = Quiet(tuple(statistics[: n - 1].tolist()), tuple(settled))
         count, begins = (bisect_left(kept, at) for at in (n, since))
         open_ = range(bisect_left(kept, max(since, n - UNSETTLED)), count)
         places = list(spoilt(sums.of, sums.upto(count), open_)) if count > 1 else []
@@ -67,12 +80,12 @@ def watch(
         statistics[n - 1] = standing.statistic
         if standing.statistic >= LIMIT:
             bad = tuple(sorted({*settled, *(kept[i] for i in standing.bad)}))
-            return Watched(statistics, n - 1, standing.strange, bad)
+            return Watched(statistics, n - 1, standing.strange, bad, quiet)
         past = [i for i in doubted if i <= n - UNSETTLED]
         if past:
             settled = sorted({*settled, *past})
             sums, kept = _sums(of, settled)
-    return Watched(statistics, None, False, tuple(sorted({*settled, *doubted})))
+    return Watched(statistics, None, False, tuple(sorted({*settled, *doubted})), quiet)
 
 
 def _weighed(

@@ -15,29 +15,32 @@ from armd.compensation.interim.changes.ways import ways
 from armd.compensation.interim.checks.columns import Cause, causes_of
 from armd.compensation.interim.checks.history import Check, iso
 from armd.compensation.interim.evidence.likelihood import at_its_share
+from armd.compensation.interim.evidence.quiet import Quiet
 from armd.compensation.interim.evidence.stack import Stack, stack
 from armd.compensation.interim.told.amend import Amplitudes, amended, at_the_end, fit
 from armd.compensation.interim.told.averaged import Averaged, affordable, averaged
 from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
 from armd.compensation.interim.told.reach import tip_rms_um
+from armd.compensation.interim.told.remembered import NOTHING, Remembered
 
 
-def judge(checks: Sequence[Check]) -> Judgement:
-    """Judge *checks* in order of time, epoch by epoch."""
+def judge(checks: Sequence[Check], remembered: Remembered = NOTHING) -> Judgement:
+    """Judge *checks* in order of time, epoch by epoch; what is *remembered* of them is not watched
+    again."""
     with threadpool_limits(limits=1, user_api="blas"):
         ordered = sorted(checks, key=lambda check: check.epoch)
         groups = [tuple(group) for _, group in groupby(ordered, key=lambda check: check.epoch)]
         by_time = [tuple(sorted(g, key=lambda check: check.line.first_unix_s)) for g in groups]
-        epochs = [_epoch(group) for group in by_time]
+        epochs = [_epoch(group, remembered.of(group)) for group in by_time]
     return Judgement(tuple(sorted(epochs, key=lambda e: e.checks[0].line.first_unix_s)))
 
 
-def _epoch(checks: tuple[Check, ...]) -> Epoch:
+def _epoch(checks: tuple[Check, ...], watched: Quiet) -> Epoch:
     arm, calibration = checks[0].arm, checks[0].calibration
     causes = causes_of(arm, calibration.content)
     reduced = [check.reduced for check in checks]
     stacked = at_its_share(stack(reduced, causes))
-    found = find(stacked, causes)
+    found = find(stacked, causes, watched)
     # What is there all along shows where neither changes nor bad checks are taken for it.
     good = [i for i in range(stacked.n) if i not in found.bad]
     explained = with_changes(stacked, found.changes).only(good)

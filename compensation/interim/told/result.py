@@ -15,6 +15,9 @@ from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
 from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
 from armd.terminal.counted import counted
 
+#: Of a statistic: whatever comes behind depends on which checks were watched at one time.
+DECIMALS = 6
+
 
 def as_json(
     judgement: Judgement,
@@ -51,7 +54,7 @@ def _check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:
     return {
         "name": check.line.name,
         "started": check.line.started,
-        "statistic": statistic if math.isfinite(statistic) else 0.0,
+        "statistic": round(statistic, DECIMALS) if math.isfinite(statistic) else 0.0,
         "limit": LIMIT,
         "verdict": epoch.verdict(index),
         "readings": check.reduced.readings,

@@ -9,6 +9,7 @@ import json
 import math
 import shlex
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.told.judge import judge
 from armd.compensation.interim.told.judgement import Judgement
+from armd.compensation.interim.told.remembered import recall, remember
 from armd.compensation.interim.told.result import as_json, in_words
 from armd.compensation.interim.told.tomorrow import Tomorrow, tomorrow
 from armd.compensation.model.arm import load_arm
@@ -94,12 +96,11 @@ def _add(args: argparse.Namespace) -> int:
             told("evaluating the checks", number / len(sessions))
     with keeping.locked(folder), console.status("judging the history …"):
         lines = history.read_lines(folder)
-        if lines:
-            history.load(folder)  # a damaged history takes no more
+        before = history.load(folder) if lines else []  # a damaged history takes no more
         keeping.check_new(folder, lines, sessions)
         keeping.keep(folder, lines, new, Path(args.arm), calibration)
         try:
-            judgement, result, _ = _judged(folder)
+            judgement, result, _ = _judged(folder, before)
         except BadInput as error:  # no room for the report, it may be
             kept = f"{error.expected} (the checks are kept: armd interim report judges them)"
             raise BadInput(error.file, error.where, error.found, kept) from error
@@ -140,9 +141,12 @@ def _page(folder: Path, judgement: Judgement, result: dict[str, Any]) -> str:
     return interim_page(judgement, result, [history.session(folder, check) for check in checks])
 
 
-def _judged(folder: Path) -> tuple[Judgement, dict[str, Any], Tomorrow]:
-    """Judge a history; its changes' calibrations and the result are written beside it."""
-    judgement = judge(history.load(folder))
+def _judged(
+    folder: Path, before: Sequence[history.Check] = ()
+) -> tuple[Judgement, dict[str, Any], Tomorrow]:
+    """Judge a history, some of which was loaded *before*; its changes' calibrations and the result
+    are written beside it."""
+    judgement = judge(history.load(folder, before), recall(folder))
     files: list[tuple[str, str] | None] = []
     for told in (told for epoch in judgement.epochs for told in epoch.told):
         if told.calibration is None:
@@ -154,6 +158,7 @@ def _judged(folder: Path) -> tuple[Judgement, dict[str, Any], Tomorrow]:
     after = tomorrow(judgement)
     result = as_json(judgement, files, after.as_json())
     write_changed(folder / REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    remember(folder, judgement)
     return judgement, result, after
 
 
