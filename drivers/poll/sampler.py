@@ -103,7 +103,7 @@ class ServoSampler:
         if self._held is not None:
             held, self._held = self._held, None
             self._spacings_ns.append(spacing_ns)
-            raw = [0 if each is None else each - HALF_TURN for each in held.positions]
+            raw = [None if each is None else each - HALF_TURN for each in held.positions]
             leapt = self._leaps(raw, held.at_ns, spacing_ns)  # over the pause
             self._begin(held, cycle)
             return [*self._row(held, 0.0, leapt), *self._row(cycle, spacing_ns, leapt)]
@@ -205,11 +205,12 @@ class ServoSampler:
                 return True
         return False
 
-    def _leaps(self, counts: list[int], at_ns: Sequence[float], usual_ns: float) -> int:
-        """Bits of joints that have gone as far as only a gap in the cycles lets them."""
+    def _leaps(self, counts: Sequence[int | None], at_ns: Sequence[float], usual_ns: float) -> int:
+        """Bits of joints that have gone as far as only a gap in the cycles lets them; not of those
+        that are silent."""
         most_ns, bits = max(LEAP_NS, LEAP_CYCLES * usual_ns), 0
         for k, (count, last) in enumerate(zip(counts, self._last, strict=True)):
-            if last is not None and at_ns[k] - last[1] > most_ns:
+            if count is not None and last is not None and at_ns[k] - last[1] > most_ns:
                 step = (count - last[0] + HALF_TURN) % COUNTS_PER_TURN - HALF_TURN
                 bits |= (abs(step) > MARGIN_COUNTS + self._counts_per_ns * most_ns) << k
         return bits

@@ -13,7 +13,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.interim.evidence.cleared import CheckSums
-from armd.compensation.interim.evidence.likelihood import NOISE_WORD, log_student
+from armd.compensation.interim.evidence.likelihood import NOISE_WORD, log_student, log_sum
 from armd.compensation.interim.evidence.stack import Stack
 
 #: One check in so many is spoilt.
@@ -38,7 +38,7 @@ class Rest:
         """Log likelihood ratio that *check*, one of those summed up, is spoilt, to that it is
         not."""
         rest, usual, off = self.log_densities(check).T
-        return _log_sum(rest + off) - _log_sum(rest + usual)
+        return float(log_sum(rest + off) - log_sum(rest + usual))
 
     def log_densities(self, check: int) -> F64:
         """(scales, 3) of the other checks; and, they known, of *check* as it usually is and spoilt,
@@ -90,13 +90,8 @@ def _usual_and_spoilt(
     single = [beside.log_density(slice(3 * t, 3 * t + 3), GRAINS_MM) for t in range(count)]
     other = beside.log_density(slice(None), ELSEWHERE_MM)
     families = [np.array(wide), spoilt + np.ravel(single), spoilt + other]
-    each = [_log_sum(family) - np.log(len(family)) for family in families]
-    return usual, _log_sum(np.array(each)) - float(np.log(len(each)))
-
-
-def _log_sum(of: F64) -> float:
-    most = float(of.max())
-    return most + float(np.log(np.exp(of - most).sum()))
+    each = [log_sum(family) - np.log(len(family)) for family in families]
+    return usual, float(log_sum(np.array(each))) - float(np.log(len(each)))
 
 
 def _log_density(variance: F64, along: F64, left: float, freedom: float) -> float:

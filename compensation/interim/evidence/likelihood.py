@@ -75,6 +75,13 @@ def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Wei
     return Weighed(first, weights)
 
 
+def log_sum(of: F64, axis: int = -1) -> F64:
+    """log Σ exp along an axis; of many small arrays `scipy.special.logsumexp` takes longer."""
+    most = of.max(axis=axis, keepdims=True)
+    found: F64 = most.squeeze(axis) + np.log(np.exp(of - most).sum(axis=axis))
+    return found
+
+
 def _log_ratios(
     groups: Sequence[tuple[I64, I64]], begun: Begun, known: Cleared, freedom: float, log_share: F64
 ) -> Iterator[tuple[I64, F64]]:
@@ -98,8 +105,7 @@ def _log_ratios(
         spread, quad = integrated(gram, [side[:, :, i] for i in range(p)], SIZES)
         quad = np.minimum(quad, left * (1 - 1e-12))
         each = -0.5 * (spread + freedom * np.log1p(-quad / left)) + log_share[:, None]
-        most = each.max(axis=2, keepdims=True)
-        yield members, most[:, :, 0] + np.log(np.exp(each - most).sum(axis=2))
+        yield members, log_sum(each, axis=2)
 
 
 def log_marginals(sums: RunningSums, n: int) -> F64:

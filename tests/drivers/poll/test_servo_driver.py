@@ -311,6 +311,17 @@ def test_a_cycle_in_doubt_is_left_out_for_a_motion_not_for_a_jump(step, comes):
     assert rows[-1]["joint_invalid"][0] == (step == 1500)
 
 
+def test_a_joint_that_is_silent_right_after_a_pause_has_not_leapt():
+    """1000 counts from the middle of a turn, where a count that is missing must not seem to be."""
+    sampler = ServoSampler([1, 2, 3], 1200.0)
+    rows = []
+    for number, at_s in enumerate((0.0, 0.01, 0.02, 0.32, 0.33)):
+        raw = [3048, None if number == 3 else 3048, 3048]
+        items = sampler.sample(number, raw, [at_s * S] * 3, 0, 0, 0, 0, None)
+        rows += [item for item in items if isinstance(item, np.ndarray)]
+    assert [int(row["joint_invalid"][0]) for row in rows] == [0, 0, 0, 0b10, 0]
+
+
 def test_a_cycle_in_which_nobody_answers_was_never_there(tmp_path):
     with (
         FakeServos(Feetech, tmp_path) as servos,
