@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_interim_evidence import a_stack
+from scipy.special import logsumexp
 
 from armd.compensation.effects.effect import Candidate, Column
 from armd.compensation.effects.location import joint
 from armd.compensation.interim.changes.change import Change, with_changes
 from armd.compensation.interim.changes.find import find
-from armd.compensation.interim.changes.growth import log_marginals
+from armd.compensation.interim.changes.growing import Growing
+from armd.compensation.interim.changes.growth import Growths
 from armd.compensation.interim.checks.columns import Cause
-from armd.compensation.interim.evidence.likelihood import log_marginal
+from armd.compensation.interim.evidence.likelihood import known_errors, log_marginal
 from armd.compensation.interim.evidence.stack import Stack
 
 CHECKS, ROWS, FIRST = 40, 8, 8
@@ -52,16 +53,66 @@ def test_an_alarm_that_later_checks_refute_is_withdrawn(seed: int) -> None:
     assert all(change.first > alarm for change in later.changes)
 
 
+def a_month(rng: np.random.Generator) -> Stack:
+    """Checks of unlike sizes, some days apart, of a cause of one column and one of three."""
+    rows = rng.integers(3, 7, size=30)
+    return Stack(
+        np.cumsum(rng.uniform(0.3, 4.0, len(rows))),
+        tuple(rng.normal(size=r) for r in rows),
+        tuple(5.0 * rng.normal(size=(r, 4)) for r in rows),
+        tuple(rng.normal(size=(r, 2)) for r in rows),
+        tuple(np.zeros((r, 0)) for r in rows),
+        (slice(0, 1), slice(1, 4)),
+    )
+
+
+def plainly(of: Stack, course: Change) -> float:
+    """Log of how likely all readings are with a course, by a stack that knows it."""
+    knowing = with_changes(of, [course])
+    return log_marginal(knowing, knowing.sums(range(of.n)))
+
+
 @pytest.mark.parametrize("cause", [0, 1])
-def test_a_growths_likelihood_is_that_of_a_stack_that_knows_it(cause: int) -> None:
+def test_growths_from_many_onsets_are_as_likely_as_of_a_stack_that_knows_each(cause: int) -> None:
     rng = np.random.default_rng(3)
-    of, _ = a_stack(rng)
-    p = of.blocks[cause].stop - of.blocks[cause].start
+    of = a_month(rng)
+    size = rng.uniform(0.1, 3.0, of.blocks[cause].stop - of.blocks[cause].start)
+    end = float(of.time_d[-1])
+    # Onsets at checks, between them, and before all; bends between checks, at one, and at the last.
+    origins = [-3.0, 0.1, *of.time_d[:12:3].tolist()]
     courses = [
-        Change(cause, True, first, first, first, at, 1.0, bends_d=bends,
-               rate_size=rng.uniform(0.1, 3.0, p))
-        for first, at, bends in ((1, 0.2, ()), (2, 1.1, (2.5, 4.0)), (4, 3.0, (5.5,)))
-    ]  # fmt: skip
-    knowing = [with_changes(of, [course]) for course in courses]
-    expected = [log_marginal(one, one.sums(range(one.n))) for one in knowing]
-    assert log_marginals(of, cause, courses) == pytest.approx(expected, abs=1e-9)
+        Change(cause, True, 0, 0, 0, at, 1.0, bends_d=bends, rate_size=size)
+        for bends in ((), (float(of.time_d[12]), end - 5.0, end), (float(of.time_d[20]) + 0.01,))
+        for at in origins
+    ]
+    expected = np.array([plainly(of, course) for course in courses])
+    assert np.ptp(expected) > 1.0
+    found = Growing(of).log_marginals(cause, courses)
+    assert found == pytest.approx(expected, rel=1e-11)
+    # Their ratios are what counts; they lose the sum's own rounding alone.
+    assert np.exp(found - found.max()) == pytest.approx(
+        np.exp(expected - expected.max()), rel=1e-9, abs=0.0
+    )
+
+
+@pytest.mark.parametrize("cause", [0, 1])
+def test_shares_of_onsets_and_rates_are_those_of_the_plain_formulas(cause: int) -> None:
+    of = a_month(np.random.default_rng(4))
+    kept = [i for i in range(of.n) if i not in (0, 9, 10)]
+    some = of.only(kept)
+    change = Change(cause, True, 3, 3, 3, float(of.time_d[2]), 1.0, size=3.0)
+    found = Growths(of, kept).of(change, kept)
+    courses = [course for _, course in found]
+    assert [course.first for course in courses] == kept
+    # A bend at every third check until the last but one, none before a growth's first check.
+    bends = some.time_d[[1, 4, 7, 10, 13, 16, 19, 22, 25]]
+    assert all(c.bends_d == tuple(bends[bends > of.time_d[c.first]]) for c in courses)
+    q = of.known[0].shape[1]
+    alone = with_changes(some, [change])
+    rate = np.abs(change.size * known_errors(alone.sums(range(some.n))).mean[q:])
+    for course in courses:
+        assert course.rate_size == pytest.approx(np.maximum(rate, 0.1 * rate.max()), rel=1e-9)
+    by_hand = np.array([plainly(some, course) for course in courses])
+    assert [share for share, _ in found] == pytest.approx(
+        np.exp(by_hand - logsumexp(by_hand)), rel=1e-9, abs=0.0
+    )

@@ -8,7 +8,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change, Way
-from armd.compensation.interim.changes.growth import growths, origin_d
+from armd.compensation.interim.changes.growth import Growths, origin_d
 from armd.compensation.interim.changes.likeliest import weighed_again
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import SIZES
@@ -62,11 +62,12 @@ def _alternatives(
     for t, k, s in _largest(share[:, :, 0]):
         yield float(share[t, k, 0, s]), (one(t, k, False, SIZES[s]),)
     by_cause = share[:, :, 1].sum(axis=(0, 2))
+    growths = Growths(others, kept)
     for (k,) in _largest(by_cause):
         grown = share[:, k, 1]
         t, s = (int(at) for at in np.unravel_index(int(np.argmax(grown)), grown.shape))
         likeliest = one(t, k, True, SIZES[s])
-        for begun, course in growths(others, likeliest, kept, firsts):
+        for begun, course in growths.of(likeliest, firsts):
             yield float(by_cause[k]) * begun, (course,)
 
 
