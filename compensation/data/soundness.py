@@ -234,19 +234,18 @@ def _dead(sessions: Sequence[Session], columns: dict[str, int], name: str) -> li
     own = [s.states.temperature_c[:, columns[name]] for s in sessions]
     rest = [column for other, column in columns.items() if other != name]
     usual = [np.nanmedian(np.append(_mean(s, rest), np.nan)) if rest else np.nan for s in sessions]
+    one_value = [bool(np.all(values == values[0])) for values in own]
+    still_at = [  # NaN, which equals nothing, where there is more than one value
+        float(values[0]) if one and len(values) >= LEAST_STILL else np.nan
+        for one, values in zip(one_value, own, strict=True)
+    ]
     found = []
     for i, (session, values) in enumerate(zip(sessions, own, strict=True)):
         missing = float(np.isnan(values).mean())
-        still = [
-            k
-            for k, other in enumerate(own)
-            if k != i
-            and len(values) >= LEAST_STILL
-            and len(other) >= LEAST_STILL
-            and np.all(values == values[0])
-            and np.all(other == values[0])
-            and abs(usual[k] - usual[i]) > OTHERS_APART_K
-        ]
+        still = any(
+            at_c == still_at[i] and abs(usual[k] - usual[i]) > OTHERS_APART_K
+            for k, at_c in enumerate(still_at)
+        )
         if missing > MOST_MISSING:
             found.append("has no value" if missing == 1.0 else SOME_ROWS)
         elif still or _far_and_still(values, session, rest):
@@ -257,8 +256,8 @@ def _dead(sessions: Sequence[Session], columns: dict[str, int], name: str) -> li
             found.append("")
     stuck = {float(v[-1]) for v, reason in zip(own, found, strict=True) if reason and len(v)}
     return [  # a session that shows nothing but what a channel stuck at
-        reason or (STILL if np.all(values == values[0]) and float(values[0]) in stuck else "")
-        for values, reason in zip(own, found, strict=True)
+        reason or (STILL if one and float(values[0]) in stuck else "")
+        for values, one, reason in zip(own, one_value, found, strict=True)
     ]
 
 

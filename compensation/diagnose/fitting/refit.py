@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64, Mask
+from armd.compensation.data.in_order import in_order
 from armd.compensation.diagnose.fitting.fit import (
     CURVE_SCALE,
     columns_told_of,
@@ -89,12 +90,13 @@ def refits_without(known: Fit, left_out: Iterable[Mask]) -> list[Refits]:
     free[known.layout.blocks.of([PLACEMENTS, DRIFT])] = True
     alone = free & known.nuisance.columns.in_one_piece
     shared = _of_shared(known, alone)
-    found = []
-    for out in left_out:
+
+    def without(out: Mask) -> Refits:
         whitener = np.where(out[:, None, None], 0.0, known.noise.whitener)
         noise = replace(known.noise, whitener=whitener)
-        found.append(Refits(shared, noise, _shared_equations(known, shared, alone, noise)))
-    return found
+        return Refits(shared, noise, _shared_equations(known, shared, alone, noise))
+
+    return list(in_order(without, left_out))
 
 
 def solve_shared_again(

@@ -80,8 +80,9 @@ class Linear:
             column[3 * self.rests.n + change.index] = -1.0
             return column
         if change.kind == "moved":
-            own, moves = self._moved(change)
-            column[3 * own[:, None] + np.arange(3)] = -moves
+            later = self._in_order[change.index][change.after :]
+            moves = self._motions(change.index)[change.axis, change.after :]
+            column[3 * later[:, None] + np.arange(3)] = -moves
             return column
         at = observations.known_mm(self.poses.target_mm)
         if change.kind == "expansion":
@@ -125,17 +126,22 @@ class Linear:
         full = np.reshape(columns, (len(whole), len(self.residual))).T
         distances = np.zeros((len(self.residual) - 3 * n, len(changes)))
         distances[:, whole] = full[3 * n :]
+        moved: dict[int, list[int]] = {number: [] for number in self._in_order}
+        for j, change in enumerate(changes):
+            if change.kind == "moved":
+                moved[change.index].append(j)
         pieces = []
         for number, own in self._in_order.items():
             rests = np.sort(own)
             values = full[: 3 * n].reshape(n, 3, len(whole))[rests]
             here = values.any(axis=(0, 1))
-            moved = [j for j, c in enumerate(changes) if c.kind == "moved" and c.index == number]
-            moves = np.zeros((len(rests), 3, len(moved)))
-            for k, j in enumerate(moved):
-                later, motion = self._moved(changes[j])
-                moves[np.searchsorted(rests, later), :, k] = -motion
-            numbers = np.array([*np.array(whole, dtype=int)[here], *moved], dtype=np.int64)
+            moves = np.zeros((len(rests), 3, len(moved[number])))
+            if moved[number]:
+                turn, motions = np.searchsorted(rests, own), self._motions(number)
+            for k, j in enumerate(moved[number]):
+                after = changes[j].after
+                moves[turn[after:], :, k] = -motions[changes[j].axis, after:]
+            numbers = np.array([*np.array(whole, dtype=int)[here], *moved[number]], dtype=np.int64)
             order = np.argsort(numbers)
             both = np.concatenate([values[:, :, here], moves], axis=2)
             pieces.append(Piece(rests, numbers[order], both[:, :, order]))
@@ -153,14 +159,12 @@ class Linear:
         across -= np.outer(across @ axis, axis)
         return np.where(observations.has_truth[:, None], 0.0, along[:, None] ** 2 * across)
 
-    def _moved(self, change: ArtefactChange) -> tuple[I64, F64]:
-        """Rests (k,) of one placement, the later ones in time, and the motion (k, 3) of their
-        targets."""
-        points = self._placed_mm[self._in_order[change.index]]
-        along = np.eye(3)[change.axis % 3]
-        turned = np.cross(along, points - points.mean(axis=0))
-        moves = np.broadcast_to(along, points.shape) if change.axis < 3 else turned
-        return self._in_order[change.index][change.after :], moves[change.after :]
+    def _motions(self, placement: int) -> F64:
+        """(6, k, 3) how the targets of one placement's rests, in the order of time, move with it:
+        along each axis, and about each."""
+        points = self._placed_mm[self._in_order[placement]]
+        along = np.broadcast_to(np.eye(3)[:, None], (3, *points.shape))
+        return np.concatenate([along, np.cross(along, points - points.mean(axis=0))])
 
     @cached_property
     def _in_order(self) -> dict[int, I64]:
