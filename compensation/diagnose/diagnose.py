@@ -129,7 +129,7 @@ def _diagnose(
         written = by_placement(result, arm, measured)
     measured = [
         replace(
-            written.further.get(i, g),
+            written.gains.get(i, g),
             shown=i in written.some or (found.candidate.told_only and g.shown),
         )
         for i, (found, g) in enumerate(zip(result.found, measured, strict=True))
@@ -138,13 +138,13 @@ def _diagnose(
         clear = gains([square[kept] for square in squares], groups[kept], kept[kept])
         pairs = [(own.before_um, own.after_um) for own in clear]
         measured = [
-            g if i in written.further else replace(g, without_outliers_um=pair)
+            g if i in written.gains else replace(g, without_outliers_um=pair)
             for i, (g, pair) in enumerate(zip(measured, pairs, strict=True))
         ]
     result = replace(result, found=_doubted(result.found, written.doubts))
     extension = _extension(written, result, rests, arm, sessions, command)
     repeated = holdout or not written.growth  # the search repeated without readings has no growth
-    if len(written.some) == len(result.found) and not written.further and repeated:
+    if len(written.some) == len(result.found) and not written.gains and repeated:
         written = replace(written, after=squares[-1])  # of a search repeated, where there is one
     return Diagnosis(
         arm,
@@ -164,7 +164,7 @@ def _diagnose(
         _before_and_after_um(written, np.ones_like(kept)),
         None if kept.all() else _before_and_after_um(written, kept),
         written.unforeseen,
-        bool(written.further),
+        written.by,
         extension,
         tuple(told),
         tuple(touched),

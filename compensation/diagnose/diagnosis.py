@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from armd.arrays import F64
 from armd.compensation.data.session import Session
@@ -20,6 +21,10 @@ MOST_FINDINGS = 10
 #: A cause that accounts for less than this of what goes with its variables is a guess. A disc whose
 #: shape is off by 30 % accounts for 0.92, by half for 0.8.
 ENOUGH = 0.8
+
+
+#: What was left out of a fit of the findings made with it; "" where these were searched without it.
+LeftOut = Literal["", "placements left out", "targets left out within placements"]
 
 
 @dataclass(frozen=True)
@@ -157,7 +162,7 @@ class Diagnosis:
     written_rms_um: tuple[float, float]  # held out, without any and with these
     written_clear_um: tuple[float, float] | None  # the same without the outliers, if any are named
     unforeseen: tuple[int, ...]  # go with time and are not written: what came later contradicts
-    by_target: bool  # these two of targets left out within placements: others could not tell
+    written_by: LeftOut  # these two
     extended: Calibration
     told: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
     touched: tuple[Touched, ...]  # placements parted in two

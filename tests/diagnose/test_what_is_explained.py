@@ -138,7 +138,7 @@ def told_of(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> str:
         "unforeseen": (),
         "written_rms_um": (12.0, 6.0),
         "written_clear_um": None,
-        "by_target": False,
+        "written_by": "",
         "heldout_rms_um": 12.0,
         "significant_rest": False,
         "outliers": (),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +16,7 @@ from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.refit import Refits, solve_again
-from armd.compensation.diagnose.heldout.borne_out import choose, found_again
+from armd.compensation.diagnose.heldout.borne_out import choose, stands_alone
 from armd.compensation.diagnose.heldout.gain import gain
 from armd.compensation.diagnose.heldout.judge import Look
 from armd.compensation.diagnose.told.result import as_json
@@ -125,28 +124,31 @@ def test_readings_held_out_make_doubtful_what_they_contradict() -> None:
         assert chosen.doubts == {1: pytest.approx(1.0 if expected is None else expected)}
 
 
-def found_with(p_value: float) -> Any:
-    return SimpleNamespace(candidate=SimpleNamespace(cause="encoder_scale"), p_value=p_value)
+def test_a_sure_finding_is_asked_by_placements_left_out_alone() -> None:
+    """A repeated search may take another cause where the placements left out alone tell the two
+    apart; a weak finding, which may be chance, must not predict worse there, by however little."""
+    worse, equal = (Gain(26.8, after, (-1.0, 1.0), False) for after in (26.9, 26.8))
+    for p_value, cause_of, asked in (
+        (1e-300, "encoder_scale", False),
+        (1e-4, "encoder_scale", True),
+        (1e-300, "unknown", True),
+    ):
+        found: Any = SimpleNamespace(candidate=SimpleNamespace(cause=cause_of), p_value=p_value)
+        assert stands_alone(found, worse) != asked
+        assert stands_alone(found, equal)
 
 
-def steps_between(*rms_um: float) -> list[Gain]:
-    """What a repeated search gains from step to step, by readings that have a pattern in common."""
-    pattern = 1.0 + 0.2 * np.random.default_rng(4).normal(size=len(GROUPS))
-    squares = [(1e-3 * rms) ** 2 * pattern for rms in rms_um]
-    return [gain(*pair, GROUPS) for pair in pairwise(squares)]
-
-
-def test_a_sure_finding_may_be_found_again_beside_the_next_only() -> None:
-    """Of two causes, the first to be found may have hidden part of the second: alone it predicts
-    worse. A weak one, which may be chance, must not."""
-    steps = steps_between(26.8, 28.7, 6.3)
-    assert found_again(found_with(1e-300), steps)
-    assert not found_again(found_with(1e-4), steps)
-    assert not found_again(found_with(1e-300), steps[:1])
-    assert not found_again(found_with(1e-300), steps_between(26.8, 28.7, 27.5))
-    for p_value, still in ((1e-300, True), (1e-4, False)):  # worse by a hundredth, or by nothing
-        assert found_again(found_with(p_value), steps_between(26.8, 27.0)) == still
-        assert found_again(found_with(p_value), steps_between(26.8, 26.8))
+def test_where_the_repeated_search_tells_nothing_the_placements_left_out_state_the_gain() -> None:
+    """What is written must not stand beside figures of a search that found something else."""
+    worth = {(): 4.0, (0,): 3.0, (1,): 3.5, (0, 1): 2.0}
+    looks, findings = [Look(squares_of(worth), GROUPS)], search_of(cause(1), cause(2))
+    assert choose(findings, looks, [True] * 2).gains == {}
+    chosen = choose(findings, looks, [True] * 2, repeated_tells=False)
+    assert (chosen.some, chosen.by) == ((0, 1), "placements left out")
+    rms_um = {some: 1e3 * np.sqrt(squares_of(worth)(some, False).mean()) for some in worth}
+    for i, (before, after) in enumerate((((), (0,)), ((0,), (0, 1)))):
+        assert chosen.gains[i].before_um == pytest.approx(rms_um[before])
+        assert chosen.gains[i].after_um == pytest.approx(rms_um[after])
 
 
 def test_nothing_is_written_that_could_not_be_found_again() -> None:
@@ -163,7 +165,7 @@ def test_what_one_placement_shows_its_targets_bear_out() -> None:
     looks = [Look(squares_of(harm), GROUPS), one]
     deaf = choose(first, looks, [True], lambda _finding, _some: True)
     assert deaf.some == (0,)
-    assert deaf.further[0].shown
+    assert deaf.gains[0].shown
 
 
 def test_placements_hear_a_finding_that_only_another_one_hides_from_them() -> None:

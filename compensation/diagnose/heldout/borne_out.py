@@ -13,19 +13,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Final
 
 import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.diagnosis import Finding, Gain, SearchResult
+from armd.compensation.diagnose.diagnosis import Finding, Gain, LeftOut, SearchResult
 from armd.compensation.diagnose.extend import extended, knows_growth
 from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
 from armd.compensation.diagnose.fitting.refit import Refits, refits_without
 from armd.compensation.diagnose.heldout.forward import later_squares
 from armd.compensation.diagnose.heldout.gain import folds_of, groups_of, left_out
-from armd.compensation.diagnose.heldout.judge import MOST_WORSE, Deaf, Judge, Look
+from armd.compensation.diagnose.heldout.judge import Deaf, Judge, Look
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
@@ -35,11 +36,12 @@ from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
 
 #: Where placements are left out, the finding was chosen with them too. That hardly flatters one so
-#: sure that a search without any of them finds it as well; a weaker one must not have done harm
-#: when the search was repeated without them, and a sure one none beyond `MOST_WORSE`. What has no
-#: name is never so sure: its form, not its size alone, was chosen with them.
+#: sure: chance does not make it. A weaker one must not have done harm when the search was repeated
+#: without them. What has no name is never so sure: its form, not its size alone, was chosen with
+#: them.
 SURE_P = 1e-6
 TARGET_FOLDS = 4
+TARGETS: Final = "targets left out within placements"
 #: A finding that shows so much in placements left out together cannot be learnt from the others.
 IN_ONE = 0.75
 
@@ -52,7 +54,9 @@ class BorneOut:
     some: tuple[int, ...]
     before: F64
     after: F64
-    further: dict[int, Gain]  # of those that a further look bears out
+    #: of those of which the repeated search tells nothing: of the look that bears them out
+    gains: dict[int, Gain]
+    by: LeftOut = ""
     unforeseen: tuple[int, ...] = ()  # confirmed, but not by what came after
     growth: bool = False  # the first link's joins them
     #: factors for the odds of findings that the readings held out speak against
@@ -67,6 +71,7 @@ def choose(
     later: Callable[[Sequence[int], bool], F64] | None = None,
     growth: bool = False,
     deaf_to_growth: bool = False,
+    repeated_tells: bool = True,
 ) -> BorneOut:
     """Those of the findings *able* to be written that held-out readings bear out.
 
@@ -79,22 +84,26 @@ def choose(
     doubt, findings are judged with it, and it is written too if that is borne out beside them. A
     first look that is deaf to it judges them without; then it joins where the next look predicts
     better so.
+
+    Gains are the repeated search's, unless it tells nothing (*repeated_tells*).
     """
     judge = Judge(result.last, looks, deaf, later)
     if growth and not deaf_to_growth:
-        with_it = _chosen(result, judge, able, True)
+        with_it = _chosen(result, judge, able, True, repeated_tells)
         if with_it.some and judge.shown_by((with_it.some, False), (with_it.some, True)):
             return with_it
-    chosen = _chosen(result, judge, able, False)
+    chosen = _chosen(result, judge, able, False, repeated_tells)
     if growth and deaf_to_growth and chosen.some:
         with_it = replace(chosen, growth=judge.predicts_better(chosen.some))
-        if with_it.growth and chosen.further:  # which the look that hears it has decided
+        if with_it.growth and chosen.by == TARGETS:  # the look that hears it has decided
             with_it = replace(with_it, after=judge.errors((chosen.some, True))[-1])
         return with_it
     return chosen
 
 
-def _chosen(result: SearchResult, judge: Judge, able: Sequence[bool], growth: bool) -> BorneOut:
+def _chosen(
+    result: SearchResult, judge: Judge, able: Sequence[bool], growth: bool, repeated_tells: bool
+) -> BorneOut:
     """The findings borne out one after another, in a model in which the first link grows or not;
     beside the model under test, which is silent on that."""
     chosen: tuple[int, ...] = ()
@@ -126,9 +135,13 @@ def _chosen(result: SearchResult, judge: Judge, able: Sequence[bool], growth: bo
         for i in every
         if i not in chosen
     }
+    by: LeftOut = TARGETS if further else ""
+    if chosen and not repeated_tells:
+        by = by or "placements left out"
+        further = {i: judge.gain_of(i, chosen, growth) for i in chosen} | further
     growth = growth and bool(chosen)
     before, after = (judge.errors(model)[decides] for model in (((), False), (chosen, growth)))
-    return BorneOut(chosen, before, after, further, told, growth, doubts)
+    return BorneOut(chosen, before, after, further, by, told, growth, doubts)
 
 
 def _without_harm(last: Fit, judge: Judge, every: tuple[int, ...], growth: bool) -> tuple[int, ...]:
@@ -154,26 +167,23 @@ def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> Bo
         for folds in (folds_of(last), _by_target(observations))
     ]
     able = [
-        not found.candidate.told_only and found_again(found, stepwise[i:])
-        for i, found in enumerate(result.found)
+        not found.candidate.told_only and stands_alone(found, step)
+        for found, step in zip(result.found, stepwise, strict=True)
     ]
     later = later_squares(last, arm) if any(map(is_drift, last.findings)) else None
     growth = knows_growth(last, arm)
     deaf_to_growth = growth and _in_one_fold(last, last.net_growth())
-    return choose(result, looks, able, _deaf_by_placement(last), later, growth, deaf_to_growth)
+    repeated_tells = not stepwise or stepwise[-1].after_um <= stepwise[0].before_um
+    return choose(
+        result, looks, able, _deaf_by_placement(last), later, growth, deaf_to_growth, repeated_tells
+    )
 
 
-def found_again(found: Finding, steps: Sequence[Gain]) -> bool:
-    """Whether a search repeated without the placements predicts them no worse with the first of
-    these *steps*, which is of *found*. A sure one may do so beside some of the next only: mended
-    alone, it may uncover a harm that it had hidden."""
-    if not _sure(found):
-        return steps[0].after_um <= steps[0].before_um
-    return min(step.after_um for step in steps) <= (1.0 + MOST_WORSE) * steps[0].before_um
-
-
-def _sure(found: Finding) -> bool:
-    return found.p_value < SURE_P and found.candidate.cause != "unknown"
+def stands_alone(found: Finding, step: Gain) -> bool:
+    """Whether placements left out may bear a finding out: one so sure that it was not chosen for
+    them, or one whose own *step* of the repeated search predicts no worse than the step before."""
+    sure = found.p_value < SURE_P and found.candidate.cause != "unknown"
+    return sure or step.after_um <= step.before_um
 
 
 def _deaf_by_placement(last: Fit) -> Deaf:

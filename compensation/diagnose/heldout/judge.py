@@ -83,6 +83,12 @@ class Judge:
                 return k, replace(of_all[k], shown=True)
         return None
 
+    def gain_of(self, finding: int, some: tuple[int, ...], growth: bool) -> Gain:
+        """By the first look, from those of *some* that were found before a finding to it, too."""
+        earlier = tuple(i for i in some if i < finding)
+        old, new = (self.errors((model, growth))[0] for model in (earlier, (*earlier, finding)))
+        return gain(old, new, self._looks[0].groups)
+
     def harmful(self, finding: int, without: Composition, beside: Composition) -> bool:
         """Whether the first look, if it can hear a finding, predicts better *without* it."""
         if self._deaf(finding, beside[0]):

@@ -37,7 +37,7 @@ def verdict(diagnosis: Diagnosis) -> str:
         count = counted(len(gains), "finding")
         if diagnosis.written:
             before, after = diagnosis.written_clear_um or diagnosis.written_rms_um
-            how = ", targets left out within placements" if diagnosis.by_target else ""
+            how = f", {diagnosis.written_by}" if diagnosis.written_by else ""
             if diagnosis.written_clear_um:
                 all_rows = " instead of ".join(um(rms) for rms in diagnosis.written_rms_um[::-1])
                 how += f", outliers left out of both; {all_rows} µm with them"
