@@ -1,10 +1,10 @@
 """The library of compiled functions, made before the daemon starts: `python -m armd.daemon.ahead`.
 
 A daemon's every compiled call is made once, on made-up samples, for the arms of the armd.toml files
-given, or for any of 3 to 9 joints; what was called is exported by numba's ahead-of-time compiler
-and linked. Where there is a library already, or no C++ compiler, the calls are made all the same,
-and numba compiles what is missing into its cache. A file that is no good is told of and left:
-`armd run` will say it again.
+given, or for any of 3 to 9 joints; then those of the commands that work on sessions. What was
+called is exported by numba's ahead-of-time compiler and linked. Where there is a library already,
+or no C++ compiler, the calls are made all the same, and numba compiles what is missing into its
+cache. A file that is no good is told of and left: `armd run` will say it again.
 """
 
 from __future__ import annotations
@@ -19,6 +19,11 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
+
+from armd.compensation.model.kinematics import frames, jacobian
+from armd.compensation.model.parameters import ParameterLayout
+from armd.compensation.model.state import Lag
 from armd.compiled import library
 from armd.daemon.config import load_config
 from armd.daemon.live.arm_in_use import ArmInUse
@@ -39,12 +44,25 @@ OF_A_VERSION = re.compile(r"[0-9a-f]{12}|kernel_[0-9a-f]{12}\..*")
 
 
 def call_everything(path: Path) -> None:
-    """All compiled calls of `armd run` with this armd.toml; raises `ArmdError` for a bad one."""
+    """All compiled calls of `armd run` with this armd.toml, and of commands that work on sessions;
+    raises `ArmdError` for a bad one."""
     config = load_config(path)
     rehearse(config, ArmInUse(config))
     if config.driver.kind != "replay":  # which opens its file; others open no port before they read
         with closing(open_driver(config.driver, config.expectation)):
             pass
+    call_for_sessions()
+
+
+def call_for_sessions() -> None:
+    """The compiled calls of `armd calibrate`, `evaluate`, `diagnose`: the same for every arm.
+
+    To import numba and fetch them from its cache takes longer than most of these commands do.
+    """
+    q, constants = np.zeros((1, 1)), np.zeros(ParameterLayout(1).count)
+    frames(q, constants)
+    jacobian(q, constants)
+    Lag(1.0, 1).follow(np.zeros(1), np.zeros((1, 1)))
 
 
 def made_up(folder: Path, joints: int, configuration: str = SERIAL) -> Path:

@@ -15,6 +15,7 @@ from armd.daemon import ahead as program
 from armd.daemon.ahead import can_link, tidy
 from armd.daemon.config import load_config
 
+TESTS = Path(__file__).parents[1]
 ARM = """\
 schema = "armd.arm/1"
 serial_number = "AHEAD"
@@ -78,6 +79,19 @@ np.save(sys.argv[2], np.concatenate([*points, pipeline.correct(samples[100:])[0]
 print("numba" in sys.modules)
 """
 
+#: A diagnosis of made-up sessions; prints whether numba was needed for it.
+DIAGNOSIS = """
+import sys
+import numpy as np
+from support import synthetic
+from armd.compensation.diagnose.diagnose import diagnose
+
+arm, rng = synthetic.arm(), np.random.default_rng(8)
+some = [synthetic.session(arm, arm.nominal(), rng, readings=48, noise_mm=0.01) for _ in range(2)]
+diagnose(some, arm)
+print("numba" in sys.modules)
+"""
+
 
 def points_of(cache: Path, config: Path, *without: str) -> tuple[bool, np.ndarray]:
     place = cache / "points.npy"
@@ -92,7 +106,8 @@ def points_of(cache: Path, config: Path, *without: str) -> tuple[bool, np.ndarra
 @pytest.mark.slow
 @pytest.mark.timeout(900)  # it compiles twice
 def test_the_library_gives_numbas_points_without_numba(tmp_path: Path) -> None:
-    """With the rounding of fused operations between them: the library is for any processor."""
+    """With the rounding of fused operations between them: the library is for any processor. A
+    diagnosis needs no numba beside it either."""
     if not can_link():
         pytest.skip("no C++ compiler")
     cache = tmp_path / "cache"
@@ -109,6 +124,12 @@ def test_the_library_gives_numbas_points_without_numba(tmp_path: Path) -> None:
     for name in ("seq", "flags", "monotonic_ns", "stamp_ns", "buttons", "calibration"):
         np.testing.assert_array_equal(points[name], expected[name])
     assert np.ptp(points["position_mm"], axis=0).min() > 1.0
+    diagnosed = subprocess.run(
+        [sys.executable, "-c", DIAGNOSIS],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(TESTS)},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert diagnosed.stdout == "False\n", diagnosed.stderr
 
 
 def test_without_a_file_it_is_for_every_number_of_joints(

@@ -44,10 +44,12 @@ def sources() -> str:
 
     Numba compiles a function anew when its own file has changed, not when a function it calls has
     changed in another file, or a constant: so every state of them all has a folder, and a library,
-    of its own. Constants stand beside what is compiled, or in armd's own folder.
+    of its own. Constants stand beside what is compiled, or in armd's own folder. Which calls a
+    library is made for, two of the daemon's files say.
     """
     rooms = Path(__file__).parents[1]
     files = {Path(__file__).with_name("compiler.py"), *rooms.glob("*.py")}
+    files |= {*rooms.glob("daemon/ahead.py"), *rooms.glob("daemon/rehearsal.py")}
     for room in ("drivers", "compensation", "daemon"):
         for file in (rooms / room).rglob("*.py"):
             source = file.read_bytes()
