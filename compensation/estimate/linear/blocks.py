@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.data.in_order import in_order
 from armd.compensation.estimate.linear.bordered import pseudo_inverse_factor
 
 
@@ -40,11 +41,16 @@ class Blocks:
         last = np.hstack([self.distances, residual[n:, None]]) / distance_mm[:, None]
         found: F64 = last.T @ last
         by_rest = residual[:n].reshape(-1, 3, 1)
-        for piece in self.pieces:
+
+        def of(piece: Piece) -> F64:
             both = np.concatenate([piece.values, by_rest[piece.rests]], axis=2)
             white = (whitener[piece.rests] @ both).reshape(-1, both.shape[2])
+            own: F64 = white.T @ white
+            return own
+
+        for piece, own in zip(self.pieces, in_order(of, self.pieces), strict=True):
             at = np.append(piece.columns, self.size)
-            found[np.ix_(at, at)] += white.T @ white
+            found[np.ix_(at, at)] += own
         return found
 
     def products_clear_of(

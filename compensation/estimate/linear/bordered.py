@@ -18,6 +18,8 @@ from armd.arrays import F64, I64, Mask
 
 #: Relative to the largest eigenvalue, each unknown in units of its own diagonal: still knowledge.
 LEAST_KNOWN = 1e-13
+#: So few columns are solved for together sooner than it is found out which of them fall apart.
+FEW = 32
 #: A column that meets more than this share of all others is of the border.
 MOST_MET = 0.5
 
@@ -158,7 +160,8 @@ def _inverse_root(matrix: F64, held: F64, size: F64) -> tuple[Root, float, float
             found[np.diag_indices_from(found)] += held[rows] / size[rows] ** 2
         return found
 
-    parts = BorderedParts.of(matrix)
+    together = BorderedParts((), np.arange(len(matrix)))
+    parts = together if len(matrix) <= FEW else BorderedParts.of(matrix)
     rest = parts.border
     left = block(rest, rest)
     of_rest, largest = np.abs(left).sum(axis=1), 0.0
