@@ -79,6 +79,18 @@ def cleared(white: F64, cells: Sequence[Cell]) -> F64:
     return clear
 
 
+def products_of_parts(white: F64, clear: F64, cells: Sequence[Cell], parts: int) -> tuple[F64, F64]:
+    """Products (parts, m, u) of whitened columns (N, m) with *clear* ones (N, u), and the squared
+    lengths (parts, m) of the former."""
+    products = np.zeros((parts, white.shape[1], clear.shape[1]))
+    square = np.zeros((parts, white.shape[1]))
+    for cell in cells:
+        there = white[cell.rows]
+        products[cell.part] += there.T @ clear[cell.rows]
+        square[cell.part] += (there**2).sum(axis=0)
+    return products, square
+
+
 def rows_of(rests: I64) -> I64:
     """The three rows (3 k,) of each of rests (k,)."""
     return (3 * rests[:, None] + np.arange(3)).ravel()

@@ -26,6 +26,7 @@ from armd.compensation.diagnose.scoring.cells import (
     by_part,
     cleared,
     flat,
+    products_of_parts,
     rows_of,
 )
 from armd.compensation.diagnose.scoring.evidence import Sums, total
@@ -115,15 +116,9 @@ class Projection:
         variance = np.concatenate([fit.nuisance.variance[at:stop], shapes.variance])
         white = fit.noise.whiten(more)
         clear = cleared(white, self.cells)
-        known, b, m = self.clear[:, :-1], self.shared.layout.n, more.shape[1]
-        across, own = np.zeros((len(self.parts), b, m)), np.zeros((len(self.parts), m, m))
-        side, square = np.zeros((len(self.parts), m)), np.zeros((len(self.parts), m))
-        for cell in self.cells:
-            rows = white[cell.rows]
-            across[cell.part] += known[cell.rows].T @ rows
-            own[cell.part] += rows.T @ clear[cell.rows]
-            side[cell.part] += rows.T @ self.clear[cell.rows, -1]
-            square[cell.part] += (rows**2).sum(axis=0)
+        b, m = self.shared.layout.n, more.shape[1]
+        all_clear = np.hstack([self.clear[:, :-1], clear, self.clear[:, -1:]])
+        products, square = products_of_parts(white, all_clear, self.cells, len(self.parts))
         numbers = b + np.arange(m)
         findings, of_shapes = numbers[: stop - at], numbers[stop - at :]
         return replace(
@@ -132,11 +127,11 @@ class Projection:
             shapes=shapes,
             place=np.concatenate([self.place[:at], findings, self.place[at:], of_shapes]),
             parts=tuple(
-                model.joined("findings and shapes", own[i], across[i], variance, square[i])
-                for i, model in enumerate(self.parts)
+                model.joined("findings and shapes", own[:, b:-1], own[:, :b].T, variance, length)
+                for model, own, length in zip(self.parts, products, square, strict=True)
             ),
-            clear=np.hstack([known, clear, self.clear[:, -1:]]),
-            side=np.hstack([self.side, side]),
+            clear=all_clear,
+            side=np.hstack([self.side, products[:, :, -1]]),
         )
 
     def sums(self, signatures: Signatures) -> Sums:
@@ -278,13 +273,7 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
     others = fit.noise.whiten(np.hstack([shapes.matrix, fit.residual[:, None]]))
     shared = np.hstack([common, others])
     clear = cleared(shared, cells)
-    b = shared.shape[1] - 1
-    gram, side, square = np.zeros((parts + 1, b, b)), *np.zeros((2, parts + 1, b))
-    for cell in cells:
-        there = shared[cell.rows, :-1]
-        gram[cell.part] += there.T @ clear[cell.rows, :-1]
-        side[cell.part] += there.T @ clear[cell.rows, -1]
-        square[cell.part] += (there**2).sum(axis=0)
+    products, square = products_of_parts(shared[:, :-1], clear, cells, parts + 1)
     layout = Layout((*fit.layout.blocks.sizes, ("shapes", shapes.matrix.shape[1])))
     layout = layout.only(np.flatnonzero(~local))
     return Projection(
@@ -295,9 +284,9 @@ def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projectio
         np.ascontiguousarray(fit.noise.whiten(fit.linear.jacobian.T).T),
         np.where(local, -1, np.cumsum(~local) - 1),
         tuple(
-            LinearModel.of_products(layout, gram[i], variance[~local], square=square[i])
-            for i in range(parts + 1)
+            LinearModel.of_products(layout, own[:, :-1], variance[~local], square=length)
+            for own, length in zip(products, square, strict=True)
         ),
         clear,
-        side,
+        products[:, :, -1],
     )

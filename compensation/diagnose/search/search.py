@@ -12,11 +12,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from armd.compensation.diagnose.diagnosis import (
-    MOST_FINDINGS,
-    Finding,
-    SearchResult,
-)
+from armd.compensation.diagnose.diagnosis import MOST_FINDINGS, Finding, SearchResult
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.neighbourhood import refused
 from armd.compensation.diagnose.fitting.refit import solve_again
