@@ -23,8 +23,8 @@ MOST_FINDINGS = 10
 ENOUGH = 0.8
 
 
-#: What was left out of a fit of the findings made with it; "" where these were searched without it.
-LeftOut = Literal["", "placements left out", "targets left out within placements"]
+#: What judges the findings: left out of their fit only, or ("") of the search for them, too.
+JudgedBy = Literal["", "placements left out", "targets left out within placements"]
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class Diagnosis:
     written_rms_um: tuple[float, float]  # held out, without any and with these
     written_clear_um: tuple[float, float] | None  # the same without the outliers, if any are named
     unforeseen: tuple[int, ...]  # go with time and are not written: what came later contradicts
-    written_by: LeftOut  # these two
+    written_by: JudgedBy  # these two
     extended: Calibration
     told: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
     touched: tuple[Touched, ...]  # placements parted in two

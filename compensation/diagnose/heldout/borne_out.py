@@ -19,7 +19,7 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.diagnosis import Finding, Gain, LeftOut, SearchResult
+from armd.compensation.diagnose.diagnosis import Finding, Gain, JudgedBy, SearchResult
 from armd.compensation.diagnose.extend import extended, knows_growth
 from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
@@ -56,7 +56,7 @@ class BorneOut:
     after: F64
     #: of those of which the repeated search tells nothing: of the look that bears them out
     gains: dict[int, Gain]
-    by: LeftOut = ""
+    by: JudgedBy = ""
     unforeseen: tuple[int, ...] = ()  # confirmed, but not by what came after
     growth: bool = False  # the first link's joins them
     #: factors for the odds of findings that the readings held out speak against
@@ -135,7 +135,7 @@ def _chosen(
         for i in every
         if i not in chosen
     }
-    by: LeftOut = TARGETS if further else ""
+    by: JudgedBy = TARGETS if further else ""
     if chosen and not repeated_tells:
         by = by or "placements left out"
         further = {i: judge.gain_of(i, chosen, growth) for i in chosen} | further
