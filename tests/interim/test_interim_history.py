@@ -156,7 +156,7 @@ def test_what_is_remembered_of_earlier_checks_decides_nothing(copy: Path) -> Non
     assert 0 < len(epoch["checks"]) < DAYS
     assert run("report", "--history", copy) == 1
     assert reported(copy) == told
-    epoch["statistic"][0] = 3.0
+    epoch["looks"][0]["statistic"][0] = 3.0
     for text in (json.dumps(data), "{"):
         watched.write_text(text)
         assert run("report", "--history", copy) == 1

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,8 +13,11 @@ import numpy as np
 import pytest
 from test_interim_changes import off_from
 
+from armd.compensation.interim.changes.change import ChangesFound
+from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.checks.history import STATISTICS
-from armd.compensation.interim.evidence.quiet import NOTHING_YET, Quiet
+from armd.compensation.interim.evidence.likelihood import Weighed, weigh
+from armd.compensation.interim.evidence.quiet import NEVER_YET, NOTHING_YET, Look, Looked, Quiet
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.evidence.watch import watch
 from armd.compensation.interim.told.remembered import NOTHING, WATCHED, recall, remember
@@ -69,13 +73,18 @@ class FakeCheck:
         return SimpleNamespace(catalogue="of today")
 
 
-QUIET = Quiet((0.5, 1.0, 4.7), (1,))
-CHECKS: Any = tuple(FakeCheck(i) for i in range(4))
+#: Four checks; an alarm after the third was withdrawn, or a change is known since.
+QUIET = Looked(
+    (Look(0, (), (), Quiet((0.5, 1.0), (1,))), Look(2, (1,), (4.0, 0.5), Quiet((4.7,), (1,)))),
+    after=(6.0,),
+    left_out=(1,),
+)
+CHECKS: Any = tuple(FakeCheck(i) for i in range(5))
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(quiet=QUIET))
+    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(looked=QUIET))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     return tmp_path
@@ -85,14 +94,18 @@ def test_what_is_remembered_is_of_these_checks_in_this_order(folder: Path) -> No
     found = recall(folder)
     assert found.of(CHECKS) == found.of([*CHECKS, FakeCheck(9)]) == QUIET  # type: ignore[list-item]
     others: list[Any] = [
-        CHECKS[:3],  # a history put back to what it was: its last check is watched again
+        CHECKS[:2],  # a history put back to what it was: its last check is watched again
         CHECKS[1:],
         [CHECKS[1], CHECKS[0], *CHECKS[2:]],
         [CHECKS[0], FakeCheck(9), *CHECKS[1:]],  # dated before the last one
-        [FakeCheck(i, ("another", "arm")) for i in range(4)],
+        [FakeCheck(i, ("another", "arm")) for i in range(5)],
     ]
     for other in others:
-        assert found.of(other) == NOTHING_YET
+        assert found.of(other) == NEVER_YET
+    # Of what came after the last check that is the same nothing is believed.
+    shorter = found.of([*CHECKS[:3], FakeCheck(9)])  # type: ignore[list-item]
+    assert shorter == Looked(QUIET.looks, (), (1,))
+    assert found.of(CHECKS[:3]) == Looked(QUIET.looks[:1], (), (1,))
 
 
 def broken(text: str, how: str) -> str:
@@ -101,7 +114,7 @@ def broken(text: str, how: str) -> str:
         case "torn":
             return text[:100]
         case "edited":
-            data["epochs"][0]["statistic"][1] = 1.5
+            data["epochs"][0]["looks"][0]["statistic"][1] = 1.5
         case "of another version":
             data["armd"] = "0.1.0"
         case "another schema":
@@ -127,10 +140,22 @@ def test_what_is_in_doubt_is_not_believed(folder: Path, how: str) -> None:
     assert recall(folder) != NOTHING
 
 
-@pytest.mark.parametrize("quiet", [Quiet((0.5, 5.0, 1.0)), Quiet((0.5, 1.0, 1.0), (3,))])
-def test_what_cannot_be_is_not_believed(tmp_path: Path, quiet: Quiet) -> None:
+@pytest.mark.parametrize(
+    "looked",
+    [
+        Looked((Look(0, (), (), Quiet((0.5, 5.0, 1.0))),)),
+        Looked((Look(0, (), (), Quiet((0.5, 1.0, 1.0), (3,))),)),
+        Looked((Look(0, (), (), Quiet((0.5,) * 5)),)),
+        Looked((Look(1, (), (), Quiet((0.5,))),)),
+        Looked((Look(1, (1,), (3.0,), Quiet((0.5,))),)),
+        Looked((Look(0, (), (), Quiet((0.5,))),), after=(1.0, 2.0, 3.0)),
+        Looked((Look(0, (), (), Quiet((0.5,))),), left_out=(4,)),
+        Looked(),
+    ],
+)
+def test_what_cannot_be_is_not_believed(tmp_path: Path, looked: Looked) -> None:
     """A statistic over the limit, or a bad check that is none of these: its hash may be right."""
-    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(quiet=quiet))
+    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(looked=looked))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     assert recall(tmp_path) == NOTHING
@@ -138,7 +163,61 @@ def test_what_cannot_be_is_not_believed(tmp_path: Path, quiet: Quiet) -> None:
 
 def test_where_it_cannot_be_written_nothing_is_lost(tmp_path: Path) -> None:
     (tmp_path / WATCHED).mkdir()
-    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(quiet=QUIET))
+    epoch = SimpleNamespace(checks=CHECKS, found=SimpleNamespace(looked=QUIET))
     judgement: Any = SimpleNamespace(epochs=(epoch,))
     remember(tmp_path, judgement)
     assert recall(tmp_path) == NOTHING
+
+
+def weighings(monkeypatch: pytest.MonkeyPatch, search: Callable[[], ChangesFound]) -> int:
+    """How often onsets are weighed in a search."""
+    count = 0
+
+    def counted(*given: Any) -> Weighed:
+        nonlocal count
+        count += 1
+        return weigh(*given)
+
+    with monkeypatch.context() as patched:
+        for module in ("changes.find", "changes.likeliest", "evidence.watch"):
+            patched.setattr(f"armd.compensation.interim.{module}.weigh", counted)
+        search()
+    return count
+
+
+@pytest.mark.parametrize("grows", [False, True])
+def test_after_a_change_a_check_more_is_searched_on_from_what_was_looked_at(
+    grows: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of, causes = off_from(np.random.default_rng(2), 12, 40)
+    if grows:
+        causes = [replace(cause, prior_sudden=0.0, prior_gradual=0.5) for cause in causes]
+    residual = list(of.residual)
+    residual[25] = residual[25] + 3.0 * of.targets[25] @ [1.0, -0.4, 0.3]  # a bad check
+    of = replace(of, residual=tuple(residual))
+    before = NEVER_YET
+    for n in range(14, of.n + 1):
+        some = of.only(range(n))
+        anew, found = find(some, causes), find(some, causes, before)
+        assert found.statistic == pytest.approx(anew.statistic, abs=1e-9)
+        assert (found.alarm, found.bad) == (anew.alarm, anew.bad)
+        told = np.concatenate([(), *(change.numbers for change in anew.changes)])
+        assert np.concatenate([(), *(c.numbers for c in found.changes)]) == pytest.approx(told)
+        before = found.looked
+    assert found.changes and found.changes[0].gradual == grows and found.bad == (25,)
+    assert len(before.looks) > 1 and len(before.after) == of.n - found.alarm - 2
+    # Of all checks but the last one nothing is weighed again, save the changes themselves.
+    again = weighings(monkeypatch, lambda: find(of, causes, before))
+    assert again < 20 < weighings(monkeypatch, lambda: find(of, causes)) / 2
+
+
+def test_a_look_is_believed_of_the_same_changes_and_bad_checks_only() -> None:
+    known = (4.0, 0.5)
+    begun = QUIET.begun(2, (1,), known)
+    assert begun == QUIET.looks[1].quiet
+    assert QUIET.begun(2, [1], (4.0, 0.5 * (1 + 1e-12))) == begun
+    for other in ((1, (1,), known), (2, (), known), (2, (1,), (4.0,)), (2, (1,), (4.0, 0.51))):
+        assert QUIET.begun(*other) == NOTHING_YET
+    assert QUIET.after_alarm(2, 3, [1]) == QUIET.after_alarm(2, 3, [1, 4]) == 6.0
+    for no in ((2, 3, []), (2, 3, [1, 2]), (1, 3, [1]), (2, 4, [1]), (2, 2, [1])):
+        assert QUIET.after_alarm(*no) is None

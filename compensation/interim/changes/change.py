@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.evidence.quiet import Quiet
+from armd.compensation.interim.evidence.quiet import Looked
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
 #: A told change may be of any size, in typical ones.
@@ -40,6 +40,15 @@ class Change:
     def key(self) -> tuple[int | None, bool, int]:
         return self.cause, self.gradual, self.first
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """All that a stack which knows it depends on."""
+        rate = () if self.rate_size is None else tuple(self.rate_size.tolist())
+        cause = -1 if self.cause is None else self.cause
+        bends = (len(self.bends_d), *self.bends_d)
+        course = (self.origin_d, *bends, *rate) if self.gradual else ()
+        return (float(cause), float(self.gradual), float(self.first), self.size, *course)
+
 
 #: One way in which all changes may have been, with its share of the probability.
 Way = tuple[float, tuple[Change, ...]]
@@ -53,7 +62,7 @@ class ChangesFound:
     alarm: int | None
     changes: tuple[Change, ...]  # in order of onset
     bad: tuple[int, ...]
-    quiet: Quiet  # what the next check need not have watched again
+    looked: Looked  # what the next check need not have watched again
 
 
 def shapes(of: Stack, change: Change) -> F64:

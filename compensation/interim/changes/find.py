@@ -18,7 +18,7 @@ from armd.compensation.interim.changes.growth import growth, origin_d
 from armd.compensation.interim.changes.likeliest import likeliest, weighed_again, weighed_since
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, weigh
-from armd.compensation.interim.evidence.quiet import NOTHING_YET, Quiet
+from armd.compensation.interim.evidence.quiet import NEVER_YET, Look, Looked
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import Watched, watch
 
@@ -33,16 +33,20 @@ MOST_CHANGES = 5
 MOST_ROUNDS = 20
 
 
-def find(of: Stack, causes: Sequence[Cause], quiet: Quiet = NOTHING_YET) -> ChangesFound:
-    """All changes of a stack of checks, some of which may have been watched already."""
+def find(of: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> ChangesFound:
+    """All changes of a stack of checks, some of which may have been watched *before*."""
     found: list[Change] = []
     alarms: list[int] = []
     bad: tuple[int, ...] = ()
     first_look: Watched | None = None
+    looks: list[Look] = []
     since = 0
     for _ in range(MOST_ROUNDS):
         null = with_changes(of, found)
-        looked = watch(null, causes, since, bad, quiet if first_look is None else NOTHING_YET)
+        known = tuple(number for change in found for number in change.numbers)
+        left_out = tuple(i for i in bad if i < since)
+        looked = watch(null, causes, since, bad, before.begun(since, left_out, known))
+        looks.append(Look(since, left_out, known, looked.quiet))
         first_look = first_look or looked
         bad = tuple(sorted({*(i for i in bad if i < since), *looked.bad}))
         if looked.alarm is None:
@@ -92,8 +96,10 @@ def find(of: Stack, causes: Sequence[Cause], quiet: Quiet = NOTHING_YET) -> Chan
         since = new.first + 1
     found = _refined(of, causes, found, bad)
     assert first_look is not None
-    statistic = _filled(first_look, of, causes, bad)
-    return ChangesFound(statistic, first_look.alarm, tuple(found), bad, first_look.quiet)
+    statistic = _filled(first_look, of, causes, bad, before)
+    after = () if first_look.alarm is None else statistic[first_look.alarm + 1 : -1].tolist()
+    remembered = Looked(tuple(looks), tuple(after), tuple(i for i in bad if i < of.n - 1))
+    return ChangesFound(statistic, first_look.alarm, tuple(found), bad, remembered)
 
 
 def _refined(
@@ -118,7 +124,9 @@ def _refined(
     return [*named, *strange]
 
 
-def _filled(first_look: Watched, of: Stack, causes: Sequence[Cause], bad: Sequence[int]) -> F64:
+def _filled(
+    first_look: Watched, of: Stack, causes: Sequence[Cause], bad: Sequence[int], before: Looked
+) -> F64:
     """The statistic of checks after the alarm: still that of what was known before it."""
     statistic = first_look.statistic.copy()
     if first_look.alarm is None:
@@ -126,6 +134,10 @@ def _filled(first_look: Watched, of: Stack, causes: Sequence[Cause], bad: Sequen
     kept = [i for i in range(of.n) if i not in bad]
     sums = RunningSums(of.only(kept))
     for n in range(first_look.alarm + 2, of.n + 1):
+        known = before.after_alarm(first_look.alarm, n - 1, bad)
+        if known is not None:
+            statistic[n - 1] = known
+            continue
         count = int(np.searchsorted(kept, n))
         first = np.arange(int(np.searchsorted(kept, max(0, first_look.alarm - 10))), count)
         if len(first):

@@ -57,18 +57,17 @@ def watch(
     known_bad: Sequence[int] = (),
     begun: Quiet = NOTHING_YET,
 ) -> Watched:
-    """Watch checks from *since* on, until a change is told; *known_bad* are left out. Of a history
-    watched from its first check on, some of the checks may have *begun* it already."""
+    """Watch checks from *since* on, until a change is told; *known_bad* are left out. Some of the
+    checks may have *begun* it already."""
     watched = len(begun.statistic)
     settled = list(begun.bad) if watched else [i for i in known_bad if i < since]
     statistics = np.full(of.n, np.nan)
-    statistics[:watched] = begun.statistic
+    statistics[since : since + watched] = begun.statistic
     doubted: list[int] = []
     sums, kept = _sums(of, settled)
     quiet = begun
-    for n in range(max(since, watched) + 1, of.n + 1):
-        if since == 0:
-            quiet = Quiet(tuple(statistics[: n - 1].tolist()), tuple(settled))
+    for n in range(since + watched + 1, of.n + 1):
+        quiet = Quiet(tuple(statistics[since : n - 1].tolist()), tuple(settled))
         count, begins = (bisect_left(kept, at) for at in (n, since))
         open_ = range(bisect_left(kept, max(since, n - UNSETTLED)), count)
         places = list(spoilt(sums.of, sums.upto(count), open_)) if count > 1 else []

@@ -15,7 +15,7 @@ from armd.compensation.interim.changes.ways import ways
 from armd.compensation.interim.checks.columns import Cause, causes_of
 from armd.compensation.interim.checks.history import Check, iso
 from armd.compensation.interim.evidence.likelihood import at_its_share
-from armd.compensation.interim.evidence.quiet import Quiet
+from armd.compensation.interim.evidence.quiet import Looked
 from armd.compensation.interim.evidence.stack import Stack, stack
 from armd.compensation.interim.told.amend import Amplitudes, amended, at_the_end, fit
 from armd.compensation.interim.told.averaged import Averaged, affordable, averaged
@@ -35,12 +35,12 @@ def judge(checks: Sequence[Check], remembered: Remembered = NOTHING) -> Judgemen
     return Judgement(tuple(sorted(epochs, key=lambda e: e.checks[0].line.first_unix_s)))
 
 
-def _epoch(checks: tuple[Check, ...], watched: Quiet) -> Epoch:
+def _epoch(checks: tuple[Check, ...], before: Looked) -> Epoch:
     arm, calibration = checks[0].arm, checks[0].calibration
     causes = causes_of(arm, calibration.content)
     reduced = [check.reduced for check in checks]
     stacked = at_its_share(stack(reduced, causes))
-    found = find(stacked, causes, watched)
+    found = find(stacked, causes, before)
     # What is there all along shows where neither changes nor bad checks are taken for it.
     good = [i for i in range(stacked.n) if i not in found.bad]
     explained = with_changes(stacked, found.changes).only(good)

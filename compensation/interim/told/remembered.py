@@ -1,6 +1,6 @@
 """What watching earlier checks came to, kept beside a history: a check more takes seconds.
 
-    watched.json             of each epoch: the checks, and what `watch` said after each
+    watched.json             of each epoch: the checks, and what each look at them said of each
 
 It saves time and decides nothing. It is believed of these very checks in this order only, by the
 hashes that the history's lines have of them, if the same version of armd wrote it and its own hash
@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 from pydantic import Field
@@ -21,7 +23,7 @@ from pydantic import Field
 from armd import __version__
 from armd.compensation.interim.checks.history import STATISTICS, Check
 from armd.compensation.interim.evidence.likelihood import LIMIT
-from armd.compensation.interim.evidence.quiet import NOTHING_YET, Quiet
+from armd.compensation.interim.evidence.quiet import NEVER_YET, Look, Looked, Quiet
 from armd.compensation.interim.told.judgement import Judgement
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_json
@@ -30,18 +32,43 @@ from armd.files.writing import write_changed
 WATCHED = "watched.json"
 
 
-class _WatchedEpoch(Strict):
-    checks: list[str]  # `_key` of each, in order of time
+class _Look(Strict):
+    since: int = Field(ge=0)
+    left_out: list[int]
+    known: list[float]
     statistic: list[float]
     bad: list[int]
 
     def is_sound(self) -> bool:
+        return (
+            all(value < LIMIT for value in self.statistic)
+            and _is_set(self.left_out, self.since)
+            and _is_set(self.bad, self.since + len(self.statistic))
+        )
+
+    def told(self) -> Look:
+        quiet = Quiet(tuple(self.statistic), tuple(self.bad))
+        return Look(self.since, tuple(self.left_out), tuple(self.known), quiet)
+
+
+def _is_set(of: Sequence[int], until: int) -> bool:
+    return list(of) == sorted(set(of)) and all(0 <= i < until for i in of)
+
+
+class _WatchedEpoch(Strict):
+    checks: list[str]  # `_key` of each, in order of time
+    looks: list[_Look]  # the first one with no change known
+    after: list[float]  # of checks after the first alarm, the statistic without …
+    left_out: list[int]
+
+    def is_sound(self) -> bool:
         n = len(self.checks)
         return (
-            len(self.statistic) == n
-            and all(value < LIMIT for value in self.statistic)
-            and all(0 <= i < n for i in self.bad)
-            and self.bad == sorted(set(self.bad))
+            bool(self.looks)
+            and all(look.is_sound() and look.told().until <= n for look in self.looks)
+            and (self.looks[0].since, self.looks[0].known) == (0, [])
+            and (not self.after or len(self.looks[0].statistic) + 1 + len(self.after) <= n)
+            and _is_set(self.left_out, n)
         )
 
 
@@ -58,16 +85,19 @@ class Remembered:
 
     epochs: tuple[_WatchedEpoch, ...] = ()
 
-    def of(self, checks: Sequence[Check]) -> Quiet:
+    def of(self, checks: Sequence[Check]) -> Looked:
         """Of the *checks* of an epoch, in order of time, as many as were watched before."""
         if not self.epochs:
-            return NOTHING_YET
-        keys = [_key(check) for check in checks]
+            return NEVER_YET
+        keys = [_key(check) for check in checks[:-1]]
         for epoch in self.epochs:
-            n = len(epoch.checks)
-            if 0 < n < len(keys) and epoch.checks == keys[:n]:
-                return Quiet(tuple(epoch.statistic), tuple(epoch.bad))
-        return NOTHING_YET
+            pairs = zip(epoch.checks, keys, strict=False)
+            same = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
+            looks = [look for look in map(_Look.told, epoch.looks) if look.until <= same]
+            if looks and looks[0].since == 0 and looks[0].until:
+                after = epoch.after[: max(same - looks[0].until - 1, 0)]
+                return Looked(tuple(looks), tuple(after), tuple(epoch.left_out))
+        return NEVER_YET
 
 
 NOTHING = Remembered()
@@ -87,12 +117,22 @@ def remember(folder: Path, judgement: Judgement) -> None:
     """Write it; where that is refused (a full disk), the next time takes longer."""
     epochs = [
         _WatchedEpoch(
-            checks=[_key(check) for check in epoch.checks[: len(quiet.statistic)]],
-            statistic=list(quiet.statistic),
-            bad=list(quiet.bad),
+            checks=[_key(check) for check in epoch.checks[:-1]],
+            looks=[
+                _Look(
+                    since=look.since,
+                    left_out=list(look.left_out),
+                    known=list(look.known),
+                    statistic=list(look.quiet.statistic),
+                    bad=list(look.quiet.bad),
+                )
+                for look in epoch.found.looked.looks
+                if look.finite
+            ],
+            after=list(takewhile(math.isfinite, epoch.found.looked.after)),
+            left_out=list(epoch.found.looked.left_out),
         )
         for epoch in judgement.epochs
-        for quiet in [epoch.found.quiet]
     ]
     file = {
         "schema": "armd.interim.watched/1",
