@@ -7,12 +7,18 @@ from __future__ import annotations
 
 import math
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import import_module
 
 from armd.compensation.effects import encoder, mechanical, setup, thermal, unknown
-from armd.compensation.effects.effect import ARC_SECOND, Candidate, Effect, SessionFacts
+from armd.compensation.effects.effect import (
+    ARC_SECOND,
+    Acting,
+    Candidate,
+    Effect,
+    SessionFacts,
+)
 from armd.compensation.model.arm import Arm
 
 ROOMS = (encoder, mechanical, thermal, setup)
@@ -42,6 +48,23 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             yield from (_larger(candidate, coarseness) for candidate in effect.candidates(facts))
         else:
             yield from effect.candidates(facts)
+
+
+def under(facts: SessionFacts, acting: Sequence[Acting]) -> Iterator[Candidate]:
+    """The candidates that act through the model's terms, with findings *acting* in the model."""
+    terms = (*facts.terms, *(term for found in acting for term in found.terms))
+    for effect in CATALOGUE.values():
+        if effect.through_terms is not None:
+            for candidate in effect.through_terms(replace(facts, terms=terms)):
+                yield replace(candidate, through=acting_on(candidate, acting, facts))
+
+
+def acting_on(
+    candidate: Candidate, acting: Sequence[Acting], facts: SessionFacts
+) -> tuple[Acting, ...]:
+    """Those of the findings *acting* through which a candidate acts: they share a sensor."""
+    own = set(candidate.depends_on) & set(facts.sensors)
+    return tuple(found for found in acting if own & set(found.candidate.depends_on))
 
 
 def _coarseness(arm: Arm) -> float:

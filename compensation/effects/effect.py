@@ -102,6 +102,8 @@ class Candidate:
     refine: Callable[[], Sequence[Candidate]] | None = field(default=None, compare=False)
     #: the same at another value of what was scanned, where that can be as uncertain as a size
     elsewhere: Callable[[float], Candidate] | None = field(default=None, compare=False)
+    #: of what acts through all the model's terms: the findings whose terms it knows of
+    through: tuple[Acting, ...] | None = field(default=None, compare=False)
 
     @property
     def told_only(self) -> bool:
@@ -124,9 +126,33 @@ class Candidate:
         """Whether *other* has all that this one could add: an order of a curve, say."""
         return self.place == other.place and self._adds <= other._adds
 
+    def is_like(self, other: Candidate) -> bool:
+        """Whether *other* is the same, be it through other terms that it acts."""
+        if self.through is None or other.through is None:
+            return self == other
+        own, others = ([column.name for column in c.columns] for c in (self, other))
+        return self.place == other.place and self.setting == other.setting and own == others
+
     @cached_property
     def _adds(self) -> frozenset[str]:
         return frozenset(repr(column) for column in self.columns)
+
+
+@dataclass(frozen=True)
+class Acting:
+    """A finding at the amplitudes that it has in a fit: its terms are the model's as much as those
+    under test."""
+
+    candidate: Candidate
+    amplitudes: tuple[float, ...]
+
+    @property
+    def terms(self) -> Iterator[Term]:
+        """Its terms with their coefficients."""
+        for column, amplitude in zip(self.candidate.columns, self.amplitudes, strict=True):
+            for term in column.terms:
+                coefficient = term.coefficient * amplitude
+                yield term.model_copy(update={"coefficient": coefficient})
 
 
 def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
@@ -207,6 +233,9 @@ class Effect:
     by_weight: bool = False
     #: as large as the arm is coarsely made, of which its encoders tell
     as_coarse_as_encoders: bool = False
+    #: those of the candidates that act through the terms of other findings as much as through those
+    #: under test
+    through_terms: Callable[[SessionFacts], Iterator[Candidate]] | None = None
     #: how often it happens beside others of the catalogue: most arms have no part that could
     commonness: float = 1.0
     #: the same reading where many harmonics of one joint make a curve over its turn: from the

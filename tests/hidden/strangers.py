@@ -3,7 +3,7 @@
 "stranger": what the catalogue knows in no form, or since lately; "crowd": four or five causes at
 once, every other time all at one joint; "again": diagnosed for the third time, each time under the
 calibration that armd wrote before; "real": planted into what a real arm's encoders said, after it
-was diagnosed once.
+was diagnosed once; "offset": a sensor that reads wrong, and a cause that goes by it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from armd.simulator.plants.draw import FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, depends_on
 from support.planting import Effect, middle_unix_s, of_joint, planted, rms_um, slip, wave
 
-KINDS = ("stranger", "crowd", "again", "real", "alien")
+KINDS = ("stranger", "crowd", "again", "real", "alien", "offset")
 NAMELESS = ("stranger", "alien")
 SURE, SEEN = 0.95, 8.0
 DESIGN = Design(sessions=6, articulations=4, holdout=2)
@@ -46,6 +46,9 @@ AT_ONE_JOINT = (
     "encoder_slip", "joint_backlash", "axis_wobble", "joint_thermal", "time_skew",
 )  # fmt: skip
 ONE_JOINT = (2, 3, 4)
+#: What goes by a link's or a joint's own sensor, and where it shows.
+BY_A_SENSOR = ("thermal_gradient", "joint_thermal", "encoder_thermal", "link_expansion")
+OWN_SENSOR = (2, 4)
 REAL = Path(__file__).parents[1] / "real" / "data"
 
 
@@ -133,6 +136,7 @@ def run_strange(kind: str, seed: int) -> Strange:
         "crowd": _crowd,
         "again": _again,
         "real": _real,
+        "offset": _offset,
     }
     return replace(runs[kind](seed, rng), seconds=time.perf_counter() - started)
 
@@ -188,8 +192,15 @@ def _crowd(seed: int, rng: np.random.Generator) -> Strange:
     return _simulated("crowd", seed, plants)
 
 
-def _at(joint: int, plant: Plant) -> Plant:
-    return replace(plant, location=f"joint {joint}")
+def _offset(seed: int, rng: np.random.Generator) -> Strange:
+    number = int(rng.choice(OWN_SENSOR))
+    cause = draw_plant(rng, [str(rng.choice(BY_A_SENSOR))], 1.5)
+    offset = replace(draw_plant(rng, ["sensor_offset"]), location=f"sensor t{number}")
+    return _simulated("offset", seed, [_at(number, cause), offset])
+
+
+def _at(number: int, plant: Plant) -> Plant:
+    return replace(plant, location=f"{plant.location.split()[0]} {number}")
 
 
 def _simulated(kind: str, seed: int, plants: Sequence[Plant]) -> Strange:

@@ -31,6 +31,7 @@ class Signatures:
     count: I64
     parts: tuple[tuple[Part, ...], ...]  # per column
     changes: tuple[ArtefactChange | None, ...]  # per column
+    keys: tuple[str, ...]  # (B,) what says a basis function
     bases: F64  # (B, n) basis values
     typical: F64  # (K,)
     reach: F64  # (K,)
@@ -104,6 +105,31 @@ class Signatures:
             gram[:, i, j] = gram[:, j, i] = elements[first[:, None] + np.arange(len(i))]
             found[m] = gram
         return found
+
+    def with_more(self, more: Signatures) -> Signatures:
+        """These candidates, then *more*; of its basis functions those that these have are theirs:
+        of many readings a copy of all is hundreds of megabytes."""
+        keys, values = list(self.keys), [self.bases]
+        for key, own in zip(more.keys, more.bases, strict=True):
+            if key not in keys:
+                keys.append(key)
+                values.append(own[None])
+        at = [keys.index(key) for key in more.keys]
+        parts = [
+            tuple((parameter, weight, at[basis]) for parameter, weight, basis in each)
+            for each in more.parts
+        ]
+        return Signatures(
+            (*self.candidates, *more.candidates),
+            np.concatenate([self.first, more.first + self.n_columns]),
+            np.concatenate([self.count, more.count]),
+            (*self.parts, *parts),
+            (*self.changes, *more.changes),
+            tuple(keys),
+            np.concatenate(values) if len(values) > 1 else self.bases,
+            np.concatenate([self.typical, more.typical]),
+            np.concatenate([self.reach, more.reach]),
+        )
 
     @cached_property
     def _within(self) -> Within:
@@ -198,6 +224,7 @@ def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm
         np.array(count, dtype=np.int64),
         tuple(parts),
         tuple(changes),
+        tuple(basis_of),
         values,
         np.array(typical),
         np.array(reach),

@@ -40,12 +40,12 @@ class ScoredCandidates:
         What is left of a curve, held to a likely size, is the curve's: parts of a finding are no
         candidates beside it.
         """
-        return score(self.sums).without(np.any(self._parts, axis=0))
+        return score(self.sums).without(np.any(self._parts, axis=0) | self._of_other_models())
 
     def without(self, index: int) -> Scores:
         """Of all candidates, one finding and its shape taken out of the model."""
         parts = np.delete(self._parts, index, axis=0)
-        return self.freed(index).without(np.any(parts, axis=0))
+        return self.freed(index).without(np.any(parts, axis=0) | self._of_other_models(index))
 
     def alone(self, index: int) -> Scores:
         """Of the findings themselves as candidates, one of them taken out of the model."""
@@ -59,6 +59,21 @@ class ScoredCandidates:
     @cached_property
     def _of_findings(self) -> ScoredCandidates:
         return score_candidates(self.projection, self.fit.findings)
+
+    def _of_other_models(self, index: int | None = None) -> Mask:
+        """(C,) which candidates act through findings that are not in the model, or not through all
+        that are; one finding taken out."""
+        candidates = self.sums.signatures.candidates
+        held = np.zeros(len(candidates), dtype=bool)
+        there = {c.place for i, c in enumerate(self.fit.findings) if i != index}
+        able = [(i, c) for i, c in enumerate(candidates) if c.through is not None]
+        for number, candidate in able:
+            if all(found.candidate.place in there for found in candidate.through or ()):
+                plain = [i for i, c in able if not c.through and c.is_like(candidate)]
+                held[plain if candidate.through else []] = True
+            else:
+                held[number] = True
+        return held
 
     @cached_property
     def _parts(self) -> Mask:

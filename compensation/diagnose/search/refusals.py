@@ -22,6 +22,11 @@ class Refusals:
         #: Place → the findings beside which it was refused; None once it was asked again.
         self._beside: dict[tuple[str, str], str | None] = {}
 
+    @property
+    def places(self) -> set[tuple[str, str]]:
+        """Where nothing is looked for."""
+        return {one.candidate.place for one in self.told}
+
     def add(self, candidate: Candidate, reason: str, beside: str) -> bool:
         """Look for it no more, *beside* these findings; whether the candidates are others now."""
         self.told.append(RefusedCandidate(candidate, reason))
@@ -38,6 +43,6 @@ class Refusals:
             return False
         self._beside |= dict.fromkeys(again)
         self.told = [r for r in self.told if r.candidate.place not in again]
-        barred = {r.candidate.place for r in self.told}
+        barred = self.places
         self.candidates = [c for c in self._catalogue if c.place not in barred]
         return True

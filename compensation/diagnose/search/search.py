@@ -13,13 +13,14 @@ from functools import cached_property, partial
 import numpy as np
 
 from armd.compensation.diagnose.diagnosis import MOST_FINDINGS, Finding, SearchResult
-from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.neighbourhood import refused
 from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.fitting.through import fit_by_turns
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
+from armd.compensation.diagnose.problem.through import with_acting
 from armd.compensation.diagnose.scoring.candidates import (
     ScoredCandidates,
     score_candidates,
@@ -181,7 +182,7 @@ class Search:
                 if refused(renamed, current, self.arm):
                     continue
                 renamed = self._pruned(renamed)
-                if rival in renamed.findings:
+                if any(map(rival.is_like, renamed.findings)):
                     current, scored = renamed, self._survey(renamed)
                     told = weighed(scored, self._tests)
                     break
@@ -253,7 +254,8 @@ class Search:
         start = [known.get(id(c), np.zeros(len(c.columns))) for c in findings]
         model = self.baseline.model if before is None else before.model
         noise = None if before is None else before.noise
-        return fit(self.rests, self.arm, self.baseline, model, findings, start, self._steady, noise)
+        about = self.rests, self.arm, self.baseline, model
+        return fit_by_turns(self.facts, *about, findings, start, self._steady, noise)
 
     def _pruned(self, current: Fit) -> Fit:
         """Without findings that are not significant any more, the weakest first."""
@@ -289,10 +291,13 @@ class Search:
 
     def _survey(self, current: Fit) -> ScoredCandidates:
         """The whole catalogue against what is left; the first time it is counted."""
-        projection = make_projection(current, self.arm)
-        if self._signatures is not None:
-            return score_candidates(projection, self._signatures)
-        self._signatures = compile_candidates(self._refusals.candidates, current.linear, self.arm)
-        scored = score_candidates(projection, self._signatures)
-        self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
+        counted = self._signatures is not None
+        if self._signatures is None:
+            every = self._refusals.candidates
+            self._signatures = compile_candidates(every, current.linear, self.arm)
+        refused = self._refusals.places
+        signatures = with_acting(self._signatures, current, self.facts, refused, self.arm)
+        scored = score_candidates(make_projection(current, self.arm), signatures)
+        if not counted:
+            self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
         return scored

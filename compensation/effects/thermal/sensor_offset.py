@@ -9,7 +9,7 @@ from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift
 from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain
-from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.slow_factors import SlowFactor, Temperature
 from armd.compensation.model.terms import Term
 
 TYPICAL_K = 0.5
@@ -19,14 +19,28 @@ TYPICAL_DRIFT_K = 0.1
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for name in facts.sensors:
-        terms = tuple(piece for term in facts.terms for piece in _derivative(term, name))
-        if not terms:
-            continue
-        yield from _drifting(facts, name, terms)
-        if facts.held:
-            # A sensor tens of kelvin off is noticed long before any length is.
-            column = Column("offset", "K", TYPICAL_K, terms, reach=5.0)
-            yield Candidate("sensor_offset", location.sensors(name), (column,), (name,))
+        if terms := _terms(facts, name):
+            yield from _drifting(facts, name, terms)
+            yield from _steady(facts, name, terms)
+
+
+def steady(facts: SessionFacts) -> Iterator[Candidate]:
+    """What other findings go by, too. A drift that acted through them could be anything that they
+    do not quite explain."""
+    for name in facts.sensors:
+        yield from _steady(facts, name, _terms(facts, name))
+
+
+def _terms(facts: SessionFacts, sensor: str) -> tuple[Term, ...]:
+    return tuple(piece for term in facts.terms for piece in _derivative(term, sensor))
+
+
+def _steady(facts: SessionFacts, sensor: str, terms: tuple[Term, ...]) -> Iterator[Candidate]:
+    if facts.held and terms:
+        # A sensor tens of kelvin off is noticed long before any length is.
+        column = Column("offset", "K", TYPICAL_K, terms, reach=5.0)
+        where = location.sensors(sensor)
+        yield Candidate("sensor_offset", where, (column,), (sensor,), through=())
 
 
 def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterator[Candidate]:
@@ -48,16 +62,19 @@ def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterat
 
 
 def _derivative(term: Term, sensor: str) -> Iterator[Term]:
-    """d term / d T_sensor, for terms that are a single power of a temperature."""
-    if len(term.basis) != 1 or not isinstance(term.basis[0], Temperature):
+    """d term / d T_sensor, for terms that have a single power of a temperature, and of what else
+    they are a product."""
+    own = [factor for factor in term.basis if isinstance(factor, Temperature)]
+    others = [factor for factor in term.basis if not isinstance(factor, Temperature)]
+    if len(own) != 1 or any(isinstance(factor, SlowFactor) for factor in others):
         return
-    factor = term.basis[0]
+    factor = own[0]
     weight = factor.weights.get(sensor, 0.0)
     if weight == 0.0 or term.coefficient == 0.0 or factor.zone_c is not None:
         return
     lower = [factor.model_copy(update={"order": factor.order - 1})] if factor.order > 1 else []
     coefficient = term.coefficient * weight * factor.order
-    yield Term(parameter=term.parameter, basis=list(lower), coefficient=coefficient)
+    yield Term(parameter=term.parameter, basis=[*lower, *others], coefficient=coefficient)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
@@ -75,4 +92,5 @@ EFFECT = Effect(
     candidates,
     reading,
     "a calibration to compare with, with terms of temperature",
+    through_terms=steady,
 )

@@ -1,0 +1,46 @@
+"""A fit of causes that act through others: by turns, what acts made anew at the others' amplitudes.
+
+The model has the product of both unknowns. With one of them held it is linear, and the other moves
+the held one little: an offset of a sensor is found by a constant, which stays what it is while the
+amplitude that it is told by settles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from armd.arrays import F64
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Baseline, ModelState, Rests
+from armd.compensation.diagnose.problem.through import acting, made_anew
+from armd.compensation.diagnose.problem.whitening import RestNoise
+from armd.compensation.effects.effect import Candidate, SessionFacts
+from armd.compensation.model.arm import Arm
+
+#: Two turns do; what does not settle stays as it is.
+MOST_TURNS = 5
+
+
+def fit_by_turns(
+    facts: SessionFacts,
+    rests: Rests,
+    arm: Arm,
+    baseline: Baseline,
+    model: ModelState,
+    findings: Sequence[Candidate],
+    amplitudes: Sequence[F64],
+    noise_extra: Sequence[Candidate],
+    noise: RestNoise | None,
+) -> Fit:
+    """A fit, its findings that act through others made at the amplitudes that these have in it."""
+    for _ in range(MOST_TURNS):
+        fitted = fit(rests, arm, baseline, model, findings, amplitudes, noise_extra, noise)
+        found = acting(fitted)
+        made = [made_anew(candidate, facts, found) for candidate in fitted.findings]
+        if all(new is old for new, old in zip(made, fitted.findings, strict=True)):
+            break
+        kept = [(c, a) for c, a in zip(made, fitted.amplitudes, strict=True) if c is not None]
+        findings, amplitudes = [c for c, _ in kept], [a for _, a in kept]
+        model, noise = fitted.model, fitted.noise
+    return fitted

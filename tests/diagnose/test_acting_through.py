@@ -1,0 +1,200 @@
+"""A sensor's offset acts through what else was found: its columns, its size, what is written."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armd.arrays import F64
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.extend import extended
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.through import fit_by_turns
+from armd.compensation.diagnose.problem.baseline import from_calibration, with_findings
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Baseline, Rests
+from armd.compensation.diagnose.problem.linearise import linearise
+from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
+from armd.compensation.diagnose.problem.through import acting, made_anew, with_acting
+from armd.compensation.diagnose.scoring.candidates import score_candidates
+from armd.compensation.diagnose.scoring.projection import make_projection
+from armd.compensation.effects import catalogue
+from armd.compensation.effects.effect import Candidate, SessionFacts
+from armd.compensation.identify.evaluation.evaluate import evaluate
+from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.calibration import Calibration, constants_of
+from armd.compensation.model.kinematics import forward
+from support import synthetic
+
+ARM = synthetic.arm(6)
+OFFSET_K = 0.8
+NOISE_MM = 1e-3
+#: Per millimetre and kelvin, rather much, in a curve: the derivative is not constant.
+GROWTH = {1: 2e-5 * 300, 2: 4e-7 * 300}
+#: What is found, as candidates of the catalogue by their place and number there, and how large.
+FOUND = {
+    ("thermal_gradient", "link 3"): (0, (2e-4, -1e-4)),
+    ("joint_thermal", "joint 3"): (1, (3e-7,)),
+    ("encoder_thermal", "joint 3"): (0, (5e-6, -8e-6)),
+    ("link_expansion", "link 5"): (0, (2e-5,)),
+}
+GRADIENT = "thermal_gradient"
+
+
+@dataclass(frozen=True)
+class Problem:
+    rests: Rests
+    baseline: Baseline
+    facts: SessionFacts
+    findings: list[Candidate]
+    amplitudes: list[F64]
+
+    def found(self, *causes: str) -> Any:
+        """As of a fit that found these causes, in this order."""
+        numbers = [[c.cause for c in self.findings].index(cause) for cause in causes]
+        some = tuple(self.findings[i] for i in numbers)
+        return SimpleNamespace(findings=some, amplitudes=tuple(self.amplitudes[i] for i in numbers))
+
+    def offset(self, sensor: str = "t3") -> Candidate:
+        """The sensor's offset under the model under test."""
+        every = (c for c in catalogue.candidates(self.facts) if c.through is not None)
+        return next(c for c in every if c.place == ("sensor_offset", f"sensor {sensor}"))
+
+
+def given() -> Calibration:
+    terms = [
+        term.model_copy(update={"coefficient": GROWTH[term.basis[0].order]})  # type: ignore[union-attr]
+        for term in length_terms(ARM, [1, 2])
+    ]
+    return Calibration(
+        arm=ARM.serial_number,
+        created="2026-03-01T09:00:00+00:00",
+        reference_temperature_c=20.0,
+        constants=constants_of(ARM.nominal(), ARM.n_joints),
+        terms=terms,
+        covariance_of=["theta_2"],
+        covariance=[[1e-16]],
+    )
+
+
+def problem_of(session: Session) -> Problem:
+    rests = gather_rests([session], ARM)
+    baseline = from_calibration(given(), ARM, held=True)
+    facts = gather_facts(rests, ARM, baseline)
+    every = list(catalogue.candidates(facts))
+    findings = [
+        [c for c in every if c.place == place][number] for place, (number, _) in FOUND.items()
+    ]
+    amplitudes = [np.array(values) for _, values in FOUND.values()]
+    return Problem(rests, baseline, facts, findings, amplitudes)
+
+
+def measured(found: Any, name: str = "own") -> Session:
+    """Of an arm with what was *found*, whose sensor t3 reads too much."""
+    model = with_findings(
+        from_calibration(given(), ARM, held=True).model, found.findings, found.amplitudes
+    )
+    rng = np.random.default_rng(len(name))
+    session = synthetic.session(
+        ARM,
+        model.constants,
+        rng,
+        terms=list(model.terms),
+        scatter_k=3.0,
+        noise_mm=NOISE_MM,
+        name=name,
+    )
+    celsius = session.states.temperature_c.copy()
+    celsius[:, 2] += OFFSET_K
+    return replace(session, states=replace(session.states, temperature_c=celsius))
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    rng = np.random.default_rng(7)
+    return problem_of(synthetic.session(ARM, ARM.nominal(), rng, scatter_k=3.0))
+
+
+def tip(problem: Problem, found: Any, sensor: int, step_k: float) -> F64:
+    """(n, 3) where the arm with what was found is, one of its sensors reading *step_k* more."""
+    model = with_findings(problem.baseline.model, found.findings, found.amplitudes)
+    states = problem.rests.observations.states
+    celsius = states.temperature_c.copy()
+    celsius[:, sensor] += step_k
+    states = replace(states, temperature_c=celsius)
+    values = basis_values(model.terms, states, ARM, model.reference_c, model.constants)
+    return forward(states.q, parameter_rows(model.constants, model.terms, values))[0]
+
+
+@pytest.mark.parametrize("sensor", [2, 3, 4])
+@pytest.mark.parametrize("causes", [(), (GRADIENT,), [cause for cause, _ in FOUND]])
+def test_an_offset_is_the_derivative_of_all_that_was_found(
+    problem: Problem, sensor: int, causes: tuple[str, ...]
+) -> None:
+    found = problem.found(*causes)
+    model = with_findings(problem.baseline.model, found.findings, found.amplitudes)
+    offset = problem.offset(f"t{sensor + 1}")
+    made = made_anew(offset, problem.facts, acting(found))
+    assert made is not None
+    linear = linearise(problem.rests, model, ARM)
+    own = finding_columns(linear, [made], ARM)[0][: 3 * problem.rests.n, 0]
+    up, down = (tip(problem, found, sensor, step) for step in (1e-3, -1e-3))
+    expected = ((up - down) / 2e-3).ravel()
+    np.testing.assert_allclose(own, expected, atol=1e-6 * np.abs(expected).max())
+    touched = any(f"t{sensor + 1}" in c.depends_on for c in found.findings)
+    assert (made is offset) == (not touched)
+
+
+def fitted(problem: Problem, findings: list[Candidate], turns: bool = True) -> Fit:
+    start = [np.zeros(len(c.columns)) for c in findings]
+    about = problem.rests, ARM, problem.baseline, problem.baseline.model
+    if not turns:
+        return fit(*about, findings, start)
+    return fit_by_turns(problem.facts, *about, findings, start, (), None)
+
+
+def test_offset_and_gradient_come_back_and_are_written_as_fitted(problem: Problem) -> None:
+    true = problem.found(GRADIENT)
+    own = problem_of(measured(true))
+    gradient, offset = own.found(GRADIENT).findings[0], own.offset()
+    last = fitted(own, [gradient, offset])
+    assert last.amplitudes[1][0] == pytest.approx(-OFFSET_K, rel=0.02)
+    np.testing.assert_allclose(last.amplitudes[0], true.amplitudes[0], rtol=0.02, atol=2e-6)
+    apart = fitted(own, [gradient, offset], turns=False)  # of the lengths alone
+    assert last.noise.scale_mm < 0.5 * apart.noise.scale_mm
+    other = measured(true, "another")
+    calibration = extended(own.baseline, last, ARM, [])
+    rms_mm = np.sqrt((evaluate([other], ARM, calibration).residual_mm ** 2).mean())
+    assert rms_mm < 1.2 * NOISE_MM
+    plain = extended(own.baseline, apart, ARM, [])
+    assert np.sqrt((evaluate([other], ARM, plain).residual_mm ** 2).mean()) > 3 * NOISE_MM
+
+
+def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(problem: Problem) -> None:
+    own = problem_of(measured(problem.found(GRADIENT)))
+    gradient, offset = own.found(GRADIENT).findings[0], own.offset()
+    with_it, without = fitted(own, [gradient]), fitted(own, [])
+    plain = compile_candidates([gradient, offset], without.linear, ARM)
+    assert with_acting(plain, without, own.facts, (), ARM) is plain
+    assert with_acting(plain, with_it, own.facts, {offset.place}, ARM).n_columns > plain.n_columns
+    both = with_acting(plain, with_it, own.facts, (), ARM)
+    assert both.bases is plain.bases or len(both.bases) > len(plain.bases)
+    at = next(i for i, c in enumerate(both.candidates) if c.through and c.place == offset.place)
+    scored = score_candidates(make_projection(with_it, ARM), both)
+    assert scored.scores.freedom[[1, at]].tolist() == [0, 1]
+    assert scored.without(0).freedom[[1, at]].tolist() == [1, 0]
+    nothing = score_candidates(make_projection(without, ARM), both)
+    assert nothing.scores.freedom[[1, at]].tolist() == [1, 0]
+    # What acts through the gradient takes no part in what the gradient is worth.
+    last = fitted(own, [gradient, offset])
+    again = score_candidates(make_projection(last, ARM), [gradient])
+    alone = score_candidates(make_projection(with_it, ARM), [gradient])
+    assert again.freed(0).log_p[0] == pytest.approx(alone.freed(0).log_p[0], rel=0.3)
+    assert made_anew(last.findings[1], own.facts, acting(without)).is_like(offset)  # type: ignore[union-attr]
