@@ -51,10 +51,11 @@ class ScoredCandidates:
         """Of the findings themselves as candidates, one of them taken out of the model."""
         return self._of_findings.freed(index)
 
-    def freed(self, index: int) -> Scores:
-        """Of all candidates, one finding and its shape taken out; also of parts of the others."""
-        nuisance = self.projection.shapes.without(self.fit, index)
-        return score(self.sums, self.projection.place[nuisance])
+    def freed(self, index: int, *acting: int) -> Scores:
+        """Of all candidates, one finding and its shape taken out, and others *acting* through it;
+        also of parts of the others."""
+        out = [self.projection.shapes.without(self.fit, i) for i in (index, *acting)]
+        return score(self.sums, self.projection.place[np.concatenate(out)])
 
     @cached_property
     def _of_findings(self) -> ScoredCandidates:
@@ -120,9 +121,20 @@ def score_candidates(
 
 
 def weakest(projection: Projection) -> tuple[int, float]:
-    """The least significant of the findings, each beside all others: its number, and the log of its
-    p value."""
-    own = score_candidates(projection, projection.fit.findings)
-    log_p = [float(own.freed(i).log_p[i]) for i in range(len(projection.fit.findings))]
+    """The least significant of the findings, each beside all others but those that act through it:
+    its number, and the log of its p value."""
+    findings = projection.fit.findings
+    own = score_candidates(projection, findings)
+    log_p = [float(own.freed(i, *_through(findings, i)).log_p[i]) for i in range(len(findings))]
     least = int(np.argmax(log_p))
     return least, log_p[least]
+
+
+def _through(findings: Sequence[Candidate], index: int) -> list[int]:
+    """Numbers of the findings that act through another."""
+    place = findings[index].place
+    return [
+        i
+        for i, other in enumerate(findings)
+        if any(found.candidate.place == place for found in other.through or ())
+    ]

@@ -50,17 +50,14 @@ class Shapes:
     columns: tuple[range, ...]  # of each finding's shape, counted on from the fit's nuisance ones
 
     def without(self, current: Fit, index: int) -> list[int]:
-        """The nuisance columns of a finding and its shape, be that a finding itself; and of what
-        acts through it."""
+        """The nuisance columns of a finding and its shape, be that a finding itself."""
         own = current.findings[index]
         return [
             *self.columns[index],
             *(
                 column
                 for other, at in zip(current.findings, current.layout.findings, strict=True)
-                if other is own
-                or other.location == shape_place(own)
-                or any(found.candidate.place == own.place for found in other.through or ())
+                if other is own or other.location == shape_place(own)
                 for column in range(at.start, at.stop)
             ),
         ]
