@@ -17,7 +17,13 @@ from armd.compensation.interim.changes.change import ChangesFound
 from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.checks.history import STATISTICS
 from armd.compensation.interim.evidence.likelihood import Weighed, weigh
-from armd.compensation.interim.evidence.quiet import NEVER_YET, NOTHING_YET, Look, Looked, Quiet
+from armd.compensation.interim.evidence.quiet import (
+    NEVER_YET,
+    NOTHING_YET,
+    EpochLook,
+    Looked,
+    Quiet,
+)
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.evidence.watch import watch
 from armd.compensation.interim.told.remembered import NOTHING, WATCHED, recall, remember
@@ -75,7 +81,10 @@ class FakeCheck:
 
 #: Four checks; an alarm after the third was withdrawn, or a change is known since.
 QUIET = Looked(
-    (Look(0, (), (), Quiet((0.5, 1.0), (1,))), Look(2, (1,), (4.0, 0.5), Quiet((4.7,), (1,)))),
+    (
+        EpochLook(0, (), (), Quiet((0.5, 1.0), (1,))),
+        EpochLook(2, (1,), (4.0, 0.5), Quiet((4.7,), (1,))),
+    ),
     after=(6.0,),
     left_out=(1,),
 )
@@ -143,13 +152,13 @@ def test_what_is_in_doubt_is_not_believed(folder: Path, how: str) -> None:
 @pytest.mark.parametrize(
     "looked",
     [
-        Looked((Look(0, (), (), Quiet((0.5, 5.0, 1.0))),)),
-        Looked((Look(0, (), (), Quiet((0.5, 1.0, 1.0), (3,))),)),
-        Looked((Look(0, (), (), Quiet((0.5,) * 5)),)),
-        Looked((Look(1, (), (), Quiet((0.5,))),)),
-        Looked((Look(1, (1,), (3.0,), Quiet((0.5,))),)),
-        Looked((Look(0, (), (), Quiet((0.5,))),), after=(1.0, 2.0, 3.0)),
-        Looked((Look(0, (), (), Quiet((0.5,))),), left_out=(4,)),
+        Looked((EpochLook(0, (), (), Quiet((0.5, 5.0, 1.0))),)),
+        Looked((EpochLook(0, (), (), Quiet((0.5, 1.0, 1.0), (3,))),)),
+        Looked((EpochLook(0, (), (), Quiet((0.5,) * 5)),)),
+        Looked((EpochLook(1, (), (), Quiet((0.5,))),)),
+        Looked((EpochLook(1, (1,), (3.0,), Quiet((0.5,))),)),
+        Looked((EpochLook(0, (), (), Quiet((0.5,))),), after=(1.0, 2.0, 3.0)),
+        Looked((EpochLook(0, (), (), Quiet((0.5,))),), left_out=(4,)),
         Looked(),
     ],
 )

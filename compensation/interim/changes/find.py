@@ -18,7 +18,7 @@ from armd.compensation.interim.changes.growth import growth, origin_d
 from armd.compensation.interim.changes.likeliest import likeliest, weighed_again, weighed_since
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, weigh
-from armd.compensation.interim.evidence.quiet import NEVER_YET, Look, Looked
+from armd.compensation.interim.evidence.quiet import NEVER_YET, EpochLook, Looked
 from armd.compensation.interim.evidence.stack import RunningSums, Stack
 from armd.compensation.interim.evidence.watch import Watched, watch
 
@@ -39,14 +39,14 @@ def find(of: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> Chan
     alarms: list[int] = []
     bad: tuple[int, ...] = ()
     first_look: Watched | None = None
-    looks: list[Look] = []
+    looks: list[EpochLook] = []
     since = 0
     for _ in range(MOST_ROUNDS):
         null = with_changes(of, found)
         known = tuple(number for change in found for number in change.numbers)
         left_out = tuple(i for i in bad if i < since)
         looked = watch(null, causes, since, bad, before.begun(since, left_out, known))
-        looks.append(Look(since, left_out, known, looked.quiet))
+        looks.append(EpochLook(since, left_out, known, looked.quiet))
         first_look = first_look or looked
         bad = tuple(sorted({*(i for i in bad if i < since), *looked.bad}))
         if looked.alarm is None:

@@ -25,7 +25,7 @@ NOTHING_YET = Quiet()
 
 
 @dataclass(frozen=True)
-class Look:
+class EpochLook:
     """One look at an epoch's checks, from *since* on: what was known then, and what came of it."""
 
     since: int
@@ -52,7 +52,7 @@ class Look:
 class Looked:
     """All looks at an epoch's checks, in turn: with no change known, and after each one told."""
 
-    looks: tuple[Look, ...] = ()
+    looks: tuple[EpochLook, ...] = ()
     #: The statistic after each check that came after the first alarm, but the last, without these.
     after: tuple[float, ...] = ()
     left_out: tuple[int, ...] = ()

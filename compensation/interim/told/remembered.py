@@ -23,7 +23,7 @@ from pydantic import Field
 from armd import __version__
 from armd.compensation.interim.checks.history import STATISTICS, Check
 from armd.compensation.interim.evidence.likelihood import LIMIT
-from armd.compensation.interim.evidence.quiet import NEVER_YET, Look, Looked, Quiet
+from armd.compensation.interim.evidence.quiet import NEVER_YET, EpochLook, Looked, Quiet
 from armd.compensation.interim.told.judgement import Judgement
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_json
@@ -46,9 +46,9 @@ class _Look(Strict):
             and _is_set(self.bad, self.since + len(self.statistic))
         )
 
-    def told(self) -> Look:
+    def told(self) -> EpochLook:
         quiet = Quiet(tuple(self.statistic), tuple(self.bad))
-        return Look(self.since, tuple(self.left_out), tuple(self.known), quiet)
+        return EpochLook(self.since, tuple(self.left_out), tuple(self.known), quiet)
 
 
 def _is_set(of: Sequence[int], until: int) -> bool:
