@@ -135,13 +135,14 @@ def _chosen(
         for i in every
         if i not in chosen
     }
+    gains = further
     by: JudgedBy = TARGETS if further else ""
     if chosen and not repeated_tells:
         by = by or "placements left out"
-        further = {i: judge.gain_of(i, chosen, growth) for i in chosen} | further
+        gains = {i: judge.gain_of(i, chosen, growth) for i in chosen} | further
     growth = growth and bool(chosen)
     before, after = (judge.errors(model)[decides] for model in (((), False), (chosen, growth)))
-    return BorneOut(chosen, before, after, further, by, told, growth, doubts)
+    return BorneOut(chosen, before, after, gains, by, told, growth, doubts)
 
 
 def _without_harm(last: Fit, judge: Judge, every: tuple[int, ...], growth: bool) -> tuple[int, ...]:

@@ -98,7 +98,8 @@ def find(of: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> Chan
     assert first_look is not None
     statistic = _filled(first_look, of, causes, bad, before)
     after = () if first_look.alarm is None else statistic[first_look.alarm + 1 : -1].tolist()
-    remembered = Looked(tuple(looks), tuple(after), tuple(i for i in bad if i < of.n - 1))
+    each = tuple(dict.fromkeys(looks))  # a search that goes round looks at the same more than once
+    remembered = Looked(each, tuple(after), tuple(i for i in bad if i < of.n - 1))
     return ChangesFound(statistic, first_look.alarm, tuple(found), bad, remembered)
 
 
