@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from scipy.special import logsumexp
 
-from armd.arrays import Mask
+from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
-from armd.compensation.diagnose.scoring.evidence import Scores, Sums, score
+from armd.compensation.diagnose.scoring.evidence import Scores, Sums, estimates, score
 from armd.compensation.diagnose.scoring.projection import Projection
-from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
 from armd.compensation.effects.effect import Candidate
 
 #: That a strong finding's shape is off is as likely as not.
@@ -54,8 +54,26 @@ class ScoredCandidates:
     def freed(self, index: int, *acting: int) -> Scores:
         """Of all candidates, one finding and its shape taken out, and others *acting* through it;
         also of parts of the others."""
-        out = [self.projection.shapes.without(self.fit, i) for i in (index, *acting)]
-        return score(self.sums, self.projection.place[np.concatenate(out)])
+        return score(self.sums, self._columns_of(index, *acting))
+
+    def bent(self, index: int, others: Sequence[Candidate]) -> F64:
+        """What each of *others*, one finding and its shape taken out of the model, gains in log
+        evidence if its own shape may be off, as that finding's may."""
+        straight = score_candidates(self.projection, others)
+        known = estimates(straight.sums, self._columns_of(index))
+        joints = self.projection.arm.n_joints
+        shapes = [shape_candidate(c, own, joints) for c, own in zip(others, known, strict=True)]
+        both = [_bent(c, shape) for c, shape in zip(others, shapes, strict=True)]
+        free = score_candidates(self.projection, both).freed(index).log_evidence
+        gained = free - straight.freed(index).log_evidence + np.log(SHAPE_PRIOR)
+        may_be_off = np.array([shape is not None for shape in shapes], dtype=bool)
+        return np.where(may_be_off, np.logaddexp(0.0, gained), 0.0)
+
+    def _columns_of(self, index: int, *acting: int) -> I64:
+        """Among the shared columns, those of a finding and its shape, and of others *acting*."""
+        own = [self.projection.shapes.without(self.fit, i) for i in (index, *acting)]
+        columns: I64 = self.projection.place[np.concatenate(own)]
+        return columns
 
     @cached_property
     def _of_findings(self) -> ScoredCandidates:
@@ -83,10 +101,6 @@ class ScoredCandidates:
         parts = [[c.within(finding) for c in candidates] for finding in self.fit.findings]
         return np.array(parts, dtype=bool).reshape(len(parts), len(candidates))
 
-    def posterior_of(self, index: int, scores: Scores) -> float:
-        """Posterior weight of a finding's place, see `log_posterior_of`."""
-        return float(np.exp(np.clip(self.log_posterior_of(index, scores), -500.0, 500.0)))
-
     def log_posterior_of(self, index: int, scores: Scores) -> float:
         """Log posterior weight of a finding's place; a refined value may be better than its grid.
 
@@ -105,10 +119,16 @@ class ScoredCandidates:
         shape = next((c for c in self.fit.findings if c.location == shape_place(candidate)), None)
         shape = shape or self.projection.shapes.candidates[index]
         if shape is not None:  # in the model or not, it belongs to it
-            both = replace(candidate, columns=(*candidate.columns, *shape.columns))
+            both = _bent(candidate, shape)
             bent = float(score_candidates(self.projection, [both]).freed(index).log_evidence[0])
             own = float(np.logaddexp(own, bent + np.log(SHAPE_PRIOR)))
         return log_weight + max(own - best, 0.0)
+
+
+def _bent(candidate: Candidate, shape: Candidate | None) -> Candidate:
+    """A candidate together with its shape, if it has one."""
+    more = () if shape is None else shape.columns
+    return replace(candidate, columns=(*candidate.columns, *more))
 
 
 def score_candidates(

@@ -124,14 +124,12 @@ class Scores:
         """Log of the sum of evidence × prior over the candidates."""
         return float(logsumexp(self._log_weight))
 
-    def places(self) -> dict[tuple[str, str], float]:
-        """Posterior probability of every (cause, location)."""
-        found: dict[tuple[str, str], float] = {}
-        for candidate, value in zip(
-            self.signatures.candidates, np.exp(self.log_posterior()), strict=True
-        ):
-            found[candidate.place] = found.get(candidate.place, 0.0) + float(value)
-        return found
+    def log_places(self) -> dict[tuple[str, str], float]:
+        """Log posterior probability of every (cause, location)."""
+        logs: dict[tuple[str, str], list[float]] = {}
+        for candidate, log in zip(self.signatures.candidates, self.log_posterior(), strict=True):
+            logs.setdefault(candidate.place, []).append(float(log))
+        return {place: float(logsumexp(own)) for place, own in logs.items()}
 
 
 def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
@@ -164,9 +162,11 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
     return Scores(sums.signatures, statistic, freedom, log_p, evidence, typical_snr)
 
 
-def estimates(sums: Sums) -> list[F64]:
-    """Amplitudes of each candidate, alone beside what absorbs."""
-    t, u = _clear(sums, sums.shared, slice(None))
+def estimates(sums: Sums, without: Iterable[int] = ()) -> list[F64]:
+    """Amplitudes of each candidate, alone beside what absorbs, the shared columns *without* left
+    out of the model."""
+    kept = np.setdiff1d(np.arange(sums.shared.layout.n), list(without))
+    t, u = _clear(sums, sums.shared.only(kept), kept)
     found: list[F64] = [np.empty(0)] * len(sums.signatures.candidates)
     for members, raw in sums.xx.values():
         for i, gram in zip(members, raw, strict=True):
@@ -176,7 +176,7 @@ def estimates(sums: Sums) -> list[F64]:
     return found
 
 
-def _clear(sums: Sums, model: LinearModel, kept: I64 | slice) -> tuple[F64, F64]:
+def _clear(sums: Sums, model: LinearModel, kept: I64) -> tuple[F64, F64]:
     """What a *model* of the shared columns *kept* takes of X: its coordinates (K, b) along an
     orthonormal basis of them; and what of the products of X with the residual is left, (K,)."""
     t = model.project(sums.bx[kept]).T

@@ -22,6 +22,7 @@ from armd.compensation.effects.unknown import without_a_name
 
 #: A place this much less probable than the best is still told as an alternative.
 LEAST_PROBABILITY = 0.01
+#: So many are told, and weighed with their own shapes.
 MOST_RIVALS = 8
 #: Many less probable ones together can keep a finding in doubt.
 LEAST_WORTH_EXCLUDING = 1e-4
@@ -58,8 +59,9 @@ def weighed(scored: ScoredCandidates, tests: int) -> list[Finding]:
 def _found(scored: ScoredCandidates, index: int, tests: int) -> Finding:
     candidate = scored.fit.findings[index]
     own, scores = scored.alone(index), scored.without(index)
-    logs = {place: math.log(max(share, LEAST_P)) for place, share in scores.places().items()}
+    logs = scores.log_places()
     logs |= _steps_at_its_instant(scored, index, scores)
+    _let_rivals_bend(logs, scored, index, scores)
     logs[candidate.place] = scored.log_posterior_of(index, scores)
     total = float(logsumexp(list(logs.values())))
     probability = {place: math.exp(weight - total) for place, weight in logs.items()}
@@ -71,6 +73,28 @@ def _found(scored: ScoredCandidates, index: int, tests: int) -> Finding:
         _rivals(candidate, probability, scores, scored),
         _variants(candidate, scores),
     )
+
+
+def _let_rivals_bend(
+    logs: dict[tuple[str, str], float], scored: ScoredCandidates, index: int, scores: Scores
+) -> None:
+    """To the log posterior weights of the likeliest rivals, what they gain if they are not quite of
+    the catalogue's form: a finding is weighed with its own shape, and so are they. Else a disc that
+    is not quite a sine would surely be another's."""
+    own = scored.fit.findings[index]
+    posterior, candidates = scores.log_posterior(), scores.signatures.candidates
+    rivals: dict[tuple[str, str], Candidate] = {}
+    for i in np.argsort(-posterior):
+        candidate = candidates[i]
+        if len(rivals) == MOST_RIVALS or not np.isfinite(posterior[i]):
+            break
+        if candidate.cause != "unknown" and candidate.place != own.place:
+            rivals.setdefault(candidate.place, candidate)
+    if is_shape(own) or not rivals:
+        return
+    gained = scored.bent(index, list(rivals.values()))
+    for place, more in zip(rivals, gained, strict=True):
+        logs[place] += float(more)
 
 
 def _steps_at_its_instant(

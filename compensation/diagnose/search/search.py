@@ -271,11 +271,11 @@ class Search:
         """With a finding renamed where, all others given, another name is clearly likelier."""
         for i, candidate in enumerate(current.findings):
             others = scored.without(i)
-            places = others.places()
+            places = others.log_places()
             best = max(places, key=lambda key: places[key])
             if best == candidate.place:
                 continue
-            if places[best] > CLEARLY * scored.posterior_of(i, others):
+            if places[best] > math.log(CLEARLY) + scored.log_posterior_of(i, others):
                 findings = with_their_causes([c for c in current.findings if c is not candidate])
                 without = solve_again(current, findings, current.noise, self.arm)
                 rival = choose(make_projection(without, self.arm), others, self._tests)
