@@ -1,7 +1,8 @@
 """What the history of interim checks says of this arm, watched beside the stream.
 
 `armd interim add` leaves its result in the history's folder. A thread reads it now and then: the
-folder may lie on a disk that is asleep, or on another machine.
+folder may lie on a disk that is asleep, or on another machine. The result is of the history beside
+it: where that was edited or cut short, it says nothing any more.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from armd.compensation.interim.checks.chain import HEAD, HISTORY, HistoryChain, read_chain
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.schema import json_data
@@ -39,6 +41,43 @@ class LastCheck:
     changed: str = ""  # since when and why; "" in control
     judged: str = ""  # SHA-256 of the calibration that the checks are of
     changes: int = 0  # since that calibration
+    checks: int = 0
+
+
+class WatchedChain:
+    """A history's lines, watched: they only ever become more. A folder with a result and no history
+    (a copy) has none to watch."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._stamps: object = ()
+        self._seen = self._now = HistoryChain()
+
+    def fault(self, checks: int) -> str:
+        """What is wrong with the history, of which a result tells *checks*; "" if nothing. Raises
+        `BadInput` where it is broken."""
+        stamps = [_stamp(self._folder / name) for name in (HISTORY, HEAD)]
+        if stamps != self._stamps:
+            self._now = read_chain(self._folder)
+            self._stamps = stamps
+        path, now, seen = self._folder / HISTORY, self._now.hashes, self._seen.hashes
+        if now[: len(seen)] != seen:
+            if len(now) < len(seen):
+                return f"{path} has {len(now)} checks, and had {len(seen)}"
+            return f"{path} has other checks than it had"
+        self._seen = self._now
+        if (now or any(stamps)) and len(now) < checks:
+            return f"{path} has {len(now)} checks, and {REPORT} is of {checks}"
+        return ""
+
+
+def _stamp(path: Path) -> tuple[int, int, int] | None:
+    """What tells a file from another state of it; None where there is none."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return status.st_mtime_ns, status.st_size, status.st_ino
 
 
 class InterimChecks:
@@ -49,7 +88,9 @@ class InterimChecks:
         self.folder = folder
         self._serial_number = serial_number
         self.last: LastCheck | None = None
-        self._stamp: tuple[int, int] | None = None
+        self._told = LastCheck()  # by the result of this stamp
+        self._stamp: tuple[int, int, int] | None = None
+        self._chain = WatchedChain(folder)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="interim checks", daemon=True)
 
@@ -67,26 +108,29 @@ class InterimChecks:
                 return
 
     def look(self) -> None:
-        """Read the result, if it is another than before."""
+        """Read the result and the history, where they are others than before."""
         path = self.folder / REPORT
         try:
-            status = path.stat()
-            stamp = (status.st_mtime_ns, status.st_size)
-            if stamp == self._stamp:
+            if (stamp := _stamp(path)) is None:
+                self._stamp, self.last = None, LastCheck(fault=f"{path} is not there")
                 return
-            result = json_data(path, read_input(path, MOST_BYTES))
-            last = parsed(result)
-            arm = result.get("arm", self._serial_number)  # older results do not tell
-            if arm != self._serial_number:
-                last = LastCheck(
-                    fault=f"{path} is of arm {arm}, expected one of {self._serial_number}"
-                )
-            self.last, self._stamp = last, stamp
-        except FileNotFoundError:
-            self._stamp, self.last = None, LastCheck(fault=f"{path} is not there")
+            if stamp != self._stamp:
+                self._told, self._stamp = self._read(path), stamp
+            # After the result, which is never of a check that the history has not yet.
+            path = self.folder / HISTORY
+            fault = self._told.fault or self._chain.fault(self._told.checks)
+            self.last = LastCheck(fault=fault) if fault else self._told
         except UNREADABLE as error:
             self._stamp = None
             self.last = LastCheck(fault=f"{path} cannot be read: {' '.join(str(error).split())}")
+
+    def _read(self, path: Path) -> LastCheck:
+        result = json_data(path, read_input(path, MOST_BYTES))
+        last = parsed(result)
+        arm = result.get("arm", self._serial_number)  # older results do not tell
+        if arm != self._serial_number:
+            return LastCheck(fault=f"{path} is of arm {arm}, expected one of {self._serial_number}")
+        return last
 
 
 def parsed(result: dict[str, Any]) -> LastCheck:
@@ -105,7 +149,8 @@ def parsed(result: dict[str, Any]) -> LastCheck:
     started = datetime.datetime.fromisoformat(last["started"]).timestamp()
     judged = str(result["calibration"])
     since_then = sum(change["judged_under"] == judged for change in result["changes"])
-    return LastCheck("", str(last["name"]), started, changed, judged, since_then)
+    name, checks = str(last["name"]), len(result["checks"])
+    return LastCheck("", name, started, changed, judged, since_then, checks)
 
 
 def complaint(

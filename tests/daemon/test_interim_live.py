@@ -11,6 +11,7 @@ import pytest
 
 from armd.daemon.commands.live.status import _lines as status_lines
 from armd.daemon.interim_checks import InterimChecks, complaint
+from support.interim_history import write_history
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
 
@@ -118,6 +119,49 @@ def test_a_missing_history_is_told_and_found_when_it_comes(tmp_path: Path) -> No
     assert complaint(checks.last, {}, NOON, None)[0]
 
 
+def looked(checks: InterimChecks) -> str:
+    checks.look()
+    return complaint(checks.last, {}, NOON, None)[1]
+
+
+def test_a_history_cut_short_is_told_at_the_next_look(tmp_path: Path) -> None:
+    names = ["day-01", "day-02", "day-03", "day-04"]
+    write_history(tmp_path, names)
+    checks = read(tmp_path, json.dumps(result()))
+    assert looked(checks) == ""
+    history = tmp_path / "history.jsonl"
+    whole = history.read_text()
+    history.write_text("".join(whole.splitlines(keepends=True)[:3]))
+    assert "found 3 checks, expected 4, as head.json has them" in looked(checks)
+    assert checks.last is not None and not checks.last.name
+    history.write_text(whole)
+    assert looked(checks) == ""
+    # With its head, so that it is a whole history, of fewer checks than this daemon saw.
+    write_history(tmp_path, names[:3])
+    assert "history.jsonl has 3 checks, and had 4" in looked(checks)
+    assert "had 4" in looked(checks)  # and is not forgotten
+    write_history(tmp_path, [*names[:3], "day-05", "day-06"])
+    assert "history.jsonl has other checks than it had" in looked(checks)
+    write_history(tmp_path, [*names, "day-05"])
+    assert looked(checks) == ""
+    for name in ("history.jsonl", "head.json"):
+        (tmp_path / name).unlink()
+    assert "history.jsonl has 0 checks, and had 5" in looked(checks)
+
+
+def test_a_result_is_of_all_checks_of_the_history_or_of_those_before(tmp_path: Path) -> None:
+    two = [{"name": f"day-{k:02}", "started": "2026-03-07T12:00:00Z"} for k in (3, 4)]
+    text = json.dumps(result(checks=two))
+    write_history(tmp_path, ["day-03"])
+    assert "history.jsonl has 1 checks, and report.json is of 2" in looked(read(tmp_path, text))
+    # Kept, and not judged yet.
+    write_history(tmp_path, ["day-03", "day-04", "day-05"])
+    assert looked(read(tmp_path, text)) == ""
+    broken = tmp_path / "history.jsonl"
+    broken.write_text(broken.read_text().replace("day-04", "day-44"))
+    assert "line 3: found a line that does not follow" in looked(read(tmp_path, text))
+
+
 def test_status_names_the_last_check() -> None:
     last = {"check": "day-04", "age_h": 31.6, "state": "in_control", "reason": ""}
     health = {
@@ -131,9 +175,11 @@ def test_status_names_the_last_check() -> None:
 
 
 def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
-    """Over the wire: the last check and its age, a change, an overdue check, an event of each."""
+    """Over the wire: the last check and its age, a change, an overdue check, an event of each, and
+    a history that is cut short."""
     history = tmp_path / "checks"
     history.mkdir()
+    write_history(history, ["day-03", "day-04"])
     extra = '[interim]\nhistory = "checks"\nat_most_h = 26\n'
     recent = [{"name": "day-04", "started": f"{datetime.datetime.now(datetime.UTC):%FT%TZ}"}]
     (history / "report.json").write_text(json.dumps(result(checks=recent)))
@@ -164,4 +210,11 @@ def test_health_state_and_event_follow_the_history(tmp_path: Path) -> None:
         heard.wait_for(lambda: "cannot be read" in heard.json("health")[-1]["reason"])
         (history / "report.json").write_text(json.dumps(result(checks=recent, arm="SIM-0001")))
         heard.wait_for(lambda: "interim" not in heard.json("health")[-1]["reason"])
+        heard.wait_for(lambda: heard.json("health")[-1]["interim"]["check"])
+        write_history(history, ["day-03"])
+        heard.wait_for(lambda: not heard.json("health")[-1]["interim"]["check"])
+        cut = "history.jsonl has 1 checks, and had 2"
+        assert cut in heard.json("health")[-1]["interim"]["reason"]
+        heard.wait_for(lambda: cut in heard.json("health")[-1]["reason"])
+        assert heard.json("health")[-1]["state"] == "INACCURATE"
         assert daemon.stop()[0] == 0

@@ -13,8 +13,9 @@ from drawn_changes import Case
 from armd.arrays import F64
 from armd.compensation.data.session import load_session
 from armd.compensation.identify.calibrate import Options, calibrate
+from armd.compensation.interim.checks.chain import HistoryLine
 from armd.compensation.interim.checks.columns import causes_of
-from armd.compensation.interim.checks.history import Check, HistoryLine
+from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.model.arm import Arm, load_arm

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from armd.compensation.data.session import load_sessions
-from armd.compensation.interim.checks import history, keeping
+from armd.compensation.interim.checks import chain, history, keeping
 from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.model.arm import load_arm
@@ -39,7 +39,7 @@ def main() -> None:
 
     def keep(number: int) -> None:
         with keeping.locked(folder):
-            lines = history.read_lines(folder)
+            lines = chain.read_lines(folder)
             keeping.check_new(folder, lines, [new[number].session])
             keeping.keep(folder, lines, [new[number]], checks / "arm.toml", calibration)
 
@@ -60,7 +60,7 @@ def main() -> None:
         os.kill(child, signal.SIGKILL)
         _, status = os.waitpid(child, 0)
         cut = os.WIFSIGNALED(status)
-        lines = history.read_lines(folder)
+        lines = chain.read_lines(folder)
         loaded = history.load(folder) if lines else []
         names = [check.line.name for check in loaded]
         expected = [one.session.name for one in new[: len(names)]]

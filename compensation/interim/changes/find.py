@@ -2,11 +2,14 @@
 
 A change that is told joins what is known of all later checks, and the watch goes on after it. At
 every further alarm the last change is looked at anew with all readings since: more readings may
-name it otherwise, and only what it cannot be is another change.
+name it otherwise, and only what it cannot be is another change. Where that leads back to what was
+looked at before, the search ends with the best of what it goes round between (decision 145): there
+are finitely many, so it always ends.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -14,6 +17,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.interim.changes.change import Change, ChangesFound, with_changes
+from armd.compensation.interim.changes.circle import Stand, best, circle
 from armd.compensation.interim.changes.growth import growth, origin_d
 from armd.compensation.interim.changes.likeliest import likeliest, weighed_again, weighed_since
 from armd.compensation.interim.checks.columns import Cause
@@ -29,8 +33,8 @@ REFUTED = 0.6 * LIMIT
 NEAR = 6
 #: More changes than this within one epoch are a worn-out arm, not a list.
 MOST_CHANGES = 5
-#: Rounds of naming again before the search is ended as it stands.
-MOST_ROUNDS = 20
+#: The statistic after the alarm is of changes that began so many checks before it at most.
+BEFORE_ALARM = 10
 
 
 def find(of: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> ChangesFound:
@@ -39,16 +43,21 @@ def find(of: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> Chan
     alarms: list[int] = []
     bad: tuple[int, ...] = ()
     first_look: Watched | None = None
-    looks: list[EpochLook] = []
+    stands: list[Stand] = []
     since = 0
-    for _ in range(MOST_ROUNDS):
+    while True:
         null = with_changes(of, found)
         known = tuple(number for change in found for number in change.numbers)
         left_out = tuple(i for i in bad if i < since)
+        if round_ := circle(stands, since, left_out, known, alarms):
+            stand = best(of, round_)
+            found, bad = [*stand.found], stand.bad
+            break
         looked = watch(null, causes, since, bad, before.begun(since, left_out, known))
-        looks.append(EpochLook(since, left_out, known, looked.quiet))
         first_look = first_look or looked
-        bad = tuple(sorted({*(i for i in bad if i < since), *looked.bad}))
+        bad = tuple(sorted({*left_out, *looked.bad}))
+        look = EpochLook(since, left_out, known, looked.quiet)
+        stands.append(Stand(look, tuple(found), tuple(alarms), bad))
         if looked.alarm is None:
             if found and _since_start(of, causes, found, of.n, bad) < REFUTED:
                 # Later checks speak against the last alarm: it was a false one.
@@ -98,8 +107,8 @@ def find(of: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> Chan
     assert first_look is not None
     statistic = _filled(first_look, of, causes, bad, before)
     after = () if first_look.alarm is None else statistic[first_look.alarm + 1 : -1].tolist()
-    each = tuple(dict.fromkeys(looks))  # a search that goes round looks at the same more than once
-    remembered = Looked(each, tuple(after), tuple(i for i in bad if i < of.n - 1))
+    looks = tuple(stand.look for stand in stands)
+    remembered = Looked(looks, tuple(after), tuple(i for i in bad if i < of.n - 1))
     return ChangesFound(statistic, first_look.alarm, tuple(found), bad, remembered)
 
 
@@ -133,16 +142,14 @@ def _filled(
     if first_look.alarm is None:
         return statistic
     kept = [i for i in range(of.n) if i not in bad]
-    sums = RunningSums(of.only(kept))
-    for n in range(first_look.alarm + 2, of.n + 1):
-        known = before.after_alarm(first_look.alarm, n - 1, bad)
-        if known is not None:
-            statistic[n - 1] = known
-            continue
-        count = int(np.searchsorted(kept, n))
-        first = np.arange(int(np.searchsorted(kept, max(0, first_look.alarm - 10))), count)
-        if len(first):
-            statistic[n - 1] = weigh(sums, causes, count, first).log_sum
+    begin = bisect_left(kept, max(0, first_look.alarm - BEFORE_ALARM))
+    sums = RunningSums(of.only(kept), begin)
+    for i in range(first_look.alarm + 1, of.n):
+        count = bisect_left(kept, i + 1)
+        if (known := before.after_alarm(first_look.alarm, i, bad)) is not None:
+            statistic[i] = known
+        elif begin < count:
+            statistic[i] = weigh(sums, causes, count, np.arange(begin, count)).log_sum
     return statistic
 
 

@@ -20,6 +20,7 @@ from scipy.linalg import cholesky, solve_triangular
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.changes.change import Change, amplitude_sizes
+from armd.compensation.interim.evidence.cleared import cleared
 from armd.compensation.interim.evidence.likelihood import log_student
 from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
@@ -29,14 +30,13 @@ class Growing:
 
     def __init__(self, of: Stack) -> None:
         sums = of.sums(range(of.n))
-        factor = cholesky(sums.curvature + np.eye(len(sums.side)), lower=True, check_finite=False)
+        # Of the size that the stack takes them for.
+        known = cleared(sums.curvature, sums.side, sums.square, slice(0), (1.0,))
         self._of = of
-        turned = _solved(factor, np.concatenate(of.known).T)
-        ends = np.cumsum([len(z) for z in of.residual])[:-1]
-        self._known = np.split(turned, ends, axis=1)  # per check (q, r)
-        self._side = _solved(factor, sums.side)
-        self._square = sums.square - float(self._side @ self._side)
-        self._spread = float(np.log(np.diag(factor)).sum())
+        self._known = [known.rotation @ one.T for one in of.known]  # per check (q, r)
+        self._side = known.side
+        self._square = float(known.square[0])
+        self._spread = float(known.spread[0])
         self._numbers = float(sums.numbers)
 
     def rate(self, change: Change) -> F64:

@@ -24,7 +24,7 @@ def weighed_since(
     first = np.array([k for k, i in enumerate(kept) if since <= i < max(last, since + 1)])
     if not len(first):
         first = np.array([len(kept) - 1])
-    return weigh(RunningSums(of.only(kept)), causes, len(kept), first), kept
+    return weigh(RunningSums(of.only(kept), int(first[0])), causes, len(kept), first), kept
 
 
 def weighed_again(

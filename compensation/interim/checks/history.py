@@ -17,9 +17,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pydantic import Field
-
 from armd.compensation.data.session import Session, load_session
+from armd.compensation.interim.checks.chain import HistoryLine, read_lines
 from armd.compensation.interim.checks.columns import Cause, causes_of, digest
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.checks.reduced import Reduced
@@ -28,30 +27,8 @@ from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import LoadedCalibration, load_calibration
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.schema import Strict, json_data, validate
-from armd.files.writing import told
 
-HISTORY, HEAD = "history.jsonl", "head.json"
 STATISTICS = "statistics.json"
-BEGINNING = "0" * 64
-
-
-class HistoryLine(Strict):
-    """One check, as the history has it."""
-
-    schema_: str = Field(alias="schema", pattern="^armd.interim.check/1$")
-    check: int
-    name: str
-    started: str
-    arm: str
-    first_unix_s: float
-    last_unix_s: float
-    folder: str
-    files: dict[str, str]  # name → SHA-256
-    arm_file: str  # SHA-256
-    calibration: str  # SHA-256
-    added: str
-    previous: str
 
 
 @dataclass(frozen=True)
@@ -119,63 +96,6 @@ def _of_today(folder: Path, check: Check, causes: Sequence[Cause]) -> Check:
     """A check whose statistics are of another catalogue, from what was measured."""
     measured = session(folder, check)
     return replace(check, reduced=reduce(measured, check.arm, check.calibration.content, causes))
-
-
-def read_lines(folder: Path) -> list[HistoryLine]:
-    """The history's lines in the order of adding, their chain checked; none without a history."""
-    path = folder / HISTORY
-    with told(folder):
-        begun = path.exists()
-        if not begun and folder.exists() and not folder.is_dir():
-            raise BadInput(folder, "the history", "a file", "a folder")
-    if not begun:
-        # A head of no checks is what a power cut leaves before the first line.
-        if (folder / HEAD).exists() and _head(folder).checks > 0:
-            raise BadInput(path, "the file", "nothing", f"the history that {HEAD} is of")
-        return []
-    data = read_input(path)
-    raw = data.split(b"\n")
-    if raw.pop() != b"":
-        raise BadInput(path, f"line {len(raw) + 1}", "its end torn off", "a whole line")
-    lines, previous = [], BEGINNING
-    for number, text in enumerate(raw, 1):
-        where = f"{path}: line {number}"
-        line = validate(where, json_data(where, text), HistoryLine)
-        if line.previous != previous or line.check != number:
-            found = "a line that does not follow the one before (edited, or lines are missing)"
-            raise BadInput(path, f"line {number}", found, f"the hash {previous[:16]}… of that line")
-        previous = hashlib.sha256(text).hexdigest()
-        lines.append(line)
-    _check_head(folder, len(lines), [hashlib.sha256(text).hexdigest() for text in raw])
-    return lines
-
-
-def _check_head(folder: Path, count: int, hashes: Sequence[str]) -> None:
-    """The head may be behind, after a power cut between two files, and never ahead."""
-    path = folder / HEAD
-    if not path.exists():
-        raise BadInput(path, "the file", "nothing", f"the number of lines of {HISTORY}")
-    head = _head(folder)
-    if head.checks > count:
-        raise BadInput(
-            folder / HISTORY, "the file", f"{count} checks", f"{head.checks}, as {HEAD} has them"
-        )
-    if (hashes[head.checks - 1] if head.checks else BEGINNING) != head.sha256:
-        found = f"a line {head.checks} of another hash than {HEAD} has"
-        raise BadInput(folder / HISTORY, f"line {head.checks}", found, "the line that was written")
-
-
-def _head(folder: Path) -> Head:
-    path = folder / HEAD
-    return validate(path, json_data(path, read_input(path)), Head)
-
-
-class Head(Strict):
-    """How long the history is."""
-
-    schema_: str = Field(alias="schema", pattern="^armd.interim.head/1$")
-    checks: int = Field(ge=0)
-    sha256: str
 
 
 def _check_hash(path: Path, sha256: str) -> None:

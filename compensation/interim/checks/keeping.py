@@ -15,14 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from armd.compensation.data.session import READINGS, Session
-from armd.compensation.interim.checks.history import (
-    BEGINNING,
-    HEAD,
-    HISTORY,
-    STATISTICS,
-    HistoryLine,
-    iso,
-)
+from armd.compensation.interim.checks.chain import BEGINNING, HEAD, HISTORY, HistoryLine
+from armd.compensation.interim.checks.history import STATISTICS, iso
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.statistics import to_json
 from armd.compensation.model.calibration import LoadedCalibration

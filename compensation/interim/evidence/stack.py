@@ -6,7 +6,7 @@ All of it in the checks' order in time, so that the order of adding plays no par
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -173,12 +173,13 @@ def _compressed(known: Sequence[F64]) -> list[F64]:
 class RunningSums:
     """Running sums over the first i checks, for changes that begin at a check or between two.
 
-    The causes' are made when first asked for: without a change they play no part. Their C columns
-    stand group by group.
+    The causes' are made when first asked for, without a change they play no part; over checks from
+    *begin* on, which is enough for changes that begin there or later. Their C columns stand group
+    by group.
     """
 
-    def __init__(self, of: Stack) -> None:
-        self.of = of
+    def __init__(self, of: Stack, begin: int = 0) -> None:
+        self.of, self.begin = of, begin
         days = of.time_d / RAMP_DAYS
         groups: dict[int, list[int]] = {}
         for k, block in enumerate(of.blocks):
@@ -193,34 +194,43 @@ class RunningSums:
         ]
         self._order = np.concatenate([at.ravel() for _, at in self.groups] or [np.zeros(0, int)])
         self._powers = np.array([np.ones(of.n), days, days**2])  # of time
-        self.known = _cumulated(self._powers[:1], np.stack([k.T @ k for k in of.known]))[0]
-        pairs = zip(of.known, of.residual, strict=True)
-        towards = np.stack([known.T @ residual for known, residual in pairs])
-        self.known_towards = _cumulated(self._powers[:1], towards)[0]
+        pairs = [*zip(of.known, of.residual, strict=True)]
+        q = of.known[0].shape[1]
+        self.known = _cumulated(self._powers[:1], (k.T @ k for k, _ in pairs), (q, q))[0]
+        self.known_towards = _cumulated(self._powers[:1], (k.T @ z for k, z in pairs), (q,))[0]
         self.square = np.concatenate([[0.0], np.cumsum([z @ z for z in of.residual])])
         self.numbers = np.concatenate([[0], np.cumsum([len(z) for z in of.residual])])
 
     @cached_property
     def own(self) -> list[F64]:
-        """Each group's (3, n + 1, causes, p, p)."""
-        products = [
-            np.stack([x[:, at].transpose(1, 2, 0) @ x[:, at].transpose(1, 0, 2)
-                      for x in self.of.columns])
-            for _, at in self.groups
-        ]  # fmt: skip
-        return [_cumulated(self._powers, group) for group in products]
+        """Each group's (3, n − begin + 1, causes, p, p)."""
+        found = []
+        for _, at in self.groups:
+            products = (
+                x[:, at].transpose(1, 2, 0) @ x[:, at].transpose(1, 0, 2)
+                for x in self.of.columns[self.begin :]
+            )
+            found.append(self._since_begin(3, products, (*at.shape, at.shape[1])))
+        return found
 
     @cached_property
     def towards(self) -> F64:
-        """(2, n + 1, C)."""
-        pairs = zip(self.of.columns, self.of.residual, strict=True)
-        return _cumulated(self._powers[:2], np.stack([x[:, self._order].T @ z for x, z in pairs]))
+        """(2, n − begin + 1, C)."""
+        pairs = zip(self._columns(), self.of.residual[self.begin :], strict=True)
+        return self._since_begin(2, (x.T @ z for x, z in pairs), self._order.shape)
 
     @cached_property
     def cross(self) -> F64:
-        """(2, n + 1, C, q)."""
-        pairs = zip(self.of.columns, self.of.known, strict=True)
-        return _cumulated(self._powers[:2], np.stack([x[:, self._order].T @ k for x, k in pairs]))
+        """(2, n − begin + 1, C, q)."""
+        pairs = zip(self._columns(), self.of.known[self.begin :], strict=True)
+        shape = (len(self._order), self.of.known[0].shape[1])
+        return self._since_begin(2, (x.T @ k for x, k in pairs), shape)
+
+    def _columns(self) -> Iterator[F64]:
+        return (x[:, self._order] for x in self.of.columns[self.begin :])
+
+    def _since_begin(self, powers: int, of: Iterable[F64], shape: tuple[int, ...]) -> F64:
+        return _cumulated(self._powers[:powers, self.begin :], of, shape)
 
     def upto(self, n: int) -> CheckSums:
         """Of the first *n* checks."""
@@ -233,29 +243,32 @@ class RunningSums:
         # A growth is dated by the check before its first one.
         begin = max(0, n - back - len(left_out) - 1)
 
-        def dropped(of: F64, axis: int) -> F64:
-            some = np.moveaxis(of, axis, 0)[begin : n + 1]
+        def dropped(of: F64, axis: int, kept_from: int) -> F64:
+            some = np.moveaxis(of, axis, 0)[begin - kept_from : n + 1 - kept_from]
             for at in sorted((i - begin for i in left_out), reverse=True):
                 its = some[at + 1] - some[at]
                 some = np.concatenate([some[: at + 1], some[at + 2 :] - its])
             return np.moveaxis(some, 0, axis)
 
         new = copy(self)
-        new.of = self.of.only([i for i in range(begin, n) if i not in left_out])
-        new.known, new.known_towards = dropped(self.known, 0), dropped(self.known_towards, 0)
-        new.square, new.numbers = dropped(self.square, 0), dropped(self.numbers, 0)
-        new.own = [dropped(own, 1) for own in self.own]
-        new.towards, new.cross = dropped(self.towards, 1), dropped(self.cross, 1)
+        new.of, new.begin = self.of.only([i for i in range(begin, n) if i not in left_out]), 0
+        new.known, new.known_towards, new.square, new.numbers = (
+            dropped(one, 0, 0)
+            for one in (self.known, self.known_towards, self.square, self.numbers)
+        )
+        new.own = [dropped(own, 1, self.begin) for own in self.own]
+        new.towards, new.cross = (dropped(one, 1, self.begin) for one in (self.towards, self.cross))
         return new, begin
 
     def begun(self, first: I64, n: int, rotation: F64) -> Iterator[Begun]:
         """Steps, and then growths, that begin at checks *first* (T,), up to check *n*; a growth is
         zero at the check before. The known errors are turned by *rotation* (q, q)."""
         shape = (2, len(first), *self.cross.shape[2:])
-        turned = (self.cross[:, first].reshape(-1, shape[-1]) @ rotation.T).reshape(shape)
-        cross = (self.cross[:, n] @ rotation.T)[:, None] - turned
-        towards = self.towards[:, n, None] - self.towards[:, first]
-        owns = [own[:, n, None] - own[:, first] for own in self.own]
+        since, until = first - self.begin, n - self.begin
+        turned = (self.cross[:, since].reshape(-1, shape[-1]) @ rotation.T).reshape(shape)
+        cross = (self.cross[:, until] @ rotation.T)[:, None] - turned
+        towards = self.towards[:, until, None] - self.towards[:, since]
+        owns = [own[:, until, None] - own[:, since] for own in self.own]
         yield Begun(cross[0], towards[0], [own[0] for own in owns])
         a = (origin := self.origin(first, n))[:, None]
         b = origin[:, None, None, None]
@@ -273,9 +286,10 @@ class RunningSums:
         return before[first]
 
 
-def _cumulated(powers: F64, of: F64) -> F64:
-    """(powers, n + 1, …) sums of *of* (n, …) times powers of time (powers, n)."""
-    weighted = powers.reshape(*powers.shape, *[1] * (of.ndim - 1)) * of[None]
-    sums = np.zeros((len(powers), len(of) + 1, *of.shape[1:]))
-    np.cumsum(weighted, axis=1, out=sums[:, 1:])
+def _cumulated(powers: F64, of: Iterable[F64], shape: tuple[int, ...]) -> F64:
+    """(powers, n + 1, *shape) sums of *of*, n of that shape, times powers of time (powers, n)."""
+    sums = np.zeros((len(powers), powers.shape[1] + 1, *shape))
+    for i, one in enumerate(of):
+        for power, total in zip(powers[:, i], sums, strict=True):
+            np.add(total[i], power * one, out=total[i + 1])
     return sums

@@ -64,7 +64,7 @@ def watch(
     statistics = np.full(of.n, np.nan)
     statistics[since : since + watched] = begun.statistic
     doubted: list[int] = []
-    sums, kept = _sums(of, settled)
+    sums, kept = _sums(of, settled, since + watched)
     quiet = begun
     for n in range(since + watched + 1, of.n + 1):
         quiet = Quiet(tuple(statistics[since : n - 1].tolist()), tuple(settled))
@@ -83,7 +83,7 @@ def watch(
         past = [i for i in doubted if i <= n - UNSETTLED]
         if past:
             settled = sorted({*settled, *past})
-            sums, kept = _sums(of, settled)
+            sums, kept = _sums(of, settled, n)
     return Watched(statistics, None, False, tuple(sorted({*settled, *doubted})), quiet)
 
 
@@ -128,9 +128,12 @@ def _without(of: Stack, sums: CheckSums, left_out: Sequence[int]) -> CheckSums:
     return sums
 
 
-def _sums(of: Stack, left_out: Sequence[int]) -> tuple[RunningSums, list[int]]:
+def _sums(of: Stack, left_out: Sequence[int], watched: int) -> tuple[RunningSums, list[int]]:
+    """Of all checks but those *left_out*, and which these are; the first *watched* are no news."""
     kept = [i for i in range(of.n) if i not in left_out]
-    return RunningSums(of.only(kept)), kept
+    back = MOST_BACK + UNSETTLED + 1  # some of the last may be left out, too
+    begin = max(0, bisect_left(kept, watched + 1) - back)
+    return RunningSums(of.only(kept), begin), kept
 
 
 def _log_ratio(sums: RunningSums, causes: Sequence[Cause], begins: int, count: int) -> float:

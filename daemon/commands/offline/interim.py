@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.data.session import load_sessions
-from armd.compensation.interim.checks import history, keeping
+from armd.compensation.interim.checks import chain, history, keeping
 from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.told.judge import judge
@@ -84,7 +84,7 @@ def _add(args: argparse.Namespace) -> int:
     if not args.future:
         keeping.check_past(sessions, math.floor(time.time()))
     # Twice: before the long part for a quick answer, and again when nobody else may write.
-    lines = history.read_lines(folder)
+    lines = chain.read_lines(folder)
     if not args.future:
         keeping.check_clock(folder, lines, math.floor(time.time()))
     keeping.check_new(folder, lines, sessions)
@@ -95,7 +95,7 @@ def _add(args: argparse.Namespace) -> int:
             new.append(keeping.New(session, reduce(session, arm, calibration.content, causes)))
             told("evaluating the checks", number / len(sessions))
     with keeping.locked(folder), console.status("judging the history …"):
-        lines = history.read_lines(folder)
+        lines = chain.read_lines(folder)
         before = history.load(folder) if lines else []  # a damaged history takes no more
         keeping.check_new(folder, lines, sessions)
         keeping.keep(folder, lines, new, Path(args.arm), calibration)

@@ -1,0 +1,134 @@
+"""A search for changes that comes back to where it was ends there, with the best of what it goes
+round between."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_t
+
+from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.effects.location import joint
+from armd.compensation.interim.changes import find as search
+from armd.compensation.interim.changes.change import amplitude_sizes, shapes
+from armd.compensation.interim.changes.circle import Stand, best, circle
+from armd.compensation.interim.changes.find import find
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.likelihood import LIMIT, NOISE_WORD
+from armd.compensation.interim.evidence.quiet import EpochLook, Quiet
+from armd.compensation.interim.evidence.stack import Stack
+
+#: Of such histories some three in a hundred lead round: here through two to four looks, with one
+#: change and with two.
+SEEDS = (27, 47, 55, 155)
+
+
+def wearing(
+    seed: int, checks: int = 36, rows: int = 8, count: int = 6
+) -> tuple[Stack, list[Cause]]:
+    """Checks of *count* causes, the first of which grows from the seventh check on to 100 typical
+    sizes, faster or slower every six checks."""
+    rng = np.random.default_rng(seed)
+    columns = [rng.normal(size=(rows, count)) / np.sqrt(rows) for _ in range(checks)]
+    use = np.repeat(rng.lognormal(0.0, 1.0, size=checks // 6 + 2), 6)[:checks]
+    course = np.cumsum(np.where(np.arange(checks) >= 6, use, 0.0))
+    course *= 100.0 / course[-1]
+    pairs = zip(course, columns, strict=True)
+    residual = tuple(rng.normal(size=rows) + size * own[:, 0] for size, own in pairs)
+    targets = tuple(20.0 * rng.normal(size=(rows, 3)) for _ in range(checks))
+    known = tuple(0.1 * rng.normal(size=(rows, 1)) for _ in range(checks))
+    blocks = tuple(slice(k, k + 1) for k in range(count))
+    causes = [
+        Cause(Candidate("geometry_shift", joint(k + 1), (Column("a", "mm", 1.0),), ()),
+              0.5 / count, 0.5 / count)
+        for k in range(count)
+    ]  # fmt: skip
+    return Stack(np.arange(float(checks)), residual, tuple(columns), known, targets, blocks), causes
+
+
+def by_hand(of: Stack, stand: Stand, good: Sequence[int]) -> float:
+    """Log density of the readings of *good* checks, from their covariance as it stands, less the
+    price of the changes."""
+    rows = [*np.concatenate([of.known[i] for i in good]).T]
+    for change in stand.found:
+        assert change.cause is not None
+        block, shape = of.blocks[change.cause], shapes(of, change)
+        for sizes, course in zip(amplitude_sizes(change, block.stop - block.start), shape.T,
+                                 strict=True):  # fmt: skip
+            wide = np.concatenate([course[i] * of.columns[i][:, block] * sizes for i in good])
+            rows += [*wide.T]
+    beside = np.array(rows)
+    covariance = np.eye(beside.shape[1]) + beside.T @ beside
+    readings = np.concatenate([of.residual[i] for i in good])
+    density = multivariate_t.logpdf(readings, shape=covariance, df=NOISE_WORD)
+    return float(density) - LIMIT * len(stand.found)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    of, causes = wearing(seed)
+    begun: list[Any] = []
+    rounds: list[Sequence[Stand]] = []
+    looking, choosing = search.watch, search.best
+
+    def watch(*given: Any) -> Any:
+        begun.append(given[2])
+        assert len(begun) < 20, f"looks from {begun}"
+        return looking(*given)
+
+    def chosen(of: Stack, stands: Sequence[Stand]) -> Stand:
+        rounds.append(stands)
+        return choosing(of, stands)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(search, "watch", watch)
+        patched.setattr(search, "best", chosen)
+        found = find(of, causes)
+    # It came back, and looked nowhere twice.
+    (stands,) = rounds
+    looks = found.looked.looks
+    assert len(stands) > 1 and len(looks) == len(begun) == len(set(looks))
+    evidence = [by_hand(of, stand, range(of.n)) for stand in stands]
+    assert not any(stand.bad for stand in stands) and np.ptp(evidence) > 1e-3
+    likeliest = stands[int(np.argmax(evidence))]
+    # Wherever the circle is entered.
+    for k in range(len(stands)):
+        assert best(of, [*stands[k:], *stands[:k]]) is likeliest
+    # And one check more, from what was looked at, ends as one that begins anew does.
+    longer = find(of, causes, find(of.only(range(of.n - 1)), causes).looked)
+    assert [change.key for change in longer.changes] == [change.key for change in found.changes]
+    assert longer.bad == found.bad
+    assert longer.statistic == pytest.approx(found.statistic, abs=1e-9)
+
+
+def test_a_check_that_one_of_them_takes_for_bad_speaks_for_none() -> None:
+    of, causes = wearing(27)
+    change = find(of, causes).changes[0]
+    look = EpochLook(0, (), (), Quiet())
+    right = Stand(look, (change,), (13,), ())
+    wrong = Stand(look, (replace(change, first=30, gradual=False, bends_d=(), rate_size=None),),
+                  (13,), tuple(range(20)))  # fmt: skip
+    # Of the last sixteen checks alone both are weighed.
+    evidence = [by_hand(of, stand, range(20, of.n)) for stand in (right, wrong)]
+    assert best(of, (right, wrong)) is best(of, (wrong, right))
+    assert best(of, (right, wrong)) is (right, wrong)[int(np.argmax(evidence))]
+    # The same change said twice is no likelier, and costs one more.
+    twice = replace(right, found=(change, change))
+    assert best(of, (twice, right)) is right
+
+
+def test_a_search_is_back_only_where_it_would_go_on_the_same_way() -> None:
+    looks = [EpochLook(0, (), (), Quiet((0.5,))), EpochLook(5, (1,), (4.0, 0.5), Quiet((0.5,))),
+             EpochLook(9, (1,), (4.0, 0.7), Quiet((0.5,)))]  # fmt: skip
+    stands = [Stand(look, (), (7,) if look.since else (), ()) for look in looks]
+    assert circle(stands, 5, (1,), (4.0, 0.5 * (1 + 1e-12)), [7]) == stands[1:]
+    assert circle(stands, 9, (1,), (4.0, 0.7), [7]) == stands[2:]
+    for other in ((5, (1,), (4.0, 0.51), [7]), (5, (), (4.0, 0.5), [7]), (5, (1,), (4.0, 0.5), [8]),
+                  (6, (1,), (4.0, 0.5), [7])):  # fmt: skip
+        assert not circle(stands, *other)
