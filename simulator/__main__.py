@@ -26,6 +26,7 @@ from armd.simulator.live.prefetch import Prefetch
 from armd.simulator.live.pty_port import PtyPort
 from armd.simulator.live.scenario import Scenario
 from armd.simulator.live.truth_log import FaultLog, TruthFile
+from armd.simulator.microscribe.arm import arm_toml as microscribe_arm_toml
 from armd.simulator.microscribe.device import MicroScribeDevice
 from armd.simulator.options import CAN_WIRES, PROGRAM, USAGE, check_places, parser, read_scenario
 from armd.simulator.serial.device import SerialDevice
@@ -75,11 +76,16 @@ def wired(options: argparse.Namespace) -> int:
         raise BadInput("command line", "--operator", "--microscribe", wires)
     if scenario.joints is not None and options.microscribe:
         raise BadInput("--microscribe", "--joints", str(scenario.joints), "none: it has five")
+    if options.serial_number is not None and options.microscribe:
+        expected = "none: it has its own"
+        raise BadInput("--microscribe", "--serial-number", scenario.serial_number, expected)
     if options.plant and not (options.serial or options.can):
         raise BadInput("command line", "--plant", "another wire", "--serial or --can")
     if options.arm_out is not None:
         number = scenario.serial_number
-        if options.servo:
+        if options.microscribe:
+            text = microscribe_arm_toml()
+        elif options.servo:
             text = servo_arm_toml(number, scenario.joints or SERVO_JOINTS)
         else:
             text = arm_toml(number, joints=scenario.joints or len(JOINTS))

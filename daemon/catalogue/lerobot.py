@@ -27,8 +27,16 @@ from armd.files.schema import Strict, load_json
 Raw = Annotated[int, Field(ge=0, le=4095)]
 DEG_PER_COUNT = 360 / 4096
 MIDDLE = 2048  # the raw position that armd counts as 0
-MOST_FEETECH_OFFSET = 2047  # eleven bits beside the sign, register 31
+#: What a homing offset may be, by kind: eleven bits beside the sign in a Feetech's register 31, and
+#: what the e-Manual says of a Dynamixel's register 20.
+MOST_OFFSET = {"feetech": (2047, 31), "dynamixel": (1_044_479, 20)}
+#: A joint that nobody has swept has its zero anywhere. The least travel of a known servo arm is
+#: 124° (Koch); a tenth of that is no sweep.
+LEAST_SWEEP_COUNTS = 141
 TOOLS = ("gripper", "trigger")  # motors that are no joint of the chain
+#: LeKiwi's names: the arm's motors, and those of the wheels under it.
+ON_WHEELS, WHEELS = "arm_", "base_"
+SHADOW = "_shadow"  # the second servo of a joint that has two: the first one is read
 #: LeRobot's names of an SO-100's, SO-101's, Koch's and OMX's joints, base to wrist.
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
 
@@ -60,11 +68,10 @@ def take_over(path: Path, name: str) -> TakenOver:
     Raises `BadInput` for a file that is not LeRobot's or that is another arm's.
     """
     arm, bus = known_arm(name), _bus(name)
-    motors = _base_to_wrist(load_json(path, CalibrationFile).root)
+    motors = _base_to_wrist(_of_the_arm(load_json(path, CalibrationFile).root))
     chain = {key: motor for key, motor in motors.items() if key not in TOOLS}
     _check(path, motors, chain, arm.n_joints, name)
-    if bus.kind == "feetech":
-        _check_offsets(path, motors)
+    _check_offsets(path, motors, bus.kind)
     text = arm_text(name)
     for k, (motor, joint) in enumerate(zip(chain.values(), arm.joint, strict=True), 1):
         # A Dynamixel turns its count round itself; LeRobot does it for a Feetech.
@@ -88,6 +95,15 @@ def take_over(path: Path, name: str) -> TakenOver:
     )
     ids = [motor.id for motor in chain.values()]
     return TakenOver(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors)
+
+
+def _of_the_arm(motors: dict[str, Motor]) -> dict[str, Motor]:
+    """Without wheels and second servos, by the names that a joint has where there are none."""
+    return {
+        key.removeprefix(ON_WHEELS): motor
+        for key, motor in motors.items()
+        if not key.startswith(WHEELS) and not key.endswith(SHADOW)
+    }
 
 
 def _base_to_wrist(motors: dict[str, Motor]) -> dict[str, Motor]:
@@ -118,13 +134,18 @@ def _check(
         if motor.range_min >= motor.range_max:
             expected = f"less than range_max, {motor.range_max}"
             raise BadInput(path, f"{key}.range_min", str(motor.range_min), expected)
+    for key, motor in chain.items():
+        sweep = motor.range_max - motor.range_min
+        if sweep < LEAST_SWEEP_COUNTS:
+            expected = f"a sweep of {LEAST_SWEEP_COUNTS} or more, from stop to stop"
+            raise BadInput(path, f"{key}.range_max - {key}.range_min", f"{sweep} counts", expected)
 
 
-def _check_offsets(path: Path, motors: dict[str, Motor]) -> None:
-    most = MOST_FEETECH_OFFSET
+def _check_offsets(path: Path, motors: dict[str, Motor], kind: str) -> None:
+    most, register = MOST_OFFSET[kind]
     for key, motor in motors.items():
         if abs(motor.homing_offset) > most:
-            expected = f"-{most} to {most}, which a Feetech servo can hold (register 31)"
+            expected = f"-{most} to {most}, which a {kind} servo can hold (register {register})"
             raise BadInput(path, f"{key}.homing_offset", str(motor.homing_offset), expected)
 
 

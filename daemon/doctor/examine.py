@@ -19,7 +19,7 @@ from armd.drivers.serial import wire as serial_wire
 
 OWN_BAUDS = (2_000_000, 1_000_000, 921_600, 115_200)
 HELLO_S = 0.25
-SYNC_EVERY_S, SYNC_S = 0.03, 0.4
+SYNC_EVERY_S, SYNC_S, GREETING_S = 0.03, 0.4, 0.3
 
 
 def examine_port(port: str, machine: ThisMachine) -> Patient:
@@ -52,7 +52,9 @@ def _nobody(line: Line, patient: Patient) -> None:
     if line.is_pseudo:
         other += "; it is a pseudo-terminal"
         mend = "start the program that is to speak at its other end, `armd simulate` perhaps"
-    if line.heard_bytes and not line.echoes:
+    if line.echoes:
+        other += "; the adapter hears what it says, so it works as far as the plug"
+    elif line.heard_bytes:
         other += f"; {line.heard_bytes} bytes of something else came: another device?"
     patient.find(
         "no_answer",
@@ -96,19 +98,30 @@ def _hello(packet: bytes) -> serial_wire.Hello | None:
 
 def _scribe(line: Line, patient: Patient) -> bool:
     for baud in microscribe.BAUDS:
-        if not line.set_baud(baud):
-            continue
-        line.send(bytes([microscribe.END]))
-        line.hear(0.015)
-        deadline, heard = time.monotonic() + SYNC_S, b""
-        while time.monotonic() < deadline:
-            line.send(microscribe.SYNC)
-            heard = (heard + line.hear(SYNC_EVERY_S))[-64:]
-            if microscribe.SYNC in heard:
-                patient.protocol, patient.baud = "microscribe", baud
-                patient.say(
-                    f"a MicroScribe at {baud} baud; `armd arm microscribe --port {patient.name} "
-                    "-o arm.toml` reads its geometry"
-                )
-                return True
+        if line.set_baud(baud) and _greets(line):
+            patient.protocol, patient.baud = "microscribe", baud
+            patient.say(
+                f"a MicroScribe at {baud} baud; `armd arm microscribe --port {patient.name} "
+                "-o arm.toml` reads its geometry"
+            )
+            return True
     return False
+
+
+def _greets(line: Line) -> bool:
+    """Whether a MicroScribe begins a session; it is ended, so that the next one may begin. Its
+    greeting is not what it was told: an adapter that hears what it says is none."""
+    line.send(bytes([microscribe.END]))
+    line.hear(0.015)
+    deadline, heard = time.monotonic() + SYNC_S, b""
+    while microscribe.SYNC not in heard:
+        if time.monotonic() > deadline:
+            return False
+        line.send(microscribe.SYNC)
+        heard = (heard + line.hear(SYNC_EVERY_S))[-64:]
+    line.send(microscribe.BEGIN)
+    deadline, heard = time.monotonic() + GREETING_S, b""
+    while microscribe.GREETING not in heard and (more := line.hear(deadline - time.monotonic())):
+        heard += more
+    line.send(bytes([microscribe.END]))
+    return microscribe.GREETING in heard

@@ -46,6 +46,23 @@ def tip_mm(angles: F64) -> F64:
     return frame[:3, 3]
 
 
+def arm_toml() -> str:
+    """The factory's geometry as an arm.toml: A and α of a row are the maker's next frame's."""
+    lines = ['schema = "armd.arm/1"', f'serial_number = "{TEXTS[0xCB].rstrip(bytes(1)).decode()}"']
+    for k, turn in enumerate(COUNTS_PER_TURN.tolist()):
+        lines += [
+            "",
+            f"[[joint]]  # {k + 1}",
+            f"d_mm = {_D[k] * 0.0254:.9g}",
+            f"a_mm = {_A[k + 1] * 0.0254:.9g}",
+            f"alpha_deg = {math.degrees(_ALPHA[k + 1] * math.pi / 32768)!r}",
+            f"beta_deg = {math.degrees(_BETA) if k == 1 else 0.0!r}",
+            f"counts_per_turn = {turn}",
+        ]
+    tip = f"offset_mm = [0.0, 0.0, {_D[5] * 0.0254:.9g}]"
+    return "\n".join([*lines, "", "[tip]", tip, "radius_mm = 0.0", ""])
+
+
 def _turn(axis: int, angle: float) -> F64:
     i, j = ((1, 2), (2, 0), (0, 1))[axis]
     frame = np.eye(4)

@@ -29,6 +29,7 @@ from armd.drivers.microscribe.geometry import rows_and_tip
 from armd.drivers.microscribe.homing import Homing
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.table import open_driver
+from armd.simulator.__main__ import main as simulate
 from armd.simulator.microscribe.arm import tip_mm
 from support.microscribe import (
     EXPECTED,
@@ -322,7 +323,8 @@ def test_the_factorys_geometry_becomes_an_arm_toml(
 ) -> None:
     path = tmp_path / "arm.toml"
     with simulated_arm(tmp_path, wire=("--microscribe",), seconds=60.0) as arm:
-        path.unlink(missing_ok=True)
+        drawn = load_arm(path)  # by --arm-out
+        path.unlink()
         command = ["arm", "microscribe", "--port", arm.port, "-o", str(path)]
         assert cli.main(command) == 0
         assert cli.main(command) == 0  # the same once more takes nothing away
@@ -340,9 +342,15 @@ def test_the_factorys_geometry_becomes_an_arm_toml(
         arm.stop()
     assert cli.main(["check", str(path), str(tmp_path / "armd.toml")]) == 0
     found = load_arm(path)
-    assert found.serial_number == "40937"
+    assert found.joint == drawn.joint and found.tip == drawn.tip
+    assert found.serial_number == drawn.serial_number == "40937"
     assert tuple(joint.counts_per_turn for joint in found.joint) == TURNS
     assert np.allclose(found.nominal(), nominal().nominal(), rtol=0, atol=1e-9)
+
+
+def test_the_simulated_one_has_its_own_number(capsys: pytest.CaptureFixture[str]) -> None:
+    assert simulate(["--microscribe", "--serial-number", "MINE"]) == 2
+    assert "--serial-number: found MINE, expected none: it has its own" in capsys.readouterr().err
 
 
 def test_an_arm_that_closes_no_text_and_has_no_extended_parameters(

@@ -293,6 +293,38 @@ def test_without_a_gripper_no_servo_is_asked_that_is_not_there(tmp_path: Path) -
     load_config(tmp_path / "armd.toml")  # one servo may be the warmth of two links
 
 
+def test_an_arm_on_wheels_is_the_arm_without_them(tmp_path: Path) -> None:
+    """LeKiwi keeps one file for its SO-101 and its three wheels (`LeKiwi` in LeRobot's
+    robots/lekiwi)."""
+    source, path = tmp_path / "kiwi.json", tmp_path / "arm.toml"
+    command = ["arm", "import-lerobot", str(source), "-o", str(path), "--port", "/dev/ttyACM0"]
+    source.write_text(json.dumps(LEROBOT))
+    assert cli.main(command) == 0
+    alone = path.read_text()
+    (tmp_path / "armd.toml").unlink()
+    wheel = {"drive_mode": 0, "homing_offset": 0, "range_min": 0, "range_max": 4095}
+    wheels = {f"base_{side}_wheel": {"id": k, **wheel} for k, side in enumerate("abc", 7)}
+    source.write_text(json.dumps({f"arm_{key}": motor for key, motor in LEROBOT.items()} | wheels))
+    assert cli.main([*command, "--force"]) == 0
+    assert path.read_text() == alone
+    driver = tomllib.loads((tmp_path / "armd.toml").read_text())["driver"]
+    assert driver["ids"] == [1, 2, 3, 4, 5] and driver["temperature_ids"] == [2, 3, 4, 5, 6]
+
+
+def test_the_second_servo_of_a_joint_is_not_read(tmp_path: Path) -> None:
+    """A ViperX: shoulder and elbow have two servos each."""
+    source, path = tmp_path / "viperx.json", tmp_path / "arm.toml"
+    names = ["waist", "shoulder", "shoulder_shadow", "elbow", "elbow_shadow", "forearm_roll"]
+    names += ["wrist_angle", "wrist_rotate", "gripper"]
+    motor = {"drive_mode": 0, "homing_offset": 70_000, "range_min": 100, "range_max": 4000}
+    source.write_text(json.dumps({key: {"id": k, **motor} for k, key in enumerate(names, 1)}))
+    command = ["arm", "import-lerobot", str(source), "-o", str(path), "--arm", "vx300s"]
+    assert cli.main([*command, "--port", "/dev/ttyUSB0"]) == 0
+    driver = tomllib.loads((tmp_path / "armd.toml").read_text())["driver"]
+    assert driver["ids"] == [1, 2, 4, 6, 7, 8]
+    assert driver["temperature_ids"] == [2, 4, 6, 7, 8, 9]
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -302,6 +334,10 @@ def test_without_a_gripper_no_servo_is_asked_that_is_not_there(tmp_path: Path) -
         ({"elbow_flex": {"range_min": 3100}}, "elbow_flex.range_min: found 3100, expected less"),
         ({"elbow_flex": {"homing_offset": "x"}}, "elbow_flex.homing_offset: found 'x'"),
         ({"gripper": {"homing_offset": -2048}}, "gripper.homing_offset: found -2048, expected -2"),
+        (
+            {"elbow_flex": {"range_min": 2000, "range_max": 2003}},
+            "elbow_flex.range_max - elbow_flex.range_min: found 3 counts, expected a sweep of 141",
+        ),
     ],
 )
 def test_what_is_no_calibration_of_this_arm_is_refused(

@@ -246,8 +246,36 @@ def test_an_arm_of_our_own_wire_is_known(
 def test_a_microscribe_is_known(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with simulated_arm(tmp_path, wire=("--microscribe",), seconds=60) as arm:
         code, patient = _doctor(arm.port, capsys)
+        # Nothing is left behind: the next program begins its session as the first one did.
+        assert cli.main(["arm", "microscribe", "--port", arm.port]) == 0
         arm.stop()
     assert code == 0 and patient["protocol"] == "microscribe"
+    assert 'serial_number = "40937"' in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_an_adapter_that_hears_itself_is_no_arm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A half-duplex adapter gives back whatever it is told, IMMC too; the servos are switched
+    off."""
+    line, stop = PtyLink(tmp_path / "port"), threading.Event()
+
+    def echo() -> None:
+        while not stop.wait(0.001):
+            with suppress(BlockingIOError):
+                os.write(line.master, os.read(line.master, 4096))
+
+    adapter = threading.Thread(target=echo)
+    adapter.start()
+    try:
+        code, patient = _doctor(str(line.link), capsys)
+    finally:
+        stop.set()
+        adapter.join()
+        line.unplug()
+    assert code == 1 and patient["protocol"] == "" and _kinds(patient) == {"no_answer"}
+    assert "hears what it says" in patient["findings"][0]["text"]
 
 
 def test_a_port_that_is_not_there(capsys: pytest.CaptureFixture[str]) -> None:
