@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,9 +14,12 @@ import numpy as np
 import pytest
 from test_interim_changes import off_from
 
+from armd.compensation.effects import catalogue
+from armd.compensation.interim.changes import find as search
 from armd.compensation.interim.changes.change import ChangesFound
 from armd.compensation.interim.changes.find import find
 from armd.compensation.interim.checks.history import STATISTICS
+from armd.compensation.interim.evidence import watch as watching
 from armd.compensation.interim.evidence.likelihood import Weighed, weigh
 from armd.compensation.interim.evidence.quiet import (
     NEVER_YET,
@@ -26,7 +30,7 @@ from armd.compensation.interim.evidence.quiet import (
 )
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.evidence.watch import watch
-from armd.compensation.interim.told.remembered import NOTHING, WATCHED, recall, remember
+from armd.compensation.interim.told.remembered import NOTHING, WATCHED, code, recall, remember
 
 
 def with_a_bad_check(seed: int, bad: int) -> tuple[Stack, list[Any]]:
@@ -126,6 +130,10 @@ def broken(text: str, how: str) -> str:
             data["epochs"][0]["looks"][0]["statistic"][1] = 1.5
         case "of another version":
             data["armd"] = "0.1.0"
+        case "of another state of the code":
+            data["code"] = f"{int(data['code'], 16) ^ 1:016x}"
+        case "of no state of the code":
+            del data["code"]
         case "another schema":
             data["schema"] = "armd.interim.watched/2"
         case "not finite":
@@ -136,7 +144,17 @@ def broken(text: str, how: str) -> str:
 
 
 @pytest.mark.parametrize(
-    "how", ["torn", "edited", "of another version", "another schema", "not finite", "a key more"]
+    "how",
+    [
+        "torn",
+        "edited",
+        "of another version",
+        "of another state of the code",
+        "of no state of the code",
+        "another schema",
+        "not finite",
+        "a key more",
+    ],
 )
 def test_what_is_in_doubt_is_not_believed(folder: Path, how: str) -> None:
     path = folder / WATCHED
@@ -147,6 +165,48 @@ def test_what_is_in_doubt_is_not_believed(folder: Path, how: str) -> None:
     assert recall(folder) == NOTHING
     path.write_text(text)
     assert recall(folder) != NOTHING
+
+
+def test_any_edit_makes_another_state_of_the_code(tmp_path: Path) -> None:
+    room = Path(code.__wrapped__.__defaults__[0])  # type: ignore[attr-defined]
+    weighed = [search, catalogue, watching]  # what looks depend on lies in it
+    for module in weighed:
+        assert module.__file__ is not None and room in Path(module.__file__).parents
+    copy = Path(shutil.copytree(room, tmp_path / "room"))
+    assert code(copy) == code()
+    found = {code()}
+    for number, module in enumerate(weighed):
+        assert module.__file__ is not None
+        file = copy / Path(module.__file__).relative_to(room)
+        file.write_text(file.read_text().replace("0.", "1.", 1) + " ")
+        again = Path(shutil.copytree(copy, tmp_path / str(number)))
+        found.add(code(again))
+    (again / "new.py").write_text("")
+    renamed = Path(shutil.copytree(again, tmp_path / "renamed"))
+    (renamed / "new.py").rename(renamed / "newer.py")
+    assert len({*found, code(renamed)}) == len(weighed) + 2
+
+
+@pytest.mark.parametrize("late", [0, 5, 13, 25, 38])
+def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late: int) -> None:
+    """What was remembered without it says what a search that remembers nothing says."""
+    of, causes = off_from(np.random.default_rng(2), 12, 40)
+    residual = list(of.residual)
+    residual[25] = residual[25] + 3.0 * of.targets[25] @ [1.0, -0.4, 0.3]  # a bad check
+    of = replace(of, residual=tuple(residual))
+    others = [i for i in range(of.n) if i != late]
+    looked = find(of.only(others), causes).looked
+    epoch = SimpleNamespace(checks=[*map(FakeCheck, others)], found=SimpleNamespace(looked=looked))
+    judgement: Any = SimpleNamespace(epochs=(epoch,))
+    remember(tmp_path, judgement)
+    every: Any = [*map(FakeCheck, range(of.n))]
+    before = recall(tmp_path).of(every)
+    assert all(look.until <= late for look in before.looks)
+    found, anew = find(of, causes, before), find(of, causes)
+    assert found.statistic == pytest.approx(anew.statistic, abs=1e-9)
+    assert (found.alarm, found.bad) == (anew.alarm, anew.bad) and found.changes
+    told = np.concatenate([change.numbers for change in anew.changes])
+    assert np.concatenate([c.numbers for c in found.changes]) == pytest.approx(told)
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,13 @@
     watched.json             of each epoch: the checks, and what each look at them said of each
 
 It saves time and decides nothing. It is believed of these very checks in this order only, by the
-hashes that the history's lines have of them, if the same version of armd wrote it and its own hash
-is right; else all checks are watched anew, which says the same (decision 121).
+hashes that the history's lines have of them, if the same version of armd in the same state wrote it
+and its own hash is right; else all checks are watched anew, which says the same (decision 121).
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import math
@@ -75,6 +76,7 @@ class _WatchedEpoch(Strict):
 class _WatchedFile(Strict):
     schema_: str = Field(alias="schema", pattern="^armd.interim.watched/1$")
     armd: str  # the version that wrote it
+    code: str  # and which state of it
     epochs: list[_WatchedEpoch]
     sha256: str  # of all epochs
 
@@ -107,8 +109,9 @@ def recall(folder: Path) -> Remembered:
     """What a history's folder has of it; nothing where any of it is in doubt."""
     with suppress(BadInput):
         file = load_json(folder / WATCHED, _WatchedFile)
-        right = file.armd == __version__ and file.sha256 == _sha256(file.epochs)
-        if right and all(epoch.is_sound() for epoch in file.epochs):
+        ours = (file.armd, file.code) == (__version__, code())
+        right = file.sha256 == _sha256(file.epochs)
+        if ours and right and all(epoch.is_sound() for epoch in file.epochs):
             return Remembered(tuple(file.epochs))
     return NOTHING
 
@@ -137,11 +140,24 @@ def remember(folder: Path, judgement: Judgement) -> None:
     file = {
         "schema": "armd.interim.watched/1",
         "armd": __version__,
+        "code": code(),
         "epochs": [epoch.model_dump() for epoch in epochs],
         "sha256": _sha256(epochs),
     }
     with suppress(BadInput):
         write_changed(folder / WATCHED, json.dumps(file) + "\n")
+
+
+@functools.cache
+def code(room: Path = Path(__file__).parents[2]) -> str:
+    """What tells one state of the sources from another that may say other numbers of a check: a
+    version has many states until it is released. The catalogue, its priors and all that weighs them
+    stand in *room*, `compensation`."""
+    digest = hashlib.sha256()
+    for file in sorted(room.rglob("*.py")):
+        content = file.read_bytes()
+        digest.update(f"{file.relative_to(room)} {len(content)}\n".encode() + content)
+    return digest.hexdigest()[:16]
 
 
 def _key(check: Check) -> str:
