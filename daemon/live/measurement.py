@@ -50,6 +50,7 @@ class Measurement:
     angles_rad: list[float] | None  # (N,) as read, averaged like the position
     count: int
     duration_s: float
+    still_s: float  # since the tip was moved last, whatever was averaged of it
     flags: Flag
     buttons: int
     calibration: int  # 0: none
@@ -136,6 +137,7 @@ class Averager:
             duration_s=float(valid["monotonic_ns"][-1] - valid["monotonic_ns"][0]) * 1e-9
             if usable
             else 0.0,
+            still_s=max(0, end_ns - still_since_ns) * 1e-9,
             flags=Flag(int(np.bitwise_or.reduce(valid["flags"]) if usable else point["flags"])),
             buttons=int(point["buttons"]),
             calibration=int(point["calibration"]),

@@ -16,8 +16,10 @@ from armd.daemon.measure.so_far.progress import Progress
 from armd.daemon.measure.so_far.whereabouts import Whereabouts
 
 #: A joint that turned by less since the last reading was not moved: the button was pressed twice.
-#: A hand that takes the tip away and back moves some joint by far more.
+#: A hand that takes the tip away and back moves some joint by far more, but for an arm that reaches
+#: a place in one posture alone.
 UNMOVED_RAD = 1e-4
+ONE_POSTURE = 3  # joints of such an arm
 
 
 class Refusal(NamedTuple):
@@ -89,9 +91,19 @@ def _already_taken(measurement: Mapping[str, Any], progress: Progress) -> Refusa
     own = measurement["seq"], measurement["stamp_ns"]
     if any((r.measurement["seq"], r.measurement["stamp_ns"]) == own for r in progress.readings):
         return Refusal("twice", "this measurement has been taken")
-    if _turned_rad(measurement, progress.readings[-1].measurement) < UNMOVED_RAD:
+    last = progress.readings[-1].measurement
+    if _turned_rad(measurement, last) < UNMOVED_RAD and not _came_back(measurement, last):
         return Refusal("unmoved", "the arm has not moved since the last reading")
     return None
+
+
+def _came_back(measurement: Mapping[str, Any], last: Mapping[str, Any]) -> bool:
+    """To the only posture: whether the tip was moved since the last reading (older daemons do not
+    say)."""
+    if len(measurement["angles_rad"]) > ONE_POSTURE or "still_s" not in measurement:
+        return False
+    since_s = (int(measurement["stamp_ns"]) - int(last["stamp_ns"])) * 1e-9
+    return float(measurement["still_s"]) < since_s
 
 
 def _not_moved(

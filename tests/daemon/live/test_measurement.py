@@ -33,6 +33,7 @@ def test_the_average_of_a_rest_up_to_the_press():
     measured = averager.average("button", points[900], still_since_ns=300_000_000)
     taken = points["position_mm"][400:901]
     assert measured.count == 501 and measured.duration_s == 0.5
+    np.testing.assert_allclose(measured.still_s, 0.6)
     np.testing.assert_allclose(measured.position_mm, taken.mean(axis=0))
     np.testing.assert_allclose(measured.standard_deviation_mm, taken.std(axis=0, ddof=1))
     np.testing.assert_allclose(measured.angles_rad, [650e-6, taken[:, 0].mean()])

@@ -151,6 +151,19 @@ def test_refused_with_its_reason_and_nothing_changes(tmp_path, wrong, reason, wo
     assert targets_on_disk(tmp_path / "beam") == ["B1", "B2", "B3"]
 
 
+@pytest.mark.parametrize(
+    ("since", "event"),
+    [({"still_s": 0.8}, "reading"), ({"still_s": 1.2}, "refused"), ({}, "refused")],
+)
+def test_an_arm_of_three_joints_comes_back_to_the_same_angles(tmp_path, since, event):
+    """It holds its tip in a seat in one posture alone, and a servo's counts are the same again."""
+    plan = plan_of("seats", ARM, None, Wishes(targets=["S1"], repeats=2))
+    with Measuring(tmp_path / "seat", plan, IN_USE) as measuring:
+        assert measuring.offer(press(1, q=[0.1, 0.2, 0.3]))["event"] == "reading"
+        told = measuring.offer(press(2, q=[0.1, 0.2, 0.3], **since))
+        assert told["event"] == event and told.get("reason") in (None, "unmoved")
+
+
 def test_the_second_ball_must_be_as_far_from_the_first_as_certified(tmp_path):
     with Measuring(tmp_path / "beam", beam_plan(), IN_USE) as measuring:
         measuring.offer(at("B1", 1))
