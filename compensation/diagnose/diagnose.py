@@ -119,7 +119,8 @@ def _diagnose(
         kept = np.ones(len(groups), dtype=bool)
         measured = gains(squares, groups, kept)
     else:
-        checked = cross_validate(result, arm, progress)
+        checked = cross_validate(result, search.parted, arm, progress)
+        search.parted = None
         squares, groups = checked.squares, checked.groups
         kept = np.ones(rests.n, dtype=bool)
         kept[outlying] = False

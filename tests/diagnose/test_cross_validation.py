@@ -11,6 +11,7 @@ from armd.compensation.diagnose.diagnosis import SearchResult
 from armd.compensation.diagnose.heldout.cross_validation import CrossValidated, cross_validate
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
 from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.scoring.candidates import PartedSurvey
 from armd.compensation.diagnose.search import search
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import ARC_SECOND, Candidate
@@ -47,7 +48,9 @@ def measured(seed: int, planted: float) -> Session:
     )
 
 
-def searched(session: Session, monkeypatch: pytest.MonkeyPatch) -> SearchResult:
+def searched(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> tuple[SearchResult, PartedSurvey | None]:
     """Under the true arm, held; only eccentric discs are in the catalogue."""
     monkeypatch.setattr(search.catalogue, "candidates", lambda _facts: iter(CANDIDATES))
     content = Calibration(
@@ -56,11 +59,12 @@ def searched(session: Session, monkeypatch: pytest.MonkeyPatch) -> SearchResult:
     )  # fmt: skip
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
     baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
-    return search.Search(gather_rests([session], ARM), ARM, baseline).run()
+    whole = search.Search(gather_rests([session], ARM), ARM, baseline)
+    return whole.run(), whole.parted
 
 
-def validated(result: SearchResult) -> CrossValidated:
-    return cross_validate(result, ARM, lambda _text, _share: None)
+def validated(result: SearchResult, parted: PartedSurvey | None) -> CrossValidated:
+    return cross_validate(result, parted, ARM, lambda _text, _share: None)
 
 
 def rigid_squares(session: Session, terms: Sequence[Term] = ()) -> np.ndarray:
@@ -89,9 +93,9 @@ def fits_each_placement(squares: np.ndarray, session: Session) -> None:
 
 def test_what_is_found_everywhere_is_gained_in_each_placement_left_out(monkeypatch) -> None:
     session = measured(3, PLANTED_RAD)
-    result = searched(session, monkeypatch)
+    result, parted = searched(session, monkeypatch)
     assert [str(f.candidate.location) for f in result.found] == ["joint 3"]
-    before, after = validated(result).squares
+    before, after = validated(result, parted).squares
     fits_each_placement(before, session)
     # The truth's own residuals are the best that anybody could reach on them.
     truth = Term(
@@ -113,18 +117,18 @@ def test_what_one_placement_alone_shows_is_not_gained_there(monkeypatch) -> None
     object.__setattr__(states, "q", q)
     session = without.rows(slice(None))
     object.__setattr__(session, "states", states)
-    result = searched(session, monkeypatch)
+    result, parted = searched(session, monkeypatch)
     assert result.found, "all readings together show something"
-    first, *_, last = validated(result).squares
+    first, *_, last = validated(result, parted).squares
     assert first[strange].mean() > 10 * first[~strange].mean()
     np.testing.assert_array_equal(last[strange], first[strange])
 
 
 def test_nothing_found_has_the_figure_of_the_model_under_test_only(monkeypatch) -> None:
     session = measured(7, 0.0)
-    result = searched(session, monkeypatch)
+    result, parted = searched(session, monkeypatch)
     assert not result.found
-    found = validated(result)
+    found = validated(result, parted)
     (only,) = found.squares
     fits_each_placement(only, session)
     places = session.placement * len(session.artefact.targets) + session.target

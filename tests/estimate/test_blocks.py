@@ -84,28 +84,42 @@ def test_placements_that_share_no_column_stand_apart() -> None:
         np.testing.assert_array_equal(values, at_rests[rests][:, :, own])
 
 
+#: Rests left out in turn: a placement, all but one rest of it and some of others; none.
+LEFT_OUT = [
+    PLACEMENT == 2,
+    np.isin(np.arange(N), [1, 2, 3, 9]),
+    np.isin(np.arange(N), [6, 8]),
+    np.zeros(N, dtype=bool),
+]
+
+
 def test_clear_of_some_the_products_are_those_of_what_these_leave(
     both: tuple[np.ndarray, Blocks],
 ) -> None:
-    """Of the whitened rows in full, each prior as one more row; a piece without weight has none."""
+    """Of the whitened rows in full, each prior as one more row, without the rests left out; a piece
+    without weight has none."""
     columns, blocks = both
     rng = np.random.default_rng(5)
     whitener, distance_mm = rng.normal(size=(N, 3, 3)), np.array([0.5, 2.0])
-    whitener[PLACEMENT == 1] = 0.0
+    whitener[PLACEMENT == 3] = 0.0
     residual, variance = rng.normal(size=len(columns)), np.full(len(WHERE), np.inf)
     variance[1] = 0.3
     assert blocks.in_one_piece[:3].all() and not blocks.in_one_piece[3:].any()
     alone = np.isin(np.arange(len(WHERE)), [0, 1, 2])
-    found, square = blocks.products_clear_of(alone, variance, whitener, distance_mm, residual)
+    each = blocks.products_clear_of(alone, variance, whitener, distance_mm, residual, LEFT_OUT)
     both_of = np.hstack([columns, residual[:, None]])
     by_rest = both_of[: 3 * N].reshape(N, 3, -1)
-    white = np.vstack(
-        [(whitener @ by_rest).reshape(3 * N, -1), both_of[3 * N :] / distance_mm[:, None]]
-    )
     held = np.zeros((1, len(WHERE) + 1))
     held[0, 1] = variance[1] ** -0.5
-    rows = np.vstack([white, held])
-    own, others = rows[:, :3], rows[:, 3:]
-    left = others - own @ np.linalg.lstsq(own, others, rcond=1e-12)[0]
-    np.testing.assert_allclose(found, left.T @ left, atol=1e-10)
-    np.testing.assert_allclose(square, (others[:, :-1] ** 2).sum(axis=0), atol=1e-10)
+    for out, (found, square) in zip(LEFT_OUT, each, strict=True):
+        rows = np.vstack(
+            [
+                (whitener[~out] @ by_rest[~out]).reshape(3 * int((~out).sum()), -1),
+                both_of[3 * N :] / distance_mm[:, None],
+                held,
+            ]
+        )
+        own, others = rows[:, :3], rows[:, 3:]
+        left = others - own @ np.linalg.lstsq(own, others, rcond=1e-12)[0]
+        np.testing.assert_allclose(found, left.T @ left, atol=1e-10)
+        np.testing.assert_allclose(square, (others[:, :-1] ** 2).sum(axis=0), atol=1e-10)

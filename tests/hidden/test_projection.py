@@ -8,10 +8,15 @@ import pytest
 from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import model_under_test
 from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.refit import solve_again
-from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.fitting.refit import (
+    refits_without,
+    solve_again,
+    with_findings_unsolved,
+)
+from armd.compensation.diagnose.problem.rests import folds_of, gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
+from armd.compensation.diagnose.scoring.candidates import PartedSurvey
 from armd.compensation.diagnose.scoring.evidence import score, total
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.effects import catalogue
@@ -127,3 +132,29 @@ def test_findings_join_what_absorbs_without_another_pass(problem) -> None:
     anew = score(make_projection(found, arm).sums(signatures))
     np.testing.assert_allclose(known.statistic, anew.statistic, rtol=1e-5, atol=1e-6)
     np.testing.assert_array_equal(known.freedom, anew.freedom)
+
+
+def test_a_survey_by_parts_is_the_one_of_all_rows_and_of_all_but_a_part(problem) -> None:
+    """Also of few candidates, for which its parts are one."""
+    current, arm, candidates = problem
+    signatures = compile_candidates(candidates[::40], current.linear, arm)
+    few = compile_candidates(candidates[20::400], current.linear, arm)
+    finding = next(c for c in candidates if c.place == ("encoder_eccentricity", "joint 3"))
+    found = solve_again(current, [finding], current.noise, arm)
+    parted = PartedSurvey.of(with_findings_unsolved(found, [], arm), signatures, arm)
+    surveys = [(parted.beside(found), found), (parted.under(current), current)]
+    folds = folds_of(current.linear.rests)
+    outs = [folds == 0, folds == 1]
+    for part, refits in enumerate(refits_without(current, outs)):
+        whitener = np.where(outs[part][:, None, None], 0.0, current.noise.whitener)
+        anew = solve_again(current, [], replace(current.noise, whitener=whitener), arm)
+        surveys.append((parted.without(part, refits.with_some([])), anew))
+    for survey, fitted in surveys:
+        projection = make_projection(fitted, arm)
+        for sums, some in ((survey.sums, signatures), (survey.projection.sums(few), few)):
+            scores, expected = score(sums), score(projection.sums(some))
+            np.testing.assert_array_equal(scores.freedom, expected.freedom)
+            np.testing.assert_allclose(scores.statistic, expected.statistic, rtol=1e-5, atol=1e-6)
+            np.testing.assert_allclose(
+                scores.log_evidence, expected.log_evidence, rtol=1e-5, atol=1e-6
+            )

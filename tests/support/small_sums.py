@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from armd.compensation.diagnose.problem.signatures import kind
 from armd.compensation.diagnose.scoring.evidence import Sums
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from support.small_fit import candidate
@@ -33,6 +34,7 @@ def sums_of(b: np.ndarray, x: np.ndarray, r: np.ndarray, variance: np.ndarray) -
         candidates=tuple(CANDIDATES),
         first=first,
         count=np.array(counts),
+        kinds=tuple(map(kind, CANDIDATES)),
         typical=TYPICAL,
         reach=REACH,
         columns_of=lambda i: range(first[i], first[i] + counts[i]),

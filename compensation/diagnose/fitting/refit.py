@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from armd.arrays import F64, Mask
-from armd.compensation.data.in_order import in_order
 from armd.compensation.diagnose.fitting.fit import (
     CURVE_SCALE,
     columns_told_of,
@@ -79,8 +78,9 @@ class Refits:
         return solved(known, findings, columns, layout, problem, side, self._noise)
 
 
-def refits_without(known: Fit, left_out: Iterable[Mask]) -> list[Refits]:
-    """The fit's linear problem without the rests *left out* (n,), for each of these.
+def refits_without(known: Fit, left_out: Sequence[Mask]) -> list[Refits]:
+    """The fit's linear problem without the rests *left out* (n,), for each of these; no two of them
+    overlap.
 
     What absorbs in one placement only says nothing of another one. It is fitted along, and is no
     column of these problems and fits: they have what placements share, a tenth of all columns where
@@ -90,13 +90,12 @@ def refits_without(known: Fit, left_out: Iterable[Mask]) -> list[Refits]:
     free[known.layout.blocks.of([PLACEMENTS, DRIFT])] = True
     alone = free & known.nuisance.columns.in_one_piece
     shared = _of_shared(known, alone)
-
-    def without(out: Mask) -> Refits:
+    refits = []
+    equations = _shared_equations(known, shared, alone, known.noise, left_out)
+    for out, without in zip(left_out, equations, strict=True):
         whitener = np.where(out[:, None, None], 0.0, known.noise.whitener)
-        noise = replace(known.noise, whitener=whitener)
-        return Refits(shared, noise, _shared_equations(known, shared, alone, noise))
-
-    return list(in_order(without, left_out))
+        refits.append(Refits(shared, replace(known.noise, whitener=whitener), without))
+    return refits
 
 
 def solve_shared_again(
@@ -110,7 +109,8 @@ def solve_shared_again(
     first, stop = whole.layout.identified.stop, whole.layout.mount.start
     alone = np.concatenate([alone[:first], np.zeros(stop - first, dtype=bool), alone[first:]])
     shared = _of_shared(whole, alone)
-    problem, side = _shared_equations(whole, shared, alone, noise)
+    nothing = np.zeros(len(noise.whitener), dtype=bool)
+    ((problem, side),) = _shared_equations(whole, shared, alone, noise, [nothing])
     return _sized_and_solved(shared, problem, side, noise)
 
 
@@ -125,21 +125,26 @@ def _of_shared(known: Fit, alone: Mask) -> Fit:
 
 
 def _shared_equations(
-    known: Fit, shared: Fit, alone: Mask, noise: RestNoise
-) -> tuple[LinearModel, F64]:
+    known: Fit, shared: Fit, alone: Mask, noise: RestNoise, left_out: Sequence[Mask]
+) -> list[tuple[LinearModel, F64]]:
     """Linear problem and right side of the columns *shared*, the known fit's others *alone* being
-    fitted along."""
-    products, square = known.nuisance.columns.products_clear_of(
-        alone, known.nuisance.variance, noise.whitener, noise.distance_mm, known.residual
+    fitted along, without the rests of each of *left_out*."""
+    found = known.nuisance.columns.products_clear_of(
+        alone, known.nuisance.variance, noise.whitener, noise.distance_mm, known.residual, left_out
     )
-    problem = LinearModel.of_products(
-        shared.layout.blocks,
-        products[:-1, :-1],
-        shared.nuisance.variance,
-        drawing=shared.layout.drawing,
-        square=square,
-    )
-    return problem, products[:-1, -1]
+    return [
+        (
+            LinearModel.of_products(
+                shared.layout.blocks,
+                products[:-1, :-1],
+                shared.nuisance.variance,
+                drawing=shared.layout.drawing,
+                square=square,
+            ),
+            products[:-1, -1],
+        )
+        for products, square in found
+    ]
 
 
 def _sized_and_solved(whole: Fit, problem: LinearModel, side: F64, noise: RestNoise) -> Fit:

@@ -25,10 +25,11 @@ from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
 from armd.compensation.diagnose.fitting.refit import Refits, refits_without
 from armd.compensation.diagnose.heldout.forward import later_squares
-from armd.compensation.diagnose.heldout.gain import folds_of, groups_of, left_out
+from armd.compensation.diagnose.heldout.gain import groups_of, left_out
 from armd.compensation.diagnose.heldout.judge import Deaf, Judge, Look
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
+from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.effects.courses import is_drift
 from armd.compensation.estimate.observations import Observations
@@ -165,7 +166,7 @@ def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> Bo
     groups = groups_of(observations)
     looks = [
         Look(_left_out_in_turn(last, arm, folds), groups)
-        for folds in (folds_of(last), _by_target(observations))
+        for folds in (folds_of(last.linear.rests), _by_target(observations))
     ]
     able = [
         not found.candidate.told_only and stands_alone(found, step)
@@ -202,7 +203,7 @@ def _deaf_by_placement(last: Fit) -> Deaf:
 def _in_one_fold(last: Fit, moves: F64) -> bool:
     """Whether nearly all of what *moves* (n, 3) the tip does so in placements left out together."""
     white = np.einsum("nij,nj->ni", last.noise.whitener, moves)
-    told = np.bincount(folds_of(last), (white**2).sum(axis=1))
+    told = np.bincount(folds_of(last.linear.rests), (white**2).sum(axis=1))
     return bool(told.max() > IN_ONE * max(float(told.sum()), 1e-300))
 
 

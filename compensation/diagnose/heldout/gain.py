@@ -16,12 +16,10 @@ from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.curves import as_written
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.estimate.folds import blocks_of_time, whole_groups
+from armd.compensation.estimate.folds import blocks_of_time
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
 
-MOST_FOLDS = 4
-BLOCKS = 5  # of readings, where there is one placement only
 #: Readings with truth of their own share nothing but their time: they are resampled in blocks.
 TRUTH_BLOCKS = 40
 RESAMPLES = 1000
@@ -134,10 +132,3 @@ def _of_the_arm(last: Fit, growth: bool) -> I64:
             np.arange(at.mount.start, at.mount.stop if growth else at.mount.start),
         ]
     )
-
-
-def folds_of(last: Fit) -> I64:
-    """Fold of each rest: whole placements, dealt in turn; blocks of time for a single one."""
-    observations = last.linear.rests.observations
-    folds = whole_groups(observations.placement, MOST_FOLDS)
-    return folds if folds.any() else blocks_of_time(observations.states.time_s, BLOCKS)

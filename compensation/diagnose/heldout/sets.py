@@ -8,8 +8,9 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.fitting.refit import refits_without, solve_again
-from armd.compensation.diagnose.heldout.gain import capped, folds_of, groups_of, left_out
+from armd.compensation.diagnose.heldout.gain import capped, groups_of, left_out
 from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
@@ -35,7 +36,7 @@ def in_standard_errors(before: F64, after: F64, groups: I64) -> float:
 
 def _squares(about: Fit, findings: Sequence[Candidate], arm: Arm) -> F64:
     """Squared residuals (n,) mm² of rests, the amplitudes of placements other than theirs."""
-    folds = folds_of(about)
+    folds = folds_of(about.linear.rests)
     known = solve_again(about, findings, about.noise, arm)
     squares = np.zeros(len(folds))
     outs = [folds == part for part in np.unique(folds)]

@@ -13,6 +13,7 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.problem.linear import Rests
+from armd.compensation.estimate.folds import blocks_of_time, whole_groups
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
@@ -20,6 +21,10 @@ from armd.errors import BadInput
 
 #: Readings closer than this in every joint, in sequence at one target, are one rest.
 REST_RAD = 1e-4
+
+
+MOST_FOLDS = 4
+BLOCKS = 5  # of readings, where there is one placement only
 
 
 def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
@@ -113,3 +118,10 @@ def _rests(raw: Observations) -> I64:
         | raw.has_truth[1:]
     )
     return np.cumsum(new) - 1
+
+
+def folds_of(rests: Rests) -> I64:
+    """(n,) fold of each rest: whole placements, dealt in turn; blocks of time for a single one."""
+    observations = rests.observations
+    folds = whole_groups(observations.placement, MOST_FOLDS)
+    return folds if folds.any() else blocks_of_time(observations.states.time_s, BLOCKS)

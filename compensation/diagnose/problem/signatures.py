@@ -40,6 +40,11 @@ class Signatures:
     def n_columns(self) -> int:
         return len(self.parts)
 
+    @cached_property
+    def kinds(self) -> tuple[tuple[str, ...], ...]:
+        """`kind` of each candidate."""
+        return tuple(map(kind, self.candidates))
+
     def columns_of(self, candidate: int) -> range:
         """Column numbers of a candidate."""
         return range(self.first[candidate], self.first[candidate] + self.count[candidate])
@@ -168,6 +173,12 @@ class Signatures:
             dtype=np.float64,
         )
         return named, np.append(first, len(pairs)), bases_of, weights
+
+
+def kind(candidate: Candidate) -> tuple[str, ...]:
+    """What candidates share that differ in the value of a setting only."""
+    columns = (column.name for column in candidate.columns)
+    return (*candidate.place, *columns, *(name for name, *_ in candidate.setting))
 
 
 def compile_candidates(candidates: Sequence[Candidate], linear: Linear, arm: Arm) -> Signatures:

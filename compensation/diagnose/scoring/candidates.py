@@ -11,11 +11,13 @@ from scipy.special import logsumexp
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
-from armd.compensation.diagnose.scoring.evidence import Scores, Sums, estimates, score
-from armd.compensation.diagnose.scoring.projection import Projection
+from armd.compensation.diagnose.scoring.evidence import Scores, Sums, estimates, score, total
+from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.model.arm import Arm
 
 #: That a strong finding's shape is off is as likely as not.
 SHAPE_PRIOR = 0.5
@@ -138,6 +140,46 @@ def score_candidates(
     if not isinstance(candidates, Signatures):
         candidates = compile_candidates(candidates, projection.fit.linear, projection.arm)
     return ScoredCandidates(projection, projection.sums(candidates))
+
+
+@dataclass(frozen=True)
+class PartedSurvey:
+    """The whole catalogue about one fit without findings, summed by parts of the readings.
+
+    All parts together, with the findings in the model, are the survey that the search looks at.
+    Without one of them and without findings it is where the search repeated on the others begins.
+    The products of all candidates' columns with what placements share are worked out once for both.
+    """
+
+    projection: Projection
+    sums: Sequence[Sums]  # of each part by itself
+
+    @classmethod
+    def of(cls, fit: Fit, signatures: Signatures, arm: Arm) -> PartedSurvey:
+        """Of a *fit* without findings, by one pass over the rows."""
+        projection = make_projection(fit, arm, folds_of(fit.linear.rests))
+        return cls(projection, projection.sums_by_part(signatures))
+
+    @property
+    def alone(self) -> Mask:
+        """Which of the nuisance columns without findings are eliminated, cell by cell."""
+        return self.projection.alone
+
+    def under(self, fit: Fit) -> ScoredCandidates:
+        """All parts, under a *fit* without findings about the same point."""
+        return ScoredCandidates(replace(self.projection, fit=fit), total(self.sums))
+
+    def beside(self, fit: Fit) -> ScoredCandidates:
+        """All parts, with the findings of the *fit*, which is about the same point, in the
+        model."""
+        projection = self.projection.with_findings_of(fit)
+        return ScoredCandidates(projection, projection.sums_with(total(self.sums)))
+
+    def without(self, part: int, fit: Fit) -> ScoredCandidates:
+        """All parts but one, for a *fit* without findings of what placements share, whose whitener
+        is zero there."""
+        others = [sums for i, sums in enumerate(self.sums) if i != part]
+        return ScoredCandidates(self.projection.without(part, fit), total(others))
 
 
 def weakest(projection: Projection) -> tuple[int, float]:

@@ -18,7 +18,7 @@ from scipy.special import chdtrc, logsumexp
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.problem.signatures import Signatures
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import SCALES, Candidate
+from armd.compensation.effects.effect import SCALES
 from armd.compensation.estimate.linear.linear_model import LinearModel
 
 #: A candidate of which less than this share of its squared norm survives projection is absorbed.
@@ -47,18 +47,18 @@ class Sums:
 
 
 def total(parts: Sequence[Sums]) -> Sums:
-    """The sums over several parts of the rows."""
+    """The sums over several parts of the rows: one after another, for they are large."""
     first = parts[0]
     return Sums(
         first.signatures,
         reduce(operator.add, (part.shared for part in parts)),
-        np.sum([part.br for part in parts], axis=0),
-        np.sum([part.bx for part in parts], axis=0),
-        np.sum([part.xr for part in parts], axis=0),
-        np.sum([part.length for part in parts], axis=0),
+        sum((part.br for part in parts[1:]), start=first.br),
+        sum((part.bx for part in parts[1:]), start=first.bx),
+        sum((part.xr for part in parts[1:]), start=first.xr),
+        sum((part.length for part in parts[1:]), start=first.length),
         {
-            m: (members, np.sum([part.xx[m][1] for part in parts], axis=0))
-            for m, (members, _) in first.xx.items()
+            m: (members, sum((part.xx[m][1] for part in parts[1:]), start=own))
+            for m, (members, own) in first.xx.items()
         },
     )
 
@@ -212,7 +212,7 @@ def _log_prior(scores: Scores) -> F64:
     grid must not make its place's plain kinds improbable.
     """
     alive = np.flatnonzero(scores.freedom > 0)
-    kinds = [kind(scores.signatures.candidates[i]) for i in alive]
+    kinds = [scores.signatures.kinds[i] for i in alive]
     grid = Counter(kinds)
     of_place = Counter((cause, location) for cause, location, *_ in grid)
     places = Counter(cause for cause, _ in of_place)
@@ -225,9 +225,3 @@ def _log_prior(scores: Scores) -> F64:
         share = UNKNOWN_PRIOR if cause == "unknown" else known
         prior[i] = np.log(share / (places[cause] * of_place[cause, location] * grid[own]))
     return prior
-
-
-def kind(candidate: Candidate) -> tuple[str, ...]:
-    """What candidates share that differ in the value of a setting only."""
-    columns = (column.name for column in candidate.columns)
-    return (*candidate.place, *columns, *(name for name, *_ in candidate.setting))

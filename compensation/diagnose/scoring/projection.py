@@ -29,7 +29,7 @@ from armd.compensation.diagnose.scoring.cells import (
     products_of_parts,
     rows_of,
 )
-from armd.compensation.diagnose.scoring.evidence import Sums, total
+from armd.compensation.diagnose.scoring.evidence import Sums
 from armd.compensation.diagnose.scoring.memory import Lasting
 from armd.compensation.diagnose.scoring.shape import Shapes, with_shapes
 from armd.compensation.estimate.linear.blocks import Piece
@@ -135,8 +135,13 @@ class Projection:
         )
 
     def sums(self, signatures: Signatures) -> Sums:
-        """Products with all candidates' columns: one pass over the rows."""
-        return total(self.sums_by_part(signatures))
+        """Products with all candidates' columns: one pass over the rows, all parts as one."""
+        cells = tuple(replace(cell, part=0) for cell in self.cells)
+        side = self.side.sum(axis=0, keepdims=True)
+        (found,) = replace(self, cells=cells, parts=(self.shared,), side=side).sums_by_part(
+            signatures
+        )
+        return found
 
     def sums_by_part(self, signatures: Signatures) -> list[Sums]:
         """The same of each part by itself."""
@@ -238,7 +243,7 @@ class Projection:
         found: dict[int, list[I64]] = {}
         for cell in self.cells:
             found.setdefault(cell.part, []).append(cell.rests)
-        return {part: as_slice(np.concatenate(of)) for part, of in found.items()}
+        return {part: as_slice(np.sort(np.concatenate(of))) for part, of in found.items()}
 
 
 def make_projection(fit: Fit, arm: Arm, part_of: I64 | None = None) -> Projection:

@@ -11,9 +11,10 @@ from scipy.special import logsumexp
 
 from armd.compensation.diagnose.diagnosis import Explained, Finding, Rival
 from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.signatures import kind
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
 from armd.compensation.diagnose.scoring.confusion import compare
-from armd.compensation.diagnose.scoring.evidence import Scores, kind
+from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.diagnose.scoring.threshold import family_wise
 from armd.compensation.diagnose.search.explains import explain, variables_of

@@ -17,7 +17,7 @@ class Refusals:
 
     def __init__(self, catalogue: Sequence[Candidate]) -> None:
         self._catalogue = tuple(catalogue)
-        self.candidates = list(catalogue)
+        self.candidates = list(catalogue)  # the same list as long as they are the same
         self.told: list[RefusedCandidate] = []
         #: Place → the findings beside which it was refused; None once it was asked again.
         self._beside: dict[tuple[str, str], str | None] = {}
@@ -31,9 +31,10 @@ class Refusals:
         """Look for it no more, *beside* these findings; whether the candidates are others now."""
         self.told.append(RefusedCandidate(candidate, reason))
         self._beside.setdefault(candidate.place, beside)
-        before = len(self.candidates)
-        self.candidates = [c for c in self.candidates if c.place != candidate.place]
-        return len(self.candidates) < before
+        left = [c for c in self.candidates if c.place != candidate.place]
+        if fewer := len(left) < len(self.candidates):
+            self.candidates = left
+        return fewer
 
     def ask_again(self, beside: str) -> bool:
         """Whether something was refused beside findings other than *beside*, and not asked again

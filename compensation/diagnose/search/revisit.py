@@ -22,13 +22,14 @@ from armd.arrays import F64
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.signatures import kind
 from armd.compensation.diagnose.scoring.candidates import (
     SHAPE_PRIOR,
+    PartedSurvey,
     ScoredCandidates,
-    score_candidates,
     weakest,
 )
-from armd.compensation.diagnose.scoring.evidence import UNKNOWN_PRIOR, Scores, kind
+from armd.compensation.diagnose.scoring.evidence import UNKNOWN_PRIOR, Scores
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place, with_shapes
 from armd.compensation.diagnose.scoring.threshold import significant
@@ -53,15 +54,19 @@ class RivalSet:
 class Revisit:
     """One fit's findings against other sets, all about its point and in its noise."""
 
-    def __init__(self, scored: ScoredCandidates, arm: Arm, tests: int, choose: Choose) -> None:
-        """*choose*: by what rule the search adds one more."""
+    def __init__(
+        self,
+        scored: ScoredCandidates,
+        parted: PartedSurvey,
+        arm: Arm,
+        tests: int,
+        choose: Choose,
+    ) -> None:
+        """*parted*: the same survey; *choose*: by what rule the search adds one more."""
         self._scored, self._arm, self._tests = scored, arm, tests
         self._choose = choose
         self._fit = scored.fit
-        self._first = score_candidates(
-            make_projection(solve_again(self._fit, [], self._fit.noise, arm), arm),
-            scored.sums.signatures,
-        )
+        self._first = parted.under(solve_again(self._fit, [], self._fit.noise, arm))
 
     def others(self) -> list[RivalSet]:
         """Other sets of no more amplitudes, the likeliest first."""

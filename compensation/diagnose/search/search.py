@@ -14,7 +14,7 @@ import numpy as np
 
 from armd.compensation.diagnose.diagnosis import MOST_FINDINGS, Finding, SearchResult
 from armd.compensation.diagnose.fitting.neighbourhood import refused
-from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.fitting.refit import solve_again, with_findings_unsolved
 from armd.compensation.diagnose.fitting.through import fit_by_turns
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
@@ -22,6 +22,7 @@ from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
 from armd.compensation.diagnose.problem.through import with_acting
 from armd.compensation.diagnose.scoring.candidates import (
+    PartedSurvey,
     ScoredCandidates,
     score_candidates,
     weakest,
@@ -89,9 +90,11 @@ class Search:
         self._steady = [steady_drift(self.facts)] if self.facts.timed else []
         self._progress = progress
         self._tests = 1
-        self._signatures: Signatures | None = None
+        self._sought: tuple[Sequence[Candidate], Signatures] | None = None
         self._held_out = held_out
         self._rivals: tuple[str, list[RivalSet]] | None = None
+        #: the last survey beside findings, if any; many megabytes
+        self.parted: PartedSurvey | None = None
 
     @cached_property
     def first(self) -> ScoredCandidates:
@@ -113,7 +116,7 @@ class Search:
                 break
             findings = None if best is None else going_on(best, scored, seen, self._tests)
             if best is None or findings is None:  # nothing is wanted, or a circle
-                if self._asks_again(current):
+                if self._refusals.ask_again(key_of(current.findings)):
                     scored = self._survey(current)
                     continue
                 another = self._revisited(current, scored, seen)
@@ -124,7 +127,7 @@ class Search:
             seen.add(key_of(findings))
             fitted = self._fit(findings, current)
             if reason := refused(fitted, current, self.arm):
-                self._refuse(best, reason, current)
+                self._refusals.add(best, reason, key_of(current.findings))
                 scored = self._survey(current)
                 continue
             current = self._pruned(fitted)
@@ -215,11 +218,11 @@ class Search:
 
     def _rival_sets(self, current: Fit, scored: ScoredCandidates) -> list[RivalSet]:
         """Other sets that may be there instead of several findings; worked out once."""
-        if len(current.findings) < LEAST_REVISITED:
+        if self.parted is None or len(current.findings) < LEAST_REVISITED:
             return []
         key = key_of(current.findings)
         if self._rivals is None or self._rivals[0] != key:
-            self._rivals = key, Revisit(scored, self.arm, self._tests, choose).others()
+            self._rivals = key, Revisit(scored, self.parted, self.arm, self._tests, choose).others()
         return self._rivals[1]
 
     def _beside_rival_sets(
@@ -232,18 +235,6 @@ class Search:
             if other.likelier > -AS_WELL
         ]
         return beside_rival_sets(found, current, rivals, self.arm)
-
-    def _refuse(self, candidate: Candidate, reason: str, beside: Fit) -> None:
-        """Look for it no more, *beside* these findings."""
-        if self._refusals.add(candidate, reason, key_of(beside.findings)):
-            self._signatures = None
-
-    def _asks_again(self, current: Fit) -> bool:
-        """Whether what was refused beside other findings is looked for again."""
-        again = self._refusals.ask_again(key_of(current.findings))
-        if again:
-            self._signatures = None
-        return again
 
     def _fit(self, findings: Sequence[Candidate], before: Fit | None = None) -> Fit:
         """A fit that starts where *before* ended."""
@@ -283,21 +274,26 @@ class Search:
                     continue
                 fitted = self._fit(joined(findings, rival), without)
                 if reason := refused(fitted, without, self.arm):
-                    self._refuse(rival, reason, without)
+                    self._refusals.add(rival, reason, key_of(without.findings))
                     return current, self._survey(current)
                 current = self._pruned(fitted)
                 return current, self._survey(current)
         return current, scored
 
     def _survey(self, current: Fit) -> ScoredCandidates:
-        """The whole catalogue against what is left; the first time it is counted."""
-        counted = self._signatures is not None
-        if self._signatures is None:
-            every = self._refusals.candidates
-            self._signatures = compile_candidates(every, current.linear, self.arm)
-        refused = self._refusals.places
-        signatures = with_acting(self._signatures, current, self.facts, refused, self.arm)
-        scored = score_candidates(make_projection(current, self.arm), signatures)
+        """The whole catalogue against what is left; where it is another one it is counted."""
+        every, refused = self._refusals.candidates, self._refusals.places
+        counted = self._sought is not None and self._sought[0] is every
+        if self._sought is None or not counted:
+            self._sought = every, compile_candidates(every, current.linear, self.arm)
+        signatures = with_acting(self._sought[1], current, self.facts, refused, self.arm)
+        self.parted = None  # many megabytes
+        if current.findings:
+            nothing = with_findings_unsolved(current, [], self.arm)
+            self.parted = PartedSurvey.of(nothing, signatures, self.arm)
+            scored = self.parted.beside(current)
+        else:
+            scored = score_candidates(make_projection(current, self.arm), signatures)
         if not counted:
             self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
         return scored

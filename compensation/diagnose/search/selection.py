@@ -12,12 +12,13 @@ from scipy.special import logsumexp
 
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.fitting.refit import solve_again
+from armd.compensation.diagnose.problem.signatures import kind
 from armd.compensation.diagnose.scoring.candidates import (
     SHAPE_PRIOR,
     ScoredCandidates,
     score_candidates,
 )
-from armd.compensation.diagnose.scoring.evidence import Scores, estimates, kind, score
+from armd.compensation.diagnose.scoring.evidence import Scores, estimates, score
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
 from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter

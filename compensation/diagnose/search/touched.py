@@ -19,9 +19,9 @@ from armd.compensation.diagnose.diagnosis import Touched
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
-from armd.compensation.diagnose.problem.signatures import Signatures, finding_columns
+from armd.compensation.diagnose.problem.signatures import Signatures, finding_columns, kind
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, score_candidates
-from armd.compensation.diagnose.scoring.evidence import ABSORBED, estimates, kind
+from armd.compensation.diagnose.scoring.evidence import ABSORBED, estimates
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
 from armd.compensation.diagnose.scoring.threshold import family_wise, significant

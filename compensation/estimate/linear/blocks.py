@@ -54,10 +54,17 @@ class Blocks:
         return found
 
     def products_clear_of(
-        self, alone: Mask, variance: F64, whitener: F64, distance_mm: F64, residual: F64
-    ) -> tuple[F64, F64]:
+        self,
+        alone: Mask,
+        variance: F64,
+        whitener: F64,
+        distance_mm: F64,
+        residual: F64,
+        left_out: Sequence[Mask],
+    ) -> list[tuple[F64, F64]]:
         """The same of all columns but those *alone* (m,), each in one of the pieces, which are
-        fitted along; and the squared lengths of these columns before.
+        fitted along, and the squared lengths of these columns before; without the rests of each of
+        *left_out* (n,), which do not overlap: rows are multiplied once for all of these.
 
         *variance* (m,): of the amplitudes a priori, inf: free. What neither rows nor priors tell of
         the columns fitted along takes nothing.
@@ -67,24 +74,34 @@ class Blocks:
         turn[shared] = np.arange(len(shared))
         n = 3 * self.n
         last = np.hstack([self.distances[:, shared], residual[n:, None]]) / distance_mm[:, None]
-        found: F64 = last.T @ last
-        square = np.diag(found)[:-1].copy()
+        certified: F64 = last.T @ last
+        found = [(certified.copy(), np.diag(certified)[:-1].copy()) for _ in left_out]
         by_rest = residual[:n].reshape(-1, 3, 1)
-        for piece in self.pieces:
+        part_of = np.full(self.n, -1)
+        for part, out in enumerate(left_out):
+            part_of[out] = part
+
+        def of(piece: Piece) -> list[tuple[F64, F64] | None]:
             own = alone[piece.columns]
-            others = np.concatenate([piece.values[:, :, ~own], by_rest[piece.rests]], axis=2)
-            of_others, of_own = (
-                (whitener[piece.rests] @ some).reshape(3 * len(some), some.shape[2])
-                for some in (others, piece.values[:, :, own])
-            )
-            known = of_own.T @ of_own
-            known[np.diag_indices_from(known)] += 1.0 / variance[piece.columns[own]]
-            taken = pseudo_inverse_factor(known).T @ (of_own.T @ of_others)
-            at = np.append(turn[piece.columns[~own]], len(shared))
-            within = of_others.T @ of_others
-            square[at[:-1]] += np.diag(within)[:-1]
-            found[np.ix_(at, at)] += within - taken.T @ taken
-        return found, square
+            order = np.concatenate([np.flatnonzero(own), np.flatnonzero(~own)])
+            both = np.concatenate([piece.values[:, :, order], by_rest[piece.rests]], axis=2)
+            white, parts = whitener[piece.rests] @ both, part_of[piece.rests]
+            grams = {int(part): _gram(white[parts == part]) for part in np.unique(parts)}
+            priors = 1.0 / variance[piece.columns[own]]
+            known: dict[tuple[int, ...], tuple[F64, F64] | None] = {(): None}
+            kept = [tuple(p for p in grams if p != part) for part in range(len(left_out))]
+            for some in kept:
+                if some not in known:
+                    known[some] = _clear_of_first(np.sum([grams[p] for p in some], axis=0), priors)
+            return [known[some] for some in kept]
+
+        for piece, of_parts in zip(self.pieces, in_order(of, self.pieces), strict=True):
+            at = np.append(turn[piece.columns[~alone[piece.columns]]], len(shared))
+            for (products, square), more in zip(found, of_parts, strict=True):
+                if more is not None:
+                    products[np.ix_(at, at)] += more[0]
+                    square[at[:-1]] += more[1]
+        return found
 
     @cached_property
     def meeting(self) -> Mask:
@@ -230,3 +247,20 @@ def _joined(columns: Sequence[F64 | Blocks]) -> Blocks:
         pieces.append(Piece(piece.rests, np.concatenate(numbers), np.concatenate(values, axis=2)))
     distances = [some.distances if isinstance(some, Blocks) else some[3 * n :] for some in columns]
     return Blocks(n, int(first[-1]), tuple(pieces), np.hstack(distances))
+
+
+def _gram(white: F64) -> F64:
+    """(c, c) products of columns (k, 3, c)."""
+    rows = white.reshape(-1, white.shape[2])
+    gram: F64 = rows.T @ rows
+    return gram
+
+
+def _clear_of_first(gram: F64, priors: F64) -> tuple[F64, F64]:
+    """Products of all columns but the first m, clear of these, held by *priors* (m,), from those
+    of all; and their squared lengths before, but for the last."""
+    m = len(priors)
+    known = gram[:m, :m] + np.diag(priors)
+    taken = pseudo_inverse_factor(known).T @ gram[:m, m:]
+    within = gram[m:, m:]
+    return within - taken.T @ taken, np.diag(within)[:-1]
