@@ -89,7 +89,14 @@ def amplitude_sizes(change: Change, columns: int) -> F64:
 
 def with_changes(of: Stack, changes: Sequence[Change]) -> Stack:
     """The stack where these changes, of whatever size, are among what is known."""
-    columns: list[list[F64]] = [[] for _ in range(of.n)]
+    if all(change.cause is None for change in changes):
+        return of
+    return of.knowing(columns_of(of, changes))
+
+
+def columns_of(of: Stack, changes: Sequence[Change]) -> list[F64]:
+    """(r, amplitudes of all named changes) of each check, per standard deviation of each."""
+    columns: list[list[F64]] = [[np.zeros((len(own), 0))] for own in of.residual]
     for change in changes:
         if change.cause is None:
             continue
@@ -100,6 +107,4 @@ def with_changes(of: Stack, changes: Sequence[Change]) -> Stack:
             own = of.columns[i][:, block]
             wide = (shape[i][:, None, None] * sizes[:, None, :] * own[None]).transpose(1, 0, 2)
             columns[i].append(wide.reshape(len(own), -1))
-    if not any(columns):
-        return of
-    return of.knowing([np.concatenate(own, axis=1) for own in columns])
+    return [np.concatenate(own, axis=1) for own in columns]

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, amplitude_sizes, shapes, with_changes
+from armd.compensation.interim.changes.change import Change, amplitude_sizes, columns_of, shapes
 from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.beside import Beside
 from armd.compensation.interim.evidence.likelihood import known_errors
 from armd.compensation.interim.evidence.stack import ALL_ALONG, RAMP_DAYS, Stack
 from armd.compensation.model.calibration import Calibration
@@ -35,23 +36,24 @@ class Amplitudes:
 
 
 def fit(
-    of: Stack, causes: Sequence[Cause], changes: Sequence[Change], bad: Sequence[int]
+    of: Stack,
+    causes: Sequence[Cause],
+    changes: Sequence[Change],
+    bad: Sequence[int],
+    told_by: Beside | None = None,
 ) -> Amplitudes:
-    """Amplitudes of all named *changes* at once, beside what is wrong all along.
+    """Amplitudes of all named *changes* at once, beside what is wrong all along, *told by* the
+    checks that tell of them.
 
     How far a cause has moved is the difference of after and before: what it was before may be as
     large as anything that is wrong all along, whatever the others are (decision 119).
     """
     own = sorted({at for c in changes if c.cause is not None for at in _columns(of, c.cause)})
     before = max(ALL_ALONG) if of.stands else 0.0
-    with_what_was = of.knowing([before * columns[:, own] for columns in of.columns])
-    with_them = with_changes(with_what_was, changes)
-    q = with_what_was.known[0].shape[1]
-    kept = [i for i in range(of.n) if i not in bad]
-    for change in changes:
-        if change.cause is None:  # what comes then belongs to nothing known
-            kept = [i for i in kept if i < change.first]
-    told = known_errors(with_them.sums(kept))
+    pairs = zip(of.columns, columns_of(of, changes), strict=True)
+    extra = [np.concatenate([before * columns[:, own], new], axis=1) for columns, new in pairs]
+    q = of.known[0].shape[1] + len(own)
+    told = known_errors((told_by or Beside(of, telling(of, changes, bad))).sums(extra))
     sizes = _sizes(causes, changes)
     # The columns' sign: a residual is what the arm shows too much under the calibration.
     values = -told.mean[q:] * sizes
@@ -66,6 +68,13 @@ def fit(
         split.append(values[at : at + rows * p].reshape(rows, p))
         at += rows * p
     return Amplitudes(tuple(split), cov)
+
+
+def telling(of: Stack, changes: Sequence[Change], bad: Sequence[int]) -> list[int]:
+    """The checks that tell of *changes*: what comes with one of no cause belongs to nothing
+    known."""
+    until = min((change.first for change in changes if change.cause is None), default=of.n)
+    return [i for i in range(until) if i not in bad]
 
 
 def _columns(of: Stack, cause: int) -> range:

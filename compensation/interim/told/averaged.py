@@ -18,8 +18,9 @@ import numpy as np
 
 from armd.compensation.interim.changes.change import Change, Way
 from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.beside import Beside
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.told.amend import Amplitudes, fit
+from armd.compensation.interim.told.amend import Amplitudes, fit, telling
 
 #: A calibration file has a covariance of so many rows at most: a file of more than 100 000 values
 #: is refused (`armd.files.schema`).
@@ -78,7 +79,8 @@ def _terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ...]]:
 def averaged(
     of: Stack, causes: Sequence[Cause], ways: Sequence[Way], bad: Sequence[int]
 ) -> Averaged:
-    """Mean and covariance of the amplitudes over *ways*, whose shares add up to 1."""
+    """Mean and covariance of the amplitudes over *ways*, whose shares add up to 1; a change of no
+    cause is the same in all."""
     distinct: dict[tuple[object, ...], tuple[int, Change]] = {}
     shares: dict[tuple[object, ...], float] = {}
     for share, way in ways:
@@ -91,8 +93,9 @@ def averaged(
     slots = {key: np.arange(end - n, end) for key, n, end in zip(keys, sizes, ends, strict=True)}
     width = int(ends[-1]) if len(ends) else 0
     mean, second = np.zeros(width), np.zeros((width, width))
+    told_by = Beside(of, telling(of, ways[0][1], bad))
     for share, way in ways:
-        own = fit(of, causes, way, bad)
+        own = fit(of, causes, way, bad, told_by)
         at = [slots[_key(number, change)] for number, change in enumerate(way)]
         places = np.concatenate(at) if at else np.zeros(0, int)
         values = np.concatenate([value.ravel() for value in own.values]) if at else np.zeros(0)

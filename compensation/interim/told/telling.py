@@ -23,8 +23,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armd.arrays import F64, I64
-from armd.compensation.interim.changes.change import Change, Way, with_changes
+from armd.compensation.interim.changes.change import Change, Way, columns_of
 from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.evidence.beside import Beside
 from armd.compensation.interim.evidence.likelihood import known_errors
 from armd.compensation.interim.evidence.stack import Stack
 
@@ -107,11 +108,13 @@ def foretold(
     """What each of *ways* foretells of each check *ahead*, by those *measured*."""
     means: list[list[F64]] = [[] for _ in ahead]
     covariances: list[list[F64]] = [[] for _ in ahead]
+    told_by = Beside(of, measured)
     for way in ways:
-        with_them = with_changes(of, way)
-        told = known_errors(with_them.sums(measured))
+        extra = columns_of(of, way)
+        told = known_errors(told_by.sums(extra))
         for number, check in enumerate(ahead):
-            here, seat = with_them.known[check], SEAT_MM * of.targets[check]
+            here = np.concatenate([of.known[check], extra[check]], axis=1)
+            seat = SEAT_MM * of.targets[check]
             spread = np.eye(len(here)) + here @ told.covariance @ here.T
             means[number].append(here @ told.mean)
             covariances[number].append(told.scale * spread + seat @ seat.T)
