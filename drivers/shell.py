@@ -148,7 +148,8 @@ class SerialShell(Shell[D]):
         try:
             self._port = serial.Serial(self._path, baud, timeout=0, exclusive=True)
         except (OSError, ValueError, termios.error) as error:  # SerialException is an OSError
-            return self._line.lost("port_missing", str(error), now_ns)
+            text = f"{self._path} does not open: {error}; `armd doctor` says why"
+            return self._line.lost("port_missing", text, now_ns)
         with suppress(OSError, ValueError):  # a pty has no such mode
             self._port.set_low_latency_mode(True)
         self._poll.register(self._port.fileno(), select.POLLIN)

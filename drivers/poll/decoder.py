@@ -64,7 +64,7 @@ class ServoDecoder:
         self._sizes = range(0)  # of answers to the last request
         self._number = -1  # of the present cycle
         self._settled = False  # it is known whose arm this is
-        self._counted: Counter[str] = Counter()
+        self.counted: Counter[str] = Counter()
         self._missed: Counter[int] = Counter()
         self._said: Said = {}
         self._under_way: list[RawFrame] = []  # frames of the exchange that is open
@@ -74,7 +74,7 @@ class ServoDecoder:
     def counters(self) -> dict[str, int]:
         """Cycles delivered, cycles and answers that were not, and every other kind of byte."""
         missed = {f"servo_{servo}_missed": n for servo, n in sorted(self._missed.items())}
-        return {name: self._counted[name] for name in COUNTED} | {
+        return {name: self.counted[name] for name in COUNTED} | {
             "samples": self._sampler.delivered,
             "lost": self._sampler.lost,
             "untimed": self._sampler.untimed,
@@ -141,7 +141,7 @@ class ServoDecoder:
         retry, self.chain_broken = self.chain_broken and not request.fast, False
         if request.address == self.family.position and not retry:
             self._number += 1
-        self.exchange = Exchange(request, frame, self.family, self._counted, self._said)
+        self.exchange = Exchange(request, frame, self.family, self.counted, self._said)
         before, self._sizes = self._sizes, self.family.sizes(request)
         self._splitter.sizes = {len(frame.data), *self._sizes, *before}  # a late one is known
         return items
@@ -149,7 +149,7 @@ class ServoDecoder:
     def _receive(self, frame: RawFrame) -> list[Item]:
         packets = self._splitter.push(frame.data)
         if self.exchange is None:
-            self._counted["unasked"] += len(packets)
+            self.counted["unasked"] += len(packets)
             statuses = [each for packet in packets for each in self.family.statuses(packet, 0)]
             twice = {status.id for status in statuses if contradicts(status, self._said)}
             return [*self.roster.contradicted(twice, frame.monotonic_ns)]
@@ -199,7 +199,7 @@ class ServoDecoder:
         for servo in request.ids:
             answer = exchange.answers.get(servo)
             if answer is None or servo in exchange.doubtful:
-                self._counted["missed"] += 1
+                self.counted["missed"] += 1
                 self._missed[servo] += 1
             if answer is None:
                 silent.add(servo)

@@ -48,6 +48,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         self._heard_ns = 0  # its last bytes; 0: none yet
         self._answered_ns: int | None = None  # when a servo was heard last
         self._strange_bytes = 0  # that have come since then
+        self._echoes = 0  # that had come by then
         self._undecoded: list[RawFrame] = []  # what it has brought, while more is to come
         self._brought = b""  # the bytes of these
         self._is_cycle = False
@@ -67,6 +68,8 @@ class ServoDriver(SerialShell[ServoDecoder]):
         found = "nothing"
         if self._strange_bytes:
             found = f"{self._strange_bytes} bytes that are no answer (another device, or rate?)"
+        if self._decoder.counted["echoes"] > self._echoes:
+            found = "what was asked, which the adapter hears (are the servos switched on?)"
         ids = ", ".join(map(str, self._decoder.everyone))
         kind = self._decoder.family.name
         return f" at {self._baud} baud: found {found}, expected answers of {kind} servos {ids}"
@@ -140,6 +143,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
     def _heard(self, items: list[Item]) -> list[Item]:
         if self._decoder.last_heard_ns != self._answered_ns:
             self._answered_ns, self._strange_bytes = self._decoder.last_heard_ns, 0
+            self._echoes = self._decoder.counted["echoes"]
         return self._line.heard(self._decoder.last_heard_ns, items)
 
     # --- asking --------------------------------------------------------------------------------

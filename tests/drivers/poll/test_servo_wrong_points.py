@@ -118,8 +118,14 @@ def test_a_silent_line_says_what_came_in_place_of_answers(tmp_path):
         taken.take(2.0, lambda: len(servos.requests) > asked + 3)
         servos.say(b"$GPGGA,123519*47\r\n")
         taken.take(2.0, lambda: len(taken.told("silence")) > 1)
-    nothing, something = [event.text for event in taken.told("silence")]
+        servos.deaf = False
+        taken.rows(20)
+        servos.deaf = servos.echo = True  # the supply is off, and the adapter is not
+        taken.take(2.0, lambda: len(taken.told("silence")) > 2)
+    nothing, something, itself = [event.text for event in taken.told("silence")]
     at = f"nothing heard for 0.5 s on {servos.link} at 1000000 baud: found "
     answers = ", expected answers of feetech servos 1, 2, 3"
     assert nothing == f"{at}nothing{answers}"
     assert something == f"{at}18 bytes that are no answer (another device, or rate?){answers}"
+    what = "what was asked, which the adapter hears (are the servos switched on?)"
+    assert itself == f"{at}{what}{answers}"
