@@ -85,7 +85,6 @@ CONSTANTS = (
     Constant("diagnose.search.touched", "MOST_TOUCHED", "more is not now and then"),
     Constant("diagnose.search.explains", "PARTS", "parts of a range with rests enough in each"),
     Constant("diagnose.diagnosis", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
-    Constant("diagnose.search.search", "LEAST_REVISITED", "one alone was chosen beside nothing"),
     Constant(
         "diagnose.search.search", "BEYOND_DOUBT", "chosen by what is held out: no chance of 2.5"
     ),

@@ -26,6 +26,7 @@ from armd.compensation.model.kinematics import frames
 from armd.errors import BadInput
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
+from armd.simulator.plants.plant import Plant
 from support.planting import planted, slip, wave
 
 
@@ -152,6 +153,24 @@ def test_without_limits_poses_stay_where_the_arm_was_seen(measured: Measured) ->
     constants = measured.calibration.vector(arm.n_joints)
     lowest = min(0.0, float(frames(seen, constants)[0][:, :, 2].min()))
     assert frames(poses.q, constants)[0][:, :, 2].min() > lowest - 0.5
+
+
+def test_a_walk_is_not_told_where_two_causes_do_the_same(tmp_path: Path) -> None:
+    """A link expands more than it did and its sensor is off: each session's mean and slope. Alone
+    its walk in time explains both at once, and was sure."""
+    plants = [
+        Plant("link_expansion", "link 4", 9.0),
+        Plant("sensor_offset", "sensor t4", -1.1),
+    ]
+    case = generate_case(tmp_path, 807, plants, Design(before=6, holdout=0))
+    arm = load_arm(case.arm)
+    before, sessions = ([load_session(p, arm) for p in own] for own in (case.before, case.sessions))
+    told = diagnose(sessions, arm, calibrate(before, arm).calibration).found
+    assert ("link_expansion", "link 4") in [finding.candidate.place for finding in told]
+    assert not any(
+        finding.candidate.cause == "geometry_shift" and finding.probability >= 0.95
+        for finding in told
+    )
 
 
 def test_every_cause_names_bounds_or_is_an_accident() -> None:

@@ -51,6 +51,15 @@ class RivalSet:
     likelier: float  # nats, than the set there is
 
 
+def may_be_others(findings: Sequence[Candidate]) -> bool:
+    """Whether findings may stand where a set of others does.
+
+    One alone was chosen beside nothing, and with few amplitudes looks like few others, which are
+    its rivals. A nearly free function, a walk above all, follows whatever several do together.
+    """
+    return len(findings) > 1 or any(map(is_sized, findings))
+
+
 class Revisit:
     """One fit's findings against other sets, all about its point and in its noise."""
 

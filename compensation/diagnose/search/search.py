@@ -38,7 +38,12 @@ from armd.compensation.diagnose.search.findings import (
     weighed,
 )
 from armd.compensation.diagnose.search.refusals import Refusals
-from armd.compensation.diagnose.search.revisit import Revisit, RivalSet, log_weight
+from armd.compensation.diagnose.search.revisit import (
+    Revisit,
+    RivalSet,
+    log_weight,
+    may_be_others,
+)
 from armd.compensation.diagnose.search.rival_sets import beside_rival_sets
 from armd.compensation.diagnose.search.selection import (
     AS_WELL,
@@ -57,8 +62,6 @@ from armd.compensation.progress import TellShare
 
 MOST_STEPS = 16
 MOST_RENAMINGS = 3
-#: One cause alone was chosen beside nothing.
-LEAST_REVISITED = 2
 #: A set was chosen by the readings that are held out in turn, too: it must predict them better by
 #: so many standard errors. True sets did by 4.9 to 12, false ones on a real arm by 2.3.
 BEYOND_DOUBT = 3.0
@@ -218,7 +221,7 @@ class Search:
 
     def _rival_sets(self, current: Fit, scored: ScoredCandidates) -> list[RivalSet]:
         """Other sets that may be there instead of several findings; worked out once."""
-        if self.parted is None or len(current.findings) < LEAST_REVISITED:
+        if self.parted is None or not may_be_others(current.findings):
             return []
         key = key_of(current.findings)
         if self._rivals is None or self._rivals[0] != key:
