@@ -7,15 +7,16 @@ from pathlib import Path
 from armd.daemon.doctor.finding import Patient
 from armd.drivers.config import ServoConfig
 
+OTHERS = {"serial": "an arm of armd's own wire", "microscribe": "a MicroScribe"}
+
 
 def compare(patient: Patient, file: Path, driver: ServoConfig) -> None:
     """Findings for every servo that *file* names and nobody answers as, and for another rate."""
     if not patient.protocol:
         return  # nobody is there at all, which has been told
     if patient.protocol != driver.kind:
-        text = (
-            f"{file}: driver.kind: found {driver.kind}, and {patient.protocol} servos on the line"
-        )
+        who = OTHERS.get(patient.protocol, f"{patient.protocol} servos")
+        text = f"{file}: driver.kind: found {driver.kind}, and {who} on the line"
         patient.find("other_kind", text, f'kind = "{patient.protocol}" under [driver] of {file}')
         return
     if patient.baud != driver.baud:

@@ -192,6 +192,10 @@ def test_another_kind_of_servo_than_the_files_is_told_with_the_key(tmp_path: Pat
     assert finding.kind == "other_kind"
     assert finding.text == f"{config}: driver.kind: found dynamixel, and feetech servos on the line"
     assert finding.mend == f'kind = "feetech" under [driver] of {config}'
+    other = Patient("/dev/ttyACM0", protocol="microscribe", baud=115_200)
+    compare(other, config, driver)
+    told = "driver.kind: found dynamixel, and a MicroScribe on the line"
+    assert other.findings[0].text == f"{config}: {told}"
 
 
 @pytest.mark.slow
