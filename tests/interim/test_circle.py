@@ -22,8 +22,8 @@ from armd.compensation.interim.evidence.likelihood import LIMIT, NOISE_WORD
 from armd.compensation.interim.evidence.quiet import EpochLook, Quiet
 from armd.compensation.interim.evidence.stack import Stack
 
-#: Of such histories some three in a hundred lead round: here through two to four looks, with one
-#: change and with two.
+#: Of a hundred such histories seven lead round: these through two to four looks, with one change
+#: and with two.
 SEEDS = (27, 47, 55, 155)
 
 
