@@ -1,8 +1,11 @@
 """Evidence against a brute-force integral, scores against dense least squares, priors by count."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from scipy.special import logsumexp
 from scipy.stats import chi2, norm
 
 from armd.compensation.diagnose.scoring.evidence import estimates, score, total
@@ -87,3 +90,19 @@ def test_sums_of_parts_are_the_sums_of_all() -> None:
     np.testing.assert_allclose(
         score(total(parts)).statistic, score(sums_of(b, x, r, variance)).statistic
     )
+
+
+def test_a_place_is_as_probable_as_its_candidates_together_however_improbable() -> None:
+    """Logarithms throughout: 1e-300 is not the least that a place may have."""
+    b, x, r = problem()
+    x[:, 3] = b[:, 2] * 5.0  # absorbed: a place of it alone has no probability
+    scores = score(sums_of(b, x, r, np.full(4, np.inf)))
+    assert len({c.place for c in scores.signatures.candidates}) > 1
+    far = replace(scores, log_evidence=scores.log_evidence - np.array([0.0, 5000.0, 0.0]))
+    for some in (scores, far):
+        log_places = some.log_places()
+        for place, log in log_places.items():
+            own = [c.place == place for c in some.signatures.candidates]
+            assert log == pytest.approx(logsumexp(some.log_posterior()[own]))
+        assert logsumexp(list(log_places.values())) == pytest.approx(0.0, abs=1e-12)
+    assert min(log for log in far.log_places().values() if np.isfinite(log)) < -4000.0

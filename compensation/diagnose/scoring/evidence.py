@@ -126,10 +126,14 @@ class Scores:
 
     def log_places(self) -> dict[tuple[str, str], float]:
         """Log posterior probability of every (cause, location)."""
-        logs: dict[tuple[str, str], list[float]] = {}
-        for candidate, log in zip(self.signatures.candidates, self.log_posterior(), strict=True):
-            logs.setdefault(candidate.place, []).append(float(log))
-        return {place: float(logsumexp(own)) for place, own in logs.items()}
+        log, numbers = self.log_posterior(), dict[tuple[str, str], int]()
+        of = [numbers.setdefault(c.place, len(numbers)) for c in self.signatures.candidates]
+        most = np.full(len(numbers), -np.inf)
+        np.maximum.at(most, of, log)
+        most[np.isneginf(most)] = 0.0
+        with np.errstate(divide="ignore"):  # all of a place are absorbed
+            sums = most + np.log(np.bincount(of, np.exp(log - most[of]), len(numbers)))
+        return dict(zip(numbers, map(float, sums), strict=True))
 
 
 def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
