@@ -22,7 +22,6 @@ from armd.errors import BadInput
 #: Readings closer than this in every joint, in sequence at one target, are one rest.
 REST_RAD = 1e-4
 
-
 MOST_FOLDS = 4
 BLOCKS = 5  # of readings, where there is one placement only
 

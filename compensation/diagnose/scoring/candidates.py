@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -61,14 +61,8 @@ class ScoredCandidates:
     def bent(self, index: int, others: Sequence[Candidate]) -> F64:
         """What each of *others*, one finding and its shape taken out of the model, gains in log
         evidence if its own shape may be off, as that finding's may."""
-        straight = score_candidates(self.projection, others)
-        known = estimates(straight.sums, self._columns_of(index))
-        joints = self.projection.arm.n_joints
-        shapes = [shape_candidate(c, own, joints) for c, own in zip(others, known, strict=True)]
-        both = [_bent(c, shape) for c, shape in zip(others, shapes, strict=True)]
-        free = score_candidates(self.projection, both).freed(index).log_evidence
-        gained = free - straight.freed(index).log_evidence + np.log(SHAPE_PRIOR)
-        may_be_off = np.array([shape is not None for shape in shapes], dtype=bool)
+        both, gained = with_own_shapes(others, self.projection, self._columns_of(index))
+        may_be_off = np.array([b is not c for b, c in zip(both, others, strict=True)], dtype=bool)
         return np.where(may_be_off, np.logaddexp(0.0, gained), 0.0)
 
     def _columns_of(self, index: int, *acting: int) -> I64:
@@ -127,10 +121,29 @@ class ScoredCandidates:
         return log_weight + max(own - best, 0.0)
 
 
+def with_own_shapes(
+    candidates: Sequence[Candidate], projection: Projection, without: Iterable[int] = ()
+) -> tuple[list[Candidate], F64]:
+    """Each candidate together with its shape, about the amplitudes that it has alone, or itself
+    where it has none; and (c,) what that gains in log evidence, its prior included. The shared
+    columns *without* are left out of the model."""
+    straight = score_candidates(projection, candidates).sums
+    known, joints = estimates(straight, without), projection.arm.n_joints
+    both = [
+        _bent(c, shape_candidate(c, own, joints)) for c, own in zip(candidates, known, strict=True)
+    ]
+    free, held = (
+        score(sums, without).log_evidence
+        for sums in (score_candidates(projection, both).sums, straight)
+    )
+    return both, free - held + np.log(SHAPE_PRIOR)
+
+
 def _bent(candidate: Candidate, shape: Candidate | None) -> Candidate:
     """A candidate together with its shape, if it has one."""
-    more = () if shape is None else shape.columns
-    return replace(candidate, columns=(*candidate.columns, *more))
+    if shape is None:
+        return candidate
+    return replace(candidate, columns=(*candidate.columns, *shape.columns))
 
 
 def score_candidates(

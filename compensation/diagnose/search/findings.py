@@ -83,6 +83,8 @@ def _let_rivals_bend(
     the catalogue's form: a finding is weighed with its own shape, and so are they. Else a disc that
     is not quite a sine would surely be another's."""
     own = scored.fit.findings[index]
+    if is_shape(own):
+        return
     posterior, candidates = scores.log_posterior(), scores.signatures.candidates
     rivals: dict[tuple[str, str], Candidate] = {}
     for i in np.argsort(-posterior):
@@ -91,7 +93,7 @@ def _let_rivals_bend(
             break
         if candidate.cause != "unknown" and candidate.place != own.place:
             rivals.setdefault(candidate.place, candidate)
-    if is_shape(own) or not rivals:
+    if not rivals:
         return
     gained = scored.bent(index, list(rivals.values()))
     for place, more in zip(rivals, gained, strict=True):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -14,15 +13,15 @@ from armd.arrays import F64, I64
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.signatures import kind
 from armd.compensation.diagnose.scoring.candidates import (
-    SHAPE_PRIOR,
     ScoredCandidates,
     score_candidates,
+    with_own_shapes,
 )
-from armd.compensation.diagnose.scoring.evidence import Scores, estimates, score
+from armd.compensation.diagnose.scoring.evidence import Scores, score
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
 from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
-from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
+from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.diagnose.scoring.threshold import significant
 from armd.compensation.effects.effect import Candidate, joined
 
@@ -201,15 +200,10 @@ def _if_bent(
     causes = [candidates[i] for i in named.values()]
     if not causes:
         return best
-    straight = score_candidates(projection, causes)
-    bent = []
-    for cause, amplitudes in zip(causes, estimates(straight.sums), strict=True):
-        shape = shape_candidate(cause, amplitudes, projection.arm.n_joints)
-        bent.append(replace(cause, columns=(*cause.columns, *(shape.columns if shape else ()))))
-    gained = score_candidates(projection, bent).scores.log_evidence - straight.scores.log_evidence
+    bent, gained = with_own_shapes(causes, projection)
     numbers = [best, *named.values(), *named.values()]
     likely = weight[numbers]
-    likely[-len(bent) :] += gained + np.log(SHAPE_PRIOR)
+    likely[-len(bent) :] += gained
     likely += unclipped([candidates[best], *causes, *bent], likely, projection)
     return numbers[int(np.argmax(likely))]
 
