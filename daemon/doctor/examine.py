@@ -113,15 +113,13 @@ def _greets(line: Line) -> bool:
     greeting is not what it was told: an adapter that hears what it says is none."""
     line.send(bytes([microscribe.END]))
     line.hear(0.015)
-    deadline, heard = time.monotonic() + SYNC_S, b""
-    while microscribe.SYNC not in heard:
-        if time.monotonic() > deadline:
-            return False
+    deadline, synchronous = time.monotonic() + SYNC_S, False
+    while not synchronous and time.monotonic() < deadline:
         line.send(microscribe.SYNC)
-        heard = (heard + line.hear(SYNC_EVERY_S))[-64:]
+        synchronous = line.hears(microscribe.SYNC, SYNC_EVERY_S)
+    if not synchronous:
+        return False
     line.send(microscribe.BEGIN)
-    deadline, heard = time.monotonic() + GREETING_S, b""
-    while microscribe.GREETING not in heard and (more := line.hear(deadline - time.monotonic())):
-        heard += more
+    greets = line.hears(microscribe.GREETING, GREETING_S)
     line.send(bytes([microscribe.END]))
-    return microscribe.GREETING in heard
+    return greets

@@ -51,14 +51,17 @@ class Line(Closing):
         self.heard_bytes += len(heard)
         return heard
 
+    def hears(self, word: bytes, seconds: float) -> bool:
+        """Whether *word* comes within *seconds*."""
+        deadline, heard = time.monotonic() + seconds, b""
+        while word not in heard and (more := self.hear(deadline - time.monotonic())):
+            heard += more
+        return word in heard
+
     def listen_to_itself(self, request: bytes) -> None:
         """Whether the adapter hears what it says; *request* is one that nobody answers."""
         self.send(request)
-        deadline = time.monotonic() + ECHO_S
-        heard = b""
-        while not self.echoes and (more := self.hear(deadline - time.monotonic())):
-            heard += more
-            self.echoes = request in heard
+        self.echoes = self.echoes or self.hears(request, ECHO_S)
 
     def ask(
         self, family: Family, request: bytes, ids: Collection[int], wait_s: float
