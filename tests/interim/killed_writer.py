@@ -39,7 +39,7 @@ def main() -> None:
 
     def keep(number: int) -> None:
         with keeping.locked(folder):
-            lines = chain.read_lines(folder)
+            lines = chain.read_chain(folder).lines
             keeping.check_new(folder, lines, [new[number].session])
             keeping.keep(folder, lines, [new[number]], checks / "arm.toml", calibration)
 
@@ -60,7 +60,7 @@ def main() -> None:
         os.kill(child, signal.SIGKILL)
         _, status = os.waitpid(child, 0)
         cut = os.WIFSIGNALED(status)
-        lines = chain.read_lines(folder)
+        lines = chain.read_chain(folder).lines
         loaded = history.load(folder) if lines else []
         names = [check.line.name for check in loaded]
         expected = [one.session.name for one in new[: len(names)]]

@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from armd.compensation.interim.checks import chain
-from armd.compensation.interim.checks.chain import read_chain, read_lines
+from armd.compensation.interim.checks.chain import read_chain
 from armd.errors import BadInput
 from armd.files.inputs import read_input
 from support.interim_history import write_history
 
 
 def test_lines_and_their_hashes(tmp_path: Path) -> None:
-    assert read_lines(tmp_path) == []
+    assert read_chain(tmp_path).lines == ()
     hashes = write_history(tmp_path, ["a", "b", "c"])
     found = read_chain(tmp_path)
     assert [line.name for line in found.lines] == ["a", "b", "c"]
@@ -41,7 +41,7 @@ def test_a_check_that_is_added_meanwhile_is_no_damage(
         write_history(tmp_path, before)
         with monkeypatch.context() as patched:
             patched.setattr(chain, "read_input", read)
-            assert len(read_lines(tmp_path)) in (len(before), len(before) + 1)
+            assert len(read_chain(tmp_path).lines) in (len(before), len(before) + 1)
             assert reads == 2
 
 

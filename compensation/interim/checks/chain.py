@@ -56,13 +56,9 @@ class HistoryChain:
     hashes: tuple[str, ...] = ()  # each line's SHA-256
 
 
-def read_lines(folder: Path) -> list[HistoryLine]:
-    """The history's lines in the order of adding, their chain checked; none without a history."""
-    return [*read_chain(folder).lines]
-
-
 def read_chain(folder: Path) -> HistoryChain:
-    """The same with the lines' hashes; raises `BadInput` where the chain is broken or cut short."""
+    """The history's lines in the order of adding, none without a history; raises `BadInput` where
+    the chain is broken or cut short."""
     path = folder / HISTORY
     with told(folder):
         if folder.exists() and not folder.is_dir():

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from armd.compensation.data.session import Session, load_session
-from armd.compensation.interim.checks.chain import HistoryLine, read_lines
+from armd.compensation.interim.checks.chain import HistoryLine, read_chain
 from armd.compensation.interim.checks.columns import Cause, causes_of, digest
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.checks.reduced import Reduced
@@ -49,7 +49,7 @@ class Check:
 def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
     """All checks of a history in order of time; raises `BadInput` where it is damaged. Those that
     were loaded *before* are held to their hashes and not read again."""
-    lines = read_lines(folder)
+    lines = read_chain(folder).lines
     if not lines:
         raise BadInput(folder, "the history", "no checks", "some: armd interim add keeps them")
     arms: dict[str, Arm] = {}

@@ -84,7 +84,7 @@ def _add(args: argparse.Namespace) -> int:
     if not args.future:
         keeping.check_past(sessions, math.floor(time.time()))
     # Twice: before the long part for a quick answer, and again when nobody else may write.
-    lines = chain.read_lines(folder)
+    lines = chain.read_chain(folder).lines
     if not args.future:
         keeping.check_clock(folder, lines, math.floor(time.time()))
     keeping.check_new(folder, lines, sessions)
@@ -95,7 +95,7 @@ def _add(args: argparse.Namespace) -> int:
             new.append(keeping.New(session, reduce(session, arm, calibration.content, causes)))
             told("evaluating the checks", number / len(sessions))
     with keeping.locked(folder), console.status("judging the history …"):
-        lines = chain.read_lines(folder)
+        lines = chain.read_chain(folder).lines
         before = history.load(folder) if lines else []  # a damaged history takes no more
         keeping.check_new(folder, lines, sessions)
         keeping.keep(folder, lines, new, Path(args.arm), calibration)
