@@ -16,6 +16,7 @@ from typing import Any
 from armd.compensation.data.session import READINGS
 from armd.errors import BadInput
 from armd.files.outputs import check_output_folder
+from armd.files.schema import KeyTwice, json_value
 from armd.files.writing import check_folder, told
 
 NAME = "measuring.jsonl"
@@ -101,10 +102,7 @@ class Log:
             os.fsync(self._handle)
         lines = []
         for number, line in enumerate(data[:whole].split(b"\n")[:-1], 1):
-            try:
-                entry = json.loads(line)
-            except (ValueError, RecursionError) as error:
-                raise BadInput(path, f"line {number}", "no JSON", "a line of this log") from error
+            entry = _parsed(path, number, line, "a line of this log")
             if not isinstance(entry, dict):
                 raise BadInput(path, f"line {number}", "no object", "a line of this log")
             lines.append(entry)
@@ -118,13 +116,20 @@ def begun(folder: Path) -> Entry | None:
         return None
     with told(path), path.open("rb") as file:
         line = file.readline(MOST_BYTES)
-    try:
-        entry = json.loads(line)
-    except (ValueError, RecursionError) as error:
-        raise BadInput(path, "line 1", "no JSON", "the log of a guided measurement") from error
+    entry = _parsed(path, 1, line, "the log of a guided measurement")
     if not isinstance(entry, dict) or entry.get("schema") != SCHEMA:
         raise BadInput(path, "line 1", "something else", f"the schema {SCHEMA!r}")
     return entry
+
+
+def _parsed(path: Path, number: int, line: bytes, expected: str) -> Any:
+    where = f"line {number}"
+    try:
+        return json_value(line)
+    except KeyTwice as error:
+        raise BadInput(path, f"{where}: {error.key}", error.found, "it once") from error
+    except (ValueError, RecursionError) as error:
+        raise BadInput(path, where, "no JSON", expected) from error
 
 
 def _sync_folder(folder: Path) -> None:

@@ -12,6 +12,8 @@ from armd import BadInput
 from armd.compensation.data.readings import load_readings, read_header
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
+from armd.daemon.bridges.export.source import from_path
+from armd.daemon.measure.log import begun
 from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
 from armd.files.schema import MOST_FAULTS, MOST_VALUES, load_json, load_toml
 
@@ -81,6 +83,35 @@ def test_hostile_json_is_refused(tmp_path: Path, content: bytes, found: str) -> 
     (tmp_path / "calibration.json").write_bytes(content)
     with pytest.raises(BadInput, match=found):
         load_json(tmp_path / "calibration.json", Calibration)
+
+
+@pytest.mark.parametrize(
+    ("content", "where", "found"),
+    [
+        (b'{"arm": 1, "a": 2, "arm": 3}', "arm", "this key with 1 and with 3"),
+        (b'{"arm": {"b": [{"x": "1", "x": "1"}]}}', "x", "this key with '1' and with '1'"),
+        (b'{"a": 1' + b', "b": 2' * 90_000 + b"}", "b", "this key with 2 and with 2"),
+    ],
+)
+def test_a_key_of_json_that_stands_twice_is_refused(
+    tmp_path: Path, content: bytes, where: str, found: str
+) -> None:
+    """The last one would count, and nobody would hear of the first; TOML refuses it, too."""
+    path = tmp_path / "file.json"
+    path.write_bytes(content)
+    with pytest.raises(BadInput) as refused:
+        load_json(path, Calibration)
+    told = refused.value
+    assert (told.file, told.where, told.found) == (str(path), where, found)
+
+
+def test_a_line_with_a_key_twice_is_not_called_torn(tmp_path: Path) -> None:
+    (tmp_path / "measured.jsonl").write_text('{"seq": 1, "seq": 2}\n')
+    (tmp_path / "measuring.jsonl").write_text('{"seq": 1, "seq": 2}\n')
+    with pytest.raises(BadInput, match=r"line 1: seq: found this key with 1 and with 2"):
+        from_path(tmp_path / "measured.jsonl")
+    with pytest.raises(BadInput, match=r"line 1: seq: found this key with 1 and with 2"):
+        begun(tmp_path)
 
 
 def test_of_a_great_many_faults_some_are_told(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import json
 import tomllib
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -88,7 +89,9 @@ def json_data(path: str | Path, content: bytes) -> Any:
     """The value of a JSON file, of no model yet; raises `BadInput`."""
     text = _text(path, content)
     try:
-        return json.loads(text)
+        return json_value(text)
+    except KeyTwice as error:
+        raise BadInput(path, error.key, error.found, "it once") from error
     except json.JSONDecodeError as error:
         where = f"line {error.lineno} column {error.colno}"
         there = text[error.pos :].split("\n", 1)[0][:MOST_SHOWN]
@@ -96,6 +99,29 @@ def json_data(path: str | Path, content: bytes) -> Any:
         raise BadInput(path, where, repr(there) if there else "the end", expected) from error
     except (RecursionError, ValueError) as error:
         raise _hostile(path, error) from error
+
+
+class KeyTwice(ValueError):
+    """Of a JSON object two values have one key."""
+
+    def __init__(self, key: str, values: list[Any]) -> None:
+        self.key = key
+        self.found = "this key with " + " and with ".join(map(_shown, values[:2]))
+        super().__init__(f"{key}: {self.found}")
+
+
+def json_value(text: str | bytes) -> Any:
+    """The value of a JSON text; raises `KeyTwice` where the last of two would count in silence,
+    otherwise what `json.loads` does."""
+    return json.loads(text, object_pairs_hook=_of_keys_once)
+
+
+def _of_keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        key = Counter(key for key, _ in pairs).most_common(1)[0][0]
+        raise KeyTwice(key, [value for name, value in pairs if name == key])
+    return found
 
 
 def validate(
@@ -181,6 +207,11 @@ def _key(
     return key
 
 
+def _shown(value: object) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= MOST_SHOWN else shown[: MOST_SHOWN - 3] + "..."
+
+
 def _schema(quoted: str) -> str:
     return f"{FILES[quoted]} ({quoted})" if quoted in FILES else quoted
 
@@ -204,8 +235,7 @@ def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
         case "union_tag_invalid":
             tag = fault["input"][fault["ctx"]["discriminator"].strip("'")]
             return repr(tag), f"one of {fault['ctx']['expected_tags']}"
-    shown = repr(fault["input"])
-    found = shown if len(shown) <= MOST_SHOWN else shown[: MOST_SHOWN - 3] + "..."
+    found = _shown(fault["input"])
     match fault["type"]:
         case "too_short" | "too_long" if isinstance(fault["input"], list):
             least = "at least" if fault["type"] == "too_short" else "at most"

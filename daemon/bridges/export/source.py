@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,7 +19,7 @@ from armd.daemon.files.recorder import TOPICS
 from armd.drivers.replay.recording import Recording
 from armd.errors import BadInput
 from armd.files.inputs import open_input
-from armd.files.schema import json_data
+from armd.files.schema import KeyTwice, json_data, json_value
 
 RECORDING = ".mcap"
 TABLE = ".csv"
@@ -107,7 +106,10 @@ def _from_lines(files: Iterable[Path], serial: str) -> Measurements:
     for path in files:
         for number, line in _lines(path):
             try:
-                found.measurements.append(_measurement(path, f"line {number}", json.loads(line)))
+                found.measurements.append(_measurement(path, f"line {number}", json_value(line)))
+            except KeyTwice as error:
+                where = f"line {number}: {error.key}"
+                raise BadInput(path, where, error.found, "it once") from error
             except (ValueError, RecursionError) as error:
                 # The log ends a torn line before it goes on, so it may stand anywhere.
                 if not _is_torn(line):
