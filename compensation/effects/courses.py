@@ -1,4 +1,4 @@
-"""Courses in time that a drift may take: each a few functions that share one beginning.
+"""Courses in time that a drift may take, each a few functions that share one beginning; and steps.
 
 Steady, curved, relaxing, settling anew in each session, with the day, or wandering: what creeps,
 swells, settles or breathes does so along one of these, and each is weighed against steps at an
@@ -115,6 +115,30 @@ def _along(
     )
 
 
+def steps(
+    facts: SessionFacts,
+    cause: str,
+    location: Location,
+    make: Callable[[After], Sequence[Column]],
+) -> Iterator[Candidate]:
+    """Candidates for something that steps at an instant; *make*: the columns of that step."""
+
+    def at(instant: float, finest: bool = False) -> Candidate:
+        def refine() -> list[Candidate]:
+            return [at(moment, True) for moment in facts.nearby_instants(instant)]
+
+        return Candidate(
+            cause,
+            location,
+            tuple(make(After(instant_unix_s=instant))),
+            ("time_s",),
+            (("instant", instant, "s (Unix)"),),
+            None if finest else refine,
+        )
+
+    return map(at, facts.instants_unix_s)
+
+
 def courses(facts: SessionFacts) -> list[Course]:
     """Every course that the time seen allows; none without times."""
     since_s, until_s = facts.start_unix_s, facts.end_unix_s
@@ -215,14 +239,12 @@ POINTS = 400
 
 def is_drift(candidate: Candidate) -> bool:
     """Whether a candidate goes along a course rather than steps at an instant."""
-    terms = (term for column in candidate.columns for term in column.terms)
-    return any(isinstance(factor, Period) for term in terms for factor in term.basis)
+    return any(isinstance(factor, Period) for factor in candidate.factors)
 
 
 def is_slow(candidate: Candidate) -> bool:
     """Whether what a candidate adds goes with time or with a temperature."""
-    terms = (term for column in candidate.columns for term in column.terms)
-    return any(isinstance(factor, SlowFactor) for term in terms for factor in term.basis)
+    return any(isinstance(factor, SlowFactor) for factor in candidate.factors)
 
 
 def goes(candidate: Candidate) -> str:

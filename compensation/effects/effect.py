@@ -87,6 +87,11 @@ class Column:
     reach: float = np.inf  # times the typical size that is still plausible
     use: Use | Winding | None = None
 
+    def at(self, amplitude: float) -> Iterator[Term]:
+        """Its terms at an amplitude."""
+        for term in self.terms:
+            yield term.model_copy(update={"coefficient": term.coefficient * amplitude})
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -116,6 +121,16 @@ class Candidate:
     def looks_back(self) -> bool:
         """Whether it depends on what went before a reading: known at the readings alone."""
         return any(column.use is not None for column in self.columns)
+
+    @property
+    def factors(self) -> Iterator[Factor]:
+        """Of all its terms."""
+        return (factor for c in self.columns for term in c.terms for factor in term.basis)
+
+    @property
+    def instant_unix_s(self) -> float | None:
+        """When it steps; None for what does not."""
+        return next((value for name, value, _ in self.setting if name == "instant"), None)
 
     @cached_property
     def place(self) -> tuple[str, str]:
@@ -149,10 +164,8 @@ class Acting:
     @property
     def terms(self) -> Iterator[Term]:
         """Its terms with their coefficients."""
-        for column, amplitude in zip(self.candidate.columns, self.amplitudes, strict=True):
-            for term in column.terms:
-                coefficient = term.coefficient * amplitude
-                yield term.model_copy(update={"coefficient": coefficient})
+        pairs = zip(self.candidate.columns, self.amplitudes, strict=True)
+        return (term for column, amplitude in pairs for term in column.at(amplitude))
 
 
 def joined(findings: Sequence[Candidate], more: Candidate) -> list[Candidate]:
@@ -297,8 +310,8 @@ def clock(unix_s: float) -> str:
 
 def when(candidate: Candidate) -> str:
     """ " at …" for a candidate with an instant, nothing for others."""
-    instants = [value for name, value, _ in candidate.setting if name == "instant"]
-    return f" at {clock(instants[0])}" if instants else ""
+    instant = candidate.instant_unix_s
+    return "" if instant is None else f" at {clock(instant)}"
 
 
 def seconds_of_arc(angle_rad: float) -> str:

@@ -1,9 +1,11 @@
 """A joint's index is lost: its angle steps at a moment and stays so."""
 
 from collections.abc import Iterator
+from functools import partial
 
 from armd.arrays import F64
 from armd.compensation.effects import location
+from armd.compensation.effects.courses import steps
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     Candidate,
@@ -17,27 +19,14 @@ from armd.compensation.effects.effect import (
 from armd.compensation.model.slow_factors import After
 
 
-def _at(facts: SessionFacts, joint: int, instant: float, finest: bool) -> Candidate:
-    terms = tie([(f"theta_{joint}", 1.0)], After(instant_unix_s=instant))
-    column = Column("step", "rad", 15 * ARC_SECOND, terms)
-
-    def refine() -> list[Candidate]:
-        return [_at(facts, joint, t, True) for t in facts.nearby_instants(instant)]
-
-    return Candidate(
-        "encoder_slip",
-        location.joint(joint),
-        (column,),
-        ("time_s",),
-        (("instant", instant, "s (Unix)"),),
-        None if finest else refine,
-    )
+def columns(joint: int, *basis: After) -> tuple[Column]:
+    """A step of a joint's angle, from an instant on or all along."""
+    return (Column("step", "rad", 15 * ARC_SECOND, tie([(f"theta_{joint}", 1.0)], *basis)),)
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for k in facts.joints:
-        for instant in facts.instants_unix_s:
-            yield _at(facts, k, instant, False)
+        yield from steps(facts, "encoder_slip", location.joint(k), partial(columns, k))
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

@@ -2,10 +2,11 @@
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.courses import Function, drifts, goes, is_drift, swing
+from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     Candidate,
@@ -32,30 +33,19 @@ TYPICAL = {
 PARALLEL = 0.5
 
 
-def _at(facts: SessionFacts, joint: int, name: str, instant: float, finest: bool) -> Candidate:
-    unit = "mm" if name in ("d", "a") else "rad"
-    terms = tie([(f"{name}_{joint}", 1.0)], After(instant_unix_s=instant))
+def _unit(name: str) -> str:
+    return "mm" if name in ("d", "a") else "rad"
 
-    def refine() -> list[Candidate]:
-        return [_at(facts, joint, name, t, True) for t in facts.nearby_instants(instant)]
 
-    return Candidate(
-        "geometry_shift",
-        location.joint(joint),
-        (Column(name, unit, TYPICAL[name], terms),),
-        ("time_s",),
-        (("instant", instant, "s (Unix)"),),
-        None if finest else refine,
-    )
+def _shifted(joint: int, name: str, *basis: After) -> tuple[Column]:
+    return (Column(name, _unit(name), TYPICAL[name], tie([(f"{name}_{joint}", 1.0)], *basis)),)
 
 
 def _drifting(facts: SessionFacts, joint: int, name: str) -> Iterator[Candidate]:
-    unit = "mm" if name in ("d", "a") else "rad"
-
     def columns(function: Function) -> list[Column]:
         terms = function.terms([(f"{name}_{joint}", 1.0)])
         typical = TYPICAL[name] / function.largest
-        return [Column(f"{name} {function.name}", unit + function.per, typical, terms)]
+        return [Column(f"{name} {function.name}", _unit(name) + function.per, typical, terms)]
 
     return drifts(facts, "geometry_shift", location.joint(joint), columns)
 
@@ -79,16 +69,14 @@ def _growing(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     # Every constant of the last joint only moves the tip in its frame: that is tip_offset.
     for k in facts.joints[:-1]:
-        for name, typical in TYPICAL.items():
+        for name in TYPICAL:
             if name == "beta" and abs(math.sin(facts.constant(k, "alpha"))) > PARALLEL:
                 continue
             if facts.held:
-                unit = "mm" if name in ("d", "a") else "rad"
-                column = Column(name, unit, typical, tie([(f"{name}_{k}", 1.0)]))
-                yield Candidate("geometry_shift", location.joint(k), (column,), ())
+                yield Candidate("geometry_shift", location.joint(k), _shifted(k, name), ())
             if name != "theta":  # a step of the angle is the encoder's: encoder_slip
-                for instant in facts.instants_unix_s:
-                    yield _at(facts, k, name, instant, False)
+                shifted = partial(_shifted, k, name)
+                yield from steps(facts, "geometry_shift", location.joint(k), shifted)
             yield from _drifting(facts, k, name)
         yield from _growing(facts, k)
 

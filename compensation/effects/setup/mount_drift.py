@@ -6,7 +6,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.courses import Function, drifts, goes, is_drift, swing
+from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
 from armd.compensation.effects.effect import (
     ARC_SECOND,
     Candidate,
@@ -26,24 +26,10 @@ TYPICAL_MM, TYPICAL_RAD = 20e-3, 15 * ARC_SECOND
 TURNS = ("base_rx", "base_ry", "base_rz")
 
 
-def _columns(basis: After | Time, per: str) -> tuple[Column, ...]:
+def _columns(basis: After | Time, per: str = "") -> tuple[Column, ...]:
     shifts = [Column(n, "mm" + per, 5e-3, tie([(n, 1.0)], basis)) for n in SHIFTS]
     turns = [Column(n, "rad" + per, 4 * ARC_SECOND, tie([(n, 1.0)], basis)) for n in TURNS]
     return (*shifts, *turns)
-
-
-def _at(facts: SessionFacts, instant: float, finest: bool) -> Candidate:
-    def refine() -> list[Candidate]:
-        return [_at(facts, t, True) for t in facts.nearby_instants(instant)]
-
-    return Candidate(
-        "mount_drift",
-        location.BASE,
-        _columns(After(instant_unix_s=instant), ""),
-        ("time_s",),
-        (("instant", instant, "s (Unix)"),),
-        None if finest else refine,
-    )
 
 
 def steady_drift(facts: SessionFacts) -> Candidate:
@@ -67,8 +53,7 @@ def _along(function: Function) -> list[Column]:
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.timed:
         yield from drifts(facts, "mount_drift", location.BASE, _along)
-    for instant in facts.instants_unix_s:
-        yield _at(facts, instant, False)
+    yield from steps(facts, "mount_drift", location.BASE, _columns)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:

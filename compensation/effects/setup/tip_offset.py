@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.courses import Function, drifts, goes, is_drift, swing
+from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
 from armd.compensation.effects.effect import (
     Candidate,
     Column,
@@ -34,20 +34,6 @@ def _columns(*basis: After, across: float = 1.0) -> tuple[Column, ...]:
     )
 
 
-def _at(facts: SessionFacts, instant: float, finest: bool) -> Candidate:
-    def refine() -> list[Candidate]:
-        return [_at(facts, t, True) for t in facts.nearby_instants(instant)]
-
-    return Candidate(
-        "tip_offset",
-        location.TIP,
-        _columns(After(instant_unix_s=instant)),
-        ("time_s",),
-        (("instant", instant, "s (Unix)"),),
-        None if finest else refine,
-    )
-
-
 def _along(function: Function) -> list[Column]:
     typical = TYPICAL_MM / function.largest
     return [
@@ -65,8 +51,7 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.held:
         yield Candidate("tip_offset", location.TIP, _columns(), ())
         yield Candidate("tip_offset", location.TIP, _columns(across=ASKEW), ())
-    for instant in facts.instants_unix_s:
-        yield _at(facts, instant, False)
+    yield from steps(facts, "tip_offset", location.TIP, _columns)
     yield from drifts(facts, "tip_offset", location.TIP, _along)
 
 
