@@ -111,10 +111,9 @@ def _diagnose(
     if holdout:  # in which no reading was named: none is left out
         progress("held out", 0.95)
         groups = groups_of(evaluate(holdout, arm, baseline.calibration).observations)
-        written = by_session(result, baseline, arm, sessions, holdout, groups)
+        written = by_session(result, arm, sessions, holdout, groups)
         squares = [
-            on_sessions(step, baseline, arm, sessions, holdout, written.growth)
-            for step in result.steps()
+            on_sessions(step, arm, sessions, holdout, written.growth) for step in result.steps()
         ]
         kept = np.ones(len(groups), dtype=bool)
         measured = gains(squares, groups, kept)
@@ -221,7 +220,7 @@ def _extension(
         )
     left_out = [c for i, c in enumerate(last.findings) if i not in some]
     model = followed(model, arm)
-    calibration = extended(last.baseline, model, arm, sessions, command, left_out, written.growth)
+    calibration = extended(model, arm, sessions, command, left_out, written.growth)
     return saying_what_is_open(calibration, last, some, arm, sessions)
 
 
@@ -275,12 +274,11 @@ def _rms_um(found: Evaluation) -> float:
 
 
 def _named(rests: I64, of: Rests, last: Fit) -> tuple[Outlier, ...]:
-    left = (last.raw_residual - last.fitted)[: 3 * of.n].reshape(-1, 3)
     lengths = [s.n for s in of.sessions]
     first = np.concatenate([[0], np.cumsum(lengths)])
     named = []
     for rest in rests:
-        error = 1e3 * float(np.linalg.norm(left[rest]))
+        error = 1e3 * float(np.linalg.norm(last.left_mm[rest]))
         for reading in np.flatnonzero(of.rest_of == rest):
             session = int(np.searchsorted(first, reading, side="right")) - 1
             row = int(of.sessions[session].row[reading - first[session]]) + 1

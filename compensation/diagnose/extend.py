@@ -12,11 +12,10 @@ from armd import __version__
 from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.fitting.curves import as_curve
+from armd.compensation.diagnose.fitting.neighbourhood import moved_model
 from armd.compensation.diagnose.fitting.nuisance import mount_term
 from armd.compensation.diagnose.problem.amplitudes import is_curve
-from armd.compensation.diagnose.problem.baseline import moved
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration, constants_of
@@ -29,7 +28,6 @@ GROWTH_KNOWN = 5.0
 
 
 def extended(
-    baseline: Baseline,
     last: Fit,
     arm: Arm,
     sessions: Sequence[Session],
@@ -44,20 +42,17 @@ def extended(
     A constant that shifted is a constant again; what is wrong with the artefact stands in
     `artefact`, which `evaluate` applies and `correct` does not.
     """
+    given = last.baseline.calibration
     if not last.findings:
         if not left_out:
-            return baseline.calibration
-        provenance = _provenance(baseline, last, sessions, command, left_out)
-        return baseline.calibration.model_copy(
-            update={"provenance": provenance, "content_sha256": ""}
-        )
-    own = -last.solution[last.layout.identified]
-    directions = baseline.root @ own if baseline.held else own
-    model = moved(last.model, baseline, directions)
+            return given
+        provenance = _provenance(last, sessions, command, left_out)
+        return given.model_copy(update={"provenance": provenance, "content_sha256": ""})
+    model = moved_model(last)
     constants = model.constants.copy()
     names = list(arm.layout.names)
     # Each row says how an identified quantity moves with the solution: for the covariance.
-    rows: list[tuple[str, F64]] = _own_rows(baseline, last, names)
+    rows: list[tuple[str, F64]] = _own_rows(last, names)
     terms = list(model.terms)
     for candidate, values, at in zip(
         last.findings, last.amplitudes, last.layout.findings, strict=True
@@ -97,15 +92,15 @@ def extended(
         terms.append(grown)
     matrix = np.array([row for _, row in rows]).reshape(len(rows), len(last.solution))
     covariance = matrix @ last.inverse @ matrix.T
-    return baseline.calibration.model_copy(
+    return given.model_copy(
         update={
             "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "constants": constants_of(constants, arm.n_joints),
             "terms": terms,
             "covariance_of": [name for name, _ in rows],
             "covariance": ((covariance + covariance.T) / 2).tolist(),
-            "artefact": _artefact(baseline, last, sessions),
-            "provenance": _provenance(baseline, last, sessions, command, left_out),
+            "artefact": _artefact(last, sessions),
+            "provenance": _provenance(last, sessions, command, left_out),
             "content_sha256": "",
         }
     )
@@ -129,7 +124,8 @@ def knows_growth(last: Fit, arm: Arm) -> bool:
     )
 
 
-def _own_rows(baseline: Baseline, last: Fit, names: list[str]) -> list[tuple[str, F64]]:
+def _own_rows(last: Fit, names: list[str]) -> list[tuple[str, F64]]:
+    baseline = last.baseline
     identified = [names[i] for i in baseline.parameters] + [f"term {i}" for i in baseline.terms]
     at = last.layout.identified
     rows = []
@@ -153,11 +149,9 @@ def _also_moves(
     rows.append((parameter, row))
 
 
-def _artefact(
-    baseline: Baseline, last: Fit, sessions: Sequence[Session]
-) -> ArtefactCorrection | None:
+def _artefact(last: Fit, sessions: Sequence[Session]) -> ArtefactCorrection | None:
     """The correction of the artefact: the one given, and what was found."""
-    before = baseline.model.artefact
+    before = last.baseline.model.artefact
     expansion, scale = before.expansion_per_k, before.scale
     offsets = {name: np.array(offset) for name, offset in before.target_offset_mm.items()}
     certified = {s.artefact.name: s.artefact.expansion_per_k for s in sessions}
@@ -180,7 +174,7 @@ def _artefact(
                 offset = offsets.setdefault(change.target, np.zeros(3))
                 offset[change.axis] += float(value)
     if not found:
-        return baseline.calibration.artefact
+        return last.baseline.calibration.artefact
     return ArtefactCorrection(
         artefacts=sorted(names),
         expansion_per_k=expansion,
@@ -192,13 +186,9 @@ def _artefact(
 
 
 def _provenance(
-    baseline: Baseline,
-    last: Fit,
-    sessions: Sequence[Session],
-    command: str,
-    left_out: Sequence[Candidate],
+    last: Fit, sessions: Sequence[Session], command: str, left_out: Sequence[Candidate]
 ) -> dict[str, Any]:
-    before = baseline.calibration.provenance
+    before = last.baseline.calibration.provenance
     diagnosis: dict[str, Any] = {
         "command": command,
         "version": __version__,

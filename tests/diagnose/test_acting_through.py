@@ -171,10 +171,10 @@ def test_offset_and_gradient_come_back_and_are_written_as_fitted(problem: Proble
     apart = fitted(own, [gradient, offset], turns=False)  # of the lengths alone
     assert last.noise.scale_mm < 0.5 * apart.noise.scale_mm
     other = measured(true, "another")
-    calibration = extended(own.baseline, last, ARM, [])
+    calibration = extended(last, ARM, [])
     rms_mm = np.sqrt((evaluate([other], ARM, calibration).residual_mm ** 2).mean())
     assert rms_mm < 1.2 * NOISE_MM
-    plain = extended(own.baseline, apart, ARM, [])
+    plain = extended(apart, ARM, [])
     assert np.sqrt((evaluate([other], ARM, plain).residual_mm ** 2).mean()) > 3 * NOISE_MM
 
 

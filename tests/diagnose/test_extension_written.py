@@ -93,7 +93,7 @@ def matrix(of: Calibration) -> np.ndarray:
 def test_amplitudes_become_terms_and_constants_with_the_covariance_of_all(held: bool) -> None:
     given = baseline(held)
     last = fitted(given, [DISC, SHIFT])
-    written = extended(given, last, ARM, [session()])
+    written = extended(last, ARM, [session()])
     (sine, cosine), (by,) = last.amplitudes
     assert [t.parameter for t in written.terms[1:]] == ["theta_2", "alpha_2"]
     assert [t.coefficient for t in written.terms[1:]] == pytest.approx([sine, 0.5 * cosine])
@@ -119,14 +119,14 @@ def test_amplitudes_become_terms_and_constants_with_the_covariance_of_all(held: 
 def test_the_artefacts_correction_adds_to_the_one_there_was() -> None:
     given = baseline(True)
     last = fitted(given, [BALL])
-    corrected = extended(given, last, ARM, [session()]).artefact
+    corrected = extended(last, ARM, [session()]).artefact
     (x, size, growth) = last.amplitudes[0]
     assert corrected is not None and corrected.artefacts == ["points"]
     assert corrected.target_offset_mm["B1"] == pytest.approx((x, 0.0, 0.0))
     assert corrected.scale == pytest.approx(1.0 + size)
     assert corrected.expansion_per_k == pytest.approx(1e-5 + growth)
-    again = from_calibration(extended(given, last, ARM, [session()]), ARM, held=True)
-    twice = extended(again, fitted(again, [BALL]), ARM, [session()]).artefact
+    again = from_calibration(extended(last, ARM, [session()]), ARM, held=True)
+    twice = extended(fitted(again, [BALL]), ARM, [session()]).artefact
     assert twice is not None
     assert twice.target_offset_mm["B1"] == pytest.approx((2 * x, 0.0, 0.0))
     assert twice.scale == pytest.approx((1.0 + size) ** 2)
@@ -136,8 +136,8 @@ def test_the_artefacts_correction_adds_to_the_one_there_was() -> None:
 def test_without_findings_the_calibration_stays_and_says_what_was_left_out() -> None:
     given = baseline(True)
     last = fitted(given, [])
-    assert extended(given, last, ARM, [session()]) is given.calibration
-    told = extended(given, last, ARM, [session()], left_out=[DISC])
+    assert extended(last, ARM, [session()]) is given.calibration
+    told = extended(last, ARM, [session()], left_out=[DISC])
     assert told.provenance["diagnosis"]["not_borne_out"] == ["encoder_eccentricity joint 2"]
     assert (told.constants, told.terms) == (given.calibration.constants, given.calibration.terms)
 

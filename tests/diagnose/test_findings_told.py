@@ -11,8 +11,8 @@ from armd.compensation.diagnose.diagnosis import Finding, Rival
 from armd.compensation.diagnose.fitting.curves import CURVE_POINTS, as_curve, orders_of
 from armd.compensation.diagnose.scoring.shape import OFF, is_shape, shape_candidate, shape_place
 from armd.compensation.diagnose.search.findings import _honest as honest
-from armd.compensation.diagnose.search.findings import _nearest as nearest
 from armd.compensation.diagnose.search.findings import likelier_rival
+from armd.compensation.diagnose.search.findings import nearest_step as nearest
 from armd.compensation.diagnose.told.advice import alike
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, joined

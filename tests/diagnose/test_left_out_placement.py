@@ -19,7 +19,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.estimate.linear.blocks import in_blocks
 from support import synthetic
-from support.small_fit import candidate, small_fit
+from support.small_fit import candidate, small_fit, whitened_by
 
 RESTS = 12
 PLACEMENTS, RESTS_OF_EACH = 3, 6
@@ -48,7 +48,7 @@ def test_the_pose_left_out_stays_and_all_else_is_the_least_norm_solution(
         rows[:half].T @ known.residual[:half]
     )
     monkeypatch.setattr(np.linalg, "eigh", None)  # what takes long, and is not needed
-    found = Refits(known, replace(known.noise, whitener=whitener)).with_some([])
+    found = Refits(whitened_by(known, whitener)).with_some([])
     np.testing.assert_allclose(found.solution, expected, atol=1e-10)
     assert not found.solution[6:12].any() and found.solution[:6].all()
     assert columns_told_of(found.problem).tolist() == [*range(6), 12, 13, 14]
@@ -100,8 +100,8 @@ def test_what_placements_share_is_solved_as_beside_their_poses(
     np.testing.assert_allclose(found.inverse, inverse[-last:, -last:], atol=1e-10)
     full = known.nuisance.columns.dense(shared) @ solution[-last:]
     np.testing.assert_allclose(found.fitted, full, atol=1e-10)
-    at_full = replace(known.noise, whitener=np.where(out[:, None, None], 0.0, known.noise.whitener))
-    beside_poses = Refits(known, at_full).with_some(some)
+    at_full = whitened_by(known, np.where(out[:, None, None], 0.0, known.noise.whitener))
+    beside_poses = Refits(at_full).with_some(some)
     for one, other in zip(found.amplitudes, beside_poses.amplitudes, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-10)
 
@@ -114,10 +114,10 @@ def test_with_other_findings_it_is_the_same_solution(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(refit, "finding_columns", lambda *_: columns)
     whitener = known.noise.whitener.copy()
     whitener[:RESTS_OF_EACH] = 0.0
-    noise, arm = replace(known.noise, whitener=whitener), synthetic.arm()
+    known, arm = whitened_by(known, whitener), synthetic.arm()
     alone = np.arange(known.layout.blocks.n - 3) < 12  # two of three poses; no findings
-    found = solve_shared_again(known, others, noise, arm, alone)
-    expected = solve_again(known, others, noise, arm)
+    found = solve_shared_again(known, others, arm, alone)
+    expected = solve_again(known, others, arm)
     np.testing.assert_allclose(found.solution, expected.solution[12:], atol=1e-10)
     for one, other in zip(found.covariances, expected.covariances, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-10)

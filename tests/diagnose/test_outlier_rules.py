@@ -22,8 +22,7 @@ def found_in(left: np.ndarray) -> tuple[list[int], float]:
     rests = SimpleNamespace(n=n, observations=SimpleNamespace(states=states))
     fit: Any = SimpleNamespace(
         linear=SimpleNamespace(rests=rests),
-        raw_residual=left.ravel(),
-        fitted=np.zeros(3 * n),
+        left_mm=left,
         noise=unit_noise(n),
     )
     found, p = find_outliers(fit)

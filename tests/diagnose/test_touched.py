@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.search.touched import (
     GRID,
     LEAST_RESTS,
@@ -20,14 +21,13 @@ from armd.compensation.diagnose.search.touched import (
     _at_the_instant,
     _distance,
     _grid,
-    _loss,
     _parted,
     _possible,
     borne_by_enough,
 )
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
-from armd.compensation.estimate.robust import WINSOR_AT
+from armd.compensation.estimate.robust import WINSOR_AT, huber_loss
 from support import synthetic
 from support.small_fit import candidate
 
@@ -92,7 +92,7 @@ def test_a_pose_beside_gross_errors_is_where_hubers_loss_is_least() -> None:
         return float((within * (size - 0.5 * within)).sum())
 
     best = minimize(loss, np.zeros(6), method="BFGS", options={"gtol": 1e-8})
-    assert _loss(pose, left) == pytest.approx(best.fun, rel=1e-4)
+    assert huber_loss(_distance(pose, left)) == pytest.approx(best.fun, rel=1e-4)
     expected = np.linalg.norm((left - pose @ best.x).reshape(-1, 3), axis=1)
     assert _distance(pose, left) == pytest.approx(expected, abs=0.02)
 
@@ -121,6 +121,7 @@ def test_a_placement_is_parted_at_its_row_and_nothing_else_is() -> None:
     of: Any = SimpleNamespace(
         observations=gathered, n=15, sessions=(first, second), rest_of=rest_of
     )
+    of.in_order = Rests.in_order.func(of)
     # In time: row 7, row 1, rows 3 and 5; a step after two of these rests.
     (same, parted), name, row, instant = _parted(of, 3, 2)
     assert same is first and name == "two"
@@ -151,6 +152,7 @@ def test_of_each_rival_the_step_nearest_to_the_instant_is_compared() -> None:
     signatures = SimpleNamespace(candidates=tuple(every))
     scored: Any = SimpleNamespace(scores=SimpleNamespace(signatures=signatures))
     of: Any = SimpleNamespace(observations=observations)
+    of.in_order = Rests.in_order.func(of)
     found = _at_the_instant(moved(0, 6), scored, of)  # between 50 and 60 s
     assert [(c.cause, str(c.location), c.setting[0][1]) for c in found] == [
         ("encoder_slip", "joint 1", 56.0),

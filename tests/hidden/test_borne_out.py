@@ -285,8 +285,8 @@ def test_some_of_the_findings_are_fitted_as_if_there_were_no_others(disturbed: A
     last = diagnose(planted(sessions, wave(4, 8.0, 2)), arm).search.last
     assert len(last.findings) == 2
     for some in ((), (0,), (1,), (0, 1)):
-        short = Refits(last, last.noise).with_some(some)
-        anew = solve_again(last, [last.findings[i] for i in some], last.noise, arm)
+        short = Refits(last).with_some(some)
+        anew = solve_again(last, [last.findings[i] for i in some], arm)
         assert short.fitted == pytest.approx(anew.fitted, abs=1e-7)
         for one, other in zip(short.amplitudes, anew.amplitudes, strict=True):
             assert one == pytest.approx(other, rel=1e-4)

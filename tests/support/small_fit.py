@@ -1,10 +1,12 @@
 """A fit of a linear problem made up by hand: columns, priors and noise as a test wants them."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from armd.arrays import F64
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import (
     DRIFT,
@@ -82,3 +84,8 @@ def small_fit(
         solution=solution,
         problem=problem,
     )
+
+
+def whitened_by(fit: Fit, whitener: F64) -> Fit:
+    """The fit with another whitener (n, 3, 3), zero for rests that are left out."""
+    return replace(fit, noise=replace(fit.noise, whitener=whitener))

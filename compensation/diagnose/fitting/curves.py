@@ -61,8 +61,7 @@ def as_written(current: Fit, out: Mask) -> Iterator[tuple[slice, I64, F64]]:
 
 def orders_of(candidate: Candidate) -> list[int]:
     """The orders of a curve's harmonics, ascending."""
-    factors = [factor for c in candidate.columns for term in c.terms for factor in term.basis]
-    return sorted({factor.order for factor in factors if isinstance(factor, Harmonic)})
+    return sorted({one.order for one in candidate.factors if isinstance(one, Harmonic)})
 
 
 def _wave(column: Column) -> tuple[int, str, F64]:

@@ -101,4 +101,4 @@ def _about_its_solution(last: Fit, arm: Arm) -> Fit:
     clipped = raw - (last.raw_residual - last.residual)
     problem, side = normal_equations(nuisance.columns, nuisance, layout, last.noise, clipped)
     moved_to = replace(last, linear=linear, residual=clipped, raw_residual=raw)
-    return solved(moved_to, last.findings, nuisance.columns, layout, problem, side, last.noise)
+    return solved(moved_to, last.findings, nuisance.columns, layout, problem, side)

@@ -13,7 +13,7 @@ from armd.arrays import F64, Mask
 from armd.compensation.diagnose.problem.amplitudes import is_sized, most_plausible
 from armd.compensation.diagnose.problem.baseline import moved, with_findings
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.linear import Linear, ModelState
+from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate, plain
@@ -113,22 +113,22 @@ def _length_lost(fit: Fit, before: Fit, arm: Arm) -> str:
 def _lengths(fit: Fit, arm: Arm) -> list[Length]:
     """The certified lengths as the readings have them under a fit: they lie between the means of
     readings that scatter, which is a part of their uncertainty as the certificate's is."""
-    linear = _linear(fit, arm)
+    linear = linearise(fit.linear.rests, _solved(fit), arm)
     n = linear.rests.n
     residual = linear.residual[: 3 * n].reshape(n, 3)
     return certified_lengths(linear.rests.observations, linear.poses, residual)
 
 
-def _linear(fit: Fit, arm: Arm) -> Linear:
-    return linearise(fit.linear.rests, _solved(fit), arm)
+def moved_model(fit: Fit) -> ModelState:
+    """The model at a fit's solution, findings not included."""
+    own = -fit.solution[fit.layout.identified]
+    directions = fit.baseline.root @ own if fit.baseline.held else own
+    return moved(fit.model, fit.baseline, directions)
 
 
 def _solved(fit: Fit) -> ModelState:
-    """The model at the fit's solution, findings included."""
-    own = -fit.solution[fit.layout.identified]
-    directions = fit.baseline.root @ own if fit.baseline.held else own
-    model = moved(fit.model, fit.baseline, directions)
-    return with_findings(model, fit.findings, fit.amplitudes)
+    """The same, findings included."""
+    return with_findings(moved_model(fit), fit.findings, fit.amplitudes)
 
 
 def _rows(fit: Fit, arm: Arm) -> F64:

@@ -216,8 +216,7 @@ def _squares(residual: F64, fitted: F64, noise: RestNoise) -> F64:
     """(n,) squared distance of each rest from *fitted*, in units of its noise."""
     n = len(noise.whitener)
     apart = (residual - fitted)[: 3 * n].reshape(n, 3)
-    white = np.einsum("nij,nj->ni", noise.whitener, apart)
-    square: F64 = (white**2).sum(axis=1)
+    square: F64 = (noise.whiten_rests(apart) ** 2).sum(axis=1)
     return square
 
 

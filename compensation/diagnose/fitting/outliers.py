@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from armd.arrays import I64
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.estimate.regions import in_region
@@ -13,8 +11,6 @@ from armd.compensation.estimate.robust import OUTLIER_D2, far_off, outlying
 def find_outliers(current: Fit) -> tuple[I64, float]:
     """Rests gone wrong, and the smallest family-wise p."""
     rests = current.linear.rests
-    left = (current.raw_residual - current.fitted)[: 3 * rests.n].reshape(-1, 3)
-    white = np.einsum("nij,nj->ni", current.noise.whitener, left)
-    square = (white**2).sum(axis=1)
+    square = (current.noise.whiten_rests(current.left_mm) ** 2).sum(axis=1)
     region = in_region(far_off(square, OUTLIER_D2), rests.observations.states.q)
     return outlying(square, region)

@@ -24,20 +24,17 @@ from armd.compensation.diagnose.problem.layout import (
     with_some_findings,
 )
 from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
+from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear.blocks import Blocks
 from armd.compensation.estimate.linear.linear_model import LinearModel
 from armd.compensation.model.arm import Arm
 
 
-def solve_again(known: Fit, findings: Sequence[Candidate], noise: RestNoise, arm: Arm) -> Fit:
-    """The linear problem of a fit with other findings and another whitener; nothing else moves."""
+def solve_again(known: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
+    """The linear problem of a fit with other findings, in its noise; nothing else moves."""
     whole = with_findings_unsolved(known, findings, arm)
-    problem, side = normal_equations(
-        whole.nuisance.columns, whole.nuisance, whole.layout, noise, whole.residual
-    )
-    return _sized_and_solved(whole, problem, side, noise)
+    return _sized_and_solved(whole, *_equations(whole))
 
 
 def with_findings_unsolved(known: Fit, findings: Sequence[Candidate], arm: Arm) -> Fit:
@@ -56,16 +53,12 @@ def with_findings_unsolved(known: Fit, findings: Sequence[Candidate], arm: Arm) 
 
 
 class Refits:
-    """One fit's linear problem with some of its findings only, for one whitener: the rows are
-    summed once, or were, to *equations*."""
+    """One fit's linear problem with some of its findings only: the rows are summed once, or were,
+    to *equations*."""
 
-    def __init__(
-        self, known: Fit, noise: RestNoise, equations: tuple[LinearModel, F64] | None = None
-    ) -> None:
-        self._known, self._noise = known, noise
-        self._problem, self._side = equations or normal_equations(
-            known.nuisance.columns, known.nuisance, known.layout, noise, known.residual
-        )
+    def __init__(self, known: Fit, equations: tuple[LinearModel, F64] | None = None) -> None:
+        self._known = known
+        self._problem, self._side = equations or _equations(known)
 
     def with_some(self, some: Sequence[int]) -> Fit:
         """The fit with *some* of the findings, by number."""
@@ -75,7 +68,14 @@ class Refits:
         problem, side = replace(self._problem.only(kept), layout=layout.blocks), self._side[kept]
         problem, _ = sized(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
         columns = known.nuisance.columns.only(kept)
-        return solved(known, findings, columns, layout, problem, side, self._noise)
+        return solved(known, findings, columns, layout, problem, side)
+
+
+def _equations(known: Fit) -> tuple[LinearModel, F64]:
+    """The linear problem of all of a fit's columns, and its right side."""
+    return normal_equations(
+        known.nuisance.columns, known.nuisance, known.layout, known.noise, known.residual
+    )
 
 
 def refits_without(known: Fit, left_out: Sequence[Mask]) -> list[Refits]:
@@ -91,16 +91,15 @@ def refits_without(known: Fit, left_out: Sequence[Mask]) -> list[Refits]:
     alone = free & known.nuisance.columns.in_one_piece
     shared = _of_shared(known, alone)
     refits = []
-    equations = _shared_equations(known, shared, alone, known.noise, left_out)
+    equations = _shared_equations(known, shared, alone, left_out)
     for out, without in zip(left_out, equations, strict=True):
         whitener = np.where(out[:, None, None], 0.0, known.noise.whitener)
-        refits.append(Refits(shared, replace(known.noise, whitener=whitener), without))
+        noise = replace(known.noise, whitener=whitener)
+        refits.append(Refits(replace(shared, noise=noise), without))
     return refits
 
 
-def solve_shared_again(
-    known: Fit, findings: Sequence[Candidate], noise: RestNoise, arm: Arm, alone: Mask
-) -> Fit:
+def solve_shared_again(known: Fit, findings: Sequence[Candidate], arm: Arm, alone: Mask) -> Fit:
     """As `solve_again`, with columns for what placements share only, as `refits_without` has them.
 
     *alone*: which columns are fitted along, of those that there are without findings.
@@ -109,9 +108,9 @@ def solve_shared_again(
     first, stop = whole.layout.identified.stop, whole.layout.mount.start
     alone = np.concatenate([alone[:first], np.zeros(stop - first, dtype=bool), alone[first:]])
     shared = _of_shared(whole, alone)
-    nothing = np.zeros(len(noise.whitener), dtype=bool)
-    ((problem, side),) = _shared_equations(whole, shared, alone, noise, [nothing])
-    return _sized_and_solved(shared, problem, side, noise)
+    nothing = np.zeros(len(known.noise.whitener), dtype=bool)
+    ((problem, side),) = _shared_equations(whole, shared, alone, [nothing])
+    return _sized_and_solved(shared, problem, side)
 
 
 def _of_shared(known: Fit, alone: Mask) -> Fit:
@@ -125,10 +124,11 @@ def _of_shared(known: Fit, alone: Mask) -> Fit:
 
 
 def _shared_equations(
-    known: Fit, shared: Fit, alone: Mask, noise: RestNoise, left_out: Sequence[Mask]
+    known: Fit, shared: Fit, alone: Mask, left_out: Sequence[Mask]
 ) -> list[tuple[LinearModel, F64]]:
     """Linear problem and right side of the columns *shared*, the known fit's others *alone* being
     fitted along, without the rests of each of *left_out*."""
+    noise = known.noise
     found = known.nuisance.columns.products_clear_of(
         alone, known.nuisance.variance, noise.whitener, noise.distance_mm, known.residual, left_out
     )
@@ -147,11 +147,11 @@ def _shared_equations(
     ]
 
 
-def _sized_and_solved(whole: Fit, problem: LinearModel, side: F64, noise: RestNoise) -> Fit:
+def _sized_and_solved(whole: Fit, problem: LinearModel, side: F64) -> Fit:
     """A fit with all columns and findings, solved, the curves among these as large as they are."""
     findings, layout = whole.findings, whole.layout
     problem, _ = sized(problem, side, layout, findings, [CURVE_SCALE] * len(findings))
-    return solved(whole, findings, whole.nuisance.columns, layout, problem, side, noise)
+    return solved(whole, findings, whole.nuisance.columns, layout, problem, side)
 
 
 def solved(
@@ -161,7 +161,6 @@ def solved(
     layout: FitLayout,
     problem: LinearModel,
     side: F64,
-    noise: RestNoise,
 ) -> Fit:
     """A fit about the same point, solved anew with other nuisance columns (N, b)."""
     told = columns_told_of(problem)
@@ -173,7 +172,6 @@ def solved(
         findings=tuple(findings),
         amplitudes=tuple(-solution[at] for at in layout.findings),
         covariances=tuple(some.covariance_of(some.layout[name]) for name in names),
-        noise=noise,
         nuisance=Nuisance(columns, problem.variance),
         layout=layout,
         fitted=columns.times(solution),

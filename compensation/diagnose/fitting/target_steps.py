@@ -36,7 +36,7 @@ class TargetStep:
 def target_steps(last: Fit) -> list[TargetStep]:
     """One entry per placement and target."""
     observations = last.linear.rests.observations
-    left = 1e3 * (last.raw_residual - last.fitted)[: 3 * observations.n].reshape(-1, 3)
+    left = 1e3 * last.left_mm
     pairs = np.stack([observations.placement, observations.target], axis=1)
     found = []
     named, of = np.unique(pairs, axis=0, return_inverse=True)

@@ -23,12 +23,12 @@ from armd.compensation.diagnose.diagnosis import Finding, Gain, JudgedBy, Search
 from armd.compensation.diagnose.extend import extended, knows_growth
 from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
-from armd.compensation.diagnose.fitting.refit import Refits, refits_without
+from armd.compensation.diagnose.fitting.refit import Refits
 from armd.compensation.diagnose.heldout.forward import later_squares
-from armd.compensation.diagnose.heldout.gain import groups_of, left_out
+from armd.compensation.diagnose.heldout.gain import groups_of
 from armd.compensation.diagnose.heldout.judge import Deaf, Judge, Look
+from armd.compensation.diagnose.heldout.sets import left_out_in_turn
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
 from armd.compensation.effects.courses import is_drift
@@ -165,7 +165,7 @@ def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> Bo
     observations = last.linear.rests.observations
     groups = groups_of(observations)
     looks = [
-        Look(_left_out_in_turn(last, arm, folds), groups)
+        Look(left_out_in_turn(last, arm, folds), groups)
         for folds in (folds_of(last.linear.rests), _by_target(observations))
     ]
     able = [
@@ -191,7 +191,7 @@ def stands_alone(found: Finding, step: Gain) -> bool:
 def _deaf_by_placement(last: Fit) -> Deaf:
     """Whether placements left out cannot tell of a finding: beside the findings that it is judged
     with. Another that is not among them may take up what most placements show of it."""
-    refits = Refits(last, last.noise)
+    refits = Refits(last)
 
     @cache
     def deaf(finding: int, some: tuple[int, ...]) -> bool:
@@ -202,22 +202,9 @@ def _deaf_by_placement(last: Fit) -> Deaf:
 
 def _in_one_fold(last: Fit, moves: F64) -> bool:
     """Whether nearly all of what *moves* (n, 3) the tip does so in placements left out together."""
-    white = np.einsum("nij,nj->ni", last.noise.whitener, moves)
+    white = last.noise.whiten_rests(moves)
     told = np.bincount(folds_of(last.linear.rests), (white**2).sum(axis=1))
     return bool(told.max() > IN_ONE * max(float(told.sum()), 1e-300))
-
-
-def _left_out_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int], bool], F64]:
-    outs = [folds == part for part in np.unique(folds)]
-    refits = refits_without(last, outs)
-
-    def squares(some: Sequence[int], growth: bool) -> F64:
-        found = np.zeros(len(folds))
-        for out, refit in zip(outs, refits, strict=True):
-            found[out] = left_out(refit.with_some(some), out, arm, growth)
-        return found
-
-    return squares
 
 
 def _by_target(observations: Observations) -> I64:
@@ -229,7 +216,6 @@ def _by_target(observations: Observations) -> I64:
 
 def by_session(
     result: SearchResult,
-    baseline: Baseline,
     arm: Arm,
     sessions: Sequence[Session],
     holdout: Sequence[Session],
@@ -237,10 +223,10 @@ def by_session(
 ) -> BorneOut:
     """By sessions that had no part in anything; *groups*: what their readings are resampled by."""
     last = result.last
-    refit = Refits(last, last.noise)
+    refit = Refits(last)
 
     def squares(some: Sequence[int], growth: bool) -> F64:
-        return on_sessions(refit.with_some(some), baseline, arm, sessions, holdout, growth)
+        return on_sessions(refit.with_some(some), arm, sessions, holdout, growth)
 
     look = Look(squares, groups)
     able = [not found.candidate.told_only for found in result.found]
@@ -249,16 +235,15 @@ def by_session(
 
 def on_sessions(
     step: Fit,
-    baseline: Baseline,
     arm: Arm,
     sessions: Sequence[Session],
     holdout: Sequence[Session],
     growth: bool,
 ) -> F64:
     """Squared residuals (n,) mm² of the *holdout*'s readings under the model written of *step*."""
-    model = baseline.calibration
+    model = step.baseline.calibration
     if step.findings:
-        model = extended(baseline, followed(step, arm), arm, sessions, growth=growth)
+        model = extended(followed(step, arm), arm, sessions, growth=growth)
     residual = evaluate(holdout, arm, model).residual_mm
     square: F64 = (residual**2).sum(axis=1) * scale_kept(step, arm) ** 2
     return square

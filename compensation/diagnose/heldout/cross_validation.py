@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,7 +70,7 @@ def _without(
 ) -> list[F64]:
     """Squared residuals mm² of one part's rests, without findings, as in the *current* fit, and
     after each that the search on the others makes."""
-    last, noise, out = result.last, current.noise, folds == part
+    last, out = replace(result.last, noise=current.noise), folds == part
     squares = [left_out(current, out, arm)]
     if parted is None:  # nothing was found
         return squares
@@ -80,7 +80,7 @@ def _without(
         if found is None:  # nothing is gained by what the search on all readings found further
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break
-        tried = solve_shared_again(last, joined(current.findings, found), noise, arm, parted.alone)
+        tried = solve_shared_again(last, joined(current.findings, found), arm, parted.alone)
         if not (stays_near(tried, arm) and all(map(possible, tried.findings, tried.amplitudes))):
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break

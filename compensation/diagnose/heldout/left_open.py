@@ -34,7 +34,7 @@ def saying_what_is_open(
     others = [i for i in range(len(last.findings)) if i not in some]
     if not others:
         return written
-    refits = Refits(last, last.noise)
+    refits = Refits(last)
     names = [
         name for name in written.covariance_of if name in last.baseline.calibration.covariance_of
     ]
@@ -43,7 +43,7 @@ def saying_what_is_open(
     if not some:  # nothing new is known of what was open before
         ways += written.provenance["diagnosis"].get("earlier", {}).get(LEFT_OPEN, [])
     for i in others:
-        with_it = extended(last.baseline, refits.with_some([*some, i]), arm, sessions)
+        with_it = extended(refits.with_some([*some, i]), arm, sessions)
         moves: F64 = identified(with_it, names) - now
         finding = last.findings[i]
         ways.append(

@@ -1,8 +1,9 @@
-"""Whether one set of causes predicts readings held out better than another, about one point."""
+"""What is predicted of readings left out in turn, and whether by one set of causes better than by
+another, about one point."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -13,6 +14,21 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
+
+
+def left_out_in_turn(last: Fit, arm: Arm, folds: I64) -> Callable[[Sequence[int], bool], F64]:
+    """Squared residuals (n,) mm² of each of the *folds* (n,) under a model of the others, by the
+    findings in it and whether the first link grows."""
+    outs = [folds == part for part in np.unique(folds)]
+    refits = refits_without(last, outs)
+
+    def squares(some: Sequence[int], growth: bool) -> F64:
+        found = np.zeros(len(folds))
+        for out, refit in zip(outs, refits, strict=True):
+            found[out] = left_out(refit.with_some(some), out, arm, growth)
+        return found
+
+    return squares
 
 
 def better_by(
@@ -36,10 +52,6 @@ def in_standard_errors(before: F64, after: F64, groups: I64) -> float:
 
 def _squares(about: Fit, findings: Sequence[Candidate], arm: Arm) -> F64:
     """Squared residuals (n,) mm² of rests, the amplitudes of placements other than theirs."""
-    folds = folds_of(about.linear.rests)
-    known = solve_again(about, findings, about.noise, arm)
-    squares = np.zeros(len(folds))
-    outs = [folds == part for part in np.unique(folds)]
-    for out, refits in zip(outs, refits_without(known, outs), strict=True):
-        squares[out] = left_out(refits.with_some(range(len(findings))), out, arm)
-    return squares
+    known = solve_again(about, findings, arm)
+    squares = left_out_in_turn(known, arm, folds_of(about.linear.rests))
+    return squares(range(len(findings)), False)

@@ -12,7 +12,6 @@ from armd.compensation.diagnose.problem.linear import Baseline, ModelState
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
-from armd.compensation.model.terms import Term
 
 #: In a calibration's provenance, how findings that are not in it would move what was identified.
 LEFT_OPEN = "left_open"
@@ -79,11 +78,6 @@ def moved(model: ModelState, baseline: Baseline, step: F64) -> ModelState:
     return ModelState(constants, tuple(terms), model.reference_c, model.artefact)
 
 
-def scaled(terms: tuple[Term, ...], amplitude: float) -> list[Term]:
-    """A column's tie of terms at an amplitude."""
-    return [term.model_copy(update={"coefficient": term.coefficient * amplitude}) for term in terms]
-
-
 def with_findings(
     model: ModelState, findings: Sequence[Candidate], amplitudes: Sequence[F64]
 ) -> ModelState:
@@ -92,6 +86,6 @@ def with_findings(
         term
         for candidate, values in zip(findings, amplitudes, strict=True)
         for column, value in zip(candidate.columns, values, strict=True)
-        for term in scaled(column.terms, float(value))
+        for term in column.at(float(value))
     ]
     return replace(model, terms=(*model.terms, *terms))

@@ -40,6 +40,12 @@ class Fit:
         """(b, b) covariance of the solution."""
         return self.problem.covariance
 
+    @property
+    def left_mm(self) -> F64:
+        """(n, 3) what is left of each rest as it was measured."""
+        n = self.linear.rests.n
+        return (self.raw_residual - self.fitted)[: 3 * n].reshape(n, 3)
+
     def across(self, columns: F64) -> F64:
         """Products (b, …) of the nuisance columns with others (N, …), both whitened."""
         return self._white.across(self.noise.whiten(columns))

@@ -38,6 +38,17 @@ class Rests:
     def n(self) -> int:
         return self.observations.n
 
+    @cached_property
+    def in_order(self) -> dict[int, I64]:
+        """Of each placement its rests, in the order of time; of the rows without times."""
+        observations = self.observations
+        found = {}
+        for number in np.unique(observations.placement):
+            own = np.flatnonzero(observations.placement == number)
+            order = np.argsort(observations.states.time_s[own], kind="stable")
+            found[int(number)] = own[order]
+        return found
+
 
 @dataclass(frozen=True)
 class ModelState:
@@ -80,7 +91,7 @@ class Linear:
             column[3 * self.rests.n + change.index] = -1.0
             return column
         if change.kind == "moved":
-            later = self._in_order[change.index][change.after :]
+            later = self.rests.in_order[change.index][change.after :]
             moves = self._motions(change.index)[change.axis, change.after :]
             column[3 * later[:, None] + np.arange(3)] = -moves
             return column
@@ -126,12 +137,12 @@ class Linear:
         full = np.reshape(columns, (len(whole), len(self.residual))).T
         distances = np.zeros((len(self.residual) - 3 * n, len(changes)))
         distances[:, whole] = full[3 * n :]
-        moved: dict[int, list[int]] = {number: [] for number in self._in_order}
+        moved: dict[int, list[int]] = {number: [] for number in self.rests.in_order}
         for j, change in enumerate(changes):
             if change.kind == "moved":
                 moved[change.index].append(j)
         pieces = []
-        for number, own in self._in_order.items():
+        for number, own in self.rests.in_order.items():
             rests = np.sort(own)
             values = full[: 3 * n].reshape(n, 3, len(whole))[rests]
             here = values.any(axis=(0, 1))
@@ -162,20 +173,9 @@ class Linear:
     def _motions(self, placement: int) -> F64:
         """(6, k, 3) how the targets of one placement's rests, in the order of time, move with it:
         along each axis, and about each."""
-        points = self._placed_mm[self._in_order[placement]]
+        points = self._placed_mm[self.rests.in_order[placement]]
         along = np.broadcast_to(np.eye(3)[:, None], (3, *points.shape))
         return np.concatenate([along, np.cross(along, points - points.mean(axis=0))])
-
-    @cached_property
-    def _in_order(self) -> dict[int, I64]:
-        """Of each placement its rests, in the order of time."""
-        observations = self.rests.observations
-        found = {}
-        for number in np.unique(observations.placement):
-            own = np.flatnonzero(observations.placement == number)
-            order = np.argsort(observations.states.time_s[own], kind="stable")
-            found[int(number)] = own[order]
-        return found
 
 
 @dataclass(frozen=True)

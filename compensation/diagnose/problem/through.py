@@ -65,8 +65,7 @@ def _goes_with_temperature(candidate: Candidate) -> bool:
     """Of causes that have a name, and do not act through others themselves."""
     if candidate.cause == "unknown" or catalogue.CATALOGUE[candidate.cause].through_terms:
         return False
-    terms = (term for column in candidate.columns for term in column.terms)
-    return any(isinstance(factor, Temperature) for term in terms for factor in term.basis)
+    return any(isinstance(factor, Temperature) for factor in candidate.factors)
 
 
 def _hardly_changed(before: Acting, now: Acting) -> bool:

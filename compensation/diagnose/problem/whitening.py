@@ -46,6 +46,11 @@ class RestNoise:
         white: F64 = self.whitener @ moves
         return white
 
+    def whiten_rests(self, moves: F64) -> F64:
+        """Of each rest (n, 3) in units of its own noise."""
+        white: F64 = np.einsum("nij,nj->ni", self.whitener, moves)
+        return white
+
     def whiten(self, columns: F64) -> F64:
         """Rows (N,) or (N, m) in units of their own noise."""
         n = len(self.whitener)

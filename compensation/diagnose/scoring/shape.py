@@ -16,7 +16,6 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.amplitudes import is_sized
-from armd.compensation.diagnose.problem.baseline import scaled
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.scoring.unevenness import may_be_uneven, uneven
@@ -92,7 +91,7 @@ def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Can
     own = [
         term
         for column, value in zip(candidate.columns, amplitudes, strict=True)
-        for term in scaled(column.terms, np.sqrt(2.0) * float(value))
+        for term in column.at(np.sqrt(2.0) * float(value))
     ]
     waves = [
         Harmonic(kind=kind, joint=joint, order=order)

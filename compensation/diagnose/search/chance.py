@@ -34,9 +34,7 @@ def beside_lasting_noise(
         others = [
             c for c in fit.findings if c is not candidate and c.location != shape_place(candidate)
         ]
-        without = make_projection(
-            solve_again(fit, others, fit.noise, projection.arm), projection.arm
-        )
+        without = make_projection(solve_again(fit, others, projection.arm), projection.arm)
         p = float(family_wise(log_p_by_scatter(candidate, without), tests))
         told.append(replace(finding, probability=finding.probability * surest(p)))
     return tuple(told)

@@ -112,9 +112,9 @@ def variables_of(unknown: Candidate) -> set[str]:
 def _checks(last: Fit, index: int) -> tuple[PartCheck, ...]:
     n = last.linear.rests.n
     moves = last.net_signature(index)
-    signature = np.einsum("nij,nj->ni", last.noise.whitener, moves)
+    signature = last.noise.whiten_rests(moves)
     left = (last.residual - last.fitted)[: 3 * n].reshape(n, 3)
-    white = np.einsum("nij,nj->ni", last.noise.whitener, left)
+    white = last.noise.whiten_rests(left)
     shown = (signature**2).sum(axis=1)
     more = (signature * white).sum(axis=1)
     if not shown.sum() > 0.0:

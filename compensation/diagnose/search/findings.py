@@ -106,14 +106,14 @@ def _steps_at_its_instant(
     """Log posterior weights of places where something may step, at the refined instant of a finding
     that does: by the grid's instants alone a rival would seem improbable for being early."""
     candidate = scored.fit.findings[index]
-    when = _instant(candidate)
+    when = candidate.instant_unix_s
     if when is None:
         return {}
     grid: dict[tuple[str, ...], list[Candidate]] = {}
     for step in scores.signatures.candidates:
         if _is_grid_step(step) and step.place != candidate.place:
             grid.setdefault(kind(step), []).append(step)
-    steps = [_nearest(when, of_kind) for of_kind in grid.values()]
+    steps = [nearest_step(when, of_kind) for of_kind in grid.values()]
     if not steps:
         return {}
     evidence = score_candidates(scored.projection, steps).freed(index).log_evidence
@@ -129,23 +129,18 @@ def _steps_at_its_instant(
     return found
 
 
-def _instant(candidate: Candidate) -> float | None:
-    return {name: value for name, value, _ in candidate.setting}.get("instant")
-
-
 def _is_grid_step(candidate: Candidate) -> bool:
-    return candidate.refine is not None and _instant(candidate) is not None
+    return candidate.refine is not None and candidate.instant_unix_s is not None
 
 
-def _nearest(when: float, steps: Sequence[Candidate]) -> Candidate:
+def nearest_step(when: float, steps: Sequence[Candidate]) -> Candidate:
     """Of steps on the grid, the one nearest to an instant, refined to be nearer."""
 
     def apart(step: Candidate) -> float:
         return abs(step.setting[0][1] - when)
 
     nearest = min(steps, key=apart)
-    assert nearest.refine is not None
-    return min([nearest, *nearest.refine()], key=apart)
+    return min([nearest, *(nearest.refine() if nearest.refine else ())], key=apart)
 
 
 def _rivals(
@@ -192,11 +187,11 @@ def _at_the_instant_of(
     candidate: Candidate, of_place: Sequence[bool], best: Candidate, scores: Scores
 ) -> Candidate:
     """A rival step is compared at the finding's own, refined instant."""
-    when = _instant(candidate)
+    when = candidate.instant_unix_s
     if when is None or not _is_grid_step(best):
         return best
     steps = [c for c, own in zip(scores.signatures.candidates, of_place, strict=True) if own]
-    return _nearest(when, [c for c in steps if kind(c) == kind(best)])
+    return nearest_step(when, [c for c in steps if kind(c) == kind(best)])
 
 
 def likelier_rival(found: Finding) -> Candidate | None:

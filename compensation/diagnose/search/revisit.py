@@ -75,7 +75,7 @@ class Revisit:
         self._scored, self._arm, self._tests = scored, arm, tests
         self._choose = choose
         self._fit = scored.fit
-        self._first = parted.under(solve_again(self._fit, [], self._fit.noise, arm))
+        self._first = parted.under(solve_again(self._fit, [], arm))
 
     def others(self) -> list[RivalSet]:
         """Other sets of no more amplitudes, the likeliest first."""
@@ -131,7 +131,7 @@ class Revisit:
         return _log_weight(first.fit, findings, first.projection, first.scores)
 
     def _survey(self, findings: Sequence[Candidate]) -> ScoredCandidates:
-        fitted = solve_again(self._fit, findings, self._fit.noise, self._arm)
+        fitted = solve_again(self._fit, findings, self._arm)
         projection = self._first.projection.with_findings_of(fitted)
         return ScoredCandidates(projection, projection.sums_with(self._first.sums))
 
@@ -147,7 +147,7 @@ def log_weight(about: Fit, findings: Sequence[Candidate], arm: Arm, scores: Scor
     Straight, or with their shapes a little off; each cause's amplitudes at the likeliest of the
     scales.
     """
-    nothing = solve_again(about, [], about.noise, arm)
+    nothing = solve_again(about, [], arm)
     return _log_weight(nothing, findings, make_projection(nothing, arm), scores)
 
 
@@ -155,7 +155,7 @@ def _log_weight(
     nothing: Fit, findings: Sequence[Candidate], projection: Projection, scores: Scores
 ) -> float:
     """The same about a fit of no findings, by its projection."""
-    fitted = solve_again(nothing, findings, nothing.noise, projection.arm)
+    fitted = solve_again(nothing, findings, projection.arm)
     own = [n for at in fitted.layout.findings for n in range(at.start, at.stop)]
     shapes = with_shapes(fitted, projection.arm)
     columns = np.hstack([fitted.nuisance.columns.dense(np.array(own, dtype=int)), shapes.matrix])

@@ -271,7 +271,7 @@ class Search:
                 continue
             if places[best] > math.log(CLEARLY) + scored.log_posterior_of(i, others):
                 findings = with_their_causes([c for c in current.findings if c is not candidate])
-                without = solve_again(current, findings, current.noise, self.arm)
+                without = solve_again(current, findings, self.arm)
                 rival = choose(make_projection(without, self.arm), others, self._tests)
                 if rival is None or rival.place == candidate.place:
                     continue

@@ -173,9 +173,7 @@ def _likelier(
     for likelier in refused:
         about = clipped_about(likelier, projection).fit
         findings = joined(about.findings, likelier)
-        with_it = make_projection(
-            solve_again(about, findings, about.noise, projection.arm), projection.arm
-        )
+        with_it = make_projection(solve_again(about, findings, projection.arm), projection.arm)
         if not significant(score_candidates(with_it, [admitted]).scores.log_p[0], tests):
             return likelier
     return admitted

@@ -25,9 +25,10 @@ from armd.compensation.diagnose.scoring.evidence import ABSORBED, estimates
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
 from armd.compensation.diagnose.scoring.threshold import family_wise, significant
+from armd.compensation.diagnose.search.findings import nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
-from armd.compensation.estimate.robust import OUTLIER_D2, WINSOR_AT
+from armd.compensation.estimate.robust import OUTLIER_D2, huber_loss, huber_weights
 from armd.compensation.model.arm import Arm
 
 #: Rests before and after that tell where an artefact stood, and targets among them: of a single
@@ -50,7 +51,7 @@ def beside(last: Fit, signatures: Signatures, arm: Arm) -> ScoredCandidates | No
     others = [c for c in last.findings if c.cause != "mount_drift" or not _steps(c)]
     if len(others) == len(last.findings):
         return None
-    projection = make_projection(solve_again(last, others, last.noise, arm), arm)
+    projection = make_projection(solve_again(last, others, arm), arm)
     return score_candidates(projection, signatures)
 
 
@@ -58,7 +59,8 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
     """The clearest step of one placement, if no cause of the catalogue explains more."""
     projection = scored.projection
     rests = projection.fit.linear.rests
-    coarse = [moved(p, k) for p, own in _by_placement(rests) for k in _grid(_possible(rests, own))]
+    placements = rests.in_order.items()
+    coarse = [moved(p, k) for p, own in placements for k in _grid(_possible(rests, own))]
     if not coarse:
         return None
     own = score_candidates(projection, coarse).scores
@@ -107,18 +109,6 @@ def _clipped_about(candidate: Candidate, projection: Projection) -> Projection:
     return make_projection(clipped_about(candidate, projection).fit, projection.arm)
 
 
-def _by_placement(rests: Rests) -> list[tuple[int, I64]]:
-    """Each placement's number and its rests, in the order of time."""
-    placement = rests.observations.placement
-    return [(int(p), in_order(rests, int(p))) for p in np.unique(placement)]
-
-
-def in_order(rests: Rests, placement: int) -> I64:
-    """Rests of a placement in the order of time; of the rows without times."""
-    own = np.flatnonzero(rests.observations.placement == placement)
-    return own[np.argsort(rests.observations.states.time_s[own], kind="stable")]
-
-
 def _possible(rests: Rests, own: I64) -> I64:
     """After how many of the rests *own* (in order) a step can be told from the arm's.
 
@@ -152,7 +142,8 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
 
     def loss(k: int) -> float:
         cut = 3 * k
-        return _loss(pose[:cut], left[:cut]) + _loss(pose[cut:], left[cut:])
+        parts = ((pose[:cut], left[:cut]), (pose[cut:], left[cut:]))
+        return sum(huber_loss(_distance(*part)) for part in parts)
 
     possible = _possible(projection.fit.linear.rests, own)
     while True:  # a placement of thousands of rests is searched more and more finely
@@ -167,7 +158,7 @@ def _as_measured(number: int, projection: Projection) -> tuple[I64, F64, F64]:
     """Of a placement: its rests in order, the whitened columns of its pose (3 k, 6), and what is
     left of its readings (3 k,), whitened."""
     fit = projection.fit
-    own = in_order(fit.linear.rests, number)
+    own = fit.linear.rests.in_order[number]
     rows = (3 * own[:, None] + np.arange(3)).ravel()
     whitener = fit.noise.whitener[own]
     pose = finding_columns(fit.linear, [moved(number, 0)], projection.arm)[0][rows]
@@ -190,13 +181,6 @@ def borne_by_enough(pose: F64, left: F64, after: int) -> bool:
     return min(sound) >= LEAST_RESTS
 
 
-def _loss(columns: F64, left: F64) -> float:
-    """Huber's loss of whitened rests (3 k,) about the pose that fits them, gross errors aside."""
-    size = _distance(columns, left)
-    within = np.minimum(size, WINSOR_AT)
-    return float((within * (size - 0.5 * within)).sum())
-
-
 def _distance(columns: F64, left: F64) -> F64:
     """(k,) how far whitened rests (3 k,) are from the pose that fits them, gross errors aside."""
     weight = np.ones(len(left))
@@ -205,7 +189,7 @@ def _distance(columns: F64, left: F64) -> F64:
         root = np.sqrt(weight)
         solution = np.linalg.lstsq(columns * root[:, None], left * root, rcond=1e-9)[0]
         size = np.linalg.norm((left - columns @ solution).reshape(-1, 3), axis=1)
-        weight = np.repeat(WINSOR_AT / np.maximum(size, WINSOR_AT), 3)
+        weight = np.repeat(huber_weights(size), 3)
     return size
 
 
@@ -234,7 +218,7 @@ def _best_of_all(candidate: Candidate, scored: ScoredCandidates) -> bool:
 
 
 def _steps(candidate: Candidate) -> bool:
-    return any(name == "instant" for name, *_ in candidate.setting)
+    return candidate.instant_unix_s is not None
 
 
 def _at_the_instant(
@@ -242,21 +226,13 @@ def _at_the_instant(
 ) -> list[Candidate]:
     """What else may have stepped then: each place's step nearest to that instant."""
     change = _change(candidate)
-    time_s = rests.observations.states.time_s[in_order(rests, change.index)]
+    time_s = rests.observations.states.time_s[rests.in_order[change.index]]
     instant = float(time_s[change.after - 1 : change.after + 1].mean())
 
-    def apart(step: Candidate) -> float:
-        return abs({name: value for name, value, _ in step.setting}["instant"] - instant)
-
-    nearest: dict[tuple[str, ...], Candidate] = {}
+    grid: dict[tuple[str, ...], list[Candidate]] = {}
     for step in filter(_steps, scored.scores.signatures.candidates):
-        key = kind(step)
-        if key not in nearest or apart(step) < apart(nearest[key]):
-            nearest[key] = step
-    return [
-        _as_large_as_it_steps(min([step, *(step.refine() if step.refine else ())], key=apart))
-        for step in nearest.values()
-    ]
+        grid.setdefault(kind(step), []).append(step)
+    return [_as_large_as_it_steps(nearest_step(instant, of_kind)) for of_kind in grid.values()]
 
 
 def _as_large_as_it_steps(step: Candidate) -> Candidate:
@@ -270,7 +246,7 @@ def _parted(
     """The sessions with the placement parted; the session, the first row afterwards (from 1), and
     the instant."""
     observations = rests.observations
-    order = in_order(rests, placement)
+    order = rests.in_order[placement]
     later = np.zeros(rests.n + 1, dtype=bool)  # the last for readings that are in no rest
     later[order[after:]] = True
     number = int(observations.session[order[0]])
