@@ -1,4 +1,4 @@
-"""Where an arm's parts are: clear of the table and of its own column."""
+"""Poses that an arm may take: clear of the table and of its own column, and come to rest."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames, jacobian
+from armd.compensation.model.state import States
+
+RATE_RAD_S = 0.05  # of a joint that comes to rest
 
 
 def height_mm(q: F64, constants: F64, arm: Arm) -> F64:
@@ -17,6 +20,23 @@ def height_mm(q: F64, constants: F64, arm: Arm) -> F64:
     points = np.concatenate([origins - origins[:, :1], (tip - origins[:, 0])[:, None]], axis=1)
     height: F64 = (points @ up).min(axis=1)
     return height
+
+
+def coming_to_rest(
+    q: F64, rng: np.random.Generator, arm: Arm, celsius: float, time_s: float
+) -> States:
+    """Readings at angles (n, N), each joint coming to rest from either side, from any direction of
+    approach, all sensors at one temperature."""
+    n = len(q)
+    approach = rng.normal(size=(n, 3))
+    return States(
+        q=q,
+        rate=RATE_RAD_S * rng.choice([-1.0, 1.0], q.shape),
+        temperature_c=np.full((n, len(arm.sensors)), celsius),
+        time_s=np.full(n, time_s),
+        approach=approach / np.linalg.norm(approach, axis=1, keepdims=True),
+        series=np.arange(n),
+    )
 
 
 def from_the_column_mm(q: F64, constants: F64) -> F64:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.design.clearance import from_the_column_mm, height_mm
+from armd.compensation.design.clearance import coming_to_rest, from_the_column_mm, height_mm
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.whitening import RestNoise
@@ -30,7 +30,6 @@ LOWEST_MM, CLEAR_MM = 0.0, 150.0
 #: Air temperatures to choose from, about the reference.
 AIR_K = (0.0, -5.0, 5.0)
 HEATED_K = 4.0  # of one sensor's link, by hand or by its own motor
-RATE_RAD_S = 0.05
 
 
 @dataclass(frozen=True)
@@ -78,16 +77,8 @@ def draw_poses(diagnosis: Diagnosis, seed: int) -> States:
         raise BadInput(
             "arm.toml", "joint limits", "no pose above the base", "ranges that have some"
         )
-    approach = rng.normal(size=(len(q), 3))
-    approach /= np.linalg.norm(approach, axis=1, keepdims=True)
-    return States(
-        q=q,
-        rate=RATE_RAD_S * rng.choice([-1.0, 1.0], q.shape),
-        temperature_c=np.full((len(q), len(arm.sensors)), last.model.reference_c),
-        time_s=np.full(len(q), last.linear.rests.observations.states.time_s.max() + DAY_S),
-        approach=approach,
-        series=np.arange(len(q)),
-    )
+    next_day_s = float(last.linear.rests.observations.states.time_s.max()) + DAY_S
+    return coming_to_rest(q, rng, arm, last.model.reference_c, next_day_s)
 
 
 def _ranges(arm: Arm, seen: F64) -> tuple[F64, F64]:
@@ -111,7 +102,7 @@ def in_climate(poses: States, climate: Climate, diagnosis: Diagnosis) -> States:
     temperature = np.tile(climate.air_c + own_k, (poses.n, 1))
     if climate.heated:
         temperature[:, arm.sensors.index(climate.heated)] += HEATED_K
-    return States(poses.q, poses.rate, temperature, poses.time_s, poses.approach, poses.series)
+    return replace(poses, temperature_c=temperature)
 
 
 def rows_of(

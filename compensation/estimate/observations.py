@@ -106,21 +106,14 @@ def gather(
     first_placement = np.concatenate([[0], np.cumsum(counts)])
     sizes = [len(session.artefact.targets) for session in sessions]
     first_target = np.concatenate([[0], np.cumsum(sizes)])
-    states = [session.states for session in sessions]
+    of_session = np.repeat(np.arange(len(sessions)), [session.n for session in sessions])
     return Observations(
         arm=arm,
         session_names=_names(sessions),
         placement_names=[f"{s.name}/{name}" for s in sessions for name in s.placement_names],
         target_names=[f"{s.name}/{name}" for s in sessions for name in s.artefact.target_names],
-        states=States(
-            q=np.concatenate([s.q for s in states]),
-            rate=np.concatenate([s.rate for s in states]),
-            temperature_c=np.concatenate([s.temperature_c for s in states]),
-            time_s=np.concatenate([s.time_s for s in states]),
-            approach=np.concatenate([s.approach for s in states]),
-            series=np.concatenate([np.full(s.n, i) for i, s in enumerate(sessions)]),
-        ),
-        session=np.concatenate([np.full(s.n, i) for i, s in enumerate(sessions)]),
+        states=replace(States.joined([s.states for s in sessions]), series=of_session),
+        session=of_session,
         row=np.concatenate([s.row for s in sessions]),
         placement=np.concatenate(
             [s.placement + first for s, first in zip(sessions, first_placement, strict=False)]

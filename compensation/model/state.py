@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -25,6 +26,12 @@ class States:
     @property
     def n(self) -> int:
         return len(self.q)
+
+    @classmethod
+    def joined(cls, parts: Sequence[States]) -> States:
+        """All rows, one after another; their series as they stand."""
+        names = [field.name for field in fields(cls)]
+        return cls(*(np.concatenate([getattr(one, name) for one in parts]) for name in names))
 
     def rows(self, chosen: Mask | I64 | slice) -> States:
         """The chosen rows only. Lags want all rows of a run: evaluate them before choosing."""

@@ -33,6 +33,13 @@ def address(text: str) -> Address:
     return host, int(port)
 
 
+def add_listen(parser: argparse.ArgumentParser, usual: str) -> None:
+    """The option --listen."""
+    parser.add_argument(
+        "--listen", type=address, default=address(usual), metavar="HOST:PORT", help=f"({usual})"
+    )
+
+
 class Client(asyncio.Protocol):
     """One connection; `send` never waits."""
 

@@ -16,6 +16,7 @@ from urllib.parse import quote, unquote
 
 from armd.drivers.sample import Event
 from armd.files.state_folder import state_folder
+from armd.files.writing import write_all
 
 SUFFIX = ".jsonl"
 #: Beyond this a new file begins: some twenty thousand measurements, quick to copy and to open.
@@ -105,7 +106,7 @@ class MeasurementLog:
         try:
             size = os.lseek(handle, 0, os.SEEK_END)
             try:
-                _write_all(handle, _after_torn(handle, size) + data)
+                write_all(handle, _after_torn(handle, size) + data)
                 os.fsync(handle)
             except OSError:
                 os.ftruncate(handle, size)  # a disk that fills half-way: whole or not at all
@@ -149,8 +150,3 @@ def _current(folder: Path) -> Path:
 def _after_torn(handle: int, size: int) -> bytes:
     """The end of a line that a kill or a power cut tore: what is torn stands alone."""
     return b"\n" if size > 0 and os.pread(handle, 1, size - 1) != b"\n" else b""
-
-
-def _write_all(handle: int, data: bytes) -> None:
-    while data:
-        data = data[os.write(handle, data) :]

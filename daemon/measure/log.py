@@ -17,7 +17,7 @@ from armd.compensation.data.session import READINGS
 from armd.errors import BadInput
 from armd.files.outputs import check_output_folder
 from armd.files.schema import KeyTwice, json_value
-from armd.files.writing import check_folder, told
+from armd.files.writing import check_folder, sync_folder, told, write_all
 
 NAME = "measuring.jsonl"
 SCHEMA = "armd.measuring/1"
@@ -53,7 +53,7 @@ class Log:
             else:
                 self.header, self.past = {"schema": SCHEMA, **header}, []
                 self.append(self.header)
-                _sync_folder(folder)
+                sync_folder(folder)
         except BaseException:
             self.close()
             raise
@@ -68,9 +68,7 @@ class Log:
         size = os.fstat(self._handle).st_size
         with told(Path(NAME)):
             try:
-                left = data
-                while left:
-                    left = left[os.write(self._handle, left) :]
+                write_all(self._handle, data)
                 os.fsync(self._handle)
             except BaseException:
                 os.ftruncate(self._handle, size)
@@ -130,11 +128,3 @@ def _parsed(path: Path, number: int, line: bytes, expected: str) -> Any:
         raise BadInput(path, f"{where}: {error.key}", error.found, "it once") from error
     except (ValueError, RecursionError) as error:
         raise BadInput(path, where, "no JSON", expected) from error
-
-
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

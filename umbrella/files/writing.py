@@ -68,11 +68,22 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         except BaseException:
             part.unlink(missing_ok=True)
             raise
-        folder_handle = os.open(target.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder_handle)
-        finally:
-            os.close(folder_handle)
+        sync_folder(target.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """What was made, renamed or removed in it is on the disk when this returns."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def write_all(handle: int, data: bytes) -> None:
+    """All of it, in as many calls as that takes."""
+    while data:
+        data = data[os.write(handle, data) :]
 
 
 def write_whole(path: str | Path, content: bytes | str) -> None:

@@ -107,22 +107,21 @@ def inverse_root(matrix: F64, held: F64 | float = 0.0) -> tuple[Root, float]:
     return root, trace
 
 
-def pseudo_inverse_root(matrix: F64, least: float = LEAST_KNOWN, held: F64 | float = 0.0) -> Root:
+def pseudo_inverse_root(matrix: F64, held: F64 | float = 0.0) -> Root:
     """F (b, r) with F Fᵀ the pseudo-inverse: along what is not known, a solution stays where it is.
 
-    Relative to the largest eigenvalue, *least* is still knowledge, each unknown in units of its
-    own diagonal: a prior far tighter than the rows of one unknown must not make the others look
-    as if nothing were known of them. *held* (b,) is added to the diagonal, in no copy of a large
-    matrix.
+    What is known is told with each unknown in units of its own diagonal (`LEAST_KNOWN`): a prior
+    far tighter than the rows of one unknown must not make the others look as if nothing were known
+    of them. *held* (b,) is added to the diagonal, in no copy of a large matrix.
     """
     held = np.broadcast_to(held, (len(matrix),))
     size = np.sqrt(np.maximum(np.diag(matrix) + held, 0.0))
     size[size == 0.0] = 1.0
-    if (known := _root_of_known(matrix, held, size, least)) is not None:
+    if (known := _root_of_known(matrix, held, size)) is not None:
         return known.scaled(1.0 / size)
     unit = matrix / np.outer(size, size)
     unit[np.diag_indices_from(unit)] += held / size**2
-    return Root((), root_along_known(unit, least) / size[:, None])
+    return Root((), root_along_known(unit, LEAST_KNOWN) / size[:, None])
 
 
 def root_along_known(matrix: F64, least: float, beside: float = 1e-300) -> F64:
@@ -139,7 +138,7 @@ def pseudo_inverse_factor(matrix: F64) -> F64:
     return pseudo_inverse_root(matrix).dense()
 
 
-def _root_of_known(matrix: F64, held: F64, size: F64, least: float) -> Root | None:
+def _root_of_known(matrix: F64, held: F64, size: F64) -> Root | None:
     """The same in units of *size* (b,) where everything is known for sure, which takes no
     eigenvalues to tell: none is below one over the inverse's trace, none above the largest sum of
     a row."""
@@ -147,7 +146,7 @@ def _root_of_known(matrix: F64, held: F64, size: F64, least: float) -> Root | No
         root, trace, largest = _inverse_root(matrix, held, size)
     except np.linalg.LinAlgError:
         return None
-    return root if trace * largest * least < 1.0 else None
+    return root if trace * largest * LEAST_KNOWN < 1.0 else None
 
 
 def _inverse_root(matrix: F64, held: F64, size: F64) -> tuple[Root, float, float]:

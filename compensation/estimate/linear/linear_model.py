@@ -185,7 +185,10 @@ class LinearModel:
 
     @cached_property
     def _lower(self) -> F64:
-        return _lower_factor(self._unit())
+        """Cholesky's factor of the products of columns of unit length. Directions of which nothing
+        is known (gauges) are held so softly that they clear as they should."""
+        held = self._unit() + HELD * np.eye(self.layout.n)
+        return np.asarray(np.linalg.cholesky(held), dtype=np.float64)
 
     def project(self, across: F64) -> F64:
         """Coordinates (b, …) along that basis of what the blocks take of other columns, from their
@@ -283,12 +286,3 @@ def _factor_of_known(matrix: F64) -> F64:
     kept = values > LEAST_TAKEN
     along: F64 = vectors[:, kept] / np.sqrt(values[kept])
     return along
-
-
-def _lower_factor(matrix: F64) -> F64:
-    """Cholesky's factor of a symmetric *matrix* of columns of unit length.
-
-    Directions of which it knows nothing (gauges) are held so softly that they clear as they should.
-    """
-    held = matrix + HELD * np.eye(len(matrix))
-    return np.asarray(np.linalg.cholesky(held), dtype=np.float64)

@@ -87,6 +87,14 @@ def amplitude_sizes(change: Change, columns: int) -> F64:
     return sizes
 
 
+def n_amplitudes(of: Stack, change: Change) -> int:
+    """How many amplitudes a change has; none of no cause."""
+    if change.cause is None:
+        return 0
+    block = of.blocks[change.cause]
+    return (1 + len(change.bends_d)) * int(block.stop - block.start)
+
+
 def with_changes(of: Stack, changes: Sequence[Change]) -> Stack:
     """The stack where these changes, of whatever size, are among what is known."""
     if all(change.cause is None for change in changes):

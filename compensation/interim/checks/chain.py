@@ -1,8 +1,4 @@
-"""The chain of a history's lines, each with the hash of the one before; and its head.
-
-history.jsonl            one line per check, in the order of adding
-head.json                how many lines there are, and the last one's hash
-"""
+"""The chain of a history's lines, each with the hash of the one before; and its head."""
 
 from __future__ import annotations
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.compensation.effects.catalogue import candidates
-from armd.compensation.effects.effect import ARC_SECOND, Candidate, Column, SessionFacts, tie
+from armd.compensation.effects.effect import Candidate, SessionFacts
+from armd.compensation.effects.encoder import encoder_slip
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
@@ -120,8 +121,8 @@ def _is_turn(candidate: Candidate) -> bool:
 
 def _slip(turn: Candidate) -> Candidate:
     joint = turn.location.joint
-    column = Column("step", "rad", 15 * ARC_SECOND, tie([(f"theta_{joint}", 1.0)]))
-    return Candidate("encoder_slip", turn.location, (column,), ("time_s",))
+    assert joint is not None  # of a constant that shifts
+    return Candidate("encoder_slip", turn.location, encoder_slip.columns(joint), ("time_s",))
 
 
 def _priors(found: list[Candidate]) -> list[float]:

@@ -79,7 +79,8 @@ def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
         if (same := loaded.get(line.check)) is not None and same.line == line:
             checks.append(same)
             continue
-        check = Check(line, arm, calibration, _statistics(place / STATISTICS))
+        path = place / STATISTICS
+        check = Check(line, arm, calibration, from_json(path, read_input(path)))
         if check.reduced.catalogue != catalogue:
             check = _of_today(folder, check, causes)
         checks.append(check)
@@ -104,10 +105,6 @@ def _check_hash(path: Path, sha256: str) -> None:
     if hashlib.sha256(read_input(path)).hexdigest() != sha256:
         found = "content that does not match its hash (edited or damaged)"
         raise BadInput(path, "the file", found, f"the file as it was kept, {sha256[:16]}…")
-
-
-def _statistics(path: Path) -> Reduced:
-    return from_json(path, read_input(path))
 
 
 def iso(unix_s: float) -> str:

@@ -22,7 +22,7 @@ from armd.compensation.interim.checks.statistics import to_json
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.errors import BadInput
 from armd.files.inputs import read_input
-from armd.files.writing import check_folder, told, write_changed, write_whole
+from armd.files.writing import check_folder, sync_folder, told, write_changed, write_whole
 from armd.terminal.counted import counted
 
 FOLDERS = ("arms", "calibrations", "checks")
@@ -223,11 +223,7 @@ def _keep_check(place: Path, new: New) -> dict[str, str]:
     for name, data in contents.items():
         write_whole(part / name, data)
     part.rename(place)
-    handle = os.open(place.parent, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    sync_folder(place.parent)
     return {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
 
 

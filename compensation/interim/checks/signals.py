@@ -71,7 +71,7 @@ class Signals:
 
 
 def _root(covariance: F64) -> F64:
-    """R with R Rᵀ the covariance, directions of no variance left out."""
+    """R (B, B) with R Rᵀ the covariance."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     value, vector = np.linalg.eigh(covariance / np.outer(scale, scale))
     root: F64 = scale[:, None] * vector * np.sqrt(np.maximum(value, 0.0))

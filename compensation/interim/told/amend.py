@@ -9,7 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.interim.changes.change import Change, amplitude_sizes, columns_of, shapes
+from armd.compensation.interim.changes.change import (
+    Change,
+    amplitude_sizes,
+    columns_of,
+    n_amplitudes,
+    shapes,
+)
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.beside import Beside
 from armd.compensation.interim.evidence.likelihood import known_errors
@@ -53,7 +59,7 @@ def fit(
     pairs = zip(of.columns, columns_of(of, changes), strict=True)
     extra = [np.concatenate([before * columns[:, own], new], axis=1) for columns, new in pairs]
     q = of.known[0].shape[1] + len(own)
-    told = known_errors((told_by or Beside(of, telling(of, changes, bad))).sums(extra))
+    told = known_errors((told_by or Beside(of, telling_checks(of, changes, bad))).sums(extra))
     sizes = _sizes(causes, changes)
     # The columns' sign: a residual is what the arm shows too much under the calibration.
     values = -told.mean[q:] * sizes
@@ -63,14 +69,13 @@ def fit(
         if change.cause is None:
             split.append(np.zeros((0, 0)))
             continue
-        p = of.blocks[change.cause].stop - of.blocks[change.cause].start
-        rows = 1 + len(change.bends_d)
-        split.append(values[at : at + rows * p].reshape(rows, p))
-        at += rows * p
+        count = n_amplitudes(of, change)
+        split.append(values[at : at + count].reshape(1 + len(change.bends_d), -1))
+        at += count
     return Amplitudes(tuple(split), cov)
 
 
-def telling(of: Stack, changes: Sequence[Change], bad: Sequence[int]) -> list[int]:
+def telling_checks(of: Stack, changes: Sequence[Change], bad: Sequence[int]) -> list[int]:
     """The checks that tell of *changes*: what comes with one of no cause belongs to nothing
     known."""
     until = min((change.first for change in changes if change.cause is None), default=of.n)

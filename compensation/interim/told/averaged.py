@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armd.compensation.interim.changes.change import Change, Way
+from armd.compensation.interim.changes.change import Change, Way, n_amplitudes
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.beside import Beside
 from armd.compensation.interim.evidence.stack import Stack
-from armd.compensation.interim.told.amend import Amplitudes, fit, telling
+from armd.compensation.interim.told.amend import Amplitudes, fit, telling_checks
 
 #: A calibration file has a covariance of so many rows at most: a file of more than 100 000 values
 #: is refused (`armd.files.schema`).
@@ -88,12 +88,12 @@ def averaged(
             distinct.setdefault(_key(number, change), (number, change))
             shares[_key(number, change)] = shares.get(_key(number, change), 0.0) + share
     keys = sorted(distinct, key=lambda key: distinct[key][0])
-    sizes = [_amplitudes(of, distinct[key][1]) for key in keys]
+    sizes = [n_amplitudes(of, distinct[key][1]) for key in keys]
     ends = np.cumsum(sizes)
     slots = {key: np.arange(end - n, end) for key, n, end in zip(keys, sizes, ends, strict=True)}
     width = int(ends[-1]) if len(ends) else 0
     mean, second = np.zeros(width), np.zeros((width, width))
-    told_by = Beside(of, telling(of, ways[0][1], bad))
+    told_by = Beside(of, telling_checks(of, ways[0][1], bad))
     for share, way in ways:
         own = fit(of, causes, way, bad, told_by)
         at = [slots[_key(number, change)] for number, change in enumerate(way)]
@@ -118,10 +118,3 @@ def averaged(
 def _key(number: int, change: Change) -> tuple[object, ...]:
     """The same change by another size is the same column."""
     return number, *change.key, change.origin_d if change.gradual else None, change.bends_d
-
-
-def _amplitudes(of: Stack, change: Change) -> int:
-    if change.cause is None:
-        return 0
-    columns = int(of.blocks[change.cause].stop - of.blocks[change.cause].start)
-    return (1 + len(change.bends_d)) * columns

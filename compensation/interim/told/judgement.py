@@ -53,6 +53,12 @@ class Judgement:
     epochs: tuple[Epoch, ...]
 
     @property
+    def checks(self) -> list[Check]:
+        """Of all epochs, in time."""
+        checks = (check for epoch in self.epochs for check in epoch.checks)
+        return sorted(checks, key=lambda check: check.line.first_unix_s)
+
+    @property
     def latest(self) -> Epoch:
         return max(self.epochs, key=lambda epoch: epoch.checks[-1].line.first_unix_s)
 

@@ -97,10 +97,8 @@ def interim_page(judgement: Judgement, result: dict[str, Any], sessions: Sequenc
 
 def _origin(page: Page, judgement: Judgement, result: dict[str, Any]) -> None:
     """Every check's files, every description of the arm and every calibration, by their hashes."""
-    checks = [check for epoch in judgement.epochs for check in epoch.checks]
-    checks.sort(key=lambda check: check.line.first_unix_s)
     inputs: dict[str, str] = {}
-    for check in checks:
+    for check in judgement.checks:
         name, line = check.line.name, check.line
         for what, sha256 in (("arm", line.arm_file), ("calibration", line.calibration)):
             if sha256 not in inputs.values():

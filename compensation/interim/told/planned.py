@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -60,13 +60,7 @@ def planned(arm: Arm, calibration: Calibration, at_unix_s: float) -> Planned:
             seats.append(seat)
             on_seats.append(on_seat.rows(slice(POOL)))
     return Planned(
-        np.array(seats).reshape(-1, 3), _joined(on_seats) if seats else drawn.rows(slice(0))
-    )
-
-
-def _joined(states: Sequence[States]) -> States:
-    return States(
-        *(np.concatenate([getattr(one, field.name) for one in states]) for field in fields(States))
+        np.array(seats).reshape(-1, 3), States.joined(on_seats) if seats else drawn.rows(slice(0))
     )
 
 

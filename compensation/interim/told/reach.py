@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.design.clearance import coming_to_rest
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.poses import rigid_columns
 from armd.compensation.interim.checks.signals import Signals
@@ -13,22 +14,13 @@ from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.state import States
 
 POSES = 400
-RATE_RAD_S = 0.05
 
 
 def poses(arm: Arm, reference_c: float, count: int, seed: int) -> States:
     """Poses over the ranges of all joints, each joint coming to rest from either side."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(*arm.range_rad, (count, arm.n_joints))
-    approach = rng.normal(size=(count, 3))
-    return States(
-        q=q,
-        rate=RATE_RAD_S * rng.choice([-1.0, 1.0], q.shape),
-        temperature_c=np.full((count, len(arm.sensors)), reference_c),
-        time_s=np.zeros(count),
-        approach=approach / np.linalg.norm(approach, axis=1, keepdims=True),
-        series=np.arange(count),
-    )
+    return coming_to_rest(q, rng, arm, reference_c, 0.0)
 
 
 def tip_rms_um(arm: Arm, calibration: Calibration, candidate: Candidate, values: F64) -> float:

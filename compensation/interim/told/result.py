@@ -26,7 +26,7 @@ def as_json(
 ) -> dict[str, Any]:
     """The whole result as plain data; *calibrations*: file and SHA-256 of each change, in order."""
     changes = [(told, epoch) for epoch in judgement.epochs for told in epoch.told]
-    checks = [(check, epoch, i) for epoch in judgement.epochs for i, check in _numbered(epoch)]
+    checks = [(one, epoch, i) for epoch in judgement.epochs for i, one in enumerate(epoch.checks)]
     checks.sort(key=lambda row: row[0].line.first_unix_s)
     latest = judgement.latest.checks[-1]
     return {
@@ -43,10 +43,6 @@ def as_json(
         ],
         "next_check": tomorrow,
     }
-
-
-def _numbered(epoch: Epoch) -> list[tuple[int, Check]]:
-    return list(enumerate(epoch.checks))
 
 
 def _check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:

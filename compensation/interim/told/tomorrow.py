@@ -15,6 +15,7 @@ from armd.compensation.effects.effect import plain
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.stack import Stack, stack
+from armd.compensation.interim.told.amend import telling_checks
 from armd.compensation.interim.told.judgement import Epoch, Judgement
 from armd.compensation.interim.told.planned import as_check, planned, rows
 from armd.compensation.interim.told.result import named
@@ -109,8 +110,7 @@ def telling(epoch: Epoch, index: int) -> Tomorrow | None:
     if len(share) < 2 or len(plan.seats_mm) < SEATS:
         return None
     checks = [check.reduced for check in epoch.checks]
-    until = min((c.first for c in epoch.found.changes if c.cause is None), default=len(checks))
-    measured = [i for i in range(until) if i not in epoch.found.bad]
+    measured = telling_checks(epoch.stack, epoch.found.changes, epoch.found.bad)
     again = checks[measured[-1]]  # its seats are projected out already
     usual = replace(again, mean_unix_s=at, targets=np.zeros((len(again.residual), 0)))
     every_pose = as_check(plan, arm, calibration, epoch.causes)

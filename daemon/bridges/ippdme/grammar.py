@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from typing import TypeVar
 
 from armd.daemon.bridges.ippdme.errors import DmeError
 
@@ -52,6 +53,7 @@ class Property:
 
 
 Arg = float | Text | Word | Property
+Kind = TypeVar("Kind", Text, Word)
 
 
 @dataclass(frozen=True)
@@ -199,17 +201,17 @@ def nothing(args: tuple[Arg, ...]) -> None:
 
 def text_of(args: tuple[Arg, ...]) -> str:
     """The one string; raises `DmeError`."""
-    if len(args) != 1:
-        raise DmeError(502)
-    if not isinstance(args[0], Text):
-        raise DmeError(509)
-    return args[0].value
+    return _one(args, Text).value
 
 
 def word_of(args: tuple[Arg, ...]) -> str:
     """The one bare word; raises `DmeError`."""
+    return _one(args, Word).value
+
+
+def _one(args: tuple[Arg, ...], kind: type[Kind]) -> Kind:
     if len(args) != 1:
         raise DmeError(502)
-    if not isinstance(args[0], Word):
+    if not isinstance(args[0], kind):
         raise DmeError(509)
-    return args[0].value
+    return args[0]

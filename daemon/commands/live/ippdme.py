@@ -7,7 +7,7 @@ import argparse
 from armd.daemon.bridges import process
 from armd.daemon.bridges.ippdme.commands_2_5 import VERSIONS
 from armd.daemon.bridges.ippdme.server import DmeServer
-from armd.daemon.bridges.listening import address
+from armd.daemon.bridges.listening import add_listen
 from armd.terminal.arguments import add_arm
 
 LISTEN = "127.0.0.1:1294"
@@ -16,9 +16,7 @@ DME_VERSION = "1.4.3"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm(parser)
-    parser.add_argument(
-        "--listen", type=address, default=address(LISTEN), metavar="HOST:PORT", help=f"({LISTEN})"
-    )
+    add_listen(parser, LISTEN)
     parser.add_argument(
         "--dme-version", choices=VERSIONS, default=DME_VERSION, help=f"of I++ DME ({DME_VERSION})"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from armd.daemon.bridges import lines, process
-from armd.daemon.bridges.listening import address
+from armd.daemon.bridges.listening import add_listen
 from armd.daemon.bridges.stream import LineStream
 from armd.errors import BadInput
 from armd.terminal.arguments import add_arm
@@ -15,9 +15,7 @@ LISTEN = "127.0.0.1:1390"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm(parser)
-    parser.add_argument(
-        "--listen", type=address, default=address(LISTEN), metavar="HOST:PORT", help=f"({LISTEN})"
-    )
+    add_listen(parser, LISTEN)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--format", choices=lines.PRESETS, default="xyz", help="of a line (xyz)")
     form.add_argument(

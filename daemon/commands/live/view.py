@@ -7,7 +7,7 @@ import ssl
 from pathlib import Path
 
 from armd.daemon.bridges import process
-from armd.daemon.bridges.listening import address
+from armd.daemon.bridges.listening import add_listen
 from armd.daemon.bridges.view.access import Access, is_loopback, read_token
 from armd.daemon.bridges.view.server import PageServer
 from armd.errors import BadInput
@@ -19,9 +19,7 @@ SESSIONS = "measured"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_arm(parser)
-    parser.add_argument(
-        "--listen", type=address, default=address(LISTEN), metavar="HOST:PORT", help=f"({LISTEN})"
-    )
+    add_listen(parser, LISTEN)
     parser.add_argument(
         "--allow-commands",
         action="store_true",

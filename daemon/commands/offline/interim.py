@@ -136,9 +136,8 @@ def _report(args: argparse.Namespace) -> int:
 def _page(folder: Path, judgement: Judgement, result: dict[str, Any]) -> str:
     from armd.compensation.interim.told.page import interim_page  # draws: slow to load
 
-    checks = [check for epoch in judgement.epochs for check in epoch.checks]
-    checks.sort(key=lambda check: check.line.first_unix_s)
-    return interim_page(judgement, result, [history.session(folder, check) for check in checks])
+    sessions = [history.session(folder, check) for check in judgement.checks]
+    return interim_page(judgement, result, sessions)
 
 
 def _judged(
