@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import pkgutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from importlib import import_module
 
@@ -22,6 +22,9 @@ from armd.compensation.effects.effect import (
 from armd.compensation.model.arm import Arm
 
 ROOMS = (encoder, mechanical, thermal, setup)
+OFFSET = "sensor_offset"
+#: What says something of the sensors themselves.
+OF_SENSORS = frozenset({OFFSET, "sensor_swapped", "thermal_lag"})
 #: Effects that are as coarse as the arm's encoders have the typical size of an arm whose encoders
 #: tell this apart, or less: a hobby servo's magnetic encoder of 12 bits is half a degree off where
 #: a disc of 23 bits is seconds off, and so are its bearings and its printed links.
@@ -42,21 +45,27 @@ CATALOGUE: dict[str, Effect] = {effect.cause: effect for effect in _found()}
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     """Every candidate that this arm and these sessions allow, the general basis included."""
-    coarseness = _coarseness(facts.arm)
     for effect in CATALOGUE.values():
-        if effect.as_coarse_as_encoders and coarseness > 1.0:
-            yield from (_larger(candidate, coarseness) for candidate in effect.candidates(facts))
-        else:
-            yield from effect.candidates(facts)
+        yield from _of(effect, facts)
+
+
+def _of(effect: Effect, facts: SessionFacts) -> Iterator[Candidate]:
+    coarseness = _coarseness(facts.arm)
+    if effect.as_coarse_as_encoders and coarseness > 1.0:
+        yield from (_larger(candidate, coarseness) for candidate in effect.candidates(facts))
+    else:
+        yield from effect.candidates(facts)
 
 
 def under(facts: SessionFacts, acting: Sequence[Acting]) -> Iterator[Candidate]:
     """The candidates that act through the model's terms, with findings *acting* in the model."""
-    terms = (*facts.terms, *(term for found in acting for term in found.terms))
     for effect in CATALOGUE.values():
         if effect.through_terms is not None:
-            for candidate in effect.through_terms(replace(facts, terms=terms)):
-                yield replace(candidate, through=acting_on(candidate, acting, facts))
+            able = _able(effect.cause, acting)
+            for candidate in effect.through_terms(
+                facts, [t for found in able for t in found.terms]
+            ):
+                yield _knowing(candidate, acting_on(candidate, acting, facts))
 
 
 def acting_on(
@@ -64,7 +73,58 @@ def acting_on(
 ) -> tuple[Acting, ...]:
     """Those of the findings *acting* through which a candidate acts: they share a sensor."""
     own = set(candidate.depends_on) & set(facts.sensors)
-    return tuple(found for found in acting if own & set(found.candidate.depends_on))
+    able = _able(candidate.cause, acting)
+    return tuple(found for found in able if own & set(found.candidate.depends_on))
+
+
+def _able(cause: str, acting: Sequence[Acting]) -> list[Acting]:
+    """The findings through which a cause may act: a sensor's offset through all others, a lag
+    through those that are no sensor's."""
+    barred = {OFFSET} if cause == OFFSET else OF_SENSORS
+    return [found for found in acting if found.candidate.cause not in barred]
+
+
+def by_exchanged(facts: SessionFacts, exchanged: Candidate) -> Iterator[Candidate]:
+    """What goes by one of two sensors, by the other one: as it is where they are *exchanged*."""
+    names = set(exchanged.depends_on)
+    plain = {_how(c) for c in _by_sensors(facts, names)}
+    for candidate in _by_sensors(replace(facts, arm=_renamed(facts.arm, *names)), names):
+        if _how(candidate) not in plain:
+            yield replace(candidate, through=(Acting(exchanged, (1.0,)),))
+
+
+def _by_sensors(facts: SessionFacts, names: Collection[str]) -> Iterator[Candidate]:
+    for effect in CATALOGUE.values():
+        if effect.by_temperature:
+            yield from (c for c in _of(effect, facts) if set(names) & set(c.depends_on))
+
+
+def _how(candidate: Candidate) -> tuple[object, ...]:
+    columns = (column.name for column in candidate.columns)
+    return (*candidate.place, candidate.setting, candidate.depends_on, *columns)
+
+
+def _renamed(arm: Arm, a: str, b: str) -> Arm:
+    """The arm, its links on two sensors on the other one each."""
+    other = {a: b, b: a}
+    joints = [
+        joint.model_copy(
+            update={"temperature": {other.get(name, name): w for name, w in joint.weights.items()}}
+        )
+        for joint in arm.joint
+    ]
+    return arm.model_copy(update={"joint": joints})
+
+
+def _knowing(candidate: Candidate, through: tuple[Acting, ...]) -> Candidate:
+    """A candidate that knows through which findings it acts; its refinements do, too."""
+    refine, elsewhere = candidate.refine, candidate.elsewhere
+    return replace(
+        candidate,
+        through=through,
+        refine=refine and (lambda: [_knowing(finer, through) for finer in refine()]),
+        elsewhere=elsewhere and (lambda value: _knowing(elsewhere(value), through)),
+    )
 
 
 def _coarseness(arm: Arm) -> float:

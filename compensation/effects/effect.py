@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.effects.by_temperature import is_difference
 from armd.compensation.effects.location import Location
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.parameters import LEAST_LENGTH_MM, TIP_PARAMETERS
@@ -107,7 +108,8 @@ class Candidate:
     refine: Callable[[], Sequence[Candidate]] | None = field(default=None, compare=False)
     #: the same at another value of what was scanned, where that can be as uncertain as a size
     elsewhere: Callable[[float], Candidate] | None = field(default=None, compare=False)
-    #: of what acts through all the model's terms: the findings whose terms it knows of
+    #: of what acts through all the model's terms: the findings whose terms it knows of; of what
+    #: goes by the other of two exchanged sensors: their exchange
     through: tuple[Acting, ...] | None = field(default=None, compare=False)
 
     @property
@@ -244,11 +246,13 @@ class Effect:
     by_motion: bool = False
     #: amplitudes are per weight carried
     by_weight: bool = False
+    #: goes by the temperatures of the arm's sensors, and says nothing of these
+    by_temperature: bool = False
     #: as large as the arm is coarsely made, of which its encoders tell
     as_coarse_as_encoders: bool = False
-    #: those of the candidates that act through the terms of other findings as much as through those
-    #: under test
-    through_terms: Callable[[SessionFacts], Iterator[Candidate]] | None = None
+    #: those of the candidates that act through the terms of other findings, the second argument, as
+    #: much as through those under test
+    through_terms: Callable[[SessionFacts, Sequence[Term]], Iterator[Candidate]] | None = None
     #: how often it happens beside others of the catalogue: most arms have no part that could
     commonness: float = 1.0
     #: the same reading where many harmonics of one joint make a curve over its turn: from the
@@ -290,7 +294,7 @@ def stylus(facts: SessionFacts) -> list[tuple[str, float]]:
 
 def temperature(weights: dict[str, float], **options: float) -> Temperature:
     """A temperature factor; a difference of sensors needs no reference."""
-    if abs(sum(weights.values())) < 1e-9:
+    if is_difference(weights):
         options["reference_c"] = 0.0
     return Temperature.model_validate({"weights": weights, **options})
 

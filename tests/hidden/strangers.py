@@ -3,7 +3,8 @@
 "stranger": what the catalogue knows in no form, or since lately; "crowd": four or five causes at
 once, every other time all at one joint; "again": diagnosed for the third time, each time under the
 calibration that armd wrote before; "real": planted into what a real arm's encoders said, after it
-was diagnosed once; "offset": a sensor that reads wrong, and a cause that goes by it.
+was diagnosed once; "offset", "exchanged", "late": a sensor that reads wrong, that has another's
+place, or that its link follows late, and a cause that goes by it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ from armd.simulator.plants.draw import FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, depends_on
 from support.planting import Effect, middle_unix_s, of_joint, planted, rms_um, slip, wave
 
-KINDS = ("stranger", "crowd", "again", "real", "alien", "offset")
+KINDS = ("stranger", "crowd", "again", "real", "alien", "offset", "exchanged", "late")
 NAMELESS = ("stranger", "alien")
 SURE, SEEN = 0.95, 8.0
 DESIGN = Design(sessions=6, articulations=4, holdout=2)
@@ -137,6 +138,8 @@ def run_strange(kind: str, seed: int) -> Strange:
         "again": _again,
         "real": _real,
         "offset": _offset,
+        "exchanged": _exchanged,
+        "late": _late,
     }
     return replace(runs[kind](seed, rng), seconds=time.perf_counter() - started)
 
@@ -193,10 +196,29 @@ def _crowd(seed: int, rng: np.random.Generator) -> Strange:
 
 
 def _offset(seed: int, rng: np.random.Generator) -> Strange:
-    number = int(rng.choice(OWN_SENSOR))
-    cause = draw_plant(rng, [str(rng.choice(BY_A_SENSOR))], 1.5)
+    number, cause = _by_its_sensor(rng)
     offset = replace(draw_plant(rng, ["sensor_offset"]), location=f"sensor t{number}")
-    return _simulated("offset", seed, [_at(number, cause), offset])
+    return _simulated("offset", seed, [cause, offset])
+
+
+def _exchanged(seed: int, rng: np.random.Generator) -> Strange:
+    number, cause = _by_its_sensor(rng)
+    other = int(rng.choice([k for k in range(1, 7) if k != number]))
+    a, b = sorted((number, other))
+    return _simulated(
+        "exchanged", seed, [cause, Plant("sensor_swapped", f"sensors t{a}, t{b}", 1.0)]
+    )
+
+
+def _late(seed: int, rng: np.random.Generator) -> Strange:
+    number, cause = _by_its_sensor(rng)
+    return _simulated("late", seed, [cause, _at(number, draw_plant(rng, ["thermal_lag"]))])
+
+
+def _by_its_sensor(rng: np.random.Generator) -> tuple[int, Plant]:
+    """The number of a link or joint, and what goes by its sensor there."""
+    number = int(rng.choice(OWN_SENSOR))
+    return number, _at(number, draw_plant(rng, [str(rng.choice(BY_A_SENSOR))], 1.5))
 
 
 def _at(number: int, plant: Plant) -> Plant:

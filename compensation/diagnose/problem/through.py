@@ -3,7 +3,10 @@
 A sensor's offset adds its size times the derivative of the model by its temperature: of the terms
 under test, and of what was found since. Its columns are made anew as findings join and their
 amplitudes change; so the product of two unknowns, the offset and the other finding's amplitude, is
-fitted by turns, and what is written of both is what was fitted.
+fitted by turns, and what is written of both is what was fitted. So it is with a link's lag, too.
+
+Where two sensors are exchanged, what else goes by one of them goes by the other: a candidate of its
+own, beside the exchange only.
 """
 
 from __future__ import annotations
@@ -40,10 +43,21 @@ def made_anew(
     candidate: Candidate, facts: SessionFacts, acting: Sequence[Acting]
 ) -> Candidate | None:
     """A finding that acts through others, made with these *acting*, or itself where it was; None
-    where there is nothing left through which it acts."""
+    where there is nothing left through which it acts, or the exchange beside which it was."""
+    if catalogue.CATALOGUE[candidate.cause].by_temperature:
+        there = {one.candidate.place for one in acting}
+        all_there = all(one.candidate.place in there for one in candidate.through or ())
+        return candidate if all_there else None
     if candidate.through in (None, catalogue.acting_on(candidate, acting, facts)):
         return candidate
-    return next((c for c in catalogue.under(facts, acting) if c.is_like(candidate)), None)
+    for other in catalogue.under(facts, acting):
+        if other.is_like(candidate):
+            return other
+        if other.place == candidate.place and other.elsewhere is not None:
+            at_its_value = other.elsewhere(candidate.setting[0][1])
+            if at_its_value.is_like(candidate):
+                return at_its_value
+    return None
 
 
 def with_acting(
@@ -54,16 +68,18 @@ def with_acting(
     arm: Arm,
 ) -> Signatures:
     """The signatures with those candidates, none of a *refused* place, that act through what a fit
-    has found."""
+    has found, or beside sensors that it has found exchanged."""
     found = acting(fit)
-    candidates = catalogue.under(facts, found) if found else ()
-    more = [c for c in candidates if c.through and c.place not in refused]
+    more = list(catalogue.under(facts, found)) if found else []
+    for exchanged in (c for c in fit.findings if c.cause == "sensor_swapped"):
+        more += catalogue.by_exchanged(facts, exchanged)
+    more = [c for c in more if c.through and c.place not in refused]
     return signatures.with_more(compile_candidates(more, fit.linear, arm)) if more else signatures
 
 
 def _goes_with_temperature(candidate: Candidate) -> bool:
-    """Of causes that have a name, and do not act through others themselves."""
-    if candidate.cause == "unknown" or catalogue.CATALOGUE[candidate.cause].through_terms:
+    """Of causes that have a name."""
+    if candidate.cause == "unknown":
         return False
     return any(isinstance(factor, Temperature) for factor in candidate.factors)
 

@@ -63,4 +63,5 @@ EFFECT = Effect(
     reading,
     "temperatures of the joint that vary over the readings",
     as_coarse_as_encoders=True,
+    by_temperature=True,
 )

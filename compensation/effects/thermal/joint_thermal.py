@@ -51,4 +51,5 @@ EFFECT = Effect(
     candidates,
     reading,
     "temperatures that vary over the readings",
+    by_temperature=True,
 )

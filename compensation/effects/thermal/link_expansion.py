@@ -49,4 +49,5 @@ EFFECT = Effect(
     reading,
     "temperatures that vary over the readings, and a calibration to compare with: without one, the "
     "same readings identify it",
+    by_temperature=True,
 )

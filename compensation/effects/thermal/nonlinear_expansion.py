@@ -47,4 +47,5 @@ EFFECT = Effect(
     candidates,
     reading,
     "temperatures that vary over the readings, and the sensor of each joint in arm.toml",
+    by_temperature=True,
 )

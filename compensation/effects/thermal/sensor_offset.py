@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 
 from armd.arrays import F64
 from armd.compensation.effects import location
+from armd.compensation.effects.by_temperature import temperature_of
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift
 from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain
-from armd.compensation.model.slow_factors import SlowFactor, Temperature
 from armd.compensation.model.terms import Term
 
 TYPICAL_K = 0.5
@@ -19,20 +19,20 @@ TYPICAL_DRIFT_K = 0.1
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     for name in facts.sensors:
-        if terms := _terms(facts, name):
+        if terms := _derivatives(facts.terms, name):
             yield from _drifting(facts, name, terms)
             yield from _steady(facts, name, terms)
 
 
-def steady(facts: SessionFacts) -> Iterator[Candidate]:
+def steady(facts: SessionFacts, found: Sequence[Term]) -> Iterator[Candidate]:
     """What other findings go by, too. A drift that acted through them could be anything that they
     do not quite explain."""
     for name in facts.sensors:
-        yield from _steady(facts, name, _terms(facts, name))
+        yield from _steady(facts, name, _derivatives((*facts.terms, *found), name))
 
 
-def _terms(facts: SessionFacts, sensor: str) -> tuple[Term, ...]:
-    return tuple(piece for term in facts.terms for piece in _derivative(term, sensor))
+def _derivatives(terms: Sequence[Term], sensor: str) -> tuple[Term, ...]:
+    return tuple(piece for term in terms for piece in _derivative(term, sensor))
 
 
 def _steady(facts: SessionFacts, sensor: str, terms: tuple[Term, ...]) -> Iterator[Candidate]:
@@ -64,14 +64,13 @@ def _drifting(facts: SessionFacts, sensor: str, terms: Sequence[Term]) -> Iterat
 def _derivative(term: Term, sensor: str) -> Iterator[Term]:
     """d term / d T_sensor, for terms that have a single power of a temperature, and of what else
     they are a product."""
-    own = [factor for factor in term.basis if isinstance(factor, Temperature)]
-    others = [factor for factor in term.basis if not isinstance(factor, Temperature)]
-    if len(own) != 1 or any(isinstance(factor, SlowFactor) for factor in others):
+    factor = temperature_of(term)
+    if factor is None or factor.zone_c is not None:
         return
-    factor = own[0]
     weight = factor.weights.get(sensor, 0.0)
-    if weight == 0.0 or term.coefficient == 0.0 or factor.zone_c is not None:
+    if weight == 0.0:
         return
+    others = [other for other in term.basis if other is not factor]
     lower = [factor.model_copy(update={"order": factor.order - 1})] if factor.order > 1 else []
     coefficient = term.coefficient * weight * factor.order
     yield Term(parameter=term.parameter, basis=[*lower, *others], coefficient=coefficient)

@@ -80,4 +80,5 @@ EFFECT = Effect(
     candidates,
     reading,
     "temperatures of two sensors at least that vary against each other",
+    by_temperature=True,
 )

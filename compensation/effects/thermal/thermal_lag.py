@@ -1,9 +1,15 @@
 """A link follows its sensor late."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from armd.arrays import F64
 from armd.compensation.effects import location
+from armd.compensation.effects.by_temperature import (
+    a_part_of,
+    is_difference,
+    temperature_of,
+    with_another,
+)
 from armd.compensation.effects.effect import (
     Candidate,
     Column,
@@ -14,7 +20,6 @@ from armd.compensation.effects.effect import (
     temperature,
     tie,
 )
-from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 5400.0)
@@ -22,18 +27,25 @@ TYPICAL_PER_K = 15e-6
 
 
 def _lagging(
-    facts: SessionFacts, weights: dict[str, float], lag_s: float, finest: bool
+    facts: SessionFacts,
+    weights: dict[str, float],
+    lag_s: float,
+    finest: bool,
+    found: Sequence[Term] = (),
 ) -> Candidate:
-    """Every link on these sensors follows them with one time constant."""
+    """Every link on these sensors follows them with one time constant; so does what was *found*
+    to go by these."""
     links = [k for k in facts.joints if facts.weights(k) == weights and lengths(facts, k)]
-    column = _delayed_terms(facts, weights, lag_s) or _delayed_lengths(
+    share = _delayed_terms((*facts.terms, *found), weights, lag_s)
+    column = share or _delayed_lengths(
         [pair for k in links for pair in lengths(facts, k)], weights, lag_s
     )
     # Where one link has the sensor to itself, the link is the place; otherwise the sensor.
     where = location.link(links[0]) if len(links) == 1 else location.sensors(*weights)
 
     def refine() -> list[Candidate]:
-        return [_lagging(facts, weights, lag_s * f, True) for f in (0.7, 0.8, 0.9, 1.1, 1.25, 1.4)]
+        finer = (lag_s * factor for factor in (0.7, 0.8, 0.9, 1.1, 1.25, 1.4))
+        return [_lagging(facts, weights, value, True, found) for value in finer]
 
     return Candidate(
         "thermal_lag",
@@ -42,24 +54,29 @@ def _lagging(
         (*weights, "time_s"),
         (("time constant", lag_s, "s"),),
         None if finest else refine,
-        lambda value: _lagging(facts, weights, value, True),
+        lambda value: _lagging(facts, weights, value, True, found),
+        () if share else None,
     )
 
 
-def _delayed_terms(facts: SessionFacts, weights: dict[str, float], lag_s: float) -> Column | None:
+def _delayed_terms(own: Sequence[Term], weights: dict[str, float], lag_s: float) -> Column | None:
     """What the model has of these sensors, taken late: amplitude 1 if the lag is right."""
-    terms = []
-    for term in facts.terms:
-        if len(term.basis) != 1 or not isinstance(term.basis[0], Temperature):
-            continue
-        factor = term.basis[0]
-        if factor.weights != weights or factor.lag_s or factor.zone_c or not term.coefficient:
-            continue
-        late = factor.model_copy(update={"lag_s": lag_s})
-        for piece, sign in ((late, 1.0), (factor, -1.0)):
-            coefficient = sign * term.coefficient
-            terms.append(Term(parameter=term.parameter, basis=[piece], coefficient=coefficient))
-    return Column("share", "1", 1.0, tuple(terms)) if terms else None
+    terms = tuple(piece for term in own for piece in _delayed(term, weights, lag_s))
+    return Column("share", "1", 1.0, terms) if terms else None
+
+
+def _delayed(term: Term, weights: dict[str, float], lag_s: float) -> Iterator[Term]:
+    """What a term adds if these sensors come late, the others of a difference at once."""
+    factor = temperature_of(term)
+    if factor is None or factor.lag_s or factor.zone_c:
+        return
+    if factor.weights == weights:
+        yield from with_another(term, factor.model_copy(update={"lag_s": lag_s}))
+    elif is_difference(factor.weights) and factor.order == 1 and len(weights) == 1:
+        (name,) = weights
+        if share := factor.weights.get(name, 0.0):
+            late, now = (temperature({name: 1.0}, lag_s=s) for s in (lag_s, 0.0))
+            yield from a_part_of(term, share, now, late)
 
 
 def _delayed_lengths(
@@ -73,7 +90,7 @@ def _delayed_lengths(
     return Column("per kelvin", "1/K", TYPICAL_PER_K, terms)
 
 
-def candidates(facts: SessionFacts) -> Iterator[Candidate]:
+def candidates(facts: SessionFacts, found: Sequence[Term] = ()) -> Iterator[Candidate]:
     if not facts.timed:
         return
     seen: list[dict[str, float]] = []
@@ -82,7 +99,11 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         if weights and lengths(facts, k) and weights not in seen:
             seen.append(weights)
             for lag_s in TIME_CONSTANTS_S:
-                yield _lagging(facts, weights, lag_s, False)
+                yield _lagging(facts, weights, lag_s, False, found)
+
+
+def through_terms(facts: SessionFacts, found: Sequence[Term]) -> Iterator[Candidate]:
+    yield from (c for c in candidates(facts, found) if c.through is not None)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
@@ -102,4 +123,5 @@ EFFECT = Effect(
     reading,
     "temperatures that vary over the readings, their times, and the sensor of each joint in "
     "arm.toml",
+    through_terms=through_terms,
 )

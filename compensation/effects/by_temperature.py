@@ -1,0 +1,41 @@
+"""Terms that go by a temperature: which one, and what another in its place would add."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from armd.compensation.model.slow_factors import SlowFactor, Temperature
+from armd.compensation.model.terms import Term
+
+
+def temperature_of(term: Term) -> Temperature | None:
+    """The temperature that a term goes by, in one factor, be it times something of the pose; None
+    if by none, or by the time as well."""
+    slow = [factor for factor in term.basis if isinstance(factor, SlowFactor)]
+    if len(slow) != 1 or not isinstance(slow[0], Temperature) or term.coefficient == 0.0:
+        return None
+    return slow[0]
+
+
+def is_difference(weights: Mapping[str, float]) -> bool:
+    """Whether sensors are compared, so that no reference is needed."""
+    return abs(sum(weights.values())) < 1e-9
+
+
+def with_another(term: Term, another: Temperature) -> Iterator[Term]:
+    """What a term would add, *another* temperature in the place of its own."""
+    for factor in term.basis:
+        if isinstance(factor, Temperature):
+            yield from a_part_of(term, 1.0, factor, another)
+
+
+def a_part_of(term: Term, weight: float, part: Temperature, another: Temperature) -> Iterator[Term]:
+    """The same where the own temperature is a sum that has *part* with this *weight*, and another
+    stands in the place of that."""
+    yield _by(term, another, weight * term.coefficient)
+    yield _by(term, part, -weight * term.coefficient)
+
+
+def _by(term: Term, factor: Temperature, coefficient: float) -> Term:
+    others = [factor if isinstance(own, Temperature) else own for own in term.basis]
+    return Term(parameter=term.parameter, basis=others, coefficient=coefficient)

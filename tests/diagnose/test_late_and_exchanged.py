@@ -1,0 +1,158 @@
+"""A lag, and exchanged sensors, beside what was found to go by these sensors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from test_acting_through import ARM, GRADIENT, Problem, fitted, problem_of
+
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.baseline import with_findings
+from armd.compensation.diagnose.problem.linearise import linearise
+from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
+from armd.compensation.diagnose.problem.through import acting, made_anew, with_acting
+from armd.compensation.diagnose.scoring.candidates import score_candidates
+from armd.compensation.diagnose.scoring.projection import make_projection
+from armd.compensation.effects import catalogue
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import Term
+from support import synthetic
+
+LAG_S = 480.0
+EXPANSION = "link_expansion"
+SOME = [(), (GRADIENT,), (GRADIENT, "joint_thermal", "encoder_thermal")]
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    rng = np.random.default_rng(7)
+    return problem_of(synthetic.session(ARM, ARM.nominal(), rng, scatter_k=3.0))
+
+
+def tip(problem: Problem, found: Any, states: States) -> F64:
+    """(n, 3) where the arm with what was *found* is, its temperatures being those of *states*."""
+    model = with_findings(problem.baseline.model, found.findings, found.amplitudes)
+    values = basis_values(model.terms, states, ARM, model.reference_c, model.constants)
+    return forward(states.q, parameter_rows(model.constants, model.terms, values))[0]
+
+
+def read(problem: Problem) -> States:
+    return problem.rests.observations.states
+
+
+def with_celsius(states: States, celsius: F64) -> States:
+    return replace(states, temperature_c=celsius)
+
+
+def late(problem: Problem) -> States:
+    """Sensor t3 as link 3 follows it."""
+    mean = Temperature(weights={"t3": 1.0}, lag_s=LAG_S, reference_c=0.0)
+    term = Term(parameter="a_1", basis=[mean], coefficient=1.0)
+    celsius = read(problem).temperature_c.copy()
+    about = read(problem), ARM, 20.0, ARM.nominal()
+    celsius[:, 2] = basis_values([term], *about)[:, 0]
+    return with_celsius(read(problem), celsius)
+
+
+def lag(problem: Problem, value: float = LAG_S) -> Candidate:
+    every = catalogue.candidates(problem.facts)
+    grid = next(c for c in every if c.place == ("thermal_lag", "link 3"))
+    assert grid.elsewhere is not None
+    return grid.elsewhere(value)
+
+
+def exchange(problem: Problem) -> Candidate:
+    """Of sensors t3 and t5."""
+    place = ("sensor_swapped", "sensors t3, t5")
+    return next(c for c in catalogue.candidates(problem.facts) if c.place == place)
+
+
+def column(problem: Problem, found: Any, made: Candidate) -> F64:
+    """(n, 3) of a candidate's first amplitude, about the arm with what was found."""
+    model = with_findings(problem.baseline.model, found.findings, found.amplitudes)
+    linear = linearise(problem.rests, model, ARM)
+    return finding_columns(linear, [made], ARM)[0][: 3 * problem.rests.n, 0].reshape(-1, 3)
+
+
+@pytest.mark.parametrize("causes", SOME)
+def test_all_that_was_found_to_go_by_a_link_is_late_with_it(
+    problem: Problem, causes: tuple[str, ...]
+) -> None:
+    found = problem.found(*causes)
+    made = made_anew(lag(problem), problem.facts, acting(found))
+    assert made is not None
+    expected = tip(problem, found, late(problem)) - tip(problem, found, read(problem))
+    np.testing.assert_allclose(
+        column(problem, found, made), expected, atol=1e-3 * np.abs(expected).max()
+    )
+    without = column(problem, found, lag(problem))
+    short = np.abs(without - expected).max() > 0.1 * np.abs(expected).max()
+    assert short == bool(causes)  # what the catalogue alone has of it
+
+
+def test_a_lag_is_made_anew_at_its_own_time_constant(problem: Problem) -> None:
+    found = problem.found(GRADIENT)
+    made = made_anew(lag(problem, 700.0), problem.facts, acting(found))
+    assert made is not None
+    assert made.setting == (("time constant", 700.0, "s"),)
+    assert made.elsewhere is not None
+    assert made.through == made.elsewhere(600.0).through == acting(found)
+    again = made_anew(made, problem.facts, ())
+    assert again is not None
+    assert again.columns == lag(problem, 700.0).columns
+
+
+@pytest.mark.parametrize("cause", [EXPANSION, GRADIENT])
+def test_beside_exchanged_sensors_what_goes_by_one_goes_by_the_other(
+    problem: Problem, cause: str
+) -> None:
+    exchanged = exchange(problem)
+    true = problem.found(cause)  # by the links' temperatures: by exchanged columns of what is read
+    celsius = read(problem).temperature_c.copy()
+    celsius[:, [2, 4]] = celsius[:, [4, 2]]
+    expected = tip(problem, true, with_celsius(read(problem), celsius))
+    nothing = problem.found()
+    expected = expected - tip(problem, nothing, read(problem))
+    other = {"t3": "t5", "t5": "t3"}
+    sensors = [other.get(name, name) for name in true.findings[0].depends_on]
+    (made,) = (
+        c
+        for c in catalogue.by_exchanged(problem.facts, exchanged)
+        if c.place == true.findings[0].place
+        and sorted(c.depends_on) == sorted(sensors)
+        and len(c.columns[0].terms) == len(true.findings[0].columns[0].terms)
+    )
+    # Of a difference of sensors, the first less the second by name.
+    size = true.amplitudes[0] * (1.0 if list(made.depends_on) == sensors else -1.0)
+    linear = linearise(problem.rests, problem.baseline.model, ARM)
+    own, others = finding_columns(linear, [exchanged, made], ARM)
+    told = (own[:, 0] + others @ size)[: 3 * problem.rests.n].reshape(-1, 3)
+    np.testing.assert_allclose(told, expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_it_goes_by_the_other_only_beside_the_exchange(problem: Problem) -> None:
+    exchanged = exchange(problem)
+    (turned,) = (
+        c
+        for c in catalogue.by_exchanged(problem.facts, exchanged)
+        if c.place == (EXPANSION, "link 5") and len(c.columns[0].terms) == 1
+    )
+    assert turned.depends_on == ("t3",)
+    with_it, without = fitted(problem, [exchanged]), fitted(problem, [])
+    plain = compile_candidates([turned, exchanged], without.linear, ARM)
+    scored = score_candidates(make_projection(with_it, ARM), plain)
+    assert scored.scores.freedom[0] == 1
+    assert scored.without(0).freedom[0] == 0
+    assert score_candidates(make_projection(without, ARM), plain).scores.freedom[0] == 0
+    more = with_acting(plain, with_it, problem.facts, (), ARM).candidates
+    assert turned in more[2:]
+    assert with_acting(plain, without, problem.facts, (), ARM) is plain
+    assert fitted(problem, [exchanged, turned]).findings[1] is turned
+    assert fitted(problem, [turned, lag(problem)]).findings[0].cause == "thermal_lag"
