@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import strangers
 from cases import at_most
-from strangers import KINDS, Strange, Told, rows, run_strange
+from strangers import DESIGN, KINDS, Strange, Told, rows, run_strange
 
+from armd.simulator.plants.plant import Plant
 from support.long_case import long_case
 
 CABLE = ("unknown", "-", "cable 6", 30.0)
@@ -119,3 +123,27 @@ def test_what_went_before_a_reading_is_not_split_among_names(seed: int) -> None:
     found = run_strange("alien", seed)
     assert found.right, found
     assert found.sure_and_wrong == 0
+
+
+@pytest.mark.slow
+def test_what_goes_by_exchanged_sensors_is_found_beside_their_exchange() -> None:
+    """A walk of the length stood for an expansion by the other sensor, and was sure."""
+    plants = (
+        Plant("link_expansion", "link 2", 19.3657),
+        Plant("sensor_swapped", "sensors t2, t6", 1),
+    )
+    found = strangers._simulated("exchanged", 880100, plants)
+    assert found.right, found
+    assert found.named == 2
+    assert found.after_um < 1.05 * found.oracle_um
+
+
+@pytest.mark.slow
+def test_what_turns_with_a_link_that_is_late_is_late_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slip and a shift of the joint stood for the rest."""
+    monkeypatch.setattr(strangers, "DESIGN", replace(DESIGN, ramps=3, ramp_k_per_h=8.0))
+    plants = Plant("joint_thermal", "joint 4", 1.45568), Plant("thermal_lag", "link 4", 1107.86)
+    found = strangers._simulated("late", 880107, plants)
+    assert found.right, found
+    assert ("thermal_lag", "link 4") in found.places
+    assert found.after_um < 1.05 * found.oracle_um
