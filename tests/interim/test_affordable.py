@@ -3,6 +3,7 @@ once it was refused as too large a file, after the check was kept."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from armd.compensation.interim.changes.ways import Way
 from armd.compensation.interim.checks.columns import Cause, causes_of
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.told.amend import amended
-from armd.compensation.interim.told.averaged import MOST_ROWS, affordable, averaged
+from armd.compensation.interim.told.averaged import MOST_ROWS, _terms, affordable, averaged
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration, load_calibration, save_calibration
 from armd.errors import BadInput
@@ -105,3 +106,22 @@ def test_few_ways_stay_as_they_are(arm_and_calibration: tuple[Arm, Calibration])
     causes = causes_of(arm, calibration)
     ways = [(0.75, (Change(0, False, 3, 3, 3, 2.0, 0.75),)), (0.25, (a_growth(causes, 1, 2),))]
     assert affordable(ways, causes, 33) == ways
+
+
+def test_a_growth_of_many_bends_keeps_every_second_or_fourth(
+    arm_and_calibration: tuple[Arm, Calibration],
+) -> None:
+    arm, calibration = arm_and_calibration
+    causes = causes_of(arm, calibration)
+    bends = tuple(float(3 * k) for k in range(1, 140))
+    few = min(range(len(causes)), key=lambda k: len(_terms(a_growth(causes, k, 2), causes)))
+    long = replace(a_growth(causes, few, 2), bends_d=bends, bending=0.4)
+    ((share, (coarse,)),) = affordable([(0.4, (long,))], causes, 33)
+    assert share == 1.0 and coarse.gradual and coarse.rate_size is long.rate_size
+    step = (len(bends) + len(coarse.bends_d) - 1) // len(coarse.bends_d)
+    assert step in (2, 4, 8, 16) and coarse.bends_d == bends[::-1][::step][::-1]
+    assert coarse.bending == pytest.approx(0.4 * step**0.5)
+    assert len(_terms(coarse, causes)) <= (MOST_ROWS - 33) // 2 < len(_terms(long, causes))
+    # One of few bends beside it stays as it is.
+    short = a_growth(causes, few + 1, 2)
+    assert affordable([(0.6, (long, short))], causes, 33)[0][1][1] == short

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from armd.compensation.interim.evidence.stack import RAMP_DAYS, Stack
 
 #: A told change may be of any size, in typical ones.
 ANY_SIZE = 100.0
-#: A growth may go on faster or slower from a bend on, by this share of its rate.
+#: A growth may go on faster or slower from a bend on, by this share of its rate (a long one: by its
+#: own `bending`).
 BENDING = 0.7
 #: How far its first rate may be from the mean one, as a factor.
 WIDE = 2.0
@@ -34,6 +35,7 @@ class Change:
     gradual_probability: float = 0.0
     bends_d: tuple[float, ...] = ()  # of a growth: where it may go on faster or slower
     rate_size: F64 | None = None  # (p,) of a growth: how large its rate is, in typical sizes
+    bending: float = BENDING  # of a growth: by what share of its rate it bends each time
     size: float = ANY_SIZE  # prior standard deviation of its amplitudes, in typical sizes
 
     @property
@@ -41,12 +43,18 @@ class Change:
         return self.cause, self.gradual, self.first
 
     @property
+    def coarser(self) -> Change:
+        """A growth of half as many bends, beforehand as likely to go here or there."""
+        bends = self.bends_d[::-1][::2][::-1]
+        return replace(self, bends_d=bends, bending=self.bending * float(np.sqrt(2.0)))
+
+    @property
     def numbers(self) -> tuple[float, ...]:
         """All that a stack which knows it depends on."""
         rate = () if self.rate_size is None else tuple(self.rate_size.tolist())
         cause = -1 if self.cause is None else self.cause
         bends = (len(self.bends_d), *self.bends_d)
-        course = (self.origin_d, *bends, *rate) if self.gradual else ()
+        course = (self.origin_d, self.bending, *bends, *rate) if self.gradual else ()
         return (float(cause), float(self.gradual), float(self.first), self.size, *course)
 
 
@@ -82,7 +90,7 @@ def amplitude_sizes(change: Change, columns: int) -> F64:
     """(1 + bends, p) prior standard deviations of a change's amplitudes, in typical sizes."""
     if change.rate_size is None:
         return np.full((1, columns), change.size)
-    sizes = np.tile(BENDING * change.rate_size, (1 + len(change.bends_d), 1))
+    sizes = np.tile(change.bending * change.rate_size, (1 + len(change.bends_d), 1))
     sizes[0] = WIDE * change.rate_size
     return sizes
 

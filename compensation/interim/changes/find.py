@@ -74,12 +74,12 @@ def find(of: Stack, causes: Sequence[Cause], before: Looked = NEVER_YET) -> Chan
             break
         weighed, kept = weighed_since(null, causes, since, until, until, bad)
         if found:
-            again = _renamed(of, causes, found, alarms[-1], until, bad, weighed.log_sum)
+            again = _renamed(of, causes, found, alarms[-1], until, bad, weighed.log_alarm)
             if again is not None:
                 found[-1] = again
                 since = again.first + 1
                 continue
-            if _since_start(of, causes, found, until, bad) + weighed.log_sum < 2 * LIMIT:
+            if _since_start(of, causes, found, until, bad) + weighed.log_alarm < 2 * LIMIT:
                 # There and back is less likely than a false alarm, and what ended it another.
                 found.pop()
                 since = alarms.pop() + 1
@@ -123,7 +123,7 @@ def _refined(
         i = 0
         while i < len(named):
             others, weighed, kept = weighed_again(of, causes, [*named, *strange], i, bad)
-            if weighed.log_sum < LIMIT and len(named) > 1:
+            if weighed.log_alarm < LIMIT and len(named) > 1:
                 del named[i]
                 continue
             named[i] = likeliest(others, causes, weighed, kept)
@@ -174,7 +174,7 @@ def _since_start(
     to that without it."""
     start = found[-2].first + 1 if len(found) > 1 else 0
     before = with_changes(of, found[:-1])
-    return weighed_since(before, causes, start, until, until, bad)[0].log_sum
+    return weighed_since(before, causes, start, until, until, bad)[0].log_alarm
 
 
 def _renamed(

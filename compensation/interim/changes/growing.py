@@ -53,11 +53,12 @@ class Growing:
         everything known and the course's amplitudes integrated out.
 
         The same as of a stack that knows the course (`with_changes`). Courses that bend at the same
-        instants, all after their origins, share their `rate_size`.
+        instants, all after their origins, share their `rate_size`, and bend by the same share of it
+        or by another.
         """
         ramps = _Ramps(self._of, cause, self._known, self._side)
         found: list[float] = []
-        for bends, group in groupby(courses, key=lambda course: course.bends_d):
+        for (bends, _), group in groupby(courses, lambda one: (one.bends_d, one.bending)):
             some = list(group)
             origins = np.array([course.origin_d for course in some])
             spread, told = ramps.integrated(origins, np.array(bends), some[0])

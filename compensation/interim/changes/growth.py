@@ -1,4 +1,10 @@
-"""A growth dated by a course that may bend: wear goes with use, and use is no straight line."""
+"""A growth dated by a course that may bend: wear goes with use, and use is no straight line.
+
+Beforehand the rate goes at random, as far in two days as in these days one after the other: the
+farther bends lie apart, the more a course bends at each, and how many there are changes nothing of
+what courses are likely. A long growth has as few as draw it as well as more would, and how much it
+bends its checks say (decision 150).
+"""
 
 from __future__ import annotations
 
@@ -7,13 +13,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from armd.compensation.interim.changes.change import Change
+from armd.compensation.interim.changes.change import BENDING, Change
 from armd.compensation.interim.changes.growing import Growing
 from armd.compensation.interim.changes.held import held
+from armd.compensation.interim.evidence.likelihood import LIMIT
 from armd.compensation.interim.evidence.stack import Stack
 
-#: Bends lie so many checks apart, and no more of them than this.
-CHECKS_APART, MOST_BENDS = 3, 14
+#: Bends lie so many checks apart; in a growth of more than 14 times as many, or 2, 4, … times that.
+CHECKS_APART, FEW_BENDS = 3, 14
+#: A long growth bends every third check by one of these shares of its rate. With 0.1 the use of a
+#: week is taken for another change.
+LONG_BENDINGS = (BENDING, 0.4, 0.2)
+#: Bends are farther apart where that makes all readings less likely by no more than this (natural
+#: logarithm): by less than what a change has to gain to be told.
+AS_WELL = 0.6 * LIMIT
 
 
 def growth(of: Stack, change: Change, kept: Sequence[int], firsts: Sequence[int]) -> Change:
@@ -29,10 +42,8 @@ class Growths:
 
     def __init__(self, of: Stack, kept: Sequence[int]) -> None:
         self._of, self._kept = of, kept
-        some = of.only(kept)
-        self._growing = Growing(some)
-        apart = max(CHECKS_APART, -(-len(kept) // MOST_BENDS))
-        self._knots = [float(some.time_d[k]) for k in range(len(kept) - 2, 0, -apart)][::-1]
+        self._time = of.time_d[list(kept)]
+        self._growing = Growing(of.only(kept))
 
     def of(self, change: Change, firsts: Sequence[int]) -> list[tuple[float, Change]]:
         """A growth from each of the checks *firsts* on, with its share; all onsets are as likely
@@ -40,16 +51,40 @@ class Growths:
         assert change.cause is not None
         rate = np.abs(self._growing.rate(change))
         # A rate that differs from column to column bends in its own proportion.
-        size = np.maximum(rate, 0.1 * rate.max())
-        courses = []
-        for first in firsts:
-            origin = origin_d(self._of, self._kept, self._kept.index(first))
-            bends = tuple(at for at in self._knots if at > float(self._of.time_d[first]))
-            course = replace(change, first=first, origin_d=origin, bends_d=bends, rate_size=size)
-            courses.append(course)
+        like = replace(change, rate_size=np.maximum(rate, 0.1 * rate.max()))
+        apart, bending = self._bends(like)
+        courses = [self._course(like, first, apart, bending) for first in firsts]
         plausible = self._growing.log_marginals(change.cause, courses)
         share = np.exp(plausible - plausible.max())
         return list(zip((share / share.sum()).tolist(), courses, strict=True))
+
+    def _bends(self, like: Change) -> tuple[int, float]:
+        """How many checks apart a growth's bends have to be, and by what share of its rate it
+        bends every third check."""
+        assert like.cause is not None
+        checks = len(self._kept) - self._kept.index(like.first)
+        aparts = [CHECKS_APART]
+        while checks > FEW_BENDS * aparts[-1]:
+            aparts.append(2 * aparts[-1])
+        if len(aparts) == 1:
+            return CHECKS_APART, BENDING
+        tried = [(apart, bending) for apart in aparts for bending in LONG_BENDINGS]
+        courses = [self._course(like, like.first, *one) for one in tried]
+        plausible = self._growing.log_marginals(like.cause, courses)
+        found = zip(tried, (plausible - plausible.max()).tolist(), strict=True)
+        as_well = [(apart, log, bending) for (apart, bending), log in found if log > -AS_WELL]
+        apart, _, bending = max(as_well)
+        return apart, bending
+
+    def _course(self, like: Change, first: int, apart: int, bending: float) -> Change:
+        knots = [float(self._time[k]) for k in range(len(self._kept) - 2, 0, -apart)][::-1]
+        return replace(
+            like,
+            first=first,
+            origin_d=origin_d(self._of, self._kept, self._kept.index(first)),
+            bends_d=tuple(at for at in knots if at > float(self._of.time_d[first])),
+            bending=bending * float(np.sqrt(apart / CHECKS_APART)),
+        )
 
 
 def origin_d(of: Stack, kept: Sequence[int], first: int) -> float:

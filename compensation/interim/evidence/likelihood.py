@@ -56,6 +56,16 @@ class Weighed:
     def log_sum(self) -> float:
         return float(logsumexp(self.log_by_size))
 
+    @property
+    def log_alarm(self) -> float:
+        """The largest sum of as many onsets in a row as the alarm weighs: its limit is of those.
+
+        Without a change the sum of all onsets is on average as large as they are many.
+        """
+        each = logsumexp(self.log_by_size, axis=(1, 2, 3))
+        ends = range(min(MOST_BACK, len(each)), len(each) + 1)
+        return max(float(logsumexp(each[max(0, end - MOST_BACK) : end])) for end in ends)
+
 
 def weigh(sums: RunningSums, causes: Sequence[Cause], n: int, first: I64) -> Weighed:
     """Weigh changes of the first *n* checks that begin at checks *first*."""

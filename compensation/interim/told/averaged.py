@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.compensation.interim.changes.change import Change, Way, n_amplitudes
+from armd.compensation.interim.changes.growth import FEW_BENDS
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.beside import Beside
 from armd.compensation.interim.evidence.stack import Stack
@@ -45,22 +46,42 @@ def affordable(ways: Sequence[Way], causes: Sequence[Cause], rows: int) -> list[
     """The likeliest of *ways* that a calibration whose covariance has so many *rows* can hold,
     beside as many again in the epochs to come; their shares add up to 1.
 
-    A growth of unsure course in doubtful months has a term for each bend of each cause. If the
-    likeliest way alone has too many, its growths go straight.
+    A growth of unsure course in doubtful months has a term for each bend of each cause. While not
+    all ways have room, growths of many bends get half as many. If the likeliest way alone still has
+    too many, its growths go straight.
     """
     most = (MOST_ROWS - rows) // 2
+    ordered = sorted(ways, key=lambda one: -one[0])
+    kept, terms = _fitting(ordered, causes, most)
+    while (len(kept) < len(ordered) or terms > most) and any(_bends(way) for _, way in ordered):
+        ordered = [
+            (share, tuple(c.coarser if len(c.bends_d) > FEW_BENDS else c for c in way))
+            for share, way in ordered
+        ]
+        kept, terms = _fitting(ordered, causes, most)
+    if terms > most:
+        kept = [(share, tuple(replace(c, bends_d=()) for c in way)) for share, way in kept]
+    total = sum(share for share, _ in kept)
+    return [(share / total, way) for share, way in kept]
+
+
+def _bends(way: Sequence[Change]) -> bool:
+    """Whether a growth has so many bends that half of them may be enough."""
+    return any(len(change.bends_d) > FEW_BENDS for change in way)
+
+
+def _fitting(ordered: Sequence[Way], causes: Sequence[Cause], most: int) -> tuple[list[Way], int]:
+    """The first ways that together have no more than *most* terms, one at least, and how many they
+    have."""
     kept: list[Way] = []
     terms: set[tuple[object, ...]] = set()
-    for share, way in sorted(ways, key=lambda one: -one[0]):
+    for share, way in ordered:
         more = terms.union(*(_terms(change, causes) for change in way))
         if kept and len(more) > most:
             break
         kept.append((share, way))
         terms = more
-    if len(terms) > most:
-        kept = [(share, tuple(replace(c, bends_d=()) for c in way)) for share, way in kept]
-    total = sum(share for share, _ in kept)
-    return [(share / total, way) for share, way in kept]
+    return kept, len(terms)
 
 
 def _terms(change: Change, causes: Sequence[Cause]) -> set[tuple[object, ...]]:
