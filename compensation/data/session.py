@@ -122,7 +122,7 @@ def load_session(path: str | Path, arm: Arm) -> Session:
     folder = Path(path)
     file = _session_file(folder, arm)
     like_radians = LikeRadians(arm, file.angle_unit)
-    readings = load_readings(_readings_path(folder), number_columns(arm), TEXTS)
+    readings = load_readings(readings_path(folder), number_columns(arm), TEXTS)
     session = _session(folder, file, arm, readings, {})
     like_radians.take(readings, session.states.q)
     like_radians.judge()
@@ -139,7 +139,7 @@ def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
     like_radians = LikeRadians(arm, file.angle_unit)
     placements: dict[str, int] = {}
     dated: bool | None = None
-    for readings in reading_pieces(_readings_path(folder), number_columns(arm), TEXTS):
+    for readings in reading_pieces(readings_path(folder), number_columns(arm), TEXTS):
         piece = _session(folder, file, arm, readings, placements)
         like_radians.take(readings, piece.states.q)
         now = not np.isnan(piece.states.time_s).any()
@@ -224,7 +224,8 @@ def check_is_session(folder: Path) -> None:
     )
 
 
-def _readings_path(folder: Path) -> Path:
+def readings_path(folder: Path) -> Path:
+    """The table of readings in a session's folder; raises `BadInput` if there is not one."""
     present = [folder / name for name in READINGS if (folder / name).exists()]
     if len(present) != 1:
         found = "both" if present else "neither"

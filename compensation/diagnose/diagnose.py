@@ -41,7 +41,10 @@ from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.touched import MOST_TOUCHED, beside, find_touched
+from armd.compensation.estimate.observations import gather
 from armd.compensation.freed import give_back_freed
+from armd.compensation.identify.admission.mistakes import AssumedModel
+from armd.compensation.identify.admission.wrong_names import told_of_misnamed
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
@@ -103,6 +106,11 @@ def _diagnose(
         sessions = found.sessions
     if not baseline.held and (odd := baseline.calibration.provenance.get("odd_session")):
         told.append(odd)
+    told += told_of_misnamed(
+        sessions,
+        gather(sessions, arm, baseline.calibration.artefact),
+        AssumedModel.under(arm, baseline.calibration),
+    )
     give_back_freed()
     progress("gain", 0.9)
     last = result.last

@@ -21,8 +21,10 @@ from armd.compensation.estimate.poses import (
     centres,
     fit_poses,
     pose_columns,
+    robust_poses,
     target_columns,
 )
+from armd.compensation.estimate.robust import has_monsters
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.terms import Term
@@ -109,10 +111,12 @@ def linearise_as_read(
     observations: Observations, constants: F64, terms: Sequence[Term], basis: F64
 ) -> Linearisation:
     """The same where the readings put the tip, with poses and unknown seats fitted there: columns
-    and levers at the angles as read."""
+    and levers at the angles as read. A monstrous reading does not move them."""
     rows = parameter_rows(constants, terms, basis)
     position, columns = jacobian(observations.states.q, rows)
     poses = fit_poses(observations, position)
+    if has_monsters(poses.residual(observations, position)):
+        poses, _ = robust_poses(observations, position)
     at = observations.states.q, position, columns
     return _around(observations, poses, position, at, basis, position)
 

@@ -14,11 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from armd.arrays import F64, Mask
 from armd.compensation.estimate.adjustment import backwards
-from armd.compensation.estimate.robust import far_off
-
-#: No reading is better than this (mm): a count of 23 bits at one metre is seven times as much.
-#: Readings without any noise would make everything look known; see docs/decisions/0082.
-LEAST_MM = 1e-4
+from armd.compensation.estimate.robust import LEAST_MM, far_off
 
 
 @dataclass(frozen=True)

@@ -71,7 +71,7 @@ class Observations:
         points = self.stretch[:, None] * target_mm[self.target]
         return np.where(self.has_truth[:, None], self.truth_mm, points)
 
-    def rows(self, mask: Mask) -> Observations:
+    def rows(self, mask: Mask | I64) -> Observations:
         """The same problem with some readings only; placements and targets keep their numbers.
 
         Lagged basis functions want all rows of a run: evaluate them before choosing rows.

@@ -17,6 +17,8 @@ from armd.compensation.estimate.placements import Placements
 
 #: A rotation by 1 rad moves a point at this lever by as much: it makes columns comparable.
 LEVER_MM = 100.0
+#: Weighed anew so often, one reading in ten that is far off moves a pose no more.
+ROBUST_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,13 @@ class Poses:
         rotation = self.rotation[observations.placement]
         turned: F64 = np.einsum("nij,nj->ni", rotation, points)
         return turned + self.translation_mm[observations.placement]
+
+    def placed_at(self, observations: Observations, targets: I64) -> F64:
+        """Where the tip would stand (n, k, 3) mm, had each reading touched each of *targets*."""
+        points = observations.stretch[:, None, None] * self.target_mm[targets]
+        rotation = self.rotation[observations.placement]
+        turned: F64 = np.einsum("nij,nkj->nki", rotation, points)
+        return turned + self.translation_mm[observations.placement][:, None]
 
     def residual(self, observations: Observations, position_mm: F64) -> F64:
         """Tip minus target (n, 3) mm, in the base frame."""
@@ -94,6 +103,17 @@ def target_columns(observations: Observations, poses: Poses) -> F64:
     size = np.where(observations.has_truth, 0.0, observations.stretch)
     columns: F64 = -size[:, None, None] * poses.rotation[observations.placement]
     return columns
+
+
+def robust_poses(observations: Observations, position_mm: F64) -> tuple[Poses, F64]:
+    """Poses that few readings far off hardly move (Cauchy's weights), and (n,) mm of each reading
+    from its target there."""
+    weight = np.ones(observations.n)
+    for _ in range(ROBUST_ROUNDS):
+        poses = fit_poses(observations, position_mm, weight)
+        distance: F64 = np.linalg.norm(poses.residual(observations, position_mm), axis=1)
+        weight = 1.0 / (1.0 + (distance / max(float(np.median(distance)), 1e-9)) ** 2)
+    return poses, distance
 
 
 def fit_poses(

@@ -24,6 +24,13 @@ MEDIAN_D2 = 2.0 * float(gammaincinv(1.5, 0.5))
 #: Beyond this many standard deviations of a rest's three components a residual counts as its edge:
 #: one in eighty does, where the noise is normal.
 WINSOR_AT = 3.3
+#: One reading so many times farther off than the middle one moves its whole placement by several
+#: noises, and clipping comes back by a few noises at a time: 100 times is mended by it, 10 000
+#: times is not. A target taken for its neighbour is 10 000 to 100 000 times off.
+MONSTROUS = 300.0
+#: No reading is better than this (mm): a count of 23 bits at one metre is seven times as much.
+#: Readings without any noise would make everything look known; see docs/decisions/0082.
+LEAST_MM = 1e-4
 
 ALPHA = 1e-3  # chance of one false outlier in a whole data set
 HEAVIEST, LIGHTEST = 2.0, 30.0  # degrees of freedom of the tails
@@ -47,6 +54,13 @@ def redescending_weights(distance2: F64, region: Mask) -> F64:
     """Weights (n,) of squares, from squared distances; *region* counts fully, however far off."""
     weight = np.minimum(1.0, OUTLIER_D2 / np.maximum(distance2, 1e-300))
     return np.where(region, 1.0, weight)
+
+
+def has_monsters(residual_mm: F64) -> bool:
+    """Whether one of residuals (n, 3) mm is MONSTROUS times the middle one."""
+    off_mm = np.linalg.norm(residual_mm, axis=1)
+    usual_mm = max(float(np.median(off_mm)), LEAST_MM) if len(off_mm) else np.inf
+    return bool(np.max(off_mm, initial=0.0) > MONSTROUS * usual_mm)
 
 
 def huber_weights(size: F64, at: float = WINSOR_AT) -> F64:

@@ -17,15 +17,18 @@ from armd.compensation.estimate.folds import placement_folds
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.odd_session import odd_session, refuse_mistakes
 from armd.compensation.identify.admission.requirements import (
     choose_readings,
+    is_plausible,
     not_known,
     require_enough,
     require_help,
     require_plausible,
     require_some,
 )
+from armd.compensation.identify.admission.wrong_names import refuse_misnamed, told_of_misnamed
 from armd.compensation.identify.certificate import judge
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
@@ -90,7 +93,12 @@ def _calibrate(
     drawn_rms_um = residual_rms_um(drawn.residual_mm)
     if odd := odd_session(sessions, first, drawn_rms_um):
         notes.append(odd.in_words())
+    # A fit to many of them may lie so far off that the drawing tells more.
+    if not is_plausible(first):
+        refuse_misnamed(sessions, observations, AssumedModel.of(first))
+        refuse_misnamed(sessions, observations, AssumedModel.under(arm, None))
     require_plausible(first, str(odd.path) if odd else files)
+    notes += told_of_misnamed(sessions, observations, AssumedModel.of(first))
     trials: list[Trial] = []
     order, final = 0, first
     per_temperature = thermal and options.thermal_method == "per-temperature"
@@ -114,7 +122,7 @@ def _calibrate(
         notes.append(f"the fit did not settle within {final.steps} steps")
     if final.region.any():
         notes.append(
-            f"{int(final.region.sum())} readings are far off like their neighbours in posture: no"
+            f"{counted(int(final.region.sum()), 'reading')} far off like others near in posture: no"
             " outliers, they count fully; `armd diagnose` looks for why"
         )
     by = "temperature"

@@ -94,7 +94,14 @@ def judge(
         faults.append("the fit did not settle")
     if share > MOST_LEFT:
         faults.append(f"more than the {MOST_LEFT:.0%} that shows a calibration to help")
-    if heldout_mm > MOST_HELDOUT_MM:
+    without_mm = heldout.without_far_um / 1e3
+    good_without = without_mm < min(MOST_HELDOUT_MM, MOST_LEFT * drawn_mm)
+    if (heldout_mm > MOST_HELDOUT_MM or share > MOST_LEFT) and len(found.outliers) and good_without:
+        faults.append(
+            f"{without_mm:.4g} mm without {counted(heldout.n_far, 'reading')} far off:"
+            f" {found.outlier_words()}; delete them from the session or measure them again"
+        )
+    elif heldout_mm > MOST_HELDOUT_MM:
         faults.append(
             f"more than {MOST_HELDOUT_MM:g} mm: no set of constants describes this arm"
             " (another arm than arm.toml draws, play in a joint, a loose artefact, readings"

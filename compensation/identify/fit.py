@@ -20,11 +20,12 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.gauge import gauge
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
-from armd.compensation.estimate.noise import LEAST_MM, ReadingNoise, Weighting, estimate
+from armd.compensation.estimate.noise import ReadingNoise, Weighting, estimate
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import fit_poses
 from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.robust import (
+    LEAST_MM,
     MEDIAN_D2,
     OUTLIER_D2,
     mahalanobis2,
@@ -75,6 +76,16 @@ class Identification:
     def outliers(self) -> I64:
         """Rows gone wrong, as `armd diagnose` judges them, too."""
         return outlying(self.distance2, self.region)[0]
+
+    def outlier_words(self, most: int = 4) -> str:
+        """Where the outliers are and how far off, the farthest first."""
+        far_mm = np.linalg.norm(self.at.residual_mm[self.outliers], axis=1)
+        of = self.observations
+        words = [
+            f"{of.session_names[of.session[i]]} row {of.row[i] + 1} ({mm:.3g} mm off)"
+            for mm, i in sorted(zip(far_mm, self.outliers, strict=True), reverse=True)
+        ]
+        return ", ".join(words[:most]) + (", …" if len(words) > most else "")
 
     @property
     def rms_um(self) -> float:

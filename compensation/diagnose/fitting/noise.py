@@ -20,7 +20,7 @@ from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.noise import ReadingNoise, whitening
-from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights
+from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, has_monsters, huber_weights
 
 LEVER_MM = 500.0
 #: Slow drift is a random walk from knot to knot, this far apart (and at most so many per session).
@@ -197,7 +197,10 @@ def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise
     estimate in which it is ordinary. Where a few rests have most of the sum of squares, they are
     clipped by what the middle one of the rests tells, and the fit made again, until it settles.
     """
-    fitted = fit(residual, noise)
+    nothing = np.zeros_like(residual)
+    monsters = has_monsters(residual[: 3 * len(noise.whitener)].reshape(-1, 3))
+    # Then the residual is about poses that hardly know of them; a fit would.
+    fitted = nothing if monsters else fit(residual, noise)
     square = _squares(residual, fitted, noise)
     usual = MIDDLE_TO_MEAN * float(np.median(square)) if len(square) else 1.0
     if float(square.mean()) <= GROSS * usual:

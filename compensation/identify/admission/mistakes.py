@@ -14,9 +14,12 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.poses import fit_poses
+from armd.compensation.estimate.poses import fit_poses, robust_poses
 from armd.compensation.identify.evaluation.lengths import certified_lengths
+from armd.compensation.identify.fit import Identification
+from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.terms import Term
 
@@ -28,8 +31,6 @@ LENGTHS_MM = {"inches": 25.4, "centimetres": 10.0, "metres": 1000.0}
 LEAST_FAHRENHEIT = 45.0
 #: Exchanges of two seats in one placement are tried up to so many; each takes some milliseconds.
 MOST_EXCHANGES = 400
-#: Weighed anew so often, one reading in ten that is far off moves a pose no more.
-ROUNDS = 4
 #: A placement of fewer readings says nothing.
 LEAST_READINGS = 3
 
@@ -41,6 +42,18 @@ class AssumedModel:
     constants: F64  # (P,)
     terms: Sequence[Term]
     reference_c: float
+
+    @classmethod
+    def of(cls, found: Identification) -> AssumedModel:
+        return cls(found.constants, found.terms, found.reference_c)
+
+    @classmethod
+    def under(cls, arm: Arm, calibration: Calibration | None) -> AssumedModel:
+        """A calibration, or the drawing."""
+        if calibration is None:
+            return cls(arm.nominal(), [], arm.reference_temperature_c)
+        constants = calibration.vector(arm.n_joints)
+        return cls(constants, calibration.terms, calibration.reference_temperature_c)
 
     def tip_mm(self, observations: Observations) -> F64:
         """(n, 3) base frame; NaN where a temperature is missing."""
@@ -125,7 +138,7 @@ def _largest(observations: Observations, position_mm: F64) -> F64:
     if not kept.any():
         return largest
     observations, position_mm = observations.rows(kept), position_mm[kept]
-    distance = _distances_mm(observations, position_mm)
+    _, distance = robust_poses(observations, position_mm)
     for placement in np.unique(observations.placement):
         own = observations.placement == placement
         if own.sum() < LEAST_READINGS:
@@ -135,16 +148,6 @@ def _largest(observations: Observations, position_mm: F64) -> F64:
             float(np.median(distance[own][target == k])) for k in np.unique(target)
         )
     return largest
-
-
-def _distances_mm(observations: Observations, position_mm: F64) -> F64:
-    """(n,) from the targets, at poses that few readings far off hardly move (Cauchy's weights)."""
-    weight = np.ones(observations.n)
-    for _ in range(ROUNDS):
-        poses = fit_poses(observations, position_mm, weight)
-        distance: F64 = np.linalg.norm(poses.residual(observations, position_mm), axis=1)
-        weight = 1.0 / (1.0 + (distance / max(float(np.median(distance)), 1e-9)) ** 2)
-    return distance
 
 
 def _guesses(observations: Observations, model: AssumedModel) -> Iterator[Guess]:

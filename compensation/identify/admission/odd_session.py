@@ -29,6 +29,7 @@ from armd.compensation.identify.admission.mistakes import (
     wrong_length_unit,
 )
 from armd.compensation.identify.admission.requirements import readings_needed
+from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit, rms_um
 from armd.compensation.identify.thermal.temperatures import temperature_groups
@@ -73,8 +74,7 @@ def refuse_mistakes(
     Held against *given*, a calibration, or the drawing, any such mistake stands out. *observations*
     are of *sessions*, some rows of them left out or none.
     """
-    arm = observations.arm
-    model = given or AssumedModel(arm.nominal(), [], arm.reference_temperature_c)
+    model = given or AssumedModel.under(observations.arm, None)
     parts = [observations.rows(observations.session == k) for k in range(len(sessions))]
     misses = np.array([miss_mm(part, model) for part in parts])
     told = misses > 0  # others have no placement with enough readings
@@ -92,7 +92,7 @@ def refuse_mistakes(
     by = "under the calibration given" if given else "under the drawing"
     others = ~suspects & told
     if not given and (better := _identified(observations, others[observations.session])):
-        model = AssumedModel(better.constants, better.terms, better.reference_c)
+        model = AssumedModel.of(better)
         by = f"under what the other {int(others.sum())} identify"
     _raise(
         [
@@ -111,7 +111,7 @@ def odd_session(
     Raises `BadInput` where it is plain what is wrong with it.
     """
     observations = found.observations
-    model = AssumedModel(found.constants, found.terms, found.reference_c)
+    model = AssumedModel.of(found)
     misses = _by_session(observations, model, len(sessions))
     if len(sessions) < 3 or not np.isfinite(misses).all():
         return None
@@ -127,7 +127,7 @@ def odd_session(
         without = _identified(observations, rest)
         if without is None:
             continue
-        model = AssumedModel(without.constants, without.terms, without.reference_c)
+        model = AssumedModel.of(without)
         level = float(np.nanmax(_by_session(observations.rows(rest), model, len(sessions))))
         if best is None or level < best[0]:
             best = (level, k, model)
@@ -155,12 +155,14 @@ def remark(sessions: Sequence[Session], observations: Observations) -> str:
 
 def _remark(sessions: Sequence[Session], observations: Observations) -> str:
     refuse_mistakes(sessions, observations)
+    refuse_misnamed(sessions, observations, AssumedModel.under(observations.arm, None))
     everything = np.ones(observations.n, dtype=bool)
     found = _identified(observations, everything) if len(sessions) > 2 else None
     if found is None:
         return ""
     arm = observations.arm
     drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
+    refuse_misnamed(sessions, observations, AssumedModel.of(found))
     odd = odd_session(sessions, found, rms_um(drawn.residual_mm))
     return odd.in_words() if odd else ""
 

@@ -9,7 +9,7 @@ import numpy as np
 from armd.arrays import Mask
 from armd.compensation.estimate.gauge import unidentifiable
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.identify.fit import Identification
+from armd.compensation.identify.fit import Identification, rms_um
 from armd.compensation.identify.thermal.temperatures import temperature_groups
 from armd.errors import BadInput
 from armd.terminal.counted import counted
@@ -132,9 +132,16 @@ def _seats(observations: Observations) -> int:
     return int(observations.unknown[touched].sum())
 
 
+def is_plausible(found: Identification) -> bool:
+    """Whether what is left after fitting is an arm's; a few readings gone wrong, however far, are
+    the certificate's to name."""
+    left_mm = np.delete(found.at.residual_mm, found.outliers, axis=0)
+    return rms_um(left_mm) <= 1e3 * ABSURD_RMS_MM
+
+
 def require_plausible(found: Identification, files: str) -> None:
     """Refuse a fit that is none: residuals beyond any arm's, or another arm than was drawn."""
-    if found.rms_um > 1e3 * ABSURD_RMS_MM:
+    if not is_plausible(found):
         raise BadInput(
             files,
             "readings",

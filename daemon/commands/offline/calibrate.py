@@ -120,6 +120,7 @@ def _print(result: Result, written: str) -> None:
         console.print(
             f"{counted(len(found.weighed_down), 'reading')} far off have less weight,"
             f" {len(found.outliers)} of them outliers"
+            + (f": {found.outlier_words()}" if len(found.outliers) else "")
         )
     for note in result.notes:
         console.print(note)

@@ -55,12 +55,7 @@ def run(args: argparse.Namespace) -> int:
     calibration = loaded.content if loaded else None
     sessions = load_sessions(args.session, arm)
     holdout = load_sessions(args.holdout, arm, besides=sessions)
-    held_against = None
-    if calibration:
-        constants = calibration.vector(arm.n_joints)
-        held_against = AssumedModel(
-            constants, calibration.terms, calibration.reference_temperature_c
-        )
+    held_against = AssumedModel.under(arm, calibration) if calibration else None
     every = [*sessions, *holdout]
     artefact = calibration.artefact if calibration else None
     refuse_mistakes(every, gather(every, arm, artefact), held_against)

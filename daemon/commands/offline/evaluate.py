@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import argparse
 import json
+from typing import Any
 
 from rich.table import Table
 
+from armd.compensation.data.session import load_sessions
+from armd.compensation.estimate.observations import gather
+from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.requirements import ABSURD_RMS_MM
+from armd.compensation.identify.admission.wrong_names import told_of_misnamed
 from armd.compensation.identify.evaluation.evaluate_files import evaluate_files
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
 from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
 from armd.terminal.plain import plain_console
+
+#: More readings are not held at once only to say what may be wrong with them.
+MOST_HELD = 1_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,11 +56,24 @@ def run(args: argparse.Namespace) -> int:
     for length in lengths:
         console.print(f"certified length {length.in_words()}")
     if result["rms_um"] > 1e3 * ABSURD_RMS_MM:
-        console.print(
-            f"residuals of {result['rms_um'] / 1e3:.0f} mm: {args.arm}: is it the drawing of this"
-            " arm? (units of angles and lengths, directions, offsets)"
-        )
+        console.print(_why(args, arm, calibration, result))
     if result["n_unused"]:
         unused = counted(result["n_unused"], "reading")
         console.print(f"{unused} without a temperature that the calibration needs")
     return 0
+
+
+def _why(
+    args: argparse.Namespace, arm: Arm, calibration: Calibration | None, result: dict[str, Any]
+) -> str:
+    """What may be wrong where residuals are no arm's."""
+    if result["n"] <= MOST_HELD:
+        sessions = load_sessions(args.session, arm)
+        observations = gather(sessions, arm, calibration.artefact if calibration else None)
+        told = told_of_misnamed(sessions, observations, AssumedModel.under(arm, calibration))
+        if told:
+            return "\n".join(told)
+    return (
+        f"residuals of {result['rms_um'] / 1e3:.0f} mm: {args.arm}: is it the drawing of this"
+        " arm? (units of angles and lengths, directions, offsets)"
+    )

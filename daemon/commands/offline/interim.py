@@ -16,6 +16,9 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.data.session import load_sessions
+from armd.compensation.estimate.observations import gather
+from armd.compensation.identify.admission.mistakes import AssumedModel
+from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.interim.checks import chain, history, keeping
 from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.interim.checks.reduce import reduce
@@ -88,6 +91,8 @@ def _add(args: argparse.Namespace) -> int:
     if not args.future:
         keeping.check_clock(folder, lines, math.floor(time.time()))
     keeping.check_new(folder, lines, sessions)
+    observations = gather(sessions, arm, calibration.content.artefact)
+    refuse_misnamed(sessions, observations, AssumedModel.under(arm, calibration.content))
     causes = causes_of(arm, calibration.content)
     console, new = aside(args), []
     with bar(console, "evaluating the checks") as told:

@@ -8,6 +8,9 @@ import json
 from rich.table import Table
 
 from armd.compensation.data.session import Session, load_session
+from armd.compensation.estimate.observations import gather
+from armd.compensation.identify.admission.mistakes import AssumedModel
+from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.compensation.verify.figures import verify
@@ -45,6 +48,9 @@ def run(args: argparse.Namespace) -> int:
     if limits is not None and args.decision:
         limits = limits.model_copy(update={"decision": args.decision})
     session = load_session(args.session, arm)
+    given = calibration.content if calibration else None
+    observations = gather([session], arm, given.artefact if given else None)
+    refuse_misnamed([session], observations, AssumedModel.under(arm, given))
     test = limits.uncertainty if limits else TestUncertainty()
     with aside(args).status("evaluating …"):
         verdict = judge(verify(session, arm, calibration, test), limits)

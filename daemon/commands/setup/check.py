@@ -81,7 +81,7 @@ def _sessions_beside_each_other(
                 doubts.append(remark(sessions, gather(sessions, arms[serial])))
             except BadInput as fault:
                 for one in (fault, *fault.more):
-                    faults.setdefault(Path(one.file), []).append(one)
+                    faults.setdefault(_folder(Path(one.file)), []).append(one)
     return faults, list(filter(None, doubts))
 
 

@@ -1,0 +1,129 @@
+"""Readings under another target's name: somebody touched one target and wrote down another.
+
+Where a whole session exchanges two names, `mistakes` tells. Here a few readings miss their own
+target by a multiple of what the others miss by, and lie at another one as closely as the others
+lie at theirs. A reading that lies nowhere is an outlier, and none of this file's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.data.session import Session, readings_path
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.poses import robust_poses
+from armd.compensation.identify.admission.mistakes import (
+    LEAST_READINGS,
+    AssumedModel,
+)
+from armd.errors import BadInput
+from armd.terminal.counted import counted
+
+#: What readings miss their targets by is skewed: under a drawing one in a hundred misses by three
+#: to four medians. One that lies at its own target is not FAR, one that lies at another is NEAR.
+FAR, NEAR = 12.0, 4.0
+#: Less than this is noise, and no other target (mm).
+LEAST_MM = 0.05
+#: Rows that a message lists.
+MOST_TOLD = 6
+
+
+@dataclass(frozen=True)
+class WrongNames:
+    """m readings, by their place among the observations, and the targets they lie at."""
+
+    reading: I64  # (m,)
+    at: I64  # (m,) targets
+    own_mm: F64  # (m,) from the target that the reading names
+    at_mm: F64  # (m,) from the one it lies at
+
+
+def wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
+    """The readings of one session that, under *model*, lie at another target than they name.
+
+    Readings whose own truth counts, and those without a temperature that *model* needs, name none.
+    """
+    position = model.tip_mm(observations)
+    told = np.flatnonzero(np.isfinite(position[:, 0]) & ~observations.has_truth)
+    if not len(told):
+        return WrongNames(told, told, np.empty(0), np.empty(0))
+    observations, position = observations.rows(told), position[told]
+    poses, own_mm = robust_poses(observations, position)
+    level = max(float(np.median(own_mm)), LEAST_MM)
+    # Where hardly any reading lies at its target, nothing says where the artefact is.
+    near = np.bincount(
+        observations.placement[own_mm < NEAR * level], minlength=len(observations.placement_names)
+    )
+    far = np.flatnonzero((own_mm > FAR * level) & (near[observations.placement] >= LEAST_READINGS))
+    touched = np.isin(np.arange(len(observations.unknown)), observations.target)
+    session = np.isin(observations.target_session, observations.session)
+    others = np.flatnonzero(session & (touched | ~observations.unknown))
+    there = poses.placed_at(observations.rows(far), others)
+    distance = np.linalg.norm(position[far, None] - there, axis=2)
+    nearest = distance.argmin(axis=1) if len(others) else np.zeros(len(far), dtype=np.int64)
+    at_mm = distance[np.arange(len(far)), nearest]
+    elsewhere = (others[nearest] != observations.target[far]) & (at_mm < NEAR * level)
+    far = far[elsewhere]
+    return WrongNames(told[far], others[nearest][elsewhere], own_mm[far], at_mm[elsewhere])
+
+
+def misnamed(
+    sessions: Sequence[Session], observations: Observations, model: AssumedModel
+) -> list[BadInput]:
+    """Of each of *sessions*, what is wrong with readings that lie at another target than they name.
+
+    *observations* are of *sessions*, some rows of them left out or none.
+    """
+    faults = []
+    for k, session in enumerate(sessions):
+        part = observations.rows(observations.session == k)
+        found = wrong_names(part, model)
+        if len(found.reading):
+            faults.append(_fault(session, part, found))
+    return faults
+
+
+def refuse_misnamed(
+    sessions: Sequence[Session], observations: Observations, model: AssumedModel
+) -> None:
+    """Raise `BadInput` for readings of *sessions* that lie at another target than they name."""
+    if faults := misnamed(sessions, observations, model):
+        faults[0].more = tuple(faults[1:])
+        raise faults[0]
+
+
+def told_of_misnamed(
+    sessions: Sequence[Session], observations: Observations, model: AssumedModel
+) -> list[str]:
+    """The same in words, where such readings are outliers among many that are right."""
+    return [
+        f"{Path(fault.file).parent.name}: {fault.found}"
+        for fault in misnamed(sessions, observations, model)
+    ]
+
+
+def _fault(session: Session, part: Observations, found: WrongNames) -> BadInput:
+    names = [name.partition("/")[2] for name in part.target_names]
+    path = readings_path(session.path)
+    words = []
+    for i, at, own_mm, at_mm in zip(
+        found.reading, found.at, found.own_mm, found.at_mm, strict=True
+    ):
+        row = int(part.row[i])
+        line = f" (line {row + 2})" if path.suffix == ".csv" else ""
+        words.append(
+            f"row {row + 1}{line} names {names[part.target[i]]}, {own_mm:.3g} mm off, and lies at"
+            f" {names[at]}, {at_mm:.2g} mm off"
+        )
+    more = f"; and {len(words) - MOST_TOLD} more" if len(words) > MOST_TOLD else ""
+    return BadInput(
+        path,
+        "column target",
+        f"{counted(len(words), 'reading')} of another target: {'; '.join(words[:MOST_TOLD])}{more}",
+        "each reading under the name of the target it touched",
+    )
