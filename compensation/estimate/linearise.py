@@ -24,7 +24,7 @@ from armd.compensation.estimate.poses import (
     robust_poses,
     target_columns,
 )
-from armd.compensation.estimate.robust import has_monsters
+from armd.compensation.estimate.robust import SUSPECT, has_monsters
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.terms import Term
@@ -115,8 +115,10 @@ def linearise_as_read(
     rows = parameter_rows(constants, terms, basis)
     position, columns = jacobian(observations.states.q, rows)
     poses = fit_poses(observations, position)
-    if has_monsters(poses.residual(observations, position)):
-        poses, _ = robust_poses(observations, position)
+    if has_monsters(poses.residual(observations, position), SUSPECT):
+        steady, _ = robust_poses(observations, position)
+        if has_monsters(steady.residual(observations, position)):
+            poses = steady
     at = observations.states.q, position, columns
     return _around(observations, poses, position, at, basis, position)
 

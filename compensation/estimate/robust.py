@@ -28,6 +28,8 @@ WINSOR_AT = 3.3
 #: noises, and clipping comes back by a few noises at a time: 100 times is mended by it, 10 000
 #: times is not. A target taken for its neighbour is 10 000 to 100 000 times off.
 MONSTROUS = 300.0
+#: What it is of the middle one where it has moved that, too: one of thirty readings, of one pose.
+SUSPECT = 10.0
 #: No reading is better than this (mm): a count of 23 bits at one metre is seven times as much.
 #: Readings without any noise would make everything look known; see docs/decisions/0082.
 LEAST_MM = 1e-4
@@ -56,11 +58,11 @@ def redescending_weights(distance2: F64, region: Mask) -> F64:
     return np.where(region, 1.0, weight)
 
 
-def has_monsters(residual_mm: F64) -> bool:
-    """Whether one of residuals (n, 3) mm is MONSTROUS times the middle one."""
+def has_monsters(residual_mm: F64, times: float = MONSTROUS) -> bool:
+    """Whether one of residuals (n, 3) mm is so many *times* the middle one."""
     off_mm = np.linalg.norm(residual_mm, axis=1)
     usual_mm = max(float(np.median(off_mm)), LEAST_MM) if len(off_mm) else np.inf
-    return bool(np.max(off_mm, initial=0.0) > MONSTROUS * usual_mm)
+    return bool(np.max(off_mm, initial=0.0) > times * usual_mm)
 
 
 def huber_weights(size: F64, at: float = WINSOR_AT) -> F64:

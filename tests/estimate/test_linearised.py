@@ -138,3 +138,18 @@ def test_columns_as_read_are_those_of_the_angles_read() -> None:
     ) / STEP
     assert read.jacobian[:, :, index] == pytest.approx(slope, abs=1e-4)
     assert np.abs(off.jacobian[:, :, index] - slope).max() > 1e-3
+
+
+def test_a_reading_half_a_turn_off_moves_no_other() -> None:
+    """By least squares it would move its placement by hundreds of noises."""
+    at, truth = problem()
+    q = at.observations.states.q.copy()
+    q[7, 1] += 0.5
+    states = replace(at.observations.states, q=q)
+    wrong = replace(at.observations, states=states)
+    values = at.basis
+    clean = linearise_as_read(at.observations, truth, TERMS, values).residual_mm
+    found = linearise_as_read(wrong, truth, TERMS, values).residual_mm
+    others = np.arange(len(q)) != 7
+    assert np.linalg.norm(found[7]) > 50.0
+    np.testing.assert_allclose(found[others], clean[others], atol=1e-3)
