@@ -18,6 +18,8 @@ from armd.terminal.counted import counted
 BEYOND_NOISE = 1.5
 #: Noise units from which on a cause is found mostly; fewer numbers to spare tell no noise.
 WOULD_SHOW, LEAST_SPARE = 5.0, 30
+#: Readings so many times farther off than the middle one are no tail; and how many are listed.
+FAR_TIMES, MOST_TOLD = 100.0, 3
 
 
 def verdict(diagnosis: Diagnosis) -> str:
@@ -130,11 +132,30 @@ def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
     if left > BEYOND_NOISE * floor:
         return (
             f"Yet the residuals, {um(left)} µm, are not what noise of {um(floor)} µm makes: "
-            "nothing in the catalogue, nor any smooth structure, explains them."
+            f"nothing in the catalogue, nor any smooth structure, explains them.{_few(diagnosis)}"
         )
     if but:
         return ""
     return f"The residuals are what the noise makes of them. {_could_show(diagnosis)}"
+
+
+def _few(diagnosis: Diagnosis) -> str:
+    """Which readings make the residuals, where few do: too many to be single ones gone wrong."""
+    last = diagnosis.search.last
+    off_mm = np.linalg.norm(last.left_mm, axis=1)
+    usual_mm = float(np.median(off_mm))
+    far = int((off_mm > FAR_TIMES * usual_mm).sum())
+    if not far:
+        return ""
+    of = last.linear.rests.observations
+    farthest = ", ".join(
+        f"{of.session_names[of.session[i]]} row {of.row[i] + 1} ({off_mm[i]:.3g} mm)"
+        for i in np.argsort(-off_mm)[: min(far, MOST_TOLD)]
+    )
+    return (
+        f" Half of all readings lie within {um(1e3 * usual_mm)} µm, {far} more than {FAR_TIMES:g}"
+        f" times as far off, most of all {farthest}: look at these first."
+    )
 
 
 def _could_show(diagnosis: Diagnosis) -> str:

@@ -139,13 +139,23 @@ def is_plausible(found: Identification) -> bool:
     return rms_um(left_mm) <= 1e3 * ABSURD_RMS_MM
 
 
+def _most_of_all(found: Identification) -> str:
+    """Which readings are farthest off, and what half of all are within."""
+    off_mm = np.linalg.norm(found.at.residual_mm, axis=1)
+    of, i = found.observations, int(np.argmax(off_mm))
+    return (
+        f" (half of the readings within {np.median(off_mm):.2g} mm; the farthest,"
+        f" {of.session_names[of.session[i]]} row {of.row[i] + 1}, {off_mm[i]:.3g} mm off)"
+    )
+
+
 def require_plausible(found: Identification, files: str) -> None:
     """Refuse a fit that is none: residuals beyond any arm's, or another arm than was drawn."""
     if not is_plausible(found):
         raise BadInput(
             files,
             "readings",
-            f"residuals of {found.rms_um / 1e3:.0f} mm after fitting",
+            f"residuals of {found.rms_um / 1e3:.0f} mm after fitting{_most_of_all(found)}",
             "readings of this arm, and arm.toml the drawing of it (units of angles and lengths,"
             " directions, offsets, targets?)",
         )
