@@ -19,12 +19,10 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import (
     Poses,
     centres,
-    fit_poses,
     pose_columns,
-    robust_poses,
+    steady_poses,
     target_columns,
 )
-from armd.compensation.estimate.robust import SUSPECT, has_monsters
 from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.kinematics import forward, jacobian
 from armd.compensation.model.terms import Term
@@ -114,11 +112,7 @@ def linearise_as_read(
     and levers at the angles as read. A monstrous reading does not move them."""
     rows = parameter_rows(constants, terms, basis)
     position, columns = jacobian(observations.states.q, rows)
-    poses = fit_poses(observations, position)
-    if has_monsters(poses.residual(observations, position), SUSPECT):
-        steady, _ = robust_poses(observations, position)
-        if has_monsters(steady.residual(observations, position)):
-            poses = steady
+    poses = steady_poses(observations, position)
     at = observations.states.q, position, columns
     return _around(observations, poses, position, at, basis, position)
 

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.placements import Placements
+from armd.compensation.estimate.robust import SUSPECT, monstrous
 
 #: A rotation by 1 rad moves a point at this lever by as much: it makes columns comparable.
 LEVER_MM = 100.0
@@ -103,6 +104,16 @@ def target_columns(observations: Observations, poses: Poses) -> F64:
     size = np.where(observations.has_truth, 0.0, observations.stretch)
     columns: F64 = -size[:, None, None] * poses.rotation[observations.placement]
     return columns
+
+
+def steady_poses(observations: Observations, position_mm: F64) -> Poses:
+    """Those of `fit_poses`, or of `robust_poses` where a reading is monstrously far off."""
+    poses = fit_poses(observations, position_mm)
+    if monstrous(poses.residual(observations, position_mm), SUSPECT).any():
+        steady, _ = robust_poses(observations, position_mm)
+        if monstrous(steady.residual(observations, position_mm)).any():
+            return steady
+    return poses
 
 
 def robust_poses(observations: Observations, position_mm: F64) -> tuple[Poses, F64]:

@@ -58,11 +58,12 @@ def redescending_weights(distance2: F64, region: Mask) -> F64:
     return np.where(region, 1.0, weight)
 
 
-def has_monsters(residual_mm: F64, times: float = MONSTROUS) -> bool:
-    """Whether one of residuals (n, 3) mm is so many *times* the middle one."""
+def monstrous(residual_mm: F64, times: float = MONSTROUS) -> Mask:
+    """(n,) which of residuals (n, 3) mm are so many *times* the middle one."""
     off_mm = np.linalg.norm(residual_mm, axis=1)
     usual_mm = max(float(np.median(off_mm)), LEAST_MM) if len(off_mm) else np.inf
-    return bool(np.max(off_mm, initial=0.0) > times * usual_mm)
+    found: Mask = off_mm > times * usual_mm
+    return found
 
 
 def huber_weights(size: F64, at: float = WINSOR_AT) -> F64:

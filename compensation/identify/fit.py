@@ -22,13 +22,14 @@ from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
 from armd.compensation.estimate.noise import ReadingNoise, Weighting, estimate
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.poses import fit_poses
+from armd.compensation.estimate.poses import steady_poses
 from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.robust import (
     LEAST_MM,
     MEDIAN_D2,
     OUTLIER_D2,
     mahalanobis2,
+    monstrous,
     outlying,
     redescending_weights,
 )
@@ -124,9 +125,12 @@ def fit(
     states = observations.states
     basis = basis_values(terms, states, observations.arm, reference_c, constants)
     position = forward(states.q, parameter_rows(constants, terms, basis))[0]
-    poses = fit_poses(observations, position)
-    weighing = noise or _alike(poses.residual(observations, position))
-    distance2 = np.zeros(observations.n)
+    poses = steady_poses(observations, position)
+    residual_mm = poses.residual(observations, position)
+    weighing = noise or _alike(residual_mm)
+    # A monstrous reading has no voice from the beginning: it would make its neighbours a region.
+    squared = np.sum(residual_mm**2, axis=1) / _alike(residual_mm).reading_mm ** 2
+    distance2 = np.where(monstrous(residual_mm), squared, 0.0)
     region = np.zeros(observations.n, dtype=bool)
     steps, held = 0, noise is None
     for round_ in range(1, rounds + 1):

@@ -6,10 +6,17 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from armd.compensation.data.session import load_session
+from armd.compensation.identify.calibrate import Options, calibrate
+from armd.compensation.identify.evaluation.evaluate import evaluate
+from armd.compensation.identify.fit import rms_um
+from armd.compensation.model.arm import load_arm
 from armd.daemon.cli import main as armd
 
 WRONG = [("T20", 21), ("T20", 60), ("T20", 75), ("T20", 90), ("T26", 5)]
@@ -53,6 +60,29 @@ def test_all_are_told_and_nothing_else(measured: Path, tmp_path: Path, off_rad: 
     assert [finding["cause"] for finding in result["findings"]] == ["outliers"]
     assert [(row["session"], row["row"]) for row in result["findings"][0]["rows"]] == WRONG
     assert result["baseline"]["noise_floor_um"] == pytest.approx(2.6, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [6, 7])
+def test_a_small_calibration_is_not_made_by_those_in_the_air(measured: Path, seed: int) -> None:
+    """Two of 48 readings a session. Those of seed 6 made their neighbours a region, in which they
+    counted fully: the arm was wrong by 4 mm."""
+    rng = np.random.default_rng(seed)
+    arm = load_arm(measured / "arm.toml")
+    few = []
+    for session in (load_session(measured / name, arm) for name in NAMES):
+        of_placements = [np.flatnonzero(session.placement == p) for p in range(4)]
+        kept = np.sort(
+            np.concatenate([rng.choice(own, 12, replace=False) for own in of_placements])
+        )
+        some = session.rows(kept)
+        q = some.states.q.copy()
+        q[rng.choice(some.n, 2, replace=False)] += rng.uniform(-1, 1, (2, q.shape[1])) * 0.4
+        few.append(replace(some, states=replace(some.states, q=q)))
+    found = calibrate(few, arm, Options(compare=False))
+    assert len(found.fit.outliers) == 8 and not found.fit.region.any()
+    other = evaluate([load_session(measured / "T38", arm)], arm, found.calibration)
+    assert rms_um(other.residual_mm) < 3.5
 
 
 @pytest.mark.slow

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.noise import ReadingNoise, whitening
-from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, has_monsters, huber_weights
+from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights, monstrous
 
 LEVER_MM = 500.0
 #: Slow drift is a random walk from knot to knot, this far apart (and at most so many per session).
@@ -198,7 +198,7 @@ def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise
     clipped by what the middle one of the rests tells, and the fit made again, until it settles.
     """
     nothing = np.zeros_like(residual)
-    monsters = has_monsters(residual[: 3 * len(noise.whitener)].reshape(-1, 3))
+    monsters = monstrous(residual[: 3 * len(noise.whitener)].reshape(-1, 3)).any()
     # Then the residual is about poses that hardly know of them; a fit would.
     fitted = nothing if monsters else fit(residual, noise)
     square = _squares(residual, fitted, noise)
