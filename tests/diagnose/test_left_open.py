@@ -44,7 +44,7 @@ def last(monkeypatch: pytest.MonkeyPatch) -> Any:
     monkeypatch.setattr(
         left_open, "Refits", lambda *_: SimpleNamespace(with_some=lambda some: tuple(some))
     )
-    monkeypatch.setattr(left_open, "extended", lambda _baseline, some, *_: calibration(*some))
+    monkeypatch.setattr(left_open, "extended", lambda some, *_: calibration(*some))
     return SimpleNamespace(
         findings=FINDINGS, noise=None, baseline=SimpleNamespace(calibration=calibration())
     )

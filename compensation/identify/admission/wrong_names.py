@@ -65,7 +65,7 @@ def wrong_names(observations: Observations, model: AssumedModel) -> WrongNames:
     others = np.flatnonzero(session & (touched | ~observations.unknown))
     there = poses.placed_at(observations.rows(far), others)
     distance = np.linalg.norm(position[far, None] - there, axis=2)
-    nearest = distance.argmin(axis=1) if len(others) else np.zeros(len(far), dtype=np.int64)
+    nearest = distance.argmin(axis=1)
     at_mm = distance[np.arange(len(far)), nearest]
     elsewhere = (others[nearest] != observations.target[far]) & (at_mm < NEAR * level)
     far = far[elsewhere]
