@@ -66,6 +66,10 @@ class Observations:
         """(K,) seats: targets without a certified position."""
         return np.isnan(self.position_mm[:, 0])
 
+    def row_name(self, i: int) -> str:
+        """A reading as a person finds it: its session, and its row counted from 1."""
+        return f"{self.session_names[self.session[i]]} row {self.row[i] + 1}"
+
     def known_mm(self, target_mm: F64) -> F64:
         """Where the tip stood (n, 3), in the placement's frame, given target positions (K, 3)."""
         points = self.stretch[:, None] * target_mm[self.target]

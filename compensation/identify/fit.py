@@ -81,9 +81,8 @@ class Identification:
     def outlier_words(self, most: int = 4) -> str:
         """Where the outliers are and how far off, the farthest first."""
         far_mm = np.linalg.norm(self.at.residual_mm[self.outliers], axis=1)
-        of = self.observations
         words = [
-            f"{of.session_names[of.session[i]]} row {of.row[i] + 1} ({mm:.3g} mm off)"
+            f"{self.observations.row_name(i)} ({mm:.3g} mm off)"
             for mm, i in sorted(zip(far_mm, self.outliers, strict=True), reverse=True)
         ]
         return ", ".join(words[:most]) + (", …" if len(words) > most else "")
@@ -127,9 +126,10 @@ def fit(
     position = forward(states.q, parameter_rows(constants, terms, basis))[0]
     poses = steady_poses(observations, position)
     residual_mm = poses.residual(observations, position)
-    weighing = noise or _alike(residual_mm)
+    alike = _alike(residual_mm)
+    weighing = noise or alike
     # A monstrous reading has no voice from the beginning: it would make its neighbours a region.
-    squared = np.sum(residual_mm**2, axis=1) / _alike(residual_mm).reading_mm ** 2
+    squared = np.sum(residual_mm**2, axis=1) / alike.reading_mm**2
     distance2 = np.where(monstrous(residual_mm), squared, 0.0)
     region = np.zeros(observations.n, dtype=bool)
     steps, held = 0, noise is None

@@ -62,6 +62,12 @@ def calibrated(measured: Path) -> int:
     return armd(["calibrate", *sessions(measured), *given_])
 
 
+def model(measured: Path) -> list[str]:
+    """As `calibrated` leaves it."""
+    calibration = str(measured / "calibration.json")
+    return ["--arm", str(measured / "arm.toml"), "--calibration", calibration]
+
+
 def renamed(measured: Path) -> str:
     """The operator is one target ahead of the list, three rows long; what is said of the first."""
     session = measured / "T20"
@@ -111,10 +117,8 @@ def test_a_diagnosis_names_them(measured: Path, capsys: pytest.CaptureFixture[st
     """A reading 100 000 noises off moves a placement by thousands: none was told as an outlier."""
     assert calibrated(measured) == 0
     told = renamed(measured)
-    model = ["--arm", str(measured / "arm.toml")]
-    model += ["--calibration", str(measured / "calibration.json")]
     file = measured / "diagnosis.json"
-    assert armd(["diagnose", *sessions(measured), *model, "--json", str(file)]) == 0
+    assert armd(["diagnose", *sessions(measured), *model(measured), "--json", str(file)]) == 0
     assert told in " ".join(capsys.readouterr().out.split())
     result = json.loads(file.read_text())
     assert [finding["cause"] for finding in result["findings"]] == ["outliers"]
@@ -149,10 +153,9 @@ def test_a_check_with_one_is_not_kept(measured: Path, capsys: pytest.CaptureFixt
     """A history gives nothing back."""
     assert calibrated(measured) == 0
     told = renamed(measured)
-    model = ["--arm", str(measured / "arm.toml")]
-    model += ["--calibration", str(measured / "calibration.json")]
     history = measured / "history"
-    assert armd(["interim", "add", str(measured / "T20"), *model, "--history", str(history)]) == 2
+    check = [str(measured / "T20"), *model(measured), "--history", str(history)]
+    assert armd(["interim", "add", *check]) == 2
     assert told in capsys.readouterr().err
     assert not history.exists()
 
@@ -164,8 +167,7 @@ def readings(good: Path) -> Observations:
 
 
 def as_drawn(observations: Observations) -> AssumedModel:
-    arm = observations.arm
-    return AssumedModel(arm.nominal(), [], arm.reference_temperature_c)
+    return AssumedModel.under(observations.arm, None)
 
 
 def test_good_readings_name_their_own(readings: Observations) -> None:

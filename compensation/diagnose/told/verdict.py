@@ -149,8 +149,7 @@ def _few(diagnosis: Diagnosis) -> str:
         return ""
     of = last.linear.rests.observations
     farthest = ", ".join(
-        f"{of.session_names[of.session[i]]} row {of.row[i] + 1} ({off_mm[i]:.3g} mm)"
-        for i in np.argsort(-off_mm)[: min(far, MOST_TOLD)]
+        f"{of.row_name(i)} ({off_mm[i]:.3g} mm)" for i in np.argsort(-off_mm)[: min(far, MOST_TOLD)]
     )
     return (
         f" Half of all readings lie within {um(1e3 * usual_mm)} µm, {far} more than {FAR_TIMES:g}"

@@ -31,6 +31,8 @@ LENGTHS_MM = {"inches": 25.4, "centimetres": 10.0, "metres": 1000.0}
 LEAST_FAHRENHEIT = 45.0
 #: Exchanges of two seats in one placement are tried up to so many; each takes some milliseconds.
 MOST_EXCHANGES = 400
+#: Less than this is noise and no mistake (mm).
+LEAST_MM = 0.05
 #: A placement of fewer readings says nothing.
 LEAST_READINGS = 3
 

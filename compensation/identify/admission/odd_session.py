@@ -20,6 +20,7 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.mistakes import (
     LEAST_FAHRENHEIT,
+    LEAST_MM,
     LEAST_READINGS,
     AssumedModel,
     best_guess,
@@ -39,8 +40,6 @@ from armd.errors import BadInput
 #: Under a drawing, readings that miss by more are no arm's; nor those that miss by so many times
 #: what the best session does.
 ABSURD_MM, APART = 20.0, 5.0
-#: Less than this is noise and no mistake (mm).
-LEAST_MM = 0.05
 #: A fit that leaves more than this share of what the drawing leaves is worth the question.
 SUSPICIOUS_SHARE = 0.1
 #: So many sessions are left out in turn, those that miss most first; each costs a fit.

@@ -142,10 +142,10 @@ def is_plausible(found: Identification) -> bool:
 def _most_of_all(found: Identification) -> str:
     """Which readings are farthest off, and what half of all are within."""
     off_mm = np.linalg.norm(found.at.residual_mm, axis=1)
-    of, i = found.observations, int(np.argmax(off_mm))
+    i = int(np.argmax(off_mm))
     return (
         f" (half of the readings within {np.median(off_mm):.2g} mm; the farthest,"
-        f" {of.session_names[of.session[i]]} row {of.row[i] + 1}, {off_mm[i]:.3g} mm off)"
+        f" {found.observations.row_name(i)}, {off_mm[i]:.3g} mm off)"
     )
 
 

@@ -18,6 +18,7 @@ from armd.compensation.data.session import Session, readings_path
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import robust_poses
 from armd.compensation.identify.admission.mistakes import (
+    LEAST_MM,
     LEAST_READINGS,
     AssumedModel,
 )
@@ -27,8 +28,6 @@ from armd.terminal.counted import counted
 #: What readings miss their targets by is skewed: under a drawing one in a hundred misses by three
 #: to four medians. One that lies at its own target is not FAR, one that lies at another is NEAR.
 FAR, NEAR = 12.0, 4.0
-#: Less than this is noise, and no other target (mm).
-LEAST_MM = 0.05
 #: Rows that a message lists.
 MOST_TOLD = 6
 
