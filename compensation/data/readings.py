@@ -81,9 +81,8 @@ class Readings:
 
     def fault(self, row: int, column: str, found: str, expected: str) -> BadInput:
         """What is wrong with one cell; *row* counts from 0, people count from 1."""
-        row += self.first_row
-        line = f" (line {row + 2})" if self.path.suffix == ".csv" else ""
-        return BadInput(self.path, f"row {row + 1}{line}, column {column}", found, expected)
+        where = f"{row_in_words(self.path, row + self.first_row)}, column {column}"
+        return BadInput(self.path, where, found, expected)
 
     def refuse(self, bad: Mask, column: str, values: F64, expected: str) -> None:
         """Raise the fault of the first row that is *bad* (n,), if any."""
@@ -95,6 +94,12 @@ class Readings:
             meant = did_you_mean(name, self.header).replace("did you mean", "is it")
             found = "no such column" if meant else f"no such column among {few(self.header)}"
             raise BadInput(self.path, f"column {name}", found, f"this column{meant}")
+
+
+def row_in_words(path: Path, row: int) -> str:
+    """A row of the table *path*, from 0, as a person finds it: counted from 1, and its line."""
+    line = f" (line {row + 2})" if path.suffix == ".csv" else ""
+    return f"row {row + 1}{line}"
 
 
 def load_readings(path: Path, numbers: list[str], texts: list[str]) -> Readings:

@@ -16,7 +16,7 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.pieces import reading_pieces
-from armd.compensation.data.readings import Readings, load_readings
+from armd.compensation.data.readings import Readings, load_readings, row_in_words
 from armd.compensation.data.session_columns import (
     LikeRadians,
     angles,
@@ -78,6 +78,12 @@ class Session:
             artefact_c=self.artefact_c[kept],
             row=self.row[kept],
         )
+
+    def row_in_words(self, i: int) -> str:
+        """A reading as a person finds it: the table in the session's folder, row and line."""
+        csv, parquet = READINGS
+        table = parquet if (self.path / parquet).exists() else csv
+        return f"{self.name}/{table} {row_in_words(Path(table), int(self.row[i]))}"
 
     def fingerprint(self) -> str:
         """SHA-256 over session.toml and the readings, as they stand on disk now."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,11 +17,14 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Distance
+from armd.compensation.identify.admission.far_off import MOST_TOLD
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
+from armd.compensation.verify import single
 from armd.compensation.verify.limits import TestUncertainty
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
+from armd.terminal.counted import counted
 
 ISO, ASME = "ISO 10360-12:2016", "ASME B89.4.22-2004"
 SPHERE = ("SPHERE.a", "SPHERE.b")
@@ -55,6 +59,7 @@ class Verification:
     figures: tuple[Figure, ...]
     left_out: dict[str, str]  # figure key → why
     remarks: tuple[str, ...]
+    far_off: tuple[str, ...] = ()  # readings far off, in words; they count
 
 
 class NotSupported(Exception):
@@ -79,10 +84,10 @@ def figures_of(session: Session, arm: Arm, position: F64, test: TestUncertainty)
             figures += evaluate(readings)
         except (NotSupported, ArithmeticError) as reason:
             left_out |= dict.fromkeys(keys, str(reason))
-    remarks = []
+    remarks = [*readings.without_position(), *dict.fromkeys(readings.told)]
     if session.artefact.expansion_per_k and not np.isfinite(session.artefact_c).any():
         remarks.append("no artefact_c: the artefact is taken to be at its reference temperature")
-    return Verification(tuple(figures), left_out, tuple(remarks))
+    return Verification(tuple(figures), left_out, tuple(remarks), tuple(readings.far_off()))
 
 
 class _Readings:
@@ -90,6 +95,7 @@ class _Readings:
 
     def __init__(self, session: Session, arm: Arm, position: F64, test: TestUncertainty) -> None:
         self.tip_radius_mm = arm.tip.radius_mm
+        self.told: list[str] = []  # how readings count that a test does not ask for
         self.test = test
         self._session = session
         self._position = position
@@ -107,7 +113,43 @@ class _Readings:
         found = sum(len(at) > 0 for at in points)
         if found < count:
             raise NotSupported(f"{found} of {count} points on {prefix}*")
+        self.told += [
+            f"{name}: {len(at)} readings, their mean counts"
+            for name, at in zip(names, points, strict=True)
+            if len(at) > 1
+        ]
         return np.vstack([at.mean(axis=0) for at in points if len(at)])
+
+    def repeats(self, target: str, placement: str, count: int) -> F64:
+        """The first *count* points, or fewer, at a target in a placement."""
+        points = self.points(target, placement)
+        if len(points) > count:
+            self.told.append(
+                f"{target} in {placement}: {len(points)} readings, the first {count} count"
+            )
+        return points[:count]
+
+    def without_position(self) -> list[str]:
+        """Which readings do not count, because the model lacks something that they do not have."""
+        rows = np.flatnonzero(~self._usable)
+        if not len(rows):
+            return []
+        named = ", ".join(self._session.row_in_words(i) for i in rows[:MOST_TOLD])
+        more = ", …" if len(rows) > MOST_TOLD else ""
+        without = "without a temperature that the calibration needs"
+        return [f"{counted(len(rows), 'reading')} {without}, not counted: {named}{more}"]
+
+    def far_off(self) -> list[str]:
+        """Single readings far from where the others place them, in words."""
+        session, position = self._session, self._position
+        found = [
+            single.repeats(session, position),
+            single.ends(session, position, lambda one, where: self.length(one, where)[0]),
+        ]
+        with suppress(NotSupported):
+            radius_mm = self.length(self.certified(SPHERE))[0] / 2 + self.tip_radius_mm
+            found.append(single.on_spheres(session, position, radius_mm))
+        return [line for one in found for line in one.in_words(session)]
 
     def placements(self, target: str) -> list[str]:
         """Names of the placements in which a target was measured, in order of appearance."""
@@ -178,10 +220,10 @@ def _lengths(readings: _Readings) -> Iterator[Figure]:
         raise NotSupported(f"{len(placements)} of 7 placements of the length bar L0 … L5")
     deviations = []
     for placement in placements:
-        start = readings.points("L0", placement)
+        start = readings.repeats("L0", placement, 3)
         for i in range(1, 6):
             distance = readings.certified(("L0", f"L{i}"))
-            end = readings.points(f"L{i}", placement)
+            end = readings.repeats(f"L{i}", placement, 3)
             if min(len(start), len(end)) < 3:
                 raise NotSupported(f"{min(len(start), len(end))} of 3 repeats in {placement}")
             length, uncertainty = readings.length(distance, placement)

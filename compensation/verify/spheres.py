@@ -8,6 +8,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from armd.arrays import F64
+from armd.compensation.estimate.poses import ROBUST_ROUNDS
+from armd.compensation.estimate.robust import LEAST_MM
 from armd.compensation.features.algebraic import algebraic_sphere
 
 
@@ -28,6 +30,38 @@ def fit_sphere(points: F64) -> tuple[F64, float]:
 
     found = least_squares(distances, [*centre, radius], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     return middle + found[:3], float(found[3])
+
+
+def distances_from_sphere(points: F64, radius: float) -> F64:
+    """(n,) how far points (n, 3) lie from a sphere of this radius that few far off hardly move.
+
+    Each is left out once; where the others fit best, all are weighed by Cauchy's weights.
+    """
+    each = np.arange(len(points))
+    centres = [_centre(points[each != i], radius, np.ones(len(points) - 1)) for i in each]
+    left = [
+        np.sum(_outside(points[each != i], centre, radius) ** 2) for i, centre in enumerate(centres)
+    ]
+    off = np.abs(_outside(points, centres[int(np.argmin(left))], radius))
+    for _ in range(ROBUST_ROUNDS):
+        weight = 1.0 / (1.0 + (off / max(float(np.median(off)), LEAST_MM)) ** 2)
+        off = np.abs(_outside(points, _centre(points, radius, weight), radius))
+    return off
+
+
+def _centre(points: F64, radius: float, weight: F64) -> F64:
+    """The centre (3,) of the sphere of this *radius* with the least *weight*ed squares."""
+
+    def off(centre: F64) -> F64:
+        return np.sqrt(weight) * _outside(points, centre, radius)
+
+    found: F64 = least_squares(off, np.median(points, axis=0)).x
+    return found
+
+
+def _outside(points: F64, centre: F64, radius: float) -> F64:
+    outside: F64 = np.linalg.norm(points - centre, axis=1) - radius
+    return outside
 
 
 def smallest_sphere(points: F64) -> tuple[F64, float]:

@@ -16,6 +16,11 @@ LONGEST_SHARE = 0.66
 ABSURD_MM = 20.0
 #: A limit so many times what was found tells nothing, or was typed in another unit.
 LOOSE = 100.0
+#: What to do about readings far off.
+FAR_OFF = (
+    "if the button was pressed in the air, or the tip was not in its seat: take these readings"
+    " again where the standard allows it, and verify the session that has them in their place"
+)
 
 Outcome = Literal["conforms", "does not conform", "not proven", "not judged", "not tested"]
 
@@ -101,6 +106,10 @@ class Verdict:
     @property
     def remarks(self) -> list[str]:
         remarks = list(self.verification.remarks)
+        far = self.verification.far_off
+        remarks += [f"far off, and counted as it was measured: {one}" for one in far]
+        if far:
+            remarks.append(FAR_OFF)
         range_mm = self.limits.measuring_range_mm if self.limits else None
         for figure in self.verification.figures:
             longest = max(deviation.length_mm for deviation in figure.deviations)
@@ -109,7 +118,7 @@ class Verdict:
                     f"E_Uni: the longest length, {longest:.0f} mm, is less than 66 % of the "
                     f"measuring range of {range_mm:.0f} mm"
                 )
-            if abs(figure.worst.value_mm) > ABSURD_MM:
+            if abs(figure.worst.value_mm) > ABSURD_MM and not far:
                 remarks.append(
                     f"{figure.name}: {figure.worst.value_mm:.0f} mm: is arm.toml the drawing of"
                     " this arm, and the session's unit of angles right?"
@@ -158,6 +167,7 @@ class Verdict:
             },
             "not_supported": verification.left_out,
             "not_tested": self.not_tested,
+            "far_off": list(verification.far_off),
             "remarks": self.remarks,
         }
 

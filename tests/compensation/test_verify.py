@@ -158,7 +158,8 @@ def test_lengths_at_the_artefacts_temperature() -> None:
         limits = PermissibleErrors.model_validate(
             {"schema": "armd.mpe/1", "measuring_range_mm": range_mm, "mpe": {"e_uni_mm": 0.05}}
         )
-        assert len(judge(verification, limits).remarks) == remarks
+        told = [one for one in judge(verification, limits).remarks if "measuring range" in one]
+        assert len(told) == remarks
 
 
 def test_effective_diameter() -> None:

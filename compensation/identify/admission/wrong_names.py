@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from armd.arrays import F64, I64
+from armd.compensation.data.readings import row_in_words
 from armd.compensation.data.session import Session, readings_path
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import robust_poses
@@ -113,10 +114,9 @@ def _fault(session: Session, part: Observations, found: WrongNames) -> BadInput:
     for i, at, own_mm, at_mm in zip(
         found.reading, found.at, found.own_mm, found.at_mm, strict=True
     ):
-        row = int(part.row[i])
-        line = f" (line {row + 2})" if path.suffix == ".csv" else ""
+        where = row_in_words(path, int(part.row[i]))
         words.append(
-            f"row {row + 1}{line} names {names[part.target[i]]}, {own_mm:.3g} mm off, and lies at"
+            f"{where} names {names[part.target[i]]}, {own_mm:.3g} mm off, and lies at"
             f" {names[at]}, {at_mm:.2g} mm off"
         )
     more = f"; and {len(words) - MOST_TOLD} more" if len(words) > MOST_TOLD else ""

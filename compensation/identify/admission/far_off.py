@@ -1,0 +1,73 @@
+"""Readings far from where all others place them: the button pressed in the air, a seat missed.
+
+Which they are is told, by row; what becomes of them is for whoever asks. They are told at poses
+that they hardly move themselves, so several are told beside each other. A reading at another
+target is one of them, too; `wrong_names` tells of which.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.data.session import Session
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.poses import robust_poses
+from armd.compensation.estimate.robust import LEAST_MM, SUSPECT, monstrous
+from armd.terminal.counted import counted
+
+#: Readings that are listed.
+MOST_TOLD = 6
+
+
+@dataclass(frozen=True)
+class FarOff:
+    """m readings, the farthest first, and what half of all readings are within."""
+
+    reading: I64  # (m,) by their place among those that were asked about
+    off_mm: F64  # (m,)
+    usual_mm: float
+
+    def in_words(self, session: Session) -> list[str]:
+        """A line for each, if not too many; they are rows of *session*."""
+        lines = []
+        for i, off_mm in zip(self.reading[:MOST_TOLD], self.off_mm, strict=False):
+            target = session.artefact.target_names[session.target[i]]
+            placement = session.placement_names[session.placement[i]]
+            lines.append(
+                f"{session.row_in_words(i)}, {target} in {placement}: {off_mm:.3g} mm off,"
+                f" {off_mm / self.usual_mm:.3g} times what half of the readings are within"
+                f" ({1e3 * self.usual_mm:.3g} µm)"
+            )
+        if len(self.reading) > MOST_TOLD:
+            more = counted(len(self.reading) - MOST_TOLD, "reading")
+            lines.append(f"{session.name}: {more} more so far off")
+        return lines
+
+
+def far_off(off_mm: F64) -> FarOff:
+    """Which of readings are so far off; *off_mm* (n,) is NaN where it is not known."""
+    known = np.flatnonzero(np.isfinite(off_mm))
+    if not len(known):
+        return FarOff(known, np.empty(0), LEAST_MM)
+    of_mm = off_mm[known]
+    found = known[monstrous(of_mm[:, None], SUSPECT)]
+    farthest = found[np.argsort(-off_mm[found], kind="stable")]
+    return FarOff(farthest, off_mm[farthest], max(float(np.median(of_mm)), LEAST_MM))
+
+
+def distances_mm(observations: Observations, position_mm: F64) -> F64:
+    """(n,) how far the tip at *position_mm* (n, 3), base frame, lies from each reading's target.
+
+    NaN without a position, and for the only reading at a seat: it says itself where that is.
+    """
+    distance = np.full(observations.n, np.nan)
+    usable = np.isfinite(position_mm).all(axis=1)
+    count = np.bincount(observations.target[usable], minlength=len(observations.unknown))
+    alone = observations.unknown & (count < 2)
+    told = usable & (observations.has_truth | ~alone[observations.target])
+    if told.any():
+        distance[told] = robust_poses(observations.rows(told), position_mm[told])[1]
+    return distance

@@ -1,0 +1,82 @@
+"""Single readings of a verification that lie far from where the others of their test place them.
+
+They are told and counted: a verification judges all that was measured. Whoever pressed the button
+in the air learns of which reading that was; whether it may be taken again, the standard says.
+
+No arm or artefact is fitted for it: a bar says nothing of a turn about itself, nor one seat of any.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.data.session import Session
+from armd.compensation.data.session_format import Distance
+from armd.compensation.identify.admission.far_off import FarOff, far_off
+from armd.compensation.verify.spheres import distances_from_sphere
+
+#: Targets that are points on one sphere, if they are of one placement. The sphere of L_Dia stands
+#: still while the arm's posture changes, and so does that of the effective diameter.
+ON_SPHERE = re.compile(r"(SPHERE[12]|LDIA|EFFDIA)\.")
+#: Of five points, a pole and four on the equator, one left out says nothing: the others hardly tell
+#: how high the sphere is. Of nine it does.
+LEAST_POINTS = 9
+#: Of so many readings of one seat, the middle one is at it though one of them is not.
+LEAST_REPEATS = 3
+
+
+def repeats(session: Session, position_mm: F64) -> FarOff:
+    """Readings of a seat, whose tips stand at *position_mm* (n, 3), far from the middle one."""
+    off_mm = np.full(session.n, np.nan)
+    for rows in _seats(session, position_mm):
+        if len(rows) >= LEAST_REPEATS:
+            points = position_mm[rows]
+            off_mm[rows] = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    return far_off(off_mm)
+
+
+def ends(session: Session, position_mm: F64, length_mm: Callable[[Distance, str], float]) -> FarOff:
+    """Readings of the ends of a certified length that is farther off than the others; both ends
+    are told, because one reading each does not say which. *length_mm*: at a placement."""
+    names, off_mm = session.artefact.target_names, np.full(session.n, np.nan)
+    at = {
+        (names[session.target[rows[0]]], int(session.placement[rows[0]])): rows
+        for rows in _seats(session, position_mm)
+        if len(rows) < LEAST_REPEATS
+    }
+    for distance in session.artefact.distances:
+        for number, placement in enumerate(session.placement_names):
+            both = [at.get((name, number)) for name in distance.between]
+            if both[0] is None or both[1] is None:
+                continue
+            apart = position_mm[both[1]].mean(axis=0) - position_mm[both[0]].mean(axis=0)
+            error = abs(float(np.linalg.norm(apart)) - length_mm(distance, placement))
+            off_mm[np.concatenate([both[0], both[1]])] = error
+    return far_off(off_mm)
+
+
+def on_spheres(session: Session, position_mm: F64, radius_mm: float) -> FarOff:
+    """Points far from the sphere of this radius, tip included, that the others of it are on."""
+    names, off_mm = session.artefact.target_names, np.full(session.n, np.nan)
+    spheres = [found[1] if (found := ON_SPHERE.match(name)) else "" for name in names]
+    sphere, usable = np.array(spheres)[session.target], np.isfinite(position_mm).all(axis=1)
+    for one in sorted(set(spheres) - {""}):
+        for placement in range(len(session.placement_names)):
+            rows = np.flatnonzero((sphere == one) & (session.placement == placement) & usable)
+            if len(rows) >= LEAST_POINTS:
+                off_mm[rows] = distances_from_sphere(position_mm[rows], radius_mm)
+    return far_off(off_mm)
+
+
+def _seats(session: Session, position_mm: F64) -> Iterator[I64]:
+    """The readings of each seat in each placement, where it is no point on a sphere."""
+    usable = np.isfinite(position_mm).all(axis=1)
+    for target, name in enumerate(session.artefact.target_names):
+        for placement in range(len(session.placement_names)):
+            own = (session.target == target) & (session.placement == placement) & usable
+            if own.any() and not ON_SPHERE.match(name):
+                yield np.flatnonzero(own)
