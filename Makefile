@@ -9,7 +9,7 @@ ROOMS  := umbrella drivers compensation daemon simulator
 # a file added or removed touches its folder, and the folder renews the installation.
 FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
-.PHONY: install demo test test-slow test-long lint bench clean hidden hidden-sweep interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-slow test-long lint bench clean hidden hidden-sweep outsider interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -60,6 +60,11 @@ CASES ?= 40
 SEED ?= 1
 hidden: install
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
+
+# Cases of a generator that shares nothing with armd, n of each kind, through the commands:
+# make outsider CASES=2 SEED=7
+outsider: install
+	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/outsider/run.py --cases $(CASES) --seed $(SEED) $(OUTSIDER_ARGS)
 
 # Interim checks against an oracle, the table of docs/interim.md: make interim CASES=40 SEED=2
 interim: install
