@@ -24,6 +24,8 @@ MESSES = ("t3", "gross", "dead", "doubled")
 KINDS = ("clean", *FAULTS, *MESSES)
 #: Noise units, clear of all that absorbs.
 WANTED = (8.0, 25.0)
+#: A rival that leaves less of a fault than this is the same to any reader of these readings.
+TOLD_APART = 3.0
 BEGAN = datetime.datetime(2026, 3, 2, 6, tzinfo=datetime.UTC)
 SENSOR_K, GROSS, TWICE = 0.02, 0.03, 0.2
 
@@ -78,6 +80,7 @@ def draw(kind: str, seed: int) -> Case:
     if planted:
         wanted = float(np.exp(rng.uniform(*np.log(WANTED))))
         fault = _sized(FAULTS[planted](rng, scene), seen, known, wanted)
+        fault = _with_its_like(fault, seen, known)
     spread = _noise_mm(machine, readings.only(~known))
     truth = Truth(
         kind, seed, fault.cause, fault.location, fault.depends_on, fault.beside,
@@ -100,6 +103,19 @@ def _sized(variants: list[Fault], seen: Seen, known: F64, wanted: float) -> Faul
             units = wanted
         found.append((abs(np.log(max(units, 1e-9) / wanted)), one))
     return min(found, key=lambda pair: pair[0])[1]
+
+
+def _with_its_like(fault: Fault, seen: Seen, known: F64) -> Fault:
+    """With the rivals that leave next to nothing of it as names of the same signal."""
+    for cause, shapes in fault.rivals:
+        left = seen.noise_units(_rows(fault.alter, known), [_rows(one, known) for one in shapes])
+        if left < TOLD_APART:
+            fault = replace(
+                fault,
+                words=f"{fault.words}, {cause} leaves {left:.1f}",
+                same_signal=(*fault.same_signal, (cause, fault.location)),
+            )
+    return fault
 
 
 def _rows(alter: Alteration, rows: F64) -> Alteration:

@@ -15,6 +15,9 @@ import numpy as np
 from outsider.chain import F64, Alteration, posture
 from outsider.measured import Machine, Readings, Rng
 
+#: Of which a posture is a linear function.
+SMALL_RAD = 1e-6
+Rivals = tuple[tuple[str, tuple[Alteration, ...]], ...]
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
@@ -31,6 +34,8 @@ class Fault:
     beside: tuple[tuple[str, str], ...] = ()  # names that are true of it as well
     same_signal: tuple[tuple[str, str], ...] = ()  # names that no readings tell from it
     needs: str = ""  # a variable without which the name is not the fault's
+    #: other causes at its place, each with the shapes of it, of any size
+    rivals: Rivals = ()
 
 
 @dataclass(frozen=True)
@@ -56,6 +61,13 @@ class Scene:
     def none(self) -> Alteration:
         return Alteration.none(*self.readings.q.shape)
 
+    def rivals_at(self, k: int, shapes: dict[str, tuple[F64, ...]]) -> Rivals:
+        """By what each lets the encoder of joint k (from 0) show."""
+        return tuple(
+            (cause, tuple(self.at_joint(k, SMALL_RAD * by) for by in each))
+            for cause, each in shapes.items()
+        )
+
     def at_joint(self, k: int, by: F64) -> Alteration:
         """The encoder of joint k (from 0) shows *by* more, from the beginning on."""
         encoder = np.zeros_like(self.readings.q)
@@ -75,9 +87,12 @@ def disc(rng: Rng, scene: Scene) -> list[Fault]:
     q, oval = scene.readings.q[:, k], rng.uniform(0.1, 0.3)
     by = np.sin(q - first) + oval * np.sin(2 * q - second)
     place = f"joint {k + 1}"
+    rivals = scene.rivals_at(
+        k, {"encoder_scale": (q,), "encoder_ellipticity": (np.sin(2 * q), np.cos(2 * q))}
+    )
     return [
         Fault("encoder_eccentricity", place, (f"q{k + 1}",), scene.at_joint(k, by),
-              f"{oval:.0%} oval", beside=(("encoder_ellipticity", place),))
+              f"{oval:.0%} oval", beside=(("encoder_ellipticity", place),), rivals=rivals)
     ]  # fmt: skip
 
 
@@ -112,7 +127,9 @@ def play(rng: Rng, scene: Scene) -> list[Fault]:
 
 def _friction(scene: Scene, k: int, by: F64, words: str) -> Fault:
     variables = (f"w{k + 1}", f"q{k + 1}", "time_s")
-    return Fault("joint_backlash", f"joint {k + 1}", variables, scene.at_joint(k, by), words)
+    rivals = scene.rivals_at(k, {"time_skew": (scene.readings.rate[:, k],)})
+    alter = scene.at_joint(k, by)
+    return Fault("joint_backlash", f"joint {k + 1}", variables, alter, words, rivals=rivals)
 
 
 def relax(rng: Rng, scene: Scene) -> list[Fault]:

@@ -4,9 +4,10 @@
   the fault needs one: a zero that creeps is a `geometry_shift` only if it goes with `time_s`; a
   touched artefact must be named with its session and placement). An oval disc may also be told as
   an ellipticity of the same joint, a late link by its sensor.
-- *Near* is a finding at the place planted, or `unknown`, that depends on variables of the fault
-  and on none besides (at the place: at least one of them); and a name that no readings can tell
-  from the true one. Any probability.
+- *Near* is a finding at the place planted that depends on one of the fault's variables, `unknown`
+  in nothing but its variables, and a name of the same signal: one that these readings cannot tell
+  from the true one, because it leaves less than 3 noise units of what was planted, or because a
+  sensor's offset under even growth *is* a length too long.
 - *Foreign* is every other finding. Only in readings with gross errors or heavy tails `outliers` is
   none.
 
@@ -15,7 +16,8 @@ The verdict is the first of these that holds:
 - "sure and wrong": a foreign finding with a probability of 0.95 or more;
 - "wrong": a foreign finding;
 - "right": its name, or nothing where nothing was planted, and nothing else;
-- "near": only near findings, or its name with near ones beside it;
+- "near": only near findings, or its name with near ones beside it; "near but sure" if one of them
+  has a probability of 0.95 or more, is not `unknown`, and has not the same signal;
 - "missed": nothing, where something was planted.
 
 The extended model is *worse* if it errs more than 2 % more on the further session, which took no
@@ -31,28 +33,28 @@ from typing import Any
 from outsider.case import Truth
 
 SURE, WORSE = 0.95, 1.02
-VERDICTS = ("right", "near", "missed", "wrong", "sure and wrong")
+VERDICTS = ("right", "near", "near but sure", "missed", "wrong", "sure and wrong")
 
 
 def judge(truth: Truth, report: Mapping[str, Any]) -> str:
     """One of VERDICTS, of a report as the contract's section 4 has it."""
-    kinds = {"own": 0, "near": 0, "foreign": 0, "sure": 0}
-    for finding in report["findings"]:
-        if finding["cause"] == "outliers" and truth.kind in ("gross", "t3"):
-            continue
-        relation = _relation(truth, finding)
-        kinds[relation] += 1
-        kinds["sure"] += relation == "foreign" and finding["probability"] >= SURE
-    if kinds["foreign"]:
-        return "sure and wrong" if kinds["sure"] else "wrong"
+    relations = [
+        (_relation(truth, finding), finding["probability"] >= SURE)
+        for finding in report["findings"]
+        if not (finding["cause"] == "outliers" and truth.kind in ("gross", "t3"))
+    ]
+    told = {relation for relation, _ in relations}
+    if "foreign" in told:
+        return "sure and wrong" if ("foreign", True) in relations else "wrong"
     if not truth.cause:
         return "right"
-    if kinds["near"]:
-        return "near"
-    return "right" if kinds["own"] else "missed"
+    if told & {"near", "like"}:
+        return "near but sure" if ("near", True) in relations else "near"
+    return "right" if told else "missed"
 
 
 def _relation(truth: Truth, finding: Mapping[str, Any]) -> str:
+    """ "own", "near", "like" (nothing is wrong with being sure of it) or "foreign"."""
     if not truth.cause:
         return "foreign"
     name, depends_on = (finding["cause"], finding["location"]), set(finding["depends_on"])
@@ -61,10 +63,10 @@ def _relation(truth: Truth, finding: Mapping[str, Any]) -> str:
     if name in truth.beside:
         return "own"
     if name in truth.same_signal:
-        return "near"
+        return "like"
     shared = depends_on & set(truth.depends_on)
     if finding["cause"] == "unknown":
-        return "near" if shared and depends_on <= set(truth.depends_on) else "foreign"
+        return "like" if shared and depends_on <= set(truth.depends_on) else "foreign"
     return "near" if shared and _place(finding["location"]) == _place(truth.location) else "foreign"
 
 

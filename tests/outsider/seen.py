@@ -7,6 +7,8 @@ without displacement: under a calibration made of them constants are free only a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from outsider.chain import F64, Alteration, by_angles, by_constants, posture
 from outsider.measured import Machine, Readings
@@ -55,11 +57,19 @@ class Seen:
         missed: F64 = shown.tip - true.tip + alter.target
         return missed
 
-    def noise_units(self, alter: Alteration) -> float:
-        """The norm of what no constant and no pose absorbs."""
+    def noise_units(self, alter: Alteration, beside: Sequence[Alteration] = ()) -> float:
+        """The norm of what no constant and no pose absorbs; nor others *beside* it, of any size."""
+        rest = self._clear(alter)
+        if beside:
+            others = np.stack([self._clear(other) for other in beside], axis=1)
+            rest = rest - others @ np.linalg.lstsq(others, rest, rcond=None)[0]
+        return float(np.linalg.norm(rest))
+
+    def _clear(self, alter: Alteration) -> F64:
         moved = self.displacement(alter)[..., None]
-        clear = self._clear_of_poses(self._white(moved, np.arange(len(moved))))
-        return float(np.linalg.norm(clear - self._constants @ (self._constants.T @ clear)))
+        white = self._clear_of_poses(self._white(moved, np.arange(len(moved))))
+        clear: F64 = (white - self._constants @ (self._constants.T @ white))[:, 0]
+        return clear
 
 
 def _numbers(readings: Readings) -> F64:

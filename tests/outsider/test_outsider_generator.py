@@ -154,6 +154,14 @@ def test_a_case_is_as_large_as_wanted(kind: str) -> None:
     assert 7.9 < draw(kind, 1).truth.noise_units < 25.3
 
 
+def test_a_rival_that_leaves_next_to_nothing_has_the_same_signal() -> None:
+    """Over 222° this disc, 28 % oval, is a gain: 1.8 of its 20 noise units are none."""
+    truth = draw("disc", 4711000).truth
+    assert truth.same_signal == (("encoder_scale", truth.location),)
+    assert "encoder_scale leaves 1.8" in truth.words
+    assert draw("disc", 1).truth.same_signal == ()
+
+
 def test_nothing_planted_has_no_size() -> None:
     assert draw("doubled", 2).truth.noise_units == 0
 

@@ -29,6 +29,8 @@ def finding(
 CLEAN = truth("clean")
 DISC = truth("disc", "encoder_eccentricity", "joint 3", "q3",
              beside=(("encoder_ellipticity", "joint 3"),))  # fmt: skip
+LIKE = truth("disc", "encoder_eccentricity", "joint 3", "q3",
+             same_signal=(("encoder_scale", "joint 3"),))  # fmt: skip
 CREEP = truth("relax", "geometry_shift", "joint 4", "time_s", needs="time_s")
 SAG = truth("sag", "link_bending", "link 3", "q2", "q3")
 OFFSET = truth("offset", "sensor_offset", "sensor t2", "t2",
@@ -56,7 +58,11 @@ ECCENTRIC = finding("encoder_eccentricity", "joint 3", 0.6, "q3")
         (DISC, [ECCENTRIC, finding("unknown", "-", 0.9, "q3")], "near"),
         (DISC, [ECCENTRIC, finding("encoder_slip", "joint 5", 0.9, "time_s")], "wrong"),
         (DISC, [ECCENTRIC, finding("encoder_slip", "joint 3", 0.99, "time_s")], "sure and wrong"),
-        (DISC, [finding("encoder_scale", "joint 3", 0.99, "q3")], "near"),
+        (DISC, [finding("encoder_scale", "joint 3", 0.9, "q3")], "near"),
+        (DISC, [finding("encoder_scale", "joint 3", 0.99, "q3")], "near but sure"),
+        (DISC, [ECCENTRIC, finding("encoder_scale", "joint 3", 0.95, "q3")], "near but sure"),
+        (DISC, [finding("unknown", "-", 0.99, "q3")], "near"),
+        (LIKE, [finding("encoder_scale", "joint 3", 0.99, "q3")], "near"),
         (DISC, [finding("encoder_eccentricity", "joint 4", 0.7, "q4")], "wrong"),
         (DISC, [finding("unknown", "-", 0.7, "q3", "q4")], "wrong"),
         (DISC, [ROWS], "sure and wrong"),
@@ -73,7 +79,7 @@ ECCENTRIC = finding("encoder_eccentricity", "joint 3", 0.6, "q3")
         (TOUCHED, [finding("artefact_moved", "artefact", 1.0, "placement", "time_s",
                            session="session-2", placement="P1")], "right"),
         (TOUCHED, [finding("artefact_moved", "artefact", 1.0, "placement", "time_s",
-                           session="session-2", placement="P2")], "near"),
+                           session="session-2", placement="P2")], "near but sure"),
         (TOUCHED, [finding("mount_drift", "base", 0.5, "time_s")], "wrong"),
     ],
 )  # fmt: skip
