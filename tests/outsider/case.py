@@ -92,17 +92,18 @@ def draw(kind: str, seed: int) -> Case:
 
 
 def _sized(variants: list[Fault], seen: Seen, known: F64, wanted: float) -> Fault:
-    """The variant nearest to the noise units wanted; one whose size is free is brought there."""
+    """The variant nearest to the noise units wanted; one whose size is free is brought there, the
+    first that is then no larger than a real one, or the least too large."""
     found = []
     for one in variants:
-        units = seen.noise_units(_rows(one.alter, known))
+        units, excess = seen.noise_units(_rows(one.alter, known)), 1.0
         if one.free and units > 0:
             small = one.alter.times(1e-6)  # where everything is linear
             size = 1e-6 * wanted / seen.noise_units(_rows(small, known))
             one = replace(one, alter=one.alter.times(size), words=f"{one.words} × {size:.3g}")
-            units = wanted
-        found.append((abs(np.log(max(units, 1e-9) / wanted)), one))
-    return min(found, key=lambda pair: pair[0])[1]
+            units, excess = wanted, max(size / one.largest, 1.0)
+        found.append((abs(np.log(max(units, 1e-9) / wanted)), excess, one))
+    return min(found, key=lambda each: each[:2])[2]
 
 
 def _with_its_like(fault: Fault, seen: Seen, known: F64) -> Fault:

@@ -31,6 +31,7 @@ class Fault:
     alter: Alteration
     words: str
     free: bool = True  # its size can be chosen
+    largest: float = np.inf  # no real one is larger
     beside: tuple[tuple[str, str], ...] = ()  # names that are true of it as well
     same_signal: tuple[tuple[str, str], ...] = ()  # names that no readings tell from it
     needs: str = ""  # a variable without which the name is not the fault's
@@ -243,10 +244,10 @@ def offset(rng: Rng, scene: Scene) -> list[Fault]:
         joint = f"joint {k + 1}"
         variants.append(
             Fault("sensor_offset", f"sensor t{k + 1}", (f"t{k + 1}",),
-                  replace(scene.none(), sensor=sensor), "",
+                  replace(scene.none(), sensor=sensor), "", largest=6.0,
                   same_signal=(("geometry_shift", joint),))
         )  # fmt: skip
-    return [variants[int(rng.integers(len(variants)))]]
+    return [variants[i] for i in rng.permutation(len(variants))]
 
 
 def exchanged(rng: Rng, scene: Scene) -> list[Fault]:
