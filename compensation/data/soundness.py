@@ -88,6 +88,23 @@ def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
     return Sound(tuple(mended), arm, tuple(told))
 
 
+def still_and_far(session: Session, arm: Arm) -> list[tuple[str, float]]:
+    """Temperatures, the artefact's among them, of one value in all rows that is far from all other
+    values, °C: a channel that shows nothing, or the others do."""
+    names = [*arm.used_sensors, "artefact_c"]
+    own = session.states.temperature_c[:, [arm.sensors.index(name) for name in arm.used_sensors]]
+    celsius = np.column_stack([own, session.artefact_c])
+    still = (celsius == celsius[:1]).all(axis=0)  # NaN equals nothing
+    found = []
+    for k in np.flatnonzero(still) if session.n >= LEAST_STILL else ():
+        at_c = float(celsius[0, k])
+        others = celsius[:, ~(still & (celsius[0] == at_c))]
+        known = others[np.isfinite(others)]
+        if known.size and (np.abs(known - at_c) > FAR_K).all():
+            found.append((names[k], at_c))
+    return found
+
+
 def _once(session: Session, told: list[str]) -> Session:
     """Without rows that stand there a second time, digit for digit."""
     states = session.states

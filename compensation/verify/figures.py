@@ -17,14 +17,13 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Distance
-from armd.compensation.identify.admission.far_off import MOST_TOLD
+from armd.compensation.identify.admission.far_off import without_temperature
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.verify import single
 from armd.compensation.verify.limits import TestUncertainty
 from armd.compensation.verify.spheres import fit_sphere, smallest_sphere
-from armd.terminal.counted import counted
 
 ISO, ASME = "ISO 10360-12:2016", "ASME B89.4.22-2004"
 SPHERE = ("SPHERE.a", "SPHERE.b")
@@ -100,7 +99,7 @@ class _Readings:
         self._session = session
         self._position = position
         self._names = session.artefact.target_names
-        self._usable = np.isfinite(position).all(axis=1)
+        self._usable = np.isfinite(position[:, 0])
 
     def points(self, target: str, placement: str | None = None) -> F64:
         """Usable points (n, 3) at a target in the order of measuring."""
@@ -131,13 +130,7 @@ class _Readings:
 
     def without_position(self) -> list[str]:
         """Which readings do not count, because the model lacks something that they do not have."""
-        rows = np.flatnonzero(~self._usable)
-        if not len(rows):
-            return []
-        named = ", ".join(self._session.row_in_words(i) for i in rows[:MOST_TOLD])
-        more = ", …" if len(rows) > MOST_TOLD else ""
-        without = "without a temperature that the calibration needs"
-        return [f"{counted(len(rows), 'reading')} {without}, not counted: {named}{more}"]
+        return without_temperature(self._session, self._usable)
 
     def far_off(self) -> list[str]:
         """Single readings far from where the others place them, in words."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from armd.compensation.identify.admission.mistakes import LENGTHS_MM
 from armd.compensation.verify.figures import Deviation, Figure, Verification
 from armd.compensation.verify.limits import PermissibleErrors
 
@@ -16,6 +17,8 @@ LONGEST_SHARE = 0.66
 ABSURD_MM = 20.0
 #: A limit so many times what was found tells nothing, or was typed in another unit.
 LOOSE = 100.0
+#: Within this share, a length in another unit is the same length.
+SAME_UNIT = 0.1
 #: What to do about readings far off.
 FAR_OFF = (
     "if the button was pressed in the air, or the tip was not in its seat: take these readings"
@@ -118,7 +121,12 @@ class Verdict:
                     f"E_Uni: the longest length, {longest:.0f} mm, is less than 66 % of the "
                     f"measuring range of {range_mm:.0f} mm"
                 )
-            if abs(figure.worst.value_mm) > ABSURD_MM and not far:
+            if unit := _certified_in(figure.worst):
+                remarks.append(
+                    f"{figure.name}: its certified lengths fit the arm if they are taken as {unit}:"
+                    " length_mm in session.toml is in mm"
+                )
+            elif abs(figure.worst.value_mm) > ABSURD_MM and not far:
                 remarks.append(
                     f"{figure.name}: {figure.worst.value_mm:.0f} mm: is arm.toml the drawing of"
                     " this arm, and the session's unit of angles right?"
@@ -170,6 +178,15 @@ class Verdict:
             "far_off": list(verification.far_off),
             "remarks": self.remarks,
         }
+
+
+def _certified_in(worst: Deviation) -> str:
+    """The unit that a certified length seems to have instead of mm, if any."""
+    if not worst.length_mm:
+        return ""
+    ratio = 1.0 + worst.value_mm / worst.length_mm
+    units = LENGTHS_MM.items()
+    return next((unit for unit, mm in units if abs(ratio / mm - 1.0) < SAME_UNIT), "")
 
 
 def judge(verification: Verification, limits: PermissibleErrors | None) -> Verdict:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import robust_poses
@@ -58,13 +58,29 @@ def far_off(off_mm: F64) -> FarOff:
     return FarOff(farthest, off_mm[farthest], max(float(np.median(of_mm)), LEAST_MM))
 
 
+def without_temperature(session: Session, usable: Mask) -> list[str]:
+    """Which readings take no part because they lack a temperature; *usable* (n,): those that do."""
+    rows = np.flatnonzero(~usable)
+    if not len(rows):
+        return []
+    named = ", ".join(session.row_in_words(i) for i in rows[:MOST_TOLD])
+    more = ", …" if len(rows) > MOST_TOLD else ""
+    without = "without a temperature that the calibration needs"
+    return [f"{counted(len(rows), 'reading')} {without}, not counted: {named}{more}"]
+
+
 def distances_mm(observations: Observations, position_mm: F64) -> F64:
     """(n,) how far the tip at *position_mm* (n, 3), base frame, lies from each reading's target.
 
-    NaN without a position, and for the only reading at a seat: it says itself where that is.
+    NaN without a position, for a row that stands there a second time, and for the only reading at
+    a seat, which says itself where that is.
     """
     distance = np.full(observations.n, np.nan)
     usable = np.isfinite(position_mm).all(axis=1)
+    rows = np.column_stack([observations.states.q, observations.target, observations.placement])
+    again = np.ones(observations.n, dtype=bool)
+    again[np.unique(rows, axis=0, return_index=True)[1]] = False
+    usable &= ~again
     count = np.bincount(observations.target[usable], minlength=len(observations.unknown))
     alone = observations.unknown & (count < 2)
     told = usable & (observations.has_truth | ~alone[observations.target])

@@ -97,7 +97,7 @@ def refuse_mistakes(
         [
             fault
             for k in map(int, np.flatnonzero(suspects))
-            if (fault := _mistake(sessions[k], parts[k], model, by))
+            if (fault := mistake(sessions[k], parts[k], model, by))
         ]
     )
 
@@ -138,7 +138,7 @@ def odd_session(
     if miss < APART * level or level > misses.max() / APART:
         return None
     by = f"under what the other {len(sessions) - 1} identify"
-    if fault := _mistake(sessions[k], part, model, by):
+    if fault := mistake(sessions[k], part, model, by):
         raise fault
     return Odd(sessions[k].path, miss, level)
 
@@ -172,7 +172,9 @@ def _raise(faults: list[BadInput]) -> None:
         raise faults[0]
 
 
-def _mistake(session: Session, part: Observations, model: AssumedModel, by: str) -> BadInput | None:
+def mistake(session: Session, part: Observations, model: AssumedModel, by: str) -> BadInput | None:
+    """What is plainly wrong with a session of the observations *part*, if anything; *by*: under
+    what its readings miss."""
     guess = best_guess(part, model)
     if guess is None or guess[1] > ABSURD_MM:
         return None

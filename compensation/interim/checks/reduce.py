@@ -24,6 +24,7 @@ from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.errors import BadInput
+from armd.terminal.counted import counted
 
 #: A direction of the nuisances shorter than this, relative to the longest, says nothing.
 NUISANCE_RANK = 1e-6
@@ -43,7 +44,8 @@ def reduce(
     position = seen.position_mm
     poses = fit_poses(observations, position)
     placed = poses.placed(observations)
-    whitener = seen.whitener() * _rest_share(observations)[:, None, None]
+    share = _rest_share(observations)
+    whitener = seen.whitener() * share[:, None, None]
 
     def whitened(columns: F64) -> F64:
         """(3 n, C) from columns (n, 3, C)."""
@@ -78,8 +80,11 @@ def reduce(
         return np.concatenate([columns, np.zeros((rows, columns.shape[1]))])
 
     left = clear.T @ residual
-    if len(left) < LEAST_ROWS:
-        found = f"{session.n} readings, {len(left)} numbers beyond placement and seats"
+    rests = round(float((share**2).sum()))
+    spare = len(left) - 3 * (observations.n - rests)  # a rest that is read again says nothing new
+    if spare < LEAST_ROWS:
+        of = "" if rests == observations.n else f" at {counted(rests, 'rest')}"
+        found = f"{counted(session.n, 'reading')}{of}, {spare} numbers beyond placement and seats"
         raise BadInput(session.path, "the session", found, "10 to 30 readings in several poses")
     return Reduced(
         residual=left,

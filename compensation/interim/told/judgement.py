@@ -51,6 +51,7 @@ class Judgement:
     """What a history says; the epoch of the latest check decides the state."""
 
     epochs: tuple[Epoch, ...]
+    far_off: tuple[str, ...] = ()  # single readings, in words
 
     @property
     def checks(self) -> list[Check]:

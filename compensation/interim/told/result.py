@@ -41,6 +41,7 @@ def as_json(
             _change(told, epoch, *(file or (None, None)))
             for (told, epoch), file in zip(changes, calibrations, strict=True)
         ],
+        "far_off": list(judgement.far_off),
         "next_check": tomorrow,
     }
 
@@ -158,4 +159,7 @@ def in_words(judgement: Judgement) -> list[str]:
             f"Bad by {'itself' if len(bad) == 1 else 'themselves'}, and no change: {', '.join(bad)}"
             " (dirt in a seat, or another artefact)."
         )
+    lines += [f"Far off: {line}." for line in judgement.far_off]
+    if judgement.far_off:
+        lines.append("In the air, or beside its seat? Then measure that check again.")
     return lines

@@ -10,22 +10,22 @@ import math
 import shlex
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from armd.compensation.data.session import load_sessions
-from armd.compensation.estimate.observations import gather
-from armd.compensation.identify.admission.mistakes import AssumedModel
-from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.interim.checks import chain, history, keeping
+from armd.compensation.interim.checks.admission import refuse_unfit
 from armd.compensation.interim.checks.columns import causes_of
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.told.judge import judge
 from armd.compensation.interim.told.judgement import Judgement
 from armd.compensation.interim.told.remembered import recall, remember
 from armd.compensation.interim.told.result import as_json, in_words
+from armd.compensation.interim.told.single import single_readings
 from armd.compensation.interim.told.tomorrow import Tomorrow, tomorrow
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration, save_calibration
@@ -91,8 +91,7 @@ def _add(args: argparse.Namespace) -> int:
     if not args.future:
         keeping.check_clock(folder, lines, math.floor(time.time()))
     keeping.check_new(folder, lines, sessions)
-    observations = gather(sessions, arm, calibration.content.artefact)
-    refuse_misnamed(sessions, observations, AssumedModel.under(arm, calibration.content))
+    remarks = refuse_unfit(sessions, arm, calibration.content)
     causes = causes_of(arm, calibration.content)
     console, new = aside(args), []
     with bar(console, "evaluating the checks") as told:
@@ -109,7 +108,7 @@ def _add(args: argparse.Namespace) -> int:
         except BadInput as error:  # no room for the report, it may be
             kept = f"{error.expected} (the checks are kept: armd interim report judges them)"
             raise BadInput(error.file, error.where, error.found, kept) from error
-    if remark := keeping.dated_before(lines, sessions):
+    for remark in filter(None, [*remarks, keeping.dated_before(lines, sessions)]):
         console.print(f"armd: {remark}", soft_wrap=True, markup=False, highlight=False)
     _say(folder, judgement, result, "-" if args.json else None)
     return 1 if judgement.changed else 0
@@ -151,6 +150,7 @@ def _judged(
     """Judge a history, some of which was loaded *before*; its changes' calibrations and the result
     are written beside it."""
     judgement = judge(history.load(folder, before), recall(folder))
+    judgement = replace(judgement, far_off=tuple(single_readings(folder, judgement)))
     files: list[tuple[str, str] | None] = []
     for told in (told for epoch in judgement.epochs for told in epoch.told):
         if told.calibration is None:

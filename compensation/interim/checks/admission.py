@@ -1,0 +1,68 @@
+"""What no check can mean: refused before it is kept, because a history gives nothing back.
+
+A check that is bad in some other way is kept and judged: whether the arm changed or the check is
+spoilt, the checks around it say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.data.session import Session
+from armd.compensation.data.soundness import still_and_far
+from armd.compensation.estimate.observations import Observations, gather
+from armd.compensation.identify.admission.far_off import distances_mm, without_temperature
+from armd.compensation.identify.admission.mistakes import LEAST_FAHRENHEIT, AssumedModel
+from armd.compensation.identify.admission.odd_session import ABSURD_MM, mistake, refuse_mistakes
+from armd.compensation.identify.admission.wrong_names import refuse_misnamed
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+from armd.errors import BadInput
+
+
+def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration) -> list[str]:
+    """Raise `BadInput` for the first of *sessions* that is no check of this calibrated arm: wrong
+    units, columns or names, temperatures that nothing had, readings of another arm or artefact.
+
+    Returns what a person should know of those that are.
+    """
+    model, told = AssumedModel.under(arm, calibration), []
+    for session in sessions:
+        observations = gather([session], arm, calibration.artefact)
+        _refuse_temperatures(session, observations, model)
+        refuse_mistakes([session], observations, model)
+        refuse_misnamed([session], observations, model)
+        position = model.tip_mm(observations)
+        _refuse_absurd(session, distances_mm(observations, position))
+        told += without_temperature(session, np.isfinite(position[:, 0]))
+    return told
+
+
+def _refuse_temperatures(session: Session, observations: Observations, model: AssumedModel) -> None:
+    celsius = observations.states.temperature_c
+    if np.nanmin(celsius, initial=np.inf) > LEAST_FAHRENHEIT:
+        # Hot servos are: only where °F explain what the readings miss by.
+        fault = mistake(session, observations, model, "under the calibration given")
+        if fault is not None:
+            raise fault
+    if still := still_and_far(session, observations.arm):
+        found = ", ".join(f"{name} {celsius:g} °C in every row" for name, celsius in still)
+        expected = "temperatures of one room: a channel that shows nothing is left empty"
+        raise BadInput(session.path, "temperatures", found, expected)
+
+
+def _refuse_absurd(session: Session, off_mm: F64) -> None:
+    """A calibrated arm errs by micrometres: where half of the readings are centimetres off, it is
+    not this arm, or not this artefact."""
+    known = off_mm[np.isfinite(off_mm)]
+    if len(known) and np.median(known) > ABSURD_MM:
+        raise BadInput(
+            session.path,
+            "the readings",
+            f"half of them more than {np.median(known):.0f} mm from where the others place them",
+            "readings of this arm on this artefact (names of targets, angle_unit, columns,"
+            " directions)",
+        )

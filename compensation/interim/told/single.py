@@ -1,0 +1,38 @@
+"""Single readings far off in a check: what a person should know of a check that is bad."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from armd.compensation.data.session import Session
+from armd.compensation.estimate.observations import gather
+from armd.compensation.identify.admission.far_off import FarOff, distances_mm, far_off
+from armd.compensation.identify.admission.mistakes import AssumedModel
+from armd.compensation.interim.checks import history
+from armd.compensation.interim.checks.history import Check
+from armd.compensation.interim.told.judgement import Judgement
+
+#: Whether a check is bad is open until so many later ones are there.
+UNDECIDED = 3
+
+
+def single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
+    """Of a history's checks that are bad, or may still be, which readings are far off, and whether
+    they count."""
+    for epoch in judgement.epochs:
+        for i, check in enumerate(epoch.checks):
+            bad = i in epoch.found.bad
+            if not bad and i < len(epoch.checks) - UNDECIDED:
+                continue
+            session = history.session(folder, check)
+            fate = "not counted, as nothing of its check is" if bad else "counted until now"
+            for line in _far_off(session, check).in_words(session):
+                yield f"{line}; {fate}"
+
+
+def _far_off(session: Session, check: Check) -> FarOff:
+    calibration = check.calibration.content
+    observations = gather([session], check.arm, calibration.artefact)
+    model = AssumedModel.under(check.arm, calibration)
+    return far_off(distances_mm(observations, model.tip_mm(observations)))
