@@ -212,8 +212,10 @@ def test_an_occupied_port_is_named(daemon: Daemon, tmp_path: Path) -> None:
 
 
 def test_ended_while_it_waits_for_its_daemon() -> None:
-    command = [sys.executable, "-m", "armd.daemon.cli", "stream", "--endpoint", "tcp/127.0.0.1:9"]
+    command = [sys.executable, "-m", "armd.daemon.cli", "stream", "--verbose"]
+    command += ["--endpoint", "tcp/127.0.0.1:9"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        time.sleep(2.0)
+        assert process.stderr is not None
+        assert "connecting to tcp/127.0.0.1:9" in process.stderr.readline()  # and nobody answers
         process.terminate()
         assert process.wait(20) == 0

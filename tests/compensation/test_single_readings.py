@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shutil
 import subprocess
 import sys
@@ -146,6 +147,21 @@ def test_a_reading_more_than_the_test_wants_is_told(good: Path, tmp_path: Path) 
         "L3 in E_UNI2: 4 readings, the first 3 count",
         "SPHERE1.07: 2 readings, their mean counts",
     }
+
+
+def test_certified_lengths_in_another_unit_are_told(good: Path, tmp_path: Path) -> None:
+    arm = load_arm(good / "arm.toml")
+    session = Path(shutil.copytree(good / "verify", tmp_path / "verify"))
+    file = session / "session.toml"
+    text = file.read_text()
+    file.write_text(
+        re.sub(r"length_mm = ([\d.]+)", lambda m: f"length_mm = {float(m[1]) / 1e3}", text)
+    )
+    verdict = judge(figures(load_session(session, arm), arm, None, TestUncertainty()), None)
+    assert [remark for remark in verdict.remarks if remark.startswith("E_Uni: ")] == [
+        "E_Uni: its certified lengths fit the arm if they are taken as metres: length_mm in"
+        " session.toml is in mm"
+    ]
 
 
 def test_points_on_a_sphere_are_held_against_what_the_others_say() -> None:
