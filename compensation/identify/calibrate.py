@@ -241,12 +241,13 @@ def _choose(
             )
         return 1, comparison.models[name]
     if options.thermal_order is not None:
-        return options.thermal_order, length_terms(arm, range(1, options.thermal_order + 1))
+        terms = length_terms(arm, range(1, options.thermal_order + 1))
+        return options.thermal_order, [*terms, *comparison.growth]
     order = comparison.best_order(trials)
     if order == 0:
         notes.append("no thermal order lowers the error on readings left out")
         return 0, []
-    terms = length_terms(arm, range(1, order + 1))
+    terms = [*length_terms(arm, range(1, order + 1)), *comparison.growth]
     for extension in comparison.extended(terms):
         notes.append(f"{extension.name}: {extension.heldout_rms_um:.2f} µm held out, taken")
         terms = extension.terms

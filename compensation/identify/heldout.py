@@ -43,7 +43,7 @@ class HeldOut:
         whiten = whitening(fit.noise.covariance(fit.at.joints), weight)
         self.scale, self.pull = scale, pull
         base = replace(fit.at, residual_mm=residual)
-        whole = ArmAlone(base, whiten, columns)
+        self._whole = whole = ArmAlone(base, whiten, columns)
         self.folds = [_Fold(whole, weight, out) for out in folds if out.any()]
         self._kept = [~np.isin(np.flatnonzero(out), fit.weighed_down) for out in folds if out.any()]
 
@@ -51,6 +51,10 @@ class HeldOut:
         """The chosen unknowns' changes (len(chosen),), fitted without the fold."""
         training = self.folds[fold].training
         return training.solve(self.scale[chosen], self.pull[chosen], chosen=chosen)
+
+    def solve_all(self, chosen: I64) -> Solution:
+        """Likewise, fitted to all readings."""
+        return self._whole.solve(self.scale[chosen], self.pull[chosen], chosen=chosen)
 
     def errors(self, chosen: I64) -> Errors:
         """Of fits of *chosen* without each fold, on the fold."""

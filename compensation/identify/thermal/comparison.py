@@ -3,7 +3,8 @@
 A length that matters grows with the temperature of its joint: d, a and the tip's offset as
 polynomials of ΔT, all coefficients at once from all sessions. How high the order, and whether
 angles move with temperature too, is decided by the error on readings left out in turn: whole
-temperatures, and parts of the lowest and the highest. The paper's own way (identify at each
+temperatures, and parts of the lowest and the highest. Before that, the first link's growth joins
+every model where a ramp within a placement shows it. The paper's own way (identify at each
 temperature, then regress), temperature zones and principal components of the sensors are tried on
 the same data, for comparison or by choice.
 """
@@ -25,6 +26,7 @@ from armd.compensation.identify.thermal.temperatures import left_out_in_turn
 from armd.compensation.identify.thermal.terms import (
     angle_terms,
     component_terms,
+    growth_terms,
     length_terms,
     zone_terms,
 )
@@ -37,6 +39,9 @@ from armd.terminal.counted import counted
 MOST_ORDER = 4
 #: A larger model must lower the held-out error by this much to be worth it.
 WORTH = 0.99
+#: The first link's growth is in the model where it is known so many times better than its size. It
+#: is one physical term, which every ramp has: it need not lower the whole error by a hundredth.
+GROWTH_KNOWN = 5.0
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,7 @@ class Comparison:
         everything = [*best, *self.models.get("two zones", [])]
         everything += self.models["principal components"]
         everything += [term for terms in self.extensions.values() for term in terms]
+        everything += growth_terms(arm)
         self._place = {term.model_dump_json(): i for i, term in enumerate(everything)}
         self._n_constants = len(fit.unknowns.constants)
         basis = basis_values(everything, observations.states, arm, fit.reference_c, fit.constants)
@@ -100,6 +106,8 @@ class Comparison:
         self._out = left_out_in_turn(observations, groups)
         folds = [left.rows for left in self._out]
         self._heldout = HeldOut(fit, columns, scale, self._residual, self._pull, folds)
+        self.growth = growth_terms(arm) if self._shows_growth() else []
+        self.models = {name: [*terms, *self.growth] for name, terms in self.models.items()}
 
     def errors(self, terms: Sequence[Term]) -> Errors:
         """On readings left out, all coefficients fitted at once."""
@@ -131,6 +139,20 @@ class Comparison:
         arm = self.fit.observations.arm
         plain, grown = (self.errors(length_terms(arm, orders)) for orders in ([], [1]))
         return grown.without_far_um < WORTH * plain.without_far_um
+
+    def _shows_growth(self) -> bool:
+        """Whether the readings tell the first link's growth beside a linear thermal model, and
+        those left out do not speak against it."""
+        arm = self.fit.observations.arm
+        linear, growth = length_terms(arm, [1]), growth_terms(arm)
+        if not growth:
+            return False
+        solution = self._heldout.solve_all(self._chosen([*linear, *growth]))
+        sigma = float(np.linalg.norm(solution.root[-1]))
+        if abs(float(solution.step[-1])) < GROWTH_KNOWN * sigma:
+            return False
+        grown, plain = self.errors([*linear, *growth]), self.errors(linear)
+        return grown.without_far_um <= plain.without_far_um
 
     def extended(self, terms: Sequence[Term]) -> list[Trial]:
         """Angles that move with temperature, added where they lower the held-out error."""

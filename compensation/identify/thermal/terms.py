@@ -37,6 +37,16 @@ def angle_terms(arm: Arm, stem: str) -> list[Term]:
     ]
 
 
+def growth_terms(arm: Arm) -> list[Term]:
+    """The one term by which the first link, and what it stands on, grows; none without a sensor.
+
+    Between placements that is the placement's own. A ramp within one shows it, and what is not in
+    the model then is put down to the other lengths and angles.
+    """
+    weights = arm.joint[0].weights
+    return [Term(parameter="d_1", basis=[Temperature(weights=weights)])] if weights else []
+
+
 def zone_terms(arm: Arm, edges_c: Sequence[float]) -> list[Term]:
     """The paper's temperature zones: a broken line, one slope per zone of *edges_c*."""
     return [
@@ -71,7 +81,7 @@ def component_terms(arm: Arm, observations: Observations) -> list[Term]:
 def _lengths(arm: Arm) -> list[tuple[str, dict[str, float]]]:
     """Lengths that matter, with the weights of their temperature.
 
-    Not d of joint 1: the base's own growth moves every placement alike. What the last link adds
+    Not d of joint 1, which moves every placement alike (`growth_terms`). What the last link adds
     to the tip's offset grows with it, all by the last joint's temperature.
     """
     lengths = [
