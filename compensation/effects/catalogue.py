@@ -12,14 +12,9 @@ from dataclasses import replace
 from importlib import import_module
 
 from armd.compensation.effects import encoder, mechanical, setup, thermal, unknown
-from armd.compensation.effects.effect import (
-    ARC_SECOND,
-    Acting,
-    Candidate,
-    Effect,
-    SessionFacts,
-)
+from armd.compensation.effects.effect import Acting, Candidate, Effect, SessionFacts
 from armd.compensation.model.arm import Arm
+from armd.compensation.wording import ARC_SECOND
 
 ROOMS = (encoder, mechanical, thermal, setup)
 OFFSET = "sensor_offset"

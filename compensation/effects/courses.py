@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.effects.effect import Candidate, Column, SessionFacts, plain, tie
+from armd.compensation.effects.effect import Candidate, Column, SessionFacts, tie
 from armd.compensation.effects.location import Location
 from armd.compensation.model.slow_factors import (
     After,
@@ -27,6 +27,7 @@ from armd.compensation.model.slow_factors import (
     Time,
 )
 from armd.compensation.model.terms import Factor, Term
+from armd.compensation.wording import plain
 
 #: Time constants, as shares of the time seen: with a shorter one all is over before much was
 #: measured, with a longer one it is a straight line, or nearly. Twice apart, refined in between.

@@ -7,7 +7,6 @@ An `Effect` lists the candidates an arm and its sessions allow, and reads amplit
 
 from __future__ import annotations
 
-import datetime
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,9 +22,9 @@ from armd.compensation.model.parameters import LEAST_LENGTH_MM, TIP_PARAMETERS
 from armd.compensation.model.pose_factors import Axis
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Factor, Term
+from armd.compensation.wording import clock
 
 AXES: tuple[Axis, ...] = ("x", "y", "z")
-ARC_SECOND = np.pi / 180.0 / 3600.0
 #: Amplitudes may be this many times their typical size, with these probabilities.
 SCALES = {1.0: 0.6, 5.0: 0.3, 50.0: 0.1}
 
@@ -299,26 +298,7 @@ def temperature(weights: dict[str, float], **options: float) -> Temperature:
     return Temperature.model_validate({"weights": weights, **options})
 
 
-def plain(value: float, digits: int = 2, sign: str = "") -> str:
-    """A number as a person writes it: so many digits, whole ones in full, no exponent."""
-    size = abs(value)
-    decimals = digits - 1 - int(np.floor(np.log10(size))) if size > 1e-9 else 0
-    return f"{value:{sign}.{max(decimals, 0)}f}"
-
-
-def clock(unix_s: float) -> str:
-    """A moment as a person writes it."""
-    moment = datetime.datetime.fromtimestamp(unix_s, datetime.UTC)
-    return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
-
-
 def when(candidate: Candidate) -> str:
     """ " at …" for a candidate with an instant, nothing for others."""
     instant = candidate.instant_unix_s
     return "" if instant is None else f" at {clock(instant)}"
-
-
-def seconds_of_arc(angle_rad: float) -> str:
-    """An angle as a person in a workshop says it."""
-    seconds = abs(angle_rad) / ARC_SECOND
-    return f"{plain(seconds)}″"

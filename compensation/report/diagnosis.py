@@ -10,11 +10,11 @@ import numpy as np
 
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.told.verdict import um
-from armd.compensation.effects.effect import ARC_SECOND, clock
 from armd.compensation.report.drawing import one_drawing
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import NOT_STATED, origin
 from armd.compensation.report.signature_plot import signature_plot
+from armd.compensation.wording import ARC_SECOND, clock
 from armd.terminal.counted import counted
 
 #: Units in which a person reads amplitudes.

@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.diagnosis import Diagnosis
 from armd.compensation.diagnose.problem.signatures import compile_candidates
-from armd.compensation.effects.effect import ARC_SECOND, Candidate
+from armd.compensation.effects.effect import Candidate
 from armd.compensation.model import parameters
 from armd.compensation.report.drawing import COLOURS, MOST_POINTS, cloud, one_drawing
+from armd.compensation.wording import ARC_SECOND
 
 BINS = 24
 MOST_DOTS = 2500

@@ -14,12 +14,13 @@ from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
 from armd.compensation.diagnose.search import search
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import ARC_SECOND, Candidate
+from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
 from armd.compensation.model.kinematics import forward
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
+from armd.compensation.wording import ARC_SECOND
 from support import synthetic
 
 ARM = synthetic.arm()

@@ -16,12 +16,13 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import Candidate, plain
+from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.gauge import PLAUSIBLE
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length, certified_lengths
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.wording import plain
 
 #: An amplitude so many standard deviations of its broadest prior from zero is none of that cause.
 MOST_SIGMAS = 3.0

@@ -11,7 +11,8 @@ from armd.compensation.diagnose.fitting.target_steps import steps, target_steps
 from armd.compensation.diagnose.problem.rests import spare_rows
 from armd.compensation.diagnose.told.sizes import size_known
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import Candidate, clock, plain
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.wording import clock, plain
 from armd.terminal.counted import counted
 
 #: Residuals so many times the noise's RMS are more than noise.

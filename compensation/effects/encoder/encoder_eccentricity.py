@@ -6,17 +6,9 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    ARC_SECOND,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    plain,
-    seconds_of_arc,
-    tie,
-)
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie
 from armd.compensation.model.pose_factors import Harmonic
+from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
 
 DISC_DIAMETER_MM = 50.0  # of a typical arm's encoder, for the reading only
 

@@ -6,14 +6,9 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    ARC_SECOND,
-    Candidate,
-    Effect,
-    SessionFacts,
-    seconds_of_arc,
-)
+from armd.compensation.effects.effect import Candidate, Effect, SessionFacts
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
+from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 ORDERS = range(3, 41)
 #: A curve over the turn is a group of all orders up to one of these.

@@ -6,17 +6,9 @@ from functools import partial
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.courses import steps
-from armd.compensation.effects.effect import (
-    ARC_SECOND,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    seconds_of_arc,
-    tie,
-    when,
-)
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie, when
 from armd.compensation.model.slow_factors import After
+from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 
 def columns(joint: int, *basis: After) -> tuple[Column]:

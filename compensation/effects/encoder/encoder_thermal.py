@@ -7,16 +7,15 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
-    ARC_SECOND,
     Candidate,
     Column,
     Effect,
     SessionFacts,
-    seconds_of_arc,
     temperature,
     tie,
 )
 from armd.compensation.model.pose_factors import Harmonic
+from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 ORDERS = (1, 2)
 TYPICAL_RAD = 1.0 * ARC_SECOND  # per kelvin

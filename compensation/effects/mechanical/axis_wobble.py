@@ -6,17 +6,10 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    ARC_SECOND,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    plain,
-    tie,
-)
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie
 from armd.compensation.effects.twist import twist_weights
 from armd.compensation.model.pose_factors import Harmonic
+from armd.compensation.wording import ARC_SECOND, plain
 
 BASE = (["base_rx", "base_ry", "base_x", "base_y"], np.eye(4))
 

@@ -7,17 +7,10 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    ARC_SECOND,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    seconds_of_arc,
-    tie,
-)
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Factor, Term
+from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 #: Waves a turn: a wheel's run-out, its teeth where they are few.
 ORDERS = range(1, 21)

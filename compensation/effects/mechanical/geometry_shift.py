@@ -8,18 +8,16 @@ from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
 from armd.compensation.effects.effect import (
-    ARC_SECOND,
     Candidate,
     Column,
     Effect,
     SessionFacts,
     lengths,
-    plain,
-    seconds_of_arc,
     tie,
     when,
 )
 from armd.compensation.model.slow_factors import After
+from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
 
 TYPICAL = {
     "theta": 10 * ARC_SECOND,

@@ -4,16 +4,9 @@ from collections.abc import Iterator
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    ARC_SECOND,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    seconds_of_arc,
-    tie,
-)
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie
 from armd.compensation.model.pose_factors import Side
+from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain, tie
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie
 from armd.compensation.model.pose_factors import GravityTorque
+from armd.compensation.wording import plain
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:

@@ -12,11 +12,12 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import AXES, Candidate, Column, Effect, SessionFacts, plain
+from armd.compensation.effects.effect import AXES, Candidate, Column, Effect, SessionFacts
 from armd.compensation.effects.twist import SHORTEST_MM, link_vector, twist_weights
 from armd.compensation.model.gravity import STANDARD_GRAVITY, link_masses
 from armd.compensation.model.pose_factors import GravityDirection, GravityMoment
 from armd.compensation.model.terms import Factor, Term
+from armd.compensation.wording import plain
 
 
 def _cross(vector: F64) -> F64:

@@ -6,14 +6,8 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    ArtefactChange,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    plain,
-)
+from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, Effect, SessionFacts
+from armd.compensation.wording import plain
 
 
 def _each(facts: SessionFacts) -> list[tuple[str, str]]:

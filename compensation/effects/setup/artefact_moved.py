@@ -6,14 +6,8 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    ArtefactChange,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    plain,
-)
+from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, Effect, SessionFacts
+from armd.compensation.wording import plain
 
 #: A hand moves an artefact by tenths of a millimetre; a mount that steps moves by some µm.
 SHIFT_MM, TURN_RAD = 0.1, 0.3e-3

@@ -4,14 +4,8 @@ from collections.abc import Iterator
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    ArtefactChange,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    plain,
-)
+from armd.compensation.effects.effect import ArtefactChange, Candidate, Column, Effect, SessionFacts
+from armd.compensation.wording import plain
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:

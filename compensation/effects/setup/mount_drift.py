@@ -7,18 +7,9 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
-from armd.compensation.effects.effect import (
-    ARC_SECOND,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    plain,
-    seconds_of_arc,
-    tie,
-    when,
-)
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie, when
 from armd.compensation.model.slow_factors import After, Time
+from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
 
 SHIFTS = ("base_x", "base_y", "base_z")
 #: A base may move so much in the time seen.

@@ -6,8 +6,9 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, of_tip, plain
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, of_tip
 from armd.compensation.model.pose_factors import GravityDirection
+from armd.compensation.wording import plain
 
 SHORTEST_MM = 20.0  # a shorter one does not sag
 

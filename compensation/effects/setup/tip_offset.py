@@ -9,16 +9,9 @@ from collections.abc import Iterator
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
-from armd.compensation.effects.effect import (
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    plain,
-    tie,
-    when,
-)
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie, when
 from armd.compensation.model.slow_factors import After
+from armd.compensation.wording import plain
 
 TYPICAL_MM = 20e-3
 #: How much of it lies across the last axis where the tip moved along its shaft: a thread stands

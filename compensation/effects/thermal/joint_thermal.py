@@ -5,15 +5,14 @@ from collections.abc import Iterator
 from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import (
-    ARC_SECOND,
     Candidate,
     Column,
     Effect,
     SessionFacts,
-    seconds_of_arc,
     temperature,
     tie,
 )
+from armd.compensation.wording import ARC_SECOND, seconds_of_arc
 
 #: first power, and a square too: a housing under preload moves in a curve
 TYPICAL_RAD = {1: 0.6 * ARC_SECOND, 2: 0.06 * ARC_SECOND}

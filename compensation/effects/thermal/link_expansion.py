@@ -10,11 +10,11 @@ from armd.compensation.effects.effect import (
     Effect,
     SessionFacts,
     lengths,
-    plain,
     stylus,
     temperature,
     tie,
 )
+from armd.compensation.wording import plain
 
 TYPICAL_PER_K = 10e-6
 

@@ -10,10 +10,10 @@ from armd.compensation.effects.effect import (
     Effect,
     SessionFacts,
     lengths,
-    plain,
     temperature,
     tie,
 )
+from armd.compensation.wording import plain
 
 TYPICAL = {2: 8e-8, 3: 8e-9}
 

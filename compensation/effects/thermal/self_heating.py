@@ -8,17 +8,8 @@ from collections.abc import Iterator
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import (
-    ARC_SECOND,
-    Candidate,
-    Column,
-    Effect,
-    SessionFacts,
-    Use,
-    lengths,
-    plain,
-    seconds_of_arc,
-)
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, Use, lengths
+from armd.compensation.wording import ARC_SECOND, plain, seconds_of_arc
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 960.0, 1920.0)
 FINER = (0.7, 0.84, 1.19, 1.4)

@@ -9,8 +9,9 @@ from armd.arrays import F64
 from armd.compensation.effects import location
 from armd.compensation.effects.by_temperature import temperature_of
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, plain
+from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts
 from armd.compensation.model.terms import Term
+from armd.compensation.wording import plain
 
 TYPICAL_K = 0.5
 #: What a sensor loses while it is being used is less: its contact loosens, its cable warms.

@@ -14,11 +14,11 @@ from armd.compensation.effects.effect import (
     Column,
     Effect,
     SessionFacts,
-    plain,
     temperature,
     tie,
 )
 from armd.compensation.effects.twist import SHORTEST_MM, link_vector, twist_weights
+from armd.compensation.wording import plain
 
 TYPICAL_RAD_PER_M_K = 1.2e-4
 

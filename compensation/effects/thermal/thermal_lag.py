@@ -16,11 +16,11 @@ from armd.compensation.effects.effect import (
     Effect,
     SessionFacts,
     lengths,
-    plain,
     temperature,
     tie,
 )
 from armd.compensation.model.terms import Term
+from armd.compensation.wording import plain
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 5400.0)
 TYPICAL_PER_K = 15e-6

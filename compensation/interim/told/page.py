@@ -14,7 +14,6 @@ from matplotlib.figure import Figure
 from armd.arrays import F64
 from armd.compensation.data.session import READINGS, Session
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import ARC_SECOND, plain
 from armd.compensation.interim.changes.change import shapes
 from armd.compensation.interim.evidence.likelihood import RUN_LENGTH
 from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
@@ -22,6 +21,7 @@ from armd.compensation.interim.told.result import in_words, minute
 from armd.compensation.report.drawing import COLOURS, one_drawing
 from armd.compensation.report.page import Page, report_number
 from armd.compensation.report.sessions import session_facts
+from armd.compensation.wording import ARC_SECOND, plain
 
 #: How a verdict looks; colours are told apart by colour-blind readers too.
 LOOK = {

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import ARC_SECOND, plain
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check, iso
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
 from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
+from armd.compensation.wording import ARC_SECOND, plain
 from armd.terminal.counted import counted
 
 #: Of a statistic: whatever comes behind depends on which checks were watched at one time.

@@ -11,7 +11,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
-from armd.compensation.effects.effect import plain
 from armd.compensation.interim.changes.change import Change
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.stack import Stack, stack
@@ -30,6 +29,7 @@ from armd.compensation.interim.told.telling import (
 )
 from armd.compensation.model.slow_factors import DAY_S
 from armd.compensation.model.state import States
+from armd.compensation.wording import plain
 
 #: How many seats a check has, how many poses in all, and for how many of the best pairs of seats
 #: they are chosen one by one.

@@ -1,0 +1,28 @@
+"""Numbers, angles and moments as a person in a workshop writes them."""
+
+from __future__ import annotations
+
+import datetime
+
+import numpy as np
+
+ARC_SECOND = np.pi / 180.0 / 3600.0
+
+
+def plain(value: float, digits: int = 2, sign: str = "") -> str:
+    """A number as a person writes it: so many digits, whole ones in full, no exponent."""
+    size = abs(value)
+    decimals = digits - 1 - int(np.floor(np.log10(size))) if size > 1e-9 else 0
+    return f"{value:{sign}.{max(decimals, 0)}f}"
+
+
+def clock(unix_s: float) -> str:
+    """A moment as a person writes it."""
+    moment = datetime.datetime.fromtimestamp(unix_s, datetime.UTC)
+    return f"{moment:%Y-%m-%d %H:%M:%S} UTC"
+
+
+def seconds_of_arc(angle_rad: float) -> str:
+    """An angle as a person in a workshop says it."""
+    seconds = abs(angle_rad) / ARC_SECOND
+    return f"{plain(seconds)}″"
