@@ -140,6 +140,23 @@ def test_a_reading_in_the_air_is_named_as_why_there_is_no_certificate(
     assert "no set of constants describes this arm" not in said
 
 
+@pytest.mark.parametrize(("names", "turn"), [(["T20"], 0.35), (NAMES, 0.35), (NAMES, 0.0005)])
+def test_check_names_a_reading_in_the_air(
+    measured: Path, capsys: pytest.CaptureFixture[str], names: list[str], turn: float
+) -> None:
+    """One session under the drawing, and several against each other, where 0.3 mm show."""
+    session = measured / "T20"
+    rows = list(csv.reader((session / "readings.csv").read_text().splitlines()))
+    edited(session, 21, Q2, str(float(rows[21][Q2]) + turn))
+    assert armd(["check", str(measured / "arm.toml"), *(str(measured / n) for n in names)]) == 0
+    told = [line for line in capsys.readouterr().out.splitlines() if "far off" in line]
+    assert len(told) == 1
+    where = (
+        f"/readings.csv row 21 (line 22), {rows[21][TARGET]} in " if len(names) == 1 else " row 21 "
+    )
+    assert told[0].startswith(f"far off (in the air?): T20{where}")
+
+
 def test_an_evaluation_says_why_it_is_absurd(
     measured: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

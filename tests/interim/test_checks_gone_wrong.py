@@ -97,6 +97,25 @@ def test_readings_in_the_air_are_named_and_their_check_does_not_count(
         assert f"Far off: {line}." in capsys.readouterr().out or len(which) > 1
 
 
+def test_new_play_in_a_joint_is_a_change_and_no_reading_gone_wrong(
+    checks: Path, tmp_path: Path
+) -> None:
+    folder = measured(tmp_path / "play", "--plant", "joint_backlash@joint 2=20@6")
+    history = Path(shutil.copytree(checks / "history", tmp_path / "history"))
+    days = [folder / DAY, folder / "day-07"]
+    assert run("add", *days, *files(checks), "--history", history) == 1
+    result = json.loads((history / "report.json").read_text())
+    assert result["changes"][0]["cause"] == "joint_backlash" and result["far_off"] == []
+
+
+def test_the_first_check_of_all_names_its_reading_too(checks: Path, tmp_path: Path) -> None:
+    session = edited(checks, tmp_path, in_the_air(checks, {7: 4.0}))
+    history = tmp_path / "history"
+    run("add", session, *files(checks), "--history", history)
+    (told,) = json.loads((history / "report.json").read_text())["far_off"]
+    assert told.startswith(f"{DAY}/readings.csv row 8 (line 9), ")
+
+
 def test_good_checks_name_none(checks: Path, tmp_path: Path) -> None:
     assert added(checks, tmp_path, checks / DAY)["far_off"] == []
 

@@ -47,13 +47,14 @@ class FarOff:
         return lines
 
 
-def far_off(off_mm: F64) -> FarOff:
-    """Which of readings are so far off; *off_mm* (n,) is NaN where it is not known."""
+def far_off(off_mm: F64, times: float = SUSPECT) -> FarOff:
+    """Which of readings are so many *times* farther off than the middle one; *off_mm* (n,) is NaN
+    where it is not known."""
     known = np.flatnonzero(np.isfinite(off_mm))
     if not len(known):
         return FarOff(known, np.empty(0), LEAST_MM)
     of_mm = off_mm[known]
-    found = known[monstrous(of_mm[:, None], SUSPECT)]
+    found = known[monstrous(of_mm[:, None], times)]
     farthest = found[np.argsort(-off_mm[found], kind="stable")]
     return FarOff(farthest, off_mm[farthest], max(float(np.median(of_mm)), LEAST_MM))
 

@@ -18,6 +18,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.admission.far_off import distances_mm, far_off
 from armd.compensation.identify.admission.mistakes import (
     LEAST_FAHRENHEIT,
     LEAST_MM,
@@ -144,7 +145,8 @@ def odd_session(
 
 
 def remark(sessions: Sequence[Session], observations: Observations) -> str:
-    """What several sessions, held against each other, say of one of them; empty if nothing.
+    """What several sessions, held against each other, say of one of them, and which readings of
+    any are far off all others; empty if nothing.
 
     Raises `BadInput` where it is plain what is wrong.
     """
@@ -158,12 +160,24 @@ def _remark(sessions: Sequence[Session], observations: Observations) -> str:
     everything = np.ones(observations.n, dtype=bool)
     found = _identified(observations, everything) if len(sessions) > 2 else None
     if found is None:
-        return ""
+        return "\n".join(_far_off(sessions, observations))
     arm = observations.arm
     drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
     refuse_misnamed(sessions, observations, AssumedModel.of(found))
     odd = odd_session(sessions, found, rms_um(drawn.residual_mm))
-    return odd.in_words() if odd else ""
+    far = f"far off (in the air?): {found.outlier_words()}" if len(found.outliers) else ""
+    return "\n".join(filter(None, [far, odd.in_words() if odd else ""]))
+
+
+def _far_off(sessions: Sequence[Session], observations: Observations) -> list[str]:
+    """Single readings far off under the drawing: no fault of a file, and somebody should know."""
+    lines, model = [], AssumedModel.under(observations.arm, None)
+    for k, session in enumerate(sessions):
+        part = observations.rows(observations.session == k)
+        found = far_off(distances_mm(part, model.tip_mm(part)))
+        if found.usual_mm < ABSURD_MM:  # where most are, no reading is single
+            lines += [f"far off (in the air?): {line}" for line in found.in_words(session)]
+    return lines
 
 
 def _raise(faults: list[BadInput]) -> None:

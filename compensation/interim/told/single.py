@@ -7,6 +7,7 @@ from pathlib import Path
 
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.robust import MONSTROUS, SUSPECT
 from armd.compensation.identify.admission.far_off import FarOff, distances_mm, far_off
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.interim.checks import history
@@ -27,12 +28,15 @@ def single_readings(folder: Path, judgement: Judgement) -> Iterator[str]:
                 continue
             session = history.session(folder, check)
             fate = "not counted, as nothing of its check is" if bad else "counted until now"
-            for line in _far_off(session, check).in_words(session):
+            # New play in a joint takes readings ten times as far as others, and is a change.
+            changed = any(i >= change.first for change in epoch.found.changes)
+            far = _far_off(session, check, SUSPECT if bad and not changed else MONSTROUS)
+            for line in far.in_words(session):
                 yield f"{line}; {fate}"
 
 
-def _far_off(session: Session, check: Check) -> FarOff:
+def _far_off(session: Session, check: Check, times: float) -> FarOff:
     calibration = check.calibration.content
     observations = gather([session], check.arm, calibration.artefact)
     model = AssumedModel.under(check.arm, calibration)
-    return far_off(distances_mm(observations, model.tip_mm(observations)))
+    return far_off(distances_mm(observations, model.tip_mm(observations)), times)
