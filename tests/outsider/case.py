@@ -11,6 +11,7 @@ import datetime
 import json
 import zlib
 from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,7 @@ def draw(kind: str, seed: int) -> Case:
     if planted:
         wanted = float(np.exp(rng.uniform(*np.log(WANTED))))
         fault = _sized(FAULTS[planted](rng, scene), seen, known, wanted)
-        fault = _with_its_like(fault, seen, known)
+        fault = _with_its_like(fault, seen, scene, known)
     spread = _noise_mm(machine, readings.only(~known))
     truth = Truth(
         kind, seed, fault.cause, fault.location, fault.depends_on, fault.beside,
@@ -106,17 +107,31 @@ def _sized(variants: list[Fault], seen: Seen, known: F64, wanted: float) -> Faul
     return min(found, key=lambda each: each[:2])[2]
 
 
-def _with_its_like(fault: Fault, seen: Seen, known: F64) -> Fault:
+def _with_its_like(fault: Fault, seen: Seen, scene: Scene, known: F64) -> Fault:
     """With the rivals that leave next to nothing of it as names of the same signal."""
-    for cause, shapes in fault.rivals:
-        left = seen.noise_units(_rows(fault.alter, known), [_rows(one, known) for one in shapes])
-        if left < TOLD_APART:
-            fault = replace(
-                fault,
-                words=f"{fault.words}, {cause} leaves {left:.1f}",
-                same_signal=(*fault.same_signal, (cause, fault.location)),
-            )
-    return fault
+    alter = _rows(fault.alter, known)
+    left = {
+        (cause, fault.location): seen.noise_units(alter, [_rows(one, known) for one in shapes])
+        for cause, shapes in fault.rivals
+    }
+    if fault.cause == "sensor_offset":  # beside a sensor that hardly matters, an exchange mends it
+        for one, other in combinations(range(scene.machine.joints), 2):
+            mended = _rows(read_exchanged(scene, fault.alter, one, other), known)
+            name = ("sensor_swapped", f"sensors t{one + 1}, t{other + 1}")
+            left[name] = seen.noise_units(mended)
+    like = tuple(name for name, units in left.items() if units < TOLD_APART)
+    words = [fault.words, *(f"{' '.join(name)} leaves {left[name]:.1f}" for name in like)]
+    return replace(
+        fault, words=", ".join(words), same_signal=(*fault.same_signal, *like)
+    )  # fmt: skip
+
+
+def read_exchanged(scene: Scene, alter: Alteration, one: int, other: int) -> Alteration:
+    """What is left wrong if somebody takes two sensors, from 0, as altered, for exchanged."""
+    sensor, shown = alter.sensor.copy(), scene.readings.warm + alter.sensor
+    for own, from_ in ((one, other), (other, one)):
+        sensor[scene.on, own] = (shown[:, from_] - scene.readings.warm[:, own])[scene.on]
+    return replace(alter, sensor=sensor)
 
 
 def _rows(alter: Alteration, rows: F64) -> Alteration:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from outsider.case import draw, write
+from outsider.case import draw, read_exchanged, write
 from outsider.chain import Alteration, Table, by_angles, by_constants, posture
 from outsider.faults import FAULTS, Scene, _late
 from outsider.measured import Machine, Readings
@@ -158,8 +158,16 @@ def test_a_rival_that_leaves_next_to_nothing_has_the_same_signal() -> None:
     """Over 222° this disc, 28 % oval, is a gain: 1.8 of its 20 noise units are none."""
     truth = draw("disc", 4711000).truth
     assert truth.same_signal == (("encoder_scale", truth.location),)
-    assert "encoder_scale leaves 1.8" in truth.words
+    assert "encoder_scale joint 3 leaves 1.8" in truth.words
     assert draw("disc", 1).truth.same_signal == ()
+
+
+def test_exchanged_twice_is_as_it_was() -> None:
+    warm = np.array([[1.0, 2, 3, 4], [2, 2, 5, 5]])
+    whole = scene(np.zeros((2, 4)), four_joints(), warm=warm)
+    once = read_exchanged(whole, whole.none(), 1, 2)
+    np.testing.assert_allclose(once.sensor, [[0, 1, -1, 0], [0, 3, -3, 0]])
+    assert not read_exchanged(whole, once, 1, 2).sensor.any()
 
 
 def test_nothing_planted_has_no_size() -> None:
