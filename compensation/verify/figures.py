@@ -17,6 +17,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Distance
+from armd.compensation.data.soundness import still_and_far
 from armd.compensation.identify.admission.far_off import without_temperature
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
@@ -84,6 +85,10 @@ def figures_of(session: Session, arm: Arm, position: F64, test: TestUncertainty)
         except (NotSupported, ArithmeticError) as reason:
             left_out |= dict.fromkeys(keys, str(reason))
     remarks = [*readings.without_position(), *dict.fromkeys(readings.told)]
+    remarks += [
+        f"{name}: {celsius:g} °C in every row, far from all other temperatures: does it show any?"
+        for name, celsius in still_and_far(session, arm)
+    ]
     if session.artefact.expansion_per_k and not np.isfinite(session.artefact_c).any():
         remarks.append("no artefact_c: the artefact is taken to be at its reference temperature")
     return Verification(tuple(figures), left_out, tuple(remarks), tuple(readings.far_off()))

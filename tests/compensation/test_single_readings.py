@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -147,6 +148,15 @@ def test_a_reading_more_than_the_test_wants_is_told(good: Path, tmp_path: Path) 
         "L3 in E_UNI2: 4 readings, the first 3 count",
         "SPHERE1.07: 2 readings, their mean counts",
     }
+
+
+def test_a_dead_thermometer_of_the_artefact_is_told(good: Path, tmp_path: Path) -> None:
+    arm = load_arm(good / "arm.toml")
+    session = load_session(good / "verify", arm)
+    dead = replace(session, artefact_c=np.zeros(session.n))
+    assert figures(dead, arm, None, TestUncertainty()).remarks == (
+        "artefact_c: 0 °C in every row, far from all other temperatures: does it show any?",
+    )
 
 
 def test_certified_lengths_in_another_unit_are_told(good: Path, tmp_path: Path) -> None:
