@@ -14,6 +14,7 @@ from armd.compensation.diagnose.scoring import unevenness
 from armd.compensation.diagnose.scoring.evidence import log_bayes_factors
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.model.basis import basis_values
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 from support import synthetic
@@ -109,6 +110,13 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
     for column, name, mm in zip(columns.T, ("d_2", "a_2"), (0.002, 0.004), strict=False):
         own = column.reshape(n, 3)[:, arm.layout.index(name) % 3]
         np.testing.assert_allclose(own, unevenness.OF_A_LENGTH * 1.5 * mm * behind, atol=2e-4 * mm)
+    fading = unevenness.unsettled(linear, lag, np.array([1.5]), arm)
+    for own, known in zip(fading.columns, columns.T[2:], strict=True):
+        values = basis_values(own.terms, states, arm, model.reference_c, model.constants)
+        moved = np.zeros(3 * n)
+        for term, value in zip(own.terms, values.T, strict=True):
+            moved += linear.signature(arm.layout.index(term.parameter), term.coefficient * value)
+        np.testing.assert_allclose(moved, known, atol=1e-12)
     coarse = replace(NO_NOISE, whitener=np.tile(1e-9 * np.eye(3), (n, 1, 1)))
     assert unevenness.uneven(linear, coarse, lag, np.array([1.5]), arm).shape == (3 * n, 0)
 

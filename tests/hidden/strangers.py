@@ -4,7 +4,8 @@
 once, every other time all at one joint; "again": diagnosed for the third time, each time under the
 calibration that armd wrote before; "real": planted into what a real arm's encoders said, after it
 was diagnosed once; "offset", "exchanged", "late": a sensor that reads wrong, that has another's
-place, or that its link follows late, and a cause that goes by it.
+place, or that its link follows late, and a cause that goes by it; "ramped": a link that grows
+more than its calibration says and follows its sensor late, half of the sessions begun on a ramp.
 """
 
 from __future__ import annotations
@@ -34,10 +35,13 @@ from armd.simulator.plants.draw import FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, depends_on
 from support.planting import Effect, middle_unix_s, of_joint, planted, rms_um, slip, wave
 
-KINDS = ("stranger", "crowd", "again", "real", "alien", "offset", "exchanged", "late")
+KINDS = (
+    "stranger", "crowd", "again", "real", "alien", "offset", "exchanged", "late", "ramped",
+)  # fmt: skip
 NAMELESS = ("stranger", "alien")
 SURE, SEEN = 0.95, 8.0
 DESIGN = Design(sessions=6, articulations=4, holdout=2)
+RAMPED = replace(DESIGN, ramp_k_per_h=8.0, ramps=3)
 #: With a file of their own since they were strangers; and without one still.
 ALIEN_SIZE = {"wide hysteresis": 15.0, "two wheels": 8.0, "warm neighbour": 1500.0}
 JOINED = ("encoder_thermal", "gear_mesh", "self_heating", "stylus_sag", "artefact_sag")
@@ -140,6 +144,7 @@ def run_strange(kind: str, seed: int) -> Strange:
         "offset": _offset,
         "exchanged": _exchanged,
         "late": _late,
+        "ramped": _ramped,
     }
     return replace(runs[kind](seed, rng), seconds=time.perf_counter() - started)
 
@@ -215,6 +220,12 @@ def _late(seed: int, rng: np.random.Generator) -> Strange:
     return _simulated("late", seed, [cause, _at(number, draw_plant(rng, ["thermal_lag"]))])
 
 
+def _ramped(seed: int, rng: np.random.Generator) -> Strange:
+    number = int(rng.choice(OWN_SENSOR))
+    drawn = draw_plant(rng, ["link_expansion"], 3.0), draw_plant(rng, ["thermal_lag"], 1.5)
+    return _simulated("ramped", seed, [_at(number, plant) for plant in drawn], RAMPED)
+
+
 def _by_its_sensor(rng: np.random.Generator) -> tuple[int, Plant]:
     """The number of a link or joint, and what goes by its sensor there."""
     number = int(rng.choice(OWN_SENSOR))
@@ -225,9 +236,9 @@ def _at(number: int, plant: Plant) -> Plant:
     return replace(plant, location=f"{plant.location.split()[0]} {number}")
 
 
-def _simulated(kind: str, seed: int, plants: Sequence[Plant]) -> Strange:
+def _simulated(kind: str, seed: int, plants: Sequence[Plant], design: Design = DESIGN) -> Strange:
     held = any(plant.cause in HELD for plant in plants)
-    design = replace(DESIGN, before=4) if held else DESIGN
+    design = replace(design, before=4) if held else design
     with tempfile.TemporaryDirectory() as folder:
         case = generate_case(Path(folder), seed, plants, design)
         arm = load_arm(case.arm)

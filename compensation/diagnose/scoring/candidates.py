@@ -16,11 +16,15 @@ from armd.compensation.diagnose.problem.signatures import Signatures, compile_ca
 from armd.compensation.diagnose.scoring.evidence import Scores, Sums, estimates, score, total
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
+from armd.compensation.diagnose.scoring.unevenness import may_have_begun_anyhow, unsettled
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
 #: That a strong finding's shape is off is as likely as not.
 SHAPE_PRIOR = 0.5
+#: A lag whose sessions began on a ramp looks shorter than it is, if they are taken as settled: 10
+#: and 25 min as 1 to 10. So many times longer ones are tried where that is left open.
+SLOWER = (4.0, 16.0)
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,8 @@ class ScoredCandidates:
             both = _bent(candidate, shape)
             bent = float(score_candidates(self.projection, [both]).freed(index).log_evidence[0])
             own = float(np.logaddexp(own, bent + np.log(SHAPE_PRIOR)))
+        elif may_have_begun_anyhow(candidate):
+            own += float(self.bent(index, [candidate])[0])
         return log_weight + max(own - best, 0.0)
 
 
@@ -126,17 +132,35 @@ def with_own_shapes(
 ) -> tuple[list[Candidate], F64]:
     """Each candidate together with its shape, about the amplitudes that it has alone, or itself
     where it has none; and (c,) what that gains in log evidence, its prior included. The shared
-    columns *without* are left out of the model."""
-    straight = score_candidates(projection, candidates).sums
-    known, joints = estimates(straight, without), projection.arm.n_joints
-    both = [
-        _bent(c, shape_candidate(c, own, joints)) for c, own in zip(candidates, known, strict=True)
-    ]
+    columns *without* are left out of the model.
+
+    The shape of a lag is how its sessions began. With that open, it may be a slower one.
+    """
+    slower = [(i, s) for i, c in enumerate(candidates) for s in _slower(c)]
+    of = np.array([*range(len(candidates)), *(i for i, _ in slower)])
+    every = [*candidates, *(s for _, s in slower)]
+    straight = score_candidates(projection, every).sums
+    known = estimates(straight, without)
+    both = [_bent(c, _own_shape(c, own, projection)) for c, own in zip(every, known, strict=True)]
     free, held = (
         score(sums, without).log_evidence
         for sums in (score_candidates(projection, both).sums, straight)
     )
-    return both, free - held + np.log(SHAPE_PRIOR)
+    best = [max(np.flatnonzero(of == i), key=lambda k: free[k]) for i in range(len(candidates))]
+    return [both[k] for k in best], free[best] - held[: len(best)] + np.log(SHAPE_PRIOR)
+
+
+def _slower(candidate: Candidate) -> list[Candidate]:
+    """The same with longer time constants, of what begins unsettled."""
+    if not may_have_begun_anyhow(candidate) or candidate.elsewhere is None:
+        return []
+    return [candidate.elsewhere(times * candidate.setting[0][1]) for times in SLOWER]
+
+
+def _own_shape(candidate: Candidate, amplitudes: F64, projection: Projection) -> Candidate | None:
+    if may_have_begun_anyhow(candidate):
+        return unsettled(projection.fit.linear, candidate, amplitudes, projection.arm)
+    return shape_candidate(candidate, amplitudes, projection.arm.n_joints)
 
 
 def _bent(candidate: Candidate, shape: Candidate | None) -> Candidate:

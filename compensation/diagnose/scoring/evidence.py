@@ -145,7 +145,7 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
     typical_snr = np.zeros(n)
     for m, (members, raw) in sums.xx.items():
         which = sums.signatures.first[members][:, None] + np.arange(m)
-        size = np.sqrt(sums.length[which])
+        size = np.sqrt(np.maximum(sums.length[which], 0.0))  # rounding may be below
         size[size == 0.0] = 1.0
         tc = t[which] / size[:, :, None]  # (c, m, r)
         gram = raw / (size[:, :, None] * size[:, None, :]) - tc @ tc.transpose(0, 2, 1)

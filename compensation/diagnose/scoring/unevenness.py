@@ -13,17 +13,20 @@ what the model has of one may be another link's too (a length along parallel axe
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.effects.courses import is_drift, swing
-from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.effect import Candidate, Column, tie
+from armd.compensation.effects.location import shape_of
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
-from armd.compensation.model.slow_factors import After, Period, Temperature
-from armd.compensation.model.terms import Term
+from armd.compensation.model.slow_factors import After, Period, Relaxation, Temperature
+from armd.compensation.model.terms import Factor, Term
 
 #: How far it may stray over the time seen, as a share of how far it went.
 OF_A_WALK, OF_A_COURSE = 1.0, 0.3
@@ -48,7 +51,7 @@ def uneven(linear: Linear, noise: RestNoise, found: Candidate, amplitudes: F64, 
     """Columns (N, m) in mm, for amplitudes of unit variance; none for what is neither."""
     if not may_be_uneven(found):
         return np.zeros((len(linear.residual), 0))
-    of = _unsettled if found.cause == "thermal_lag" else _strayed
+    of = _unsettled if begins_unsettled(found) else _strayed
     columns = np.stack(of(linear, found, amplitudes, arm), axis=1)
     shown: F64 = columns[:, np.linalg.norm(noise.whiten(columns), axis=0) > LEAST_SHOWN]
     return shown
@@ -56,7 +59,7 @@ def uneven(linear: Linear, noise: RestNoise, found: Candidate, amplitudes: F64, 
 
 def may_be_uneven(found: Candidate) -> bool:
     """Whether it is a drift, or a lag."""
-    return found.cause == "thermal_lag" or (is_drift(found) and _of_time_alone(found))
+    return begins_unsettled(found) or (is_drift(found) and _of_time_alone(found))
 
 
 def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> list[F64]:
@@ -74,31 +77,94 @@ def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> lis
     return columns
 
 
+def begins_unsettled(found: Candidate) -> bool:
+    """Whether what it had come to before a session began, which nobody measured, matters in it."""
+    return found.cause == "thermal_lag"
+
+
+def may_have_begun_anyhow(found: Candidate) -> bool:
+    """Whether it is weighed with the beginnings of its sessions open: a lag of lengths.
+
+    What turns goes by a difference of two links; with its beginnings open, a lag of the one does
+    what a lag of the other does.
+    """
+    terms = (term for column in found.columns for term in column.terms)
+    return begins_unsettled(found) and not any(_turns(term.parameter) for term in terms)
+
+
+def unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> Candidate:
+    """What fades in each session, as a candidate of its own: amplitudes of unit variance."""
+    observations = linear.rests.observations
+    most = [(name, mm) for name, (_, mm) in _behind(linear, lag, amplitudes, arm).items()]
+    numbers = np.unique(observations.session)
+    times = [observations.states.time_s[observations.session == number] for number in numbers]
+    sessions = sorted((float(own.min()), float(own.max())) for own in times)
+    columns = []
+    for (start_s, end_s), after in zip(sessions, [*sessions[1:], None], strict=True):
+        for longer in LONGER:
+            pieces = _fading(start_s, end_s, after and after[0], longer * lag.setting[0][1])
+            terms = [
+                term
+                for share, factor in pieces
+                for term in tie([(name, share * mm) for name, mm in most], factor)
+            ]
+            columns.append(Column("what fades", "1", 1.0, tuple(terms), reach=1.0))
+    return Candidate("unknown", shape_of(lag.cause, lag.location), tuple(columns), lag.depends_on)
+
+
+def _fading(
+    start_s: float, end_s: float, after_s: float | None, time_constant_s: float
+) -> list[tuple[float, Factor]]:
+    """1 where a session starts, fading from then on; gone where the next one starts."""
+    settles = Relaxation(since_unix_s=start_s, until_unix_s=end_s, time_constant_s=time_constant_s)
+    pieces: list[tuple[float, Factor]] = [(1.0, After(instant_unix_s=start_s)), (-1.0, settles)]
+    if after_s is not None:
+        left = math.exp(-(end_s - start_s) / time_constant_s)
+        pieces.append((-left, After(instant_unix_s=after_s)))
+    return pieces
+
+
 def _unsettled(linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm) -> list[F64]:
     """Of each session, what fades from its start on, as large at first as the link is ever late;
     and of each length, a lateness of its own."""
     observations = linear.rests.observations
-    states, model = observations.states, linear.model
-    terms = lag.columns[0].terms  # of each length one late, and the same taken back
-    values = basis_values(terms, states, arm, model.reference_c, model.constants)
-    most: dict[str, float] = {}  # mm by length, at the moment at which it is furthest behind
+    states = observations.states
+    behind = _behind(linear, lag, amplitudes, arm)
     columns = []
-    names = dict.fromkeys(term.parameter for term in terms)
-    for name in names:
-        own = [i for i, term in enumerate(terms) if term.parameter == name]
-        course = amplitudes[0] * (values[:, own] @ np.array([terms[i].coefficient for i in own]))
-        late = next(terms[i].coefficient for i in own if _is_late(terms[i]))
-        most[name] = np.copysign(np.abs(course).max(), late * amplitudes[0])
-        if len(names) > 1:  # of one alone that is the lag itself
-            columns.append(OF_A_LENGTH * linear.signature(arm.layout.index(name), course))
+    if len(behind) > 1:  # of one alone that is the lag itself
+        columns += [
+            OF_A_LENGTH * linear.signature(arm.layout.index(name), course)
+            for name, (course, _) in behind.items()
+        ]
     for session in np.unique(observations.session):
         own_rests = observations.session == session
         since_s = states.time_s - states.time_s[own_rests].min()
         for longer in LONGER:
             fading = np.exp(-np.maximum(since_s, 0.0) / (longer * lag.setting[0][1])) * own_rests
-            moved = [mm * linear.signature(arm.layout.index(p), fading) for p, mm in most.items()]
+            moved = [
+                mm * linear.signature(arm.layout.index(name), fading)
+                for name, (_, mm) in behind.items()
+            ]
             columns.append(np.sum(moved, axis=0))
     return columns
+
+
+def _behind(
+    linear: Linear, lag: Candidate, amplitudes: F64, arm: Arm
+) -> dict[str, tuple[F64, float]]:
+    """By length: how it is behind, (N,) in mm; and by how much when it is furthest."""
+    model = linear.model
+    terms = lag.columns[0].terms  # of each length one late, and the same taken back
+    states = linear.rests.observations.states
+    values = basis_values(terms, states, arm, model.reference_c, model.constants)
+    behind = {}
+    for name in dict.fromkeys(term.parameter for term in terms):
+        own = [i for i, term in enumerate(terms) if term.parameter == name]
+        course = amplitudes[0] * (values[:, own] @ np.array([terms[i].coefficient for i in own]))
+        late = next(terms[i].coefficient for i in own if _is_late(terms[i]))
+        most = float(np.copysign(np.abs(course).max(), late * amplitudes[0]))
+        behind[name] = course, most
+    return behind
 
 
 def _is_late(term: Term) -> bool:

@@ -1,0 +1,21 @@
+"""A link that follows its sensor late, its sessions begun on a ramp: what went before them is open.
+
+Before that was weighed (decision 158), both of these were told as a length that wanders in time,
+with a probability of 1.
+"""
+
+import pytest
+from strangers import SURE, run_strange
+
+SEEDS = (20263260000, 20263260003)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_lag_whose_sessions_began_on_a_ramp_is_told(seed: int) -> None:
+    case = run_strange("ramped", seed)
+    planted = {(cause, location) for cause, location, *_ in case.truths}
+    told = {(one.cause, one.location) for one in case.told}
+    assert planted == told
+    assert all(one.probability > SURE for one in case.told)
+    assert case.after_um < 1.07 * case.oracle_um < 0.2 * case.before_um
