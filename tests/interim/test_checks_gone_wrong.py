@@ -14,7 +14,9 @@ import pytest
 from test_interim_history import measured, run, true_calibration
 
 from armd.compensation.data.session import load_session
+from armd.compensation.interim.checks.admission import refuse_unfit
 from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import load_calibration
 from armd.errors import BadInput
 from support.plain_kinematics import tip_pose
 
@@ -156,6 +158,18 @@ def column(pattern: str, value: Callable[[float], float]) -> Edit:
         return rows
 
     return edit
+
+
+def test_what_is_a_check_of_this_arm_is_admitted_and_what_is_of_none_is_not(
+    checks: Path, tmp_path: Path
+) -> None:
+    arm = load_arm(checks / "arm.toml")
+    calibration = load_calibration(checks / "calibration.json").content
+    good = load_session(checks / DAY, arm)
+    assert refuse_unfit([good], arm, calibration) == []
+    stuck = edited(checks, tmp_path, column("q1", lambda _: 0.3))
+    with pytest.raises(BadInput, match="half of them more than"):
+        refuse_unfit([good, load_session(stuck, arm)], arm, calibration)
 
 
 @pytest.mark.parametrize(

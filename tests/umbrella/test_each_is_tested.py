@@ -19,6 +19,7 @@ HELD_BY = {
     "interim/told/judge": HISTORY,
     "interim/told/page": HISTORY,
     "interim/told/result": HISTORY,
+    "interim/told/single": "interim/test_checks_gone_wrong.py",
 }
 
 
