@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import strangers
 from cases import at_most
-from strangers import DESIGN, KINDS, Strange, Told, rows, run_strange
+from strangers import KINDS, RAMPED, Strange, Told, rows, run_strange
 
 from armd.simulator.plants.plant import Plant
 from support.long_case import long_case
@@ -139,11 +137,10 @@ def test_what_goes_by_exchanged_sensors_is_found_beside_their_exchange() -> None
 
 
 @pytest.mark.slow
-def test_what_turns_with_a_link_that_is_late_is_late_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_turns_with_a_link_that_is_late_is_late_too() -> None:
     """A slip and a shift of the joint stood for the rest."""
-    monkeypatch.setattr(strangers, "DESIGN", replace(DESIGN, ramps=3, ramp_k_per_h=8.0))
     plants = Plant("joint_thermal", "joint 4", 1.45568), Plant("thermal_lag", "link 4", 1107.86)
-    found = strangers._simulated("late", 880107, plants)
+    found = strangers._simulated("late", 880107, plants, RAMPED)
     assert found.right, found
     assert ("thermal_lag", "link 4") in found.places
     assert found.after_um < 1.05 * found.oracle_um
