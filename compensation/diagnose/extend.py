@@ -17,14 +17,12 @@ from armd.compensation.diagnose.fitting.nuisance import mount_term
 from armd.compensation.diagnose.problem.amplitudes import is_curve
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.effects.effect import Candidate
+from armd.compensation.identify.thermal.terms import GROWTH_KNOWN
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration, constants_of
 from armd.compensation.model.terms import Term
 
 NEGLIGIBLE = 1e-9  # of an effect's largest term
-#: The first link's growth may join the model where it is known so many times better than its size:
-#: the findings were fitted beside it. Held-out readings may still speak against it.
-GROWTH_KNOWN = 5.0
 
 
 def extended(

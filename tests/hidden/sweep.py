@@ -103,7 +103,7 @@ CONSTANTS = (
         "diagnose.heldout.judge", "MOST_WORSE", "gross errors move the error over all by less"
     ),
     Constant("diagnose.heldout.judge", "CHANGED", "an arm may change between two measurements"),
-    Constant("diagnose.extend", "GROWTH_KNOWN", "a growth known to a fifth of its size"),
+    Constant("identify.thermal.terms", "GROWTH_KNOWN", "a growth known to a fifth of its size"),
     Constant("diagnose.fitting.expansions", "EXPANSION_PER_K", "carbon, steel, aluminium: 0 to 23"),
     Constant("diagnose.fitting.follow", "MOST_ROUNDS", "most cases settle in three to six"),
     Constant("diagnose.fitting.follow", "STAYS", "a tenth of what the readings tell"),

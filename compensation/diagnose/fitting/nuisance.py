@@ -25,9 +25,9 @@ from armd.compensation.diagnose.problem.whitening import Nuisance
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.linear import linear_model
 from armd.compensation.estimate.linear.blocks import Blocks, in_blocks
+from armd.compensation.identify.thermal.terms import growth_terms
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.model.terms import Term
 
 #: Where the data leave constants open (the last joint's turn against the tip's offset), the
@@ -94,10 +94,8 @@ def mount_term(model: ModelState, arm: Arm) -> Term | None:
     one placement shows it, and no cause is to be found in that.
     """
     silent = not any(term.parameter == "d_1" and term.basis for term in model.terms)
-    weights = arm.joint[0].weights
-    if not (silent and weights):
-        return None
-    return Term(parameter="d_1", basis=[Temperature(weights=weights)], coefficient=1.0)
+    grown = growth_terms(arm)
+    return grown[0].model_copy(update={"coefficient": 1.0}) if silent and grown else None
 
 
 def _column_of_the_mount(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64, F64]:

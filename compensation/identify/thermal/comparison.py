@@ -24,6 +24,7 @@ from armd.compensation.identify.heldout import Errors, HeldOut
 from armd.compensation.identify.thermal.per_temperature import regressed, regression
 from armd.compensation.identify.thermal.temperatures import left_out_in_turn
 from armd.compensation.identify.thermal.terms import (
+    GROWTH_KNOWN,
     angle_terms,
     component_terms,
     growth_terms,
@@ -39,9 +40,6 @@ from armd.terminal.counted import counted
 MOST_ORDER = 4
 #: A larger model must lower the held-out error by this much to be worth it.
 WORTH = 0.99
-#: The first link's growth is in the model where it is known so many times better than its size. It
-#: is one physical term, which every ramp has: it need not lower the whole error by a hundredth.
-GROWTH_KNOWN = 5.0
 
 
 @dataclass(frozen=True)
@@ -69,17 +67,19 @@ class Comparison:
         orders = range(1, self.most_order + 1)
         inner = len(groups) // 2
         edges = [groups[0][0] - 5.0, groups[inner][0], groups[-1][0] + 5.0]
-        self.models = {f"all at once, order {m}": length_terms(arm, orders[:m]) for m in orders}
+        self._without_growth = {
+            f"all at once, order {m}": length_terms(arm, orders[:m]) for m in orders
+        }
         if len(groups) > 2:
-            self.models["two zones"] = zone_terms(arm, edges)
-        self.models["principal components"] = component_terms(arm, observations)
+            self._without_growth["two zones"] = zone_terms(arm, edges)
+        self._without_growth["principal components"] = component_terms(arm, observations)
         best = length_terms(arm, orders)
         self.extensions = {
             "θ with temperature": angle_terms(arm, "theta"),
             "α with temperature": angle_terms(arm, "alpha"),
         }
-        everything = [*best, *self.models.get("two zones", [])]
-        everything += self.models["principal components"]
+        everything = [*best, *self._without_growth.get("two zones", [])]
+        everything += self._without_growth["principal components"]
         everything += [term for terms in self.extensions.values() for term in terms]
         everything += growth_terms(arm)
         self._place = {term.model_dump_json(): i for i, term in enumerate(everything)}
@@ -106,8 +106,16 @@ class Comparison:
         self._out = left_out_in_turn(observations, groups)
         folds = [left.rows for left in self._out]
         self._heldout = HeldOut(fit, columns, scale, self._residual, self._pull, folds)
-        self.growth = growth_terms(arm) if self._shows_growth() else []
-        self.models = {name: [*terms, *self.growth] for name, terms in self.models.items()}
+
+    @cached_property
+    def growth(self) -> list[Term]:
+        """The first link's growth, where a ramp shows it: in every model."""
+        return growth_terms(self.fit.observations.arm) if self._shows_growth() else []
+
+    @cached_property
+    def models(self) -> dict[str, list[Term]]:
+        """The terms of each way to model temperature, by its name."""
+        return {name: [*terms, *self.growth] for name, terms in self._without_growth.items()}
 
     def errors(self, terms: Sequence[Term]) -> Errors:
         """On readings left out, all coefficients fitted at once."""
@@ -142,7 +150,8 @@ class Comparison:
 
     def _shows_growth(self) -> bool:
         """Whether the readings tell the first link's growth beside a linear thermal model, and
-        those left out do not speak against it."""
+        those left out do not speak against it. It is one physical term, which every ramp has: it
+        need not lower the whole error by a hundredth."""
         arm = self.fit.observations.arm
         linear, growth = length_terms(arm, [1]), growth_terms(arm)
         if not growth:

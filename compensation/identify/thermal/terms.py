@@ -17,6 +17,10 @@ from armd.compensation.model.terms import Term
 
 #: Principal components are added until they explain this share of the variance.
 EXPLAINED = 0.995
+#: The first link's growth may join a model where it is known so many times better than its size: a
+#: calibration's before its terms are chosen, an extended one's because the findings were fitted
+#: beside it. Readings held out may still speak against it.
+GROWTH_KNOWN = 5.0
 
 
 def length_terms(arm: Arm, orders: Sequence[int]) -> list[Term]:
