@@ -62,10 +62,29 @@ class Session:
     lost: tuple[str, ...] = ()  # sensors that show nothing; their values are what the others tell
     lost_links: tuple[int, ...] = ()  # links (from 1) that such a sensor spoke for
     operator: str | None = None
+    artefact_before_c: float = np.nan  # of a piece: the last artefact_c in those before it
 
     @property
     def n(self) -> int:
         return len(self.target)
+
+    @property
+    def artefact_rise_k(self) -> F64:
+        """(n,) K of the artefact above its reference; 0 where no reading has its temperature.
+
+        People read it now and then: a reading without has the last one before it in the table,
+        those before the first have the first. At the reference, it would be another artefact's.
+        """
+        rise = self.artefact_c - self.artefact.reference_temperature_c
+        known = np.flatnonzero(np.isfinite(rise))
+        before = self.artefact_before_c - self.artefact.reference_temperature_c
+        if not len(known):
+            return np.full(self.n, np.nan_to_num(before))
+        last = np.searchsorted(known, np.arange(self.n), side="right") - 1
+        filled = rise[known[np.maximum(last, 0)]]
+        if np.isfinite(before):
+            filled[last < 0] = before
+        return filled
 
     def rows(self, kept: Mask | I64) -> Session:
         """The chosen rows only."""
@@ -145,8 +164,11 @@ def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
     like_radians = LikeRadians(arm, file.angle_unit)
     placements: dict[str, int] = {}
     dated: bool | None = None
+    artefact_c = np.nan
     for readings in reading_pieces(readings_path(folder), number_columns(arm), TEXTS):
         piece = _session(folder, file, arm, readings, placements)
+        piece = replace(piece, artefact_before_c=artefact_c)
+        artefact_c = next(filter(np.isfinite, piece.artefact_c[::-1]), artefact_c)
         like_radians.take(readings, piece.states.q)
         now = not np.isnan(piece.states.time_s).any()
         if dated not in (None, now):

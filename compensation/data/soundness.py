@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64
+from armd.compensation.data.artefact_temperature import told_of_artefact
 from armd.compensation.data.session import Session
 from armd.compensation.model.arm import Arm
 
@@ -52,6 +53,7 @@ def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
     told: list[str] = []
     mended = [_clock_on(_once(session, told), told) for session in sessions]
     told += _clocks(mended)
+    told += told_of_artefact(mended, arm)
     mended, arm = _without_dead_channels(mended, arm, told)
     return Sound(tuple(mended), arm, tuple(told))
 
@@ -70,6 +72,7 @@ def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
     live = [name for name in columns if not any(why[name])]
     told: list[str] = []
     mended = [_once(session, told) for session in sessions]
+    told += told_of_artefact(mended, arm)
     for name in columns if live else ():
         reasons = " and ".join(dict.fromkeys(filter(None, why[name])))
         if reasons and all(why[name]):

@@ -171,12 +171,10 @@ def _correction_of(session: Session, correction: ArtefactCorrection | None) -> A
 
 
 def _stretch(session: Session, correction: ArtefactCorrection) -> F64:
-    """(n,) 1 + expansion · ΔT; a reading without artefact temperature is at the reference."""
-    artefact = session.artefact
+    """(n,) 1 + expansion · ΔT."""
     expansion = correction.expansion_per_k
-    expansion = artefact.expansion_per_k if expansion is None else expansion
-    rise = session.artefact_c - artefact.reference_temperature_c
-    return correction.scale * (1.0 + expansion * np.nan_to_num(rise))
+    expansion = session.artefact.expansion_per_k if expansion is None else expansion
+    return correction.scale * (1.0 + expansion * session.artefact_rise_k)
 
 
 def _positions(session: Session, correction: ArtefactCorrection) -> F64:

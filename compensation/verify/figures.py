@@ -169,9 +169,7 @@ class _Readings:
             [self._rows(name, placement) for name in distance.between if placement is not None]
             or [np.flatnonzero(self._usable)]
         )
-        measured = self._session.artefact_c[rows]
-        known = measured[np.isfinite(measured)]
-        over_k = float(known.mean()) - artefact.reference_temperature_c if len(known) else 0.0
+        over_k = float(self._session.artefact_rise_k[rows].mean()) if len(rows) else 0.0
         length = distance.length_mm * (1 + artefact.expansion_per_k * over_k)
         thermal = artefact.expansion_per_k * distance.length_mm * self.test.artefact_temperature_c
         return length, math.hypot(distance.standard_uncertainty_mm, thermal)

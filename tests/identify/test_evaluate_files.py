@@ -40,10 +40,12 @@ def calibration(arm: Arm) -> Calibration:
 
 
 def write(folder: Path, made: Session, rng: np.random.Generator, *, parquet: bool) -> None:
-    """A made-up session with a temperature missing here and there, and an artefact that warms."""
+    """A made-up session with a temperature missing here and there, and an artefact that warms:
+    somebody reads its temperature every 900 readings, so that some pieces have none."""
     celsius = np.round(made.states.temperature_c, 2)
     celsius[rng.random(made.n) < 0.01, 1] = np.nan
     known = made.artefact.targets[0].position_mm is not None
+    read_c = np.where(np.arange(made.n) % 900 == 100, rng.uniform(15, 25, made.n), np.nan)
     columns = {
         "time_s": np.arange(made.n) * 0.5,
         "placement": [made.placement_names[p] for p in made.placement],
@@ -52,7 +54,7 @@ def write(folder: Path, made: Session, rng: np.random.Generator, *, parquet: boo
         **{f"t{k + 1}": column for k, column in enumerate(celsius.T)},
         # Where all points are seats, its size from reading to reading would weakly tell where its
         # frame has its origin, and how weakly is a matter of rounding.
-        "artefact_c": np.round(rng.uniform(15, 25, made.n), 2) if known else np.full(made.n, 20.0),
+        "artefact_c": np.round(read_c, 2) if known else np.full(made.n, 20.0),
         **dict(zip(("x_mm", "y_mm", "z_mm"), made.truth_mm.T, strict=True)),
     }
     file = {

@@ -29,7 +29,7 @@ BLOCKS = 5  # of readings, where there is one placement only
 def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
     """Join sessions and average the readings of each rest."""
     raw = gather(sessions, arm)
-    rise = np.concatenate([s.artefact_c - s.artefact.reference_temperature_c for s in sessions])
+    rise = np.concatenate([session.artefact_rise_k for session in sessions])
     used = _complete(raw, arm)
     raw, rise = raw.rows(used), rise[used]
     rest_of = _rests(raw)
@@ -66,7 +66,7 @@ def gather_rests(sessions: Sequence[Session], arm: Arm) -> Rests:
     return Rests(
         tuple(sessions),
         observations,
-        np.nan_to_num(mean(rise)),
+        mean(rise),
         rest_of_reading,
         np.flatnonzero(used)[first],
         labels,
