@@ -15,7 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from armd.compensation.identify.admission.mistakes import joint_motion
+from armd.compensation.identify.calibrate import calibrate
 from armd.daemon.cli import main as armd
+from support import synthetic
 
 NAMES = ("T14", "T20", "T26", "T32", "T38")
 
@@ -251,6 +253,40 @@ def test_another_arm_fits_none(
     assert "Is it another arm's" in told
     others = re.search(r"theirs by up to ([\d.]+) µm", told)
     assert others is not None and float(others[1]) < 10.0
+
+
+def changed_once(change: dict[str, float]) -> str:
+    """What is said of four sessions of one arm, before one of which its constants changed."""
+    arm, rng = synthetic.arm(), np.random.default_rng(11)
+    truth = synthetic.disturbed(arm, rng, 0.3)
+    other = truth.copy()
+    for name, by in change.items():
+        other[arm.layout.index(name)] += by
+    sessions = [
+        synthetic.session(
+            arm, other if k == 2 else truth, rng, readings=60, encoder_rad=5e-6, name=f"T{k}"
+        )
+        for k in range(4)
+    ]
+    (told,) = (note for note in calibrate(sessions, arm).notes if "does not fit" in note)
+    assert told.startswith("session T2 does not fit the others")
+    return told
+
+
+@pytest.mark.parametrize("moved_mm", [(0.2, -0.3, 0.6), (4.0, 1.0, -35.0)])
+def test_another_stylus_is_told_with_its_offset(moved_mm: tuple[float, float, float]) -> None:
+    told = changed_once(dict(zip(("tip_x", "tip_y", "tip_z"), moved_mm, strict=True)))
+    found = re.search(r"with the tip moved by \((.*), (.*), (.*)\) mm in the last frame, by", told)
+    assert found is not None, told
+    # the last frame is the drawing's: up to 0.3° from the arm's own
+    off_mm = 0.05 + 0.01 * float(np.linalg.norm(moved_mm))
+    np.testing.assert_allclose(list(map(float, found.groups())), moved_mm, atol=off_mm)
+    assert "another stylus" in told
+
+
+def test_a_joint_that_was_knocked_is_no_other_stylus() -> None:
+    told = changed_once({"theta_2": 0.004})
+    assert "tip" not in told and "did the arm change" in told
 
 
 def test_nothing_is_said_of_good_sessions(

@@ -20,6 +20,7 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.far_off import distances_mm, far_off
 from armd.compensation.identify.admission.mistakes import (
+    EXPLAINED,
     LEAST_FAHRENHEIT,
     LEAST_MM,
     LEAST_READINGS,
@@ -36,6 +37,7 @@ from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit, rms_um
 from armd.compensation.identify.thermal.temperatures import temperature_groups
 from armd.compensation.identify.thermal.terms import length_terms
+from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.errors import BadInput
 
 #: Under a drawing, readings that miss by more are no arm's; nor those that miss by so many times
@@ -56,13 +58,27 @@ class Odd:
     path: Path
     miss_mm: float
     others_mm: float
+    #: how far from the others' its tip would have to be (3,), last frame, where that explains it;
+    #: and by how much its readings then miss
+    tip: tuple[F64, float] | None = None
 
     def in_words(self) -> str:
-        return (
+        words = (
             f"session {self.path.name} does not fit the others: its readings miss by up to "
             f"{_length(self.miss_mm)} under what the others identify, and theirs by up to "
-            f"{_length(self.others_mm)}; no unit, no exchanged targets or columns explain it. Is "
-            "it another arm's, or did the arm change between the sessions (armd diagnose)?"
+            f"{_length(self.others_mm)}; "
+        )
+        if self.tip is None:
+            return words + (
+                "no unit, no exchanged targets or columns explain it. Is it another arm's, or did "
+                "the arm change between the sessions (armd diagnose)?"
+            )
+        moved_mm, after_mm = self.tip
+        x, y, z = (f"{mm:.3g}" for mm in moved_mm)
+        return words + (
+            f"with the tip moved by ({x}, {y}, {z}) mm in the last frame, by {_length(after_mm)}. "
+            "Was it measured with another stylus, or one screwed in otherwise? One calibration "
+            "holds one tip: leave the session out, or measure it again."
         )
 
 
@@ -141,7 +157,16 @@ def odd_session(
     by = f"under what the other {len(sessions) - 1} identify"
     if fault := mistake(sessions[k], part, model, by):
         raise fault
-    return Odd(sessions[k].path, miss, level)
+    return Odd(sessions[k].path, miss, level, _other_tip(part, model, miss))
+
+
+def _other_tip(part: Observations, model: AssumedModel, miss: float) -> tuple[F64, float] | None:
+    """How far the tip of a session would have to be from the *model*'s to explain that its
+    readings *miss* it (mm), and by how much they then miss; None where it does not."""
+    found = fit(part, model.constants, model.terms, Unknowns(TIP_PARAMETERS), model.reference_c)
+    after = miss_mm(part, AssumedModel.of(found))
+    at = part.arm.layout.tip
+    return (found.constants[at] - model.constants[at], after) if after < EXPLAINED * miss else None
 
 
 def remark(sessions: Sequence[Session], observations: Observations) -> str:
