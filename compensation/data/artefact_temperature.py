@@ -1,4 +1,4 @@
-"""What is said where sessions lack the temperature of their artefact: how warm it is taken to be."""
+"""What is said where sessions lack their artefact's temperature: how warm it is taken to be."""
 
 from __future__ import annotations
 

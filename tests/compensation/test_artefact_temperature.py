@@ -20,7 +20,9 @@ def of_steel(artefact_c: list[float], count: int = 30, name: str = "warm") -> Se
     """Readings of an ideal arm on points that stand 6 K · 11.5 µm/(m K) farther apart than
     certified at 20 °C; *artefact_c* of the first rows, the others unread."""
     rng = np.random.default_rng(8)
-    one = synthetic.session(ARM, ARM.nominal(), rng, readings=count, temperature_c=WARM_C, name=name)
+    one = synthetic.session(
+        ARM, ARM.nominal(), rng, readings=count, temperature_c=WARM_C, name=name
+    )
     grown = 1.0 + STEEL_PER_K * (WARM_C - 20.0)
     targets = [
         target.model_copy(update={"position_mm": (np.array(target.position_mm) / grown).tolist()})
@@ -59,7 +61,9 @@ def test_what_is_taken_instead_is_told() -> None:
     for sound in (make_sound(given, ARM), fit_to_identify(given, ARM)):
         some, none = (line for line in sound.told if "artefact_c" in line)
         assert some == "some: artefact_c in 2 of 30 rows; a row without has the last one before it."
-        assert none.startswith("No artefact_c (none, nor here): steel plate is taken to be at 20 °C")
+        assert none.startswith(
+            "No artefact_c (none, nor here): steel plate is taken to be at 20 °C"
+        )
         assert "it would err by 7" in none  # 11.5 µm/(m K) at 6 K and the scatter's highest
 
 

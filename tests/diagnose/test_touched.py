@@ -12,7 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.diagnose import model_under_test
 from armd.compensation.diagnose.problem.linear import Rests
+from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
+from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.touched import (
     GRID,
     LEAST_RESTS,
@@ -24,12 +29,15 @@ from armd.compensation.diagnose.search.touched import (
     _parted,
     _possible,
     borne_by_enough,
+    find_touched,
 )
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
 from armd.compensation.estimate.robust import WINSOR_AT, huber_loss
 from support import synthetic
 from support.small_fit import candidate
+
+ARM = synthetic.arm()
 
 
 def rests(target: list[int], *, timed: bool = True) -> Any:
@@ -161,3 +169,38 @@ def test_of_each_rival_the_step_nearest_to_the_instant_is_compared() -> None:
     ]
     # A mount that steps farther is an artefact that was moved.
     assert [c.columns[0].reach for c in found] == [np.inf, np.inf, MOST_STEP]
+
+
+def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:
+    """Five sessions of an ideal arm, in the third of which points scatter five times as much; in
+    the fifth, the artefact is moved half-way through a placement."""
+    rng = np.random.default_rng(seed)
+    sessions = [
+        synthetic.session(
+            ARM, ARM.nominal(), rng, targets=5, placements=2, readings=50, encoder_rad=3e-6,
+            noise_mm=0.02 if k == 2 else 0.004, name=f"session-{k + 1}",
+        )
+        for k in range(5)
+    ]  # fmt: skip
+    started = [replace(s, states=replace(s.states, time_s=s.states.time_s + 3600.0 * k))
+               for k, s in enumerate(sessions)]  # fmt: skip
+    last = started[-1]
+    later = (last.placement == 0) & (np.arange(last.n) >= last.n // 2)
+    truth = last.truth_mm + moved_mm * later[:, None] * np.array([0.6, 0.0, 0.8])
+    return [*started[:-1], replace(last, truth_mm=truth)]
+
+
+def looked_at(sessions: list[Session]) -> ScoredCandidates:
+    baseline = model_under_test(sessions, ARM, None)
+    return Search(gather_rests(sessions, ARM), ARM, baseline).first
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_session_that_scatters_more_moves_no_artefact(seed: int) -> None:
+    assert find_touched(looked_at(shaken(seed))) is None
+
+
+def test_what_was_moved_is_found_beside_a_session_that_scatters_more() -> None:
+    found = find_touched(looked_at(shaken(1, moved_mm=0.15)))
+    assert found is not None
+    assert (found.session, found.placement) == ("session-5", "P0")

@@ -24,6 +24,7 @@ from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, scor
 from armd.compensation.diagnose.scoring.evidence import ABSORBED, estimates
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
+from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
 from armd.compensation.diagnose.scoring.threshold import family_wise, significant
 from armd.compensation.diagnose.search.findings import nearest_step
 from armd.compensation.effects.effect import ArtefactChange, Candidate
@@ -75,6 +76,9 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
     if not _best_of_all(candidate, scored):
         return None
     about = _clipped_about(candidate, projection)
+    # Where one session scatters more than the others (a floor that shakes), so do its steps.
+    if not significant(log_p_by_scatter(candidate, about), tests):
+        return None
     rivals = _at_the_instant(candidate, scored, rests)
     compared = score_candidates(about, [candidate, *rivals])
     evidence = compared.scores.log_evidence
