@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
-from test_acting_through import ARM, GRADIENT, Problem, fitted, problem_of
+from test_acting_through import ARM, GRADIENT, Problem, fitted, measured, problem_of
 
 from armd.arrays import F64
+from armd.compensation.diagnose.fitting.refit import with_findings_unsolved
 from armd.compensation.diagnose.problem.baseline import with_findings
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
-from armd.compensation.diagnose.problem.through import acting, made_anew, with_acting
-from armd.compensation.diagnose.scoring.candidates import score_candidates
-from armd.compensation.diagnose.scoring.projection import make_projection
+from armd.compensation.diagnose.problem.through import (
+    acting,
+    acting_through,
+    made_anew,
+    with_acting,
+)
+from armd.compensation.diagnose.scoring.candidates import PartedSurvey, score_candidates
+from armd.compensation.diagnose.scoring.evidence import Scores, score
+from armd.compensation.diagnose.scoring.projection import Projection, make_projection
+from armd.compensation.diagnose.search.revisit import Revisit
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.basis import basis_values, parameter_rows
@@ -61,9 +70,9 @@ def late(problem: Problem) -> States:
     return with_celsius(read(problem), celsius)
 
 
-def lag(problem: Problem, value: float = LAG_S) -> Candidate:
+def lag(problem: Problem, value: float = LAG_S, link: int = 3) -> Candidate:
     every = catalogue.candidates(problem.facts)
-    grid = next(c for c in every if c.place == ("thermal_lag", "link 3"))
+    grid = next(c for c in every if c.place == ("thermal_lag", f"link {link}"))
     assert grid.elsewhere is not None
     return grid.elsewhere(value)
 
@@ -156,3 +165,55 @@ def test_it_goes_by_the_other_only_beside_the_exchange(problem: Problem) -> None
     assert with_acting(plain, without, problem.facts, (), ARM) is plain
     assert fitted(problem, [exchanged, turned]).findings[1] is turned
     assert fitted(problem, [turned, lag(problem)]).findings[0].cause == "thermal_lag"
+
+
+def test_a_set_that_would_replace_another_has_what_acts_through_its_causes(
+    problem: Problem,
+) -> None:
+    """A lag joins as it acts through the expansion that has joined, not through the one that was
+    taken out with the set there is."""
+    true = problem.found(EXPANSION)
+    own = problem_of(measured(true))
+    (expansion,) = own.found(EXPANSION).findings
+    shift = next(c for c in catalogue.candidates(own.facts) if c.cause == "geometry_shift")
+    lags = [lag(own, link=3), lag(own, link=5)]
+    offered: dict[tuple[str, ...], list[Candidate]] = {}
+
+    def choose(about: Projection, scores: Scores, _: int) -> Candidate | None:
+        every = scores.signatures.candidates
+        able = [c for c, alive in zip(every, scores.freedom > 0, strict=True) if alive]
+        beside = tuple(c.cause for c in about.fit.findings)
+        offered[beside] = [c for c in able if c.cause == "thermal_lag"]
+        return None if beside else expansion
+
+    for findings in ([shift], [expansion, shift]):
+        last = fitted(own, findings)
+        plain = compile_candidates([shift, expansion, *lags], last.linear, ARM)
+        signatures = with_acting(plain, last, own.facts, (), ARM)
+        parted = PartedSurvey.of(with_findings_unsolved(last, [], ARM), signatures, ARM)
+        through = partial(acting_through, facts=own.facts, refused=())
+        Revisit(parted.beside(last), parted, ARM, 100, choose, through).others()
+    for causes in ((), ("geometry_shift",)):
+        assert {c.location for c in offered[causes]} == {c.location for c in lags}
+        assert not any(c.through for c in offered[causes])
+    of_link = [c for c in offered[(EXPANSION,)] if c.location == expansion.location]
+    assert of_link
+    assert len({c.setting for c in of_link}) == len(of_link)  # each time constant once
+    for made in of_link:
+        ((through_it,),) = (made.through,)
+        assert through_it.candidate is expansion
+        assert through_it.amplitudes[0] == pytest.approx(true.amplitudes[0][0], rel=0.01)
+
+
+def test_sums_of_more_candidates_are_those_of_one_pass_over_all(problem: Problem) -> None:
+    own = problem_of(measured(problem.found(EXPANSION)))
+    every = [*own.findings, lag(own), exchange(own)]  # of one column, and of two
+    about = make_projection(fitted(own, []), ARM)
+    some, rest = (
+        about.sums(compile_candidates(c, about.fit.linear, ARM)) for c in (every[:2], every[2:])
+    )
+    whole = score(about.sums(compile_candidates(every, about.fit.linear, ARM)))
+    put_together = score(some.with_more(rest))
+    assert put_together.signatures.candidates == tuple(every)
+    for name in ("statistic", "freedom", "log_evidence", "typical_snr"):
+        np.testing.assert_allclose(getattr(put_together, name), getattr(whole, name), rtol=1e-9)

@@ -67,14 +67,21 @@ def with_acting(
     refused: Collection[tuple[str, str]],
     arm: Arm,
 ) -> Signatures:
-    """The signatures with those candidates, none of a *refused* place, that act through what a fit
-    has found, or beside sensors that it has found exchanged."""
+    """The signatures with those candidates that act through what a fit has found."""
+    more = acting_through(fit, facts, refused)
+    return signatures.with_more(compile_candidates(more, fit.linear, arm)) if more else signatures
+
+
+def acting_through(
+    fit: Fit, facts: SessionFacts, refused: Collection[tuple[str, str]]
+) -> list[Candidate]:
+    """The candidates, none of a *refused* place, that act through what a fit has found, or beside
+    sensors that it has found exchanged."""
     found = acting(fit)
     more = list(catalogue.under(facts, found)) if found else []
     for exchanged in (c for c in fit.findings if c.cause == "sensor_swapped"):
         more += catalogue.by_exchanged(facts, exchanged)
-    more = [c for c in more if c.through and c.place not in refused]
-    return signatures.with_more(compile_candidates(more, fit.linear, arm)) if more else signatures
+    return [c for c in more if c.through and c.place not in refused]
 
 
 def _goes_with_temperature(candidate: Candidate) -> bool:

@@ -136,7 +136,7 @@ def with_own_shapes(
 
     The shape of a lag is how its sessions began. With that open, it may be a slower one.
     """
-    slower = [(i, s) for i, c in enumerate(candidates) for s in _slower(c)]
+    slower = [(i, s) for i, c in enumerate(candidates) for s in slower_than(c)]
     of = np.array([*range(len(candidates)), *(i for i, _ in slower)])
     every = [*candidates, *(s for _, s in slower)]
     straight = score_candidates(projection, every).sums
@@ -150,8 +150,8 @@ def with_own_shapes(
     return [both[k] for k in best], free[best] - held[: len(best)] + np.log(SHAPE_PRIOR)
 
 
-def _slower(candidate: Candidate) -> list[Candidate]:
-    """The same with longer time constants, of what begins unsettled."""
+def slower_than(candidate: Candidate) -> list[Candidate]:
+    """The same with longer time constants, of what may have begun anyhow."""
     if not may_have_begun_anyhow(candidate) or candidate.elsewhere is None:
         return []
     return [candidate.elsewhere(times * candidate.setting[0][1]) for times in SLOWER]
@@ -224,12 +224,12 @@ def weakest(projection: Projection) -> tuple[int, float]:
     its number, and the log of its p value."""
     findings = projection.fit.findings
     own = score_candidates(projection, findings)
-    log_p = [float(own.freed(i, *_through(findings, i)).log_p[i]) for i in range(len(findings))]
+    log_p = [float(own.freed(i, *through_it(findings, i)).log_p[i]) for i in range(len(findings))]
     least = int(np.argmax(log_p))
     return least, log_p[least]
 
 
-def _through(findings: Sequence[Candidate], index: int) -> list[int]:
+def through_it(findings: Sequence[Candidate], index: int) -> list[int]:
     """Numbers of the findings that act through another."""
     place = findings[index].place
     return [

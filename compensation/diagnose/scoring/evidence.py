@@ -45,6 +45,21 @@ class Sums:
     length: F64  # (K,) squared lengths of X before clearing
     xx: dict[int, tuple[I64, F64]]  # columns per candidate → candidates, (c, m, m)
 
+    def with_more(self, more: Sums) -> Sums:
+        """Of these candidates, then those of *more*, beside the same shared columns."""
+        xx, before = dict(self.xx), len(self.signatures.candidates)
+        for m, (members, products) in more.xx.items():
+            own, known = xx.get(m, (members[:0], products[:0]))
+            xx[m] = np.append(own, before + members), np.concatenate([known, products])
+        return replace(
+            self,
+            signatures=self.signatures.with_more(more.signatures),
+            bx=np.hstack([self.bx, more.bx]),
+            xr=np.append(self.xr, more.xr),
+            length=np.append(self.length, more.length),
+            xx=xx,
+        )
+
 
 def total(parts: Sequence[Sums]) -> Sums:
     """The sums over several parts of the rows: one after another, for they are large."""

@@ -18,15 +18,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armd.arrays import F64
+from armd.arrays import F64, Mask
 from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.problem.amplitudes import is_sized
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.signatures import kind
+from armd.compensation.diagnose.problem.signatures import compile_candidates, kind
 from armd.compensation.diagnose.scoring.candidates import (
     SHAPE_PRIOR,
     PartedSurvey,
     ScoredCandidates,
+    slower_than,
+    through_it,
     weakest,
 )
 from armd.compensation.diagnose.scoring.evidence import UNKNOWN_PRIOR, Scores
@@ -41,6 +43,8 @@ MOST_IN_PLACE = 3
 
 #: What joins the findings of a projection, of the candidates with these scores in so many tests.
 Choose = Callable[[Projection, Scores, int], Candidate | None]
+#: The candidates that act through what a fit has found.
+Through = Callable[[Fit], Sequence[Candidate]]
 
 
 @dataclass(frozen=True)
@@ -70,10 +74,12 @@ class Revisit:
         arm: Arm,
         tests: int,
         choose: Choose,
+        through: Through,
     ) -> None:
-        """*parted*: the same survey; *choose*: by what rule the search adds one more."""
+        """*parted*: the same survey; *choose*: by what rule the search adds one more, *through*:
+        which candidates a set of findings has that others have not."""
         self._scored, self._arm, self._tests = scored, arm, tests
-        self._choose = choose
+        self._choose, self._through = choose, through
         self._fit = scored.fit
         self._first = parted.under(solve_again(self._fit, [], arm))
 
@@ -84,8 +90,11 @@ class Revisit:
         for i, finding in enumerate(findings):
             if is_shape(finding) or not self._may_be_another(i):
                 continue
+            out = {i, *through_it(findings, i)}
             others = [
-                c for c in findings if c is not finding and c.location != shape_place(finding)
+                c
+                for j, c in enumerate(findings)
+                if j not in out and c.location != shape_place(finding)
             ]
             tried = self._filled(others, finding.place)
             places = frozenset(c.place for c in tried)
@@ -107,33 +116,47 @@ class Revisit:
 
         Causes only: what has no name joins where no cause does, and takes the place of none.
         """
-        held = np.array(
-            [
-                c.place == barred or c.cause == "unknown"
-                for c in self._first.sums.signatures.candidates
-            ]
-        )
         for _ in range(MOST_IN_PLACE):
             scored = self._survey(findings)
+            held = self._held(scored.sums.signatures.candidates, barred)
             more = self._choose(scored.projection, scored.scores.without(held), self._tests)
             if more is None:
                 break
             findings = joined(findings, more)
         while findings:
-            least, log_p = weakest(self._survey(findings).projection)
+            least, log_p = weakest(self._projection(findings))
             if significant(log_p, self._tests):
                 break
             findings = findings[:least] + findings[least + 1 :]
         return findings
+
+    def _held(self, candidates: Sequence[Candidate], barred: tuple[str, str]) -> Mask:
+        """(C,) which do not join: what is barred or has no name, and what acts through the causes
+        of the set there is, which others have at other amplitudes or not at all."""
+        known = len(self._first.sums.signatures.candidates)
+        return np.array(
+            [
+                c.place == barred or c.cause == "unknown" or (i < known and bool(c.through))
+                for i, c in enumerate(candidates)
+            ]
+        )
 
     def _log_weight(self, findings: Sequence[Candidate]) -> float:
         first = self._first
         return _log_weight(first.fit, findings, first.projection, first.scores)
 
     def _survey(self, findings: Sequence[Candidate]) -> ScoredCandidates:
+        """The catalogue beside findings, with what acts through these."""
+        projection = self._projection(findings)
+        sums = projection.sums_with(self._first.sums)
+        if more := self._through(projection.fit):
+            linear = projection.fit.linear
+            sums = sums.with_more(projection.sums(compile_candidates(more, linear, self._arm)))
+        return ScoredCandidates(projection, sums)
+
+    def _projection(self, findings: Sequence[Candidate]) -> Projection:
         fitted = solve_again(self._fit, findings, self._arm)
-        projection = self._first.projection.with_findings_of(fitted)
-        return ScoredCandidates(projection, projection.sums_with(self._first.sums))
+        return self._first.projection.with_findings_of(fitted)
 
 
 def _amplitudes(findings: Sequence[Candidate]) -> int:
@@ -144,8 +167,8 @@ def log_weight(about: Fit, findings: Sequence[Candidate], arm: Arm, scores: Scor
     """Log of evidence × prior of all findings together, about a fit's point, in its noise; *scores*
     of the catalogue have the priors.
 
-    Straight, or with their shapes a little off; each cause's amplitudes at the likeliest of the
-    scales.
+    Straight, or with their shapes a little off (of a lag that is how its sessions began, and with
+    that open it may be slower); each cause's amplitudes at the likeliest of the scales.
     """
     nothing = solve_again(about, [], arm)
     return _log_weight(nothing, findings, make_projection(nothing, arm), scores)
@@ -155,6 +178,19 @@ def _log_weight(
     nothing: Fit, findings: Sequence[Candidate], projection: Projection, scores: Scores
 ) -> float:
     """The same about a fit of no findings, by its projection."""
+    straight, bent = _with_shapes(nothing, findings, projection)
+    for i, finding in enumerate(findings):
+        for slower in slower_than(finding):
+            others = [*findings[:i], slower, *findings[i + 1 :]]
+            bent = max(bent, _with_shapes(nothing, others, projection)[1])
+    prior = sum(_log_prior(c, scores) for c in findings)
+    return float(np.logaddexp(straight, bent + math.log(SHAPE_PRIOR))) + prior
+
+
+def _with_shapes(
+    nothing: Fit, findings: Sequence[Candidate], projection: Projection
+) -> tuple[float, float]:
+    """Log evidence × prior of the amplitudes of findings, straight and with their shapes open."""
     fitted = solve_again(nothing, findings, projection.arm)
     own = [n for at in fitted.layout.findings for n in range(at.start, at.stop)]
     shapes = with_shapes(fitted, projection.arm)
@@ -164,8 +200,7 @@ def _log_weight(
     variance, log_prior = _amplitudes_a_priori(fitted)
     straight = _log_evidence(gram, side, variance)
     bent = _log_evidence(gram, side, np.concatenate([variance, shapes.variance]))
-    prior = log_prior + sum(_log_prior(c, scores) for c in findings)
-    return float(np.logaddexp(straight, bent + math.log(SHAPE_PRIOR))) + prior
+    return straight + log_prior, bent + log_prior
 
 
 def _log_evidence(gram: F64, side: F64, variance: F64) -> float:

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import Signatures, compile_candidates
-from armd.compensation.diagnose.problem.through import with_acting
+from armd.compensation.diagnose.problem.through import acting_through, with_acting
 from armd.compensation.diagnose.scoring.candidates import (
     PartedSurvey,
     ScoredCandidates,
@@ -225,7 +225,9 @@ class Search:
             return []
         key = key_of(current.findings)
         if self._rivals is None or self._rivals[0] != key:
-            self._rivals = key, Revisit(scored, self.parted, self.arm, self._tests, choose).others()
+            through = partial(acting_through, facts=self.facts, refused=self._refusals.places)
+            revisit = Revisit(scored, self.parted, self.arm, self._tests, choose, through)
+            self._rivals = key, revisit.others()
         return self._rivals[1]
 
     def _beside_rival_sets(
