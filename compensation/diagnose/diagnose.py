@@ -24,6 +24,7 @@ from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.outliers import find_outliers
+from armd.compensation.diagnose.fitting.taken_up import beside_what_it_took_up
 from armd.compensation.diagnose.heldout.borne_out import (
     BorneOut,
     by_placement,
@@ -97,6 +98,12 @@ def _diagnose(
         found = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
         if found is None:
             result = search.run()
+            older = beside_what_it_took_up(result.last, arm)
+            if older is not None:
+                another = Search(rests, arm, older, progress, partial(better_by, arm=arm))
+                again = another.run()
+                if _tells_no_more(again, result):
+                    baseline, search, result = older, another, again
             stepped = beside(result.last, result.signatures, arm)
             if stepped is not None and len(touched) < MOST_TOUCHED:
                 found = find_touched(stepped)
@@ -246,6 +253,12 @@ def model_under_test(
         return from_calibration(calibration, arm, held=True)
     result = calibrate(sessions, arm, Options(compare=False))
     return from_calibration(result.calibration, arm, held=False)
+
+
+def _tells_no_more(again: SearchResult, before: SearchResult) -> bool:
+    """Whether what was found *again* is less than what was found *before*, or the same by name."""
+    names, earlier = (sorted(f.candidate.place for f in of.found) for of in (again, before))
+    return len(names) < len(earlier) or names == earlier
 
 
 def _doubted(found: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:

@@ -1,0 +1,87 @@
+"""What a calibration took up of causes that are older than itself.
+
+Nobody knows when a disc left its axis. If it was off it when the calibration was made, constants
+are wrong by what they could take up of that, many times their own uncertainty. Found under this
+calibration, the disc alone leaves just that part over, which looks like a joint that was knocked.
+So where something is found that only a change of what was identified explains, beside causes that
+it does not, the calibration counts as wrong in one more way for each of these: by what it would
+have taken up of it, had it been made of readings like these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.layout import PLACEMENTS
+from armd.compensation.diagnose.problem.linear import Baseline
+from armd.compensation.diagnose.problem.rests import folds_of
+from armd.compensation.effects.courses import is_drift
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.estimate.gauge import PLAUSIBLE
+from armd.compensation.estimate.unknowns import PLAUSIBLE_TERM
+from armd.compensation.model import parameters
+from armd.compensation.model.arm import Arm
+
+#: A finding of which the constants and terms under test leave less than this share (of its length,
+#: poses fitted along) is a change of theirs.
+OF_THEIR_OWN = 0.05
+#: Directions weaker than this hold nothing (the last joint's turn against the tip's offset).
+WEAKEST = 1e-7
+
+
+def beside_what_it_took_up(last: Fit, arm: Arm) -> Baseline | None:
+    """The model under test, wrong also by what it took up of the findings of *last*; None where
+    they tell nothing that this could explain."""
+    baseline = last.baseline
+    if not baseline.held or len(last.findings) < 2:
+        return None
+    plausible = _plausible(baseline, arm)
+    poses = last.noise.whiten(last.nuisance.columns.dense(last.layout.blocks[PLACEMENTS]))
+    own = _clear_of(poses, last.noise.whiten(baseline.columns(last.linear, arm) * plausible))
+    moves = [
+        last.nuisance.columns.dense(block) @ amplitudes
+        for block, amplitudes in zip(last.layout.findings, last.amplitudes, strict=True)
+    ]
+    white = _clear_of(poses, last.noise.whiten(np.array(moves).T))
+    taken = np.linalg.lstsq(own, white, rcond=WEAKEST)[0]
+    left = np.linalg.norm(white - own @ taken, axis=0)
+    own_change = left < OF_THEIR_OWN * np.linalg.norm(white, axis=0)
+    older = [i for i, c in enumerate(last.findings) if not own_change[i] and _may_be_older(c)]
+    if not older or not own_change.any():
+        return None
+    ways = [plausible[:, None] * taken[:, older]]
+    # It was made of other readings. How much that changes, these readings in parts tell (jackknife;
+    # twice its variance, of the one and of the other).
+    folds = folds_of(last.linear.rests)
+    parts = int(folds.max()) + 1
+    for part in range(parts) if parts > 1 else ():
+        kept = np.ones(len(white), dtype=bool)
+        kept[: 3 * len(folds)] = np.repeat(folds != part, 3)
+        without = np.linalg.lstsq(own[kept], white[kept][:, older], rcond=WEAKEST)[0]
+        differs = np.sqrt(2.0 * (parts - 1) / parts) * (without - taken[:, older])
+        ways.append(plausible[:, None] * differs)
+    return replace(baseline, root=np.hstack([baseline.root, *ways]))
+
+
+def _clear_of(absorbing: F64, columns: F64) -> F64:
+    """What is left of *columns* (N, m) beside others (N, b)."""
+    clear: F64 = columns - absorbing @ np.linalg.lstsq(absorbing, columns, rcond=WEAKEST)[0]
+    return clear
+
+
+def _may_be_older(candidate: Candidate) -> bool:
+    """Not what stepped or drifted while these sessions were measured."""
+    return candidate.instant_unix_s is None and not is_drift(candidate)
+
+
+def _plausible(baseline: Baseline, arm: Arm) -> F64:
+    """(identified,) how far each constant or coefficient may plausibly be from the drawing."""
+    names = arm.layout.names
+    constants = [PLAUSIBLE[parameters.unit(names[i])] for i in baseline.parameters]
+    own = [baseline.model.terms[i].parameter for i in baseline.terms]
+    slopes = [PLAUSIBLE_TERM * PLAUSIBLE[parameters.unit(name)] for name in own]
+    return np.array([*constants, *slopes])
