@@ -141,7 +141,8 @@ def _artefact(column: Column, position: F64, climate: Climate, last: Fit) -> F64
     """Motion (n, 3) of the targets, mm per unit; the new targets are not those that moved."""
     if column.artefact is None or column.artefact.kind in ("target", "distance", "sag"):
         return np.zeros_like(position)
-    rise = climate.air_c - last.model.reference_c if column.artefact.kind == "expansion" else 1.0
+    warm = column.artefact.kind in ("expansion", "warmth")
+    rise = climate.air_c - last.model.reference_c if warm else 1.0
     moves: F64 = -rise * (position - position.mean(axis=0))
     return moves
 

@@ -34,6 +34,7 @@ class ArtefactChange:
     """A change of the artefact per unit of amplitude, in the placement's frame.
 
     "expansion": position × (artefact_c − its reference), amplitude in 1/K.
+    "warmth": the same by the mean of the arm's sensors, in sessions without any artefact_c.
     "scale": position, amplitude dimensionless.
     "target": the named target moves along `axis` (0…2), amplitude in mm.
     "distance": the certified length number `index` grows, amplitude in mm.
@@ -43,7 +44,7 @@ class ArtefactChange:
     gravity across it, by the square of the place along it; amplitude in mm at its end.
     """
 
-    kind: Literal["expansion", "scale", "target", "distance", "moved", "sag"]
+    kind: Literal["expansion", "warmth", "scale", "target", "distance", "moved", "sag"]
     target: str = ""
     axis: int = 0
     index: int = 0
@@ -115,7 +116,8 @@ class Candidate:
     def told_only(self) -> bool:
         """Whether no calibration can hold it: nothing that the daemon or `evaluate` could apply."""
         return self.looks_back or any(
-            column.artefact is not None and column.artefact.kind == "sag" for column in self.columns
+            column.artefact is not None and column.artefact.kind in ("sag", "warmth")
+            for column in self.columns
         )
 
     @property
@@ -189,6 +191,7 @@ class SessionFacts:
     rates: bool  # joint rates known
     approach: bool  # directions of approach known
     artefact_c: bool
+    artefact_unread: bool  # some session has no artefact_c, and the arm's sensors vary there
     artefacts: tuple[str, ...]  # names of those measured
     targets: tuple[str, ...]  # certified, and seen from several poses
     distances: tuple[str, ...]  # "S1, S2"

@@ -39,6 +39,21 @@ class Rests:
         return self.observations.n
 
     @cached_property
+    def arm_instead_k(self) -> F64:
+        """(n,) K of the arm's sensors, on the mean, above the artefact's reference in sessions in
+        which nobody read how warm that is; 0 in others."""
+        observations = self.observations
+        arm = observations.arm
+        columns = [arm.sensors.index(name) for name in arm.used_sensors]
+        if not columns:
+            return np.zeros(self.n)
+        unread = np.array([not np.isfinite(s.artefact_c).any() for s in self.sessions])
+        reference_c = np.array([s.artefact.reference_temperature_c for s in self.sessions])
+        mean_c = observations.states.temperature_c[:, columns].mean(axis=1)
+        rise = np.nan_to_num(mean_c - reference_c[observations.session])
+        return np.where(unread[observations.session], rise, 0.0)
+
+    @cached_property
     def in_order(self) -> dict[int, I64]:
         """Of each placement its rests, in the order of time; of the rows without times."""
         observations = self.observations
@@ -98,6 +113,8 @@ class Linear:
         at = observations.known_mm(self.poses.target_mm)
         if change.kind == "expansion":
             move = self._from_still_mm * self.rests.artefact_rise_c[:, None]
+        elif change.kind == "warmth":
+            move = self._from_still_mm * self.rests.arm_instead_k[:, None]
         elif change.kind == "scale":
             move = self._from_still_mm
         elif change.kind == "sag":

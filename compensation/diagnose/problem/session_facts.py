@@ -25,7 +25,10 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
     # Constants that are held are those at the reference: one other temperature is a change.
     usual = baseline.model.reference_c if baseline.held else None
     varied = np.isfinite(temperatures).all(axis=0) & (_span(temperatures, usual) > LEAST_SPAN_K)
-    artefact_k = _span(rests.artefact_rise_c, 0.0 if baseline.held else None)
+    artefact_k, instead_k = (
+        _span(rise, 0.0 if baseline.held else None)
+        for rise in (rests.artefact_rise_c, rests.arm_instead_k)
+    )
     timed = bool(np.isfinite(states.time_s).all())
     moments = _moments(states.time_s) if timed else np.empty(0)
     labels = np.array(rests.target_label)
@@ -48,6 +51,7 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         rates=bool(rate.size and np.any(rate != 0.0)),
         approach=bool(np.isfinite(states.approach).all(axis=1).mean() > 0.5),
         artefact_c=bool(artefact_k > LEAST_SPAN_K),
+        artefact_unread=bool(instead_k > LEAST_SPAN_K),
         artefacts=tuple(dict.fromkeys(s.artefact.name for s in rests.sessions)),
         targets=tuple(named) if len(named) > 3 else (),
         distances=_checked_distances(rests, baseline),

@@ -28,6 +28,11 @@ def expansion(facts: SessionFacts) -> Iterator[Candidate]:
             change = ArtefactChange("expansion", artefact=name)
             column = Column(f"per kelvin{of}", "1/K", 2.5e-6, artefact=change)
             yield Candidate("artefact_expansion", location.ARTEFACT, (column,), ("artefact_c",))
+    if facts.artefact_unread and facts.sensors:
+        for name, of in _each(facts):
+            change = ArtefactChange("warmth", artefact=name)
+            column = Column(f"per kelvin of the arm{of}", "1/K", 10e-6, artefact=change)
+            yield Candidate("artefact_expansion", location.ARTEFACT, (column,), facts.sensors)
 
 
 def length(facts: SessionFacts) -> Iterator[Candidate]:
@@ -50,6 +55,11 @@ def read_expansion(candidate: Candidate, amplitudes: F64) -> str:
     more = plain(amplitudes[0] * 1e6, sign="+")
     change = candidate.columns[0].artefact
     which = change.artefact if change is not None and change.artefact else "the artefact"
+    if change is not None and change.kind == "warmth":
+        return (
+            f"{which} expands by {more} µm per metre and kelvin more, if it is as warm as the arm: "
+            "read its temperature (artefact_c)"
+        )
     return f"{which} expands by {more} µm per metre and kelvin more"
 
 
@@ -69,7 +79,7 @@ EXPANSION = Effect(
     "measure a second artefact of another material at the same temperatures",
     expansion,
     read_expansion,
-    "artefact temperatures (artefact_c) that vary over the readings",
+    "temperatures of the artefact (artefact_c), or of the arm instead, that vary over the readings",
 )
 LENGTH = Effect(
     "artefact_length",

@@ -96,6 +96,7 @@ def _scene(arm: Arm, calibration: Calibration) -> SessionFacts:
         rates=True,
         approach=True,
         artefact_c=False,
+        artefact_unread=False,
         artefacts=(),
         targets=(),
         distances=(),
