@@ -1,6 +1,16 @@
-"""Memory that was freed and is kept for later: back to the system, between stages of much work."""
+"""Memory that was freed and is kept for later: back to the system, between stages of much work; and
+how often Python looks for what could be freed."""
 
 import ctypes
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+#: New objects between two looks at the newest, and of these looks between two at the older ones.
+#: With Python's 700 and 10 a diagnosis of 2000 readings spent 0.3 s of 5 on three looks at
+#: everything, of 20,000 0.7 of 29 on five, and 0.1 while modules are imported; with these there is
+#: none, for 50 MB more of 0.5 GB, and none more of 1.7.
+SELDOM = (10_000, 20, 20)
 
 
 def give_back_freed() -> None:
@@ -12,3 +22,17 @@ def give_back_freed() -> None:
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)
+
+
+@contextmanager
+def seldom_collected() -> Iterator[None]:
+    """Python looks for unreachable objects seldom: for work that makes many which stay.
+
+    What is no cycle is freed at once as ever.
+    """
+    before = gc.get_threshold()
+    gc.set_threshold(*SELDOM)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import importlib
 import io
 import keyword
 import signal
 import sys
 from collections.abc import Collection, Sequence
+from contextlib import nullcontext
 
 from armd import __version__
+from armd.compensation.freed import seldom_collected
 from armd.daemon.commands.terminal import hush
 from armd.daemon.commands.usage import USAGE
 from armd.errors import ArmdError, BadInput
@@ -82,6 +85,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = _run(list(sys.argv[1:] if argv is None else argv))
         if sys.stdout is not None:
             sys.stdout.flush()
+        if argv is None:  # the process ends: Python need not look first for what could be freed
+            gc.freeze()
         return code
     except ArmdError as error:
         said = "\n".join(printable(line) for line in str(error).splitlines())
@@ -136,6 +141,11 @@ def _run(arguments: list[str]) -> int:
     if chosen is not None and chosen not in COMMANDS:
         guess = did_you_mean(chosen, COMMANDS) or " (armd --help lists them)"
         raise BadInput("command line", "COMMAND", repr(chosen), f"a command of armd{guess}")
+    with seldom_collected() if chosen in ROOMS["offline"] else nullcontext():
+        return _chosen(chosen, arguments)
+
+
+def _chosen(chosen: str | None, arguments: list[str]) -> int:
     # Only the chosen command's module is imported: `armd check` should not pay for Zenoh.
     parser, commands = parsers([chosen] if chosen else [])
     if chosen is None and not {*arguments} & {"-h", "--help", "--version"}:

@@ -1,10 +1,13 @@
-"""Memory that was freed below something that stays goes back to the system."""
+"""Memory that was freed below something that stays goes back to the system; looks are seldom."""
 
+import gc
 import platform
 import subprocess
 import sys
 
 import pytest
+
+from armd.compensation.freed import seldom_collected
 
 #: Once a large array was freed, glibc takes all up to its size from the heap.
 HEAP = """
@@ -34,3 +37,26 @@ def test_what_was_freed_goes_back_and_what_stays_is_untouched() -> None:
     ).stdout.split()
     assert float(told[0]) > 150.0
     assert float(told[1]) == 50 * 100_000.0
+
+
+def test_python_looks_for_what_could_be_freed_seldom_and_then_as_before() -> None:
+    before = gc.get_threshold()
+    looks = [0]
+    gc.callbacks.append(look := lambda phase, _: looks.append(looks.pop() + (phase == "start")))
+    try:
+        often = _looks_at_cycles(looks)
+        with pytest.raises(ZeroDivisionError), seldom_collected():
+            seldom = _looks_at_cycles(looks)
+            1 / 0  # noqa: B018
+    finally:
+        gc.callbacks.remove(look)
+    assert gc.get_threshold() == before
+    assert 0 < seldom < often / 5
+
+
+def _looks_at_cycles(looks: list[int]) -> int:
+    """How often Python looked while 100,000 objects were made."""
+    start, kept = looks[0], []
+    for _ in range(100_000):
+        kept.append([kept])
+    return looks[0] - start
