@@ -140,7 +140,13 @@ def _calibrate(
     share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
     require_help(first, share, files, notes)
     certificate = judge(
-        first, first.converged and final.converged, drawn_rms_um, heldout, by, lengths
+        first,
+        first.converged and final.converged,
+        drawn_rms_um,
+        heldout,
+        by,
+        lengths,
+        odd.path.name if odd else "",
     )
     provenance = {
         "command": options.command,

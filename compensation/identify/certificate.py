@@ -77,10 +77,12 @@ def judge(
     heldout: Errors,
     heldout_by: str,
     lengths: Sequence[Length],
+    odd_session: str = "",
 ) -> Certificate:
     """Judge by 3-D RMS errors: under the drawing, and of a fit that left the readings out.
 
     *found* tells what is known: all constants, and the lengths' linear growth where thermal.
+    *odd_session* is the name of one that does not fit the others, if there is one.
     """
     drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout.rms_um / 1e3
     share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
@@ -92,6 +94,8 @@ def judge(
     faults = []
     if not converged:
         faults.append("the fit did not settle")
+    if odd_session:
+        faults.append(f"session {odd_session} does not fit the others, and no one arm fits all")
     if share > MOST_LEFT:
         faults.append(f"more than the {MOST_LEFT:.0%} that shows a calibration to help")
     without_mm = heldout.without_far_um / 1e3

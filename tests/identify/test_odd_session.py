@@ -255,8 +255,10 @@ def test_another_arm_fits_none(
     assert others is not None and float(others[1]) < 10.0
 
 
-def changed_once(change: dict[str, float]) -> str:
-    """What is said of four sessions of one arm, before one of which its constants changed."""
+def changed_once(
+    change: dict[str, float], celsius: tuple[float, ...] = (20.0, 20.0, 20.0, 20.0)
+) -> str:
+    """What is said of four sessions of one arm, before the third of which its constants changed."""
     arm, rng = synthetic.arm(), np.random.default_rng(11)
     truth = synthetic.disturbed(arm, rng, 0.3)
     other = truth.copy()
@@ -264,12 +266,16 @@ def changed_once(change: dict[str, float]) -> str:
         other[arm.layout.index(name)] += by
     sessions = [
         synthetic.session(
-            arm, other if k == 2 else truth, rng, readings=60, encoder_rad=5e-6, name=f"T{k}"
+            arm, other if k == 2 else truth, rng, readings=60, encoder_rad=5e-6,
+            temperature_c=celsius[k], name=f"T{k}",
         )
         for k in range(4)
-    ]
-    (told,) = (note for note in calibrate(sessions, arm).notes if "does not fit" in note)
+    ]  # fmt: skip
+    result = calibrate(sessions, arm)
+    (told,) = (note for note in result.notes if "does not fit" in note)
     assert told.startswith("session T2 does not fit the others")
+    assert not result.certificate.granted
+    assert "session T2 does not fit the others" in result.certificate.reason
     return told
 
 
@@ -282,6 +288,13 @@ def test_another_stylus_is_told_with_its_offset(moved_mm: tuple[float, float, fl
     off_mm = 0.05 + 0.01 * float(np.linalg.norm(moved_mm))
     np.testing.assert_allclose(list(map(float, found.groups())), moved_mm, atol=off_mm)
     assert "another stylus" in told
+
+
+def test_another_stylus_is_told_of_the_coldest_session() -> None:
+    """Far from the others' temperatures, mm are no expansion; an expansion to the fourth power of
+    them took up 8 mm, and the certificate was granted."""
+    told = changed_once({"tip_x": 5.0, "tip_z": -6.0}, (20.0, 21.0, 14.0, 23.0))
+    assert "with the tip moved by (5" in told
 
 
 def test_a_joint_that_was_knocked_is_no_other_stylus() -> None:

@@ -47,8 +47,9 @@ ABSURD_MM, APART = 20.0, 5.0
 SUSPICIOUS_SHARE = 0.1
 #: So many sessions are left out in turn, those that miss most first; each costs a fit.
 MOST_LEFT_OUT = 8
-#: A session at other temperatures than all the others cannot be held against them.
-REACH_K = 3.0
+#: A session so far from the temperatures of all the others cannot be held against them closely: by
+#: what it is farther, arms grow by no more than this share.
+REACH_K, MOST_GROWN_PER_K = 3.0, 30e-6
 
 
 @dataclass(frozen=True)
@@ -138,8 +139,6 @@ def odd_session(
     best: tuple[float, int, AssumedModel] | None = None
     for k in map(int, np.argsort(-misses)[:MOST_LEFT_OUT]):
         rest = observations.session != k
-        if not _reached(observations, rest):
-            continue
         without = _identified(observations, rest)
         if without is None:
             continue
@@ -152,7 +151,7 @@ def odd_session(
     level, k, model = best
     part = observations.rows(observations.session == k)
     miss = miss_mm(part, model)
-    if miss < APART * level or level > misses.max() / APART:
+    if miss < APART * level + _grown_mm(part, observations) or level > misses.max() / APART:
         return None
     by = f"under what the other {len(sessions) - 1} identify"
     if fault := mistake(sessions[k], part, model, by):
@@ -248,14 +247,21 @@ def _by_session(observations: Observations, model: AssumedModel, sessions: int) 
     return largest
 
 
-def _reached(observations: Observations, rest: Mask) -> bool:
-    """Whether the others were measured at temperatures near those of the rows left out."""
-    temperature_c = observations.states.temperature_c
-    if not np.isfinite(temperature_c).all():
-        return True
-    low, high = temperature_c[rest].min(axis=0) - REACH_K, temperature_c[rest].max(axis=0) + REACH_K
-    mean = temperature_c[~rest].mean(axis=0)
-    return any(np.all((low <= c) & (c <= high)) for c in (mean, celsius(mean)))
+def _grown_mm(part: Observations, observations: Observations) -> float:
+    """What a session of the readings *part* may miss by for being colder or warmer than all others;
+    0 within their reach."""
+    rest = observations.rows(~np.isin(observations.session, part.session))
+    own, others = part.states.temperature_c, rest.states.temperature_c
+    if not (np.isfinite(own).all() and np.isfinite(others).all()) or not own.size:
+        return 0.0
+    low, high = others.min(axis=0) - REACH_K, others.max(axis=0) + REACH_K
+    mean = own.mean(axis=0)
+    beyond_k = min(
+        float(np.maximum(np.maximum(low - c, c - high), 0.0).max()) for c in (mean, celsius(mean))
+    )
+    arm = observations.arm
+    length_mm = float(np.abs(arm.nominal()[arm.layout.are_lengths]).sum())
+    return MOST_GROWN_PER_K * length_mm * (beyond_k + REACH_K) if beyond_k else 0.0
 
 
 def _length(mm: float) -> str:
