@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.diagnose.problem.layout import MOUNT, FitLayout, finding
+from armd.compensation.diagnose.problem.layout import MOUNT, PLACEMENTS, FitLayout, finding
 from armd.compensation.diagnose.problem.linear import Baseline, Linear, ModelState
 from armd.compensation.diagnose.problem.whitening import Nuisance, RestNoise
 from armd.compensation.effects.effect import Candidate
@@ -53,6 +53,24 @@ class Fit:
     @cached_property
     def _white(self) -> Blocks:
         return self.nuisance.columns.whitened(self.noise.whitener, self.noise.distance_mm)
+
+    @property
+    def noise_floor_um(self) -> float:
+        """3-D RMS that the noise alone leaves: of each rest its own, before placements absorb some
+        of it, and of what rests share (a base that wanders, certified positions) what a placement
+        does not follow. From session to session a base may wander far, and no residual shows it.
+        """
+        free, shared = self.layout.blocks.of([PLACEMENTS]), slice(self.layout.shared, None)
+        taken = self.problem.only(free).amplitudes(self.problem.gram[free, shared])
+        # |shared − free · taken|² by products of the columns, of the rests alone, in mm².
+        rests = np.broadcast_to(np.eye(3), (self.linear.rests.n, 3, 3))
+        no_lengths = np.full(len(self.noise.distance_mm), np.inf)
+        products = self.nuisance.columns.products(rests, no_lengths, self.residual)[:-1, :-1]
+        across, within = products[free, shared], products[np.ix_(free, free)]
+        left = np.diag(products)[shared] - ((2.0 * across - within @ taken) * taken).sum(axis=0)
+        variance = self.nuisance.variance[shared]
+        common = float(np.maximum(left, 0.0) @ variance) / max(self.linear.rests.n, 1)
+        return 1e3 * float(np.sqrt(self.noise.own_mm**2 + common))
 
     def net_signature(self, index: int) -> F64:
         """Motion (n, 3) in mm of the tip by a finding, clear of all else in the model.

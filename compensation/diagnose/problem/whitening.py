@@ -46,6 +46,12 @@ class RestNoise:
         white: F64 = self.whitener @ moves
         return white
 
+    @property
+    def own_mm(self) -> float:
+        """3-D RMS of what is each rest's own, in mm."""
+        covariance = np.linalg.inv(self.whitener)
+        return float(np.sqrt((covariance**2).sum(axis=(1, 2)).mean()))
+
     def whiten_rests(self, moves: F64) -> F64:
         """Of each rest (n, 3) in units of its own noise."""
         white: F64 = np.einsum("nij,nj->ni", self.whitener, moves)
