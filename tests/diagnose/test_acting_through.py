@@ -13,6 +13,7 @@ from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.refit import solve_again
 from armd.compensation.diagnose.fitting.through import fit_by_turns
 from armd.compensation.diagnose.problem.baseline import from_calibration, with_findings
 from armd.compensation.diagnose.problem.fitted import Fit
@@ -208,6 +209,11 @@ def test_it_acts_through_what_is_in_the_model_and_through_nothing_else(
     # What acts through the gradient takes no part in what the gradient is worth.
     last = fitted(own, [gradient, offset])
     about = make_projection(last, ARM)
+    beside = score_candidates(about, both)
+    neither = make_projection(solve_again(last, [], ARM), ARM)
+    itself = score_candidates(neither, last.findings[:1]).scores.statistic[0]
+    assert beside.as_needed(0).statistic[0] == pytest.approx(itself, rel=1e-6)
+    assert beside.as_needed(1).statistic[1] == beside.alone(1).statistic[1] < itself
     monkeypatch.setattr(candidates, "score_candidates", lambda *_: Asked())
     weakest(about)
     assert Asked.of == [(0, 1), (1,)]

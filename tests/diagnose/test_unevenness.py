@@ -72,8 +72,9 @@ def test_parts_of_the_time_are_whole_placements_in_their_order() -> None:
 
 
 def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
-    """Two lengths on a ramp: a lateness other than the link's by a third in one of them is taken
-    up whole, and costs one standard deviation."""
+    """Two lengths on a ramp, one moved by two terms against each other: a lateness other than the
+    link's by a third in one of them is taken up whole, and costs one standard deviation. What fades
+    moves them as the lateness does, as far at first as it goes."""
     arm = synthetic.arm()
     n, lag_s = 50, 600.0
     time_s = 60.0 * np.arange(n)
@@ -84,7 +85,7 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
     late = now.model_copy(update={"lag_s": lag_s})
     terms = tuple(
         Term(parameter=name, basis=[factor], coefficient=sign * mm)
-        for name, mm in (("d_2", 0.002), ("a_2", 0.004))
+        for name, mm in (("d_2", 0.002), ("a_2", -0.001), ("a_2", 0.005))
         for factor, sign in ((late, 1.0), (now, -1.0))
     )
     lag = Candidate(
@@ -110,6 +111,10 @@ def test_each_length_of_a_late_link_may_be_late_by_its_own() -> None:
     for column, name, mm in zip(columns.T, ("d_2", "a_2"), (0.002, 0.004), strict=False):
         own = column.reshape(n, 3)[:, arm.layout.index(name) % 3]
         np.testing.assert_allclose(own, unevenness.OF_A_LENGTH * 1.5 * mm * behind, atol=2e-4 * mm)
+        first = columns[:, 2].reshape(n, 3)[:, arm.layout.index(name) % 3]
+        faded = np.exp(-time_s / lag_s) * (np.arange(n) < 25)
+        most = 1.5 * mm * np.abs(behind).max()
+        np.testing.assert_allclose(first, most * faded, atol=2e-4 * mm)
     fading = unevenness.unsettled(linear, lag, np.array([1.5]), arm)
     for own, known in zip(fading.columns, columns.T[2:], strict=True):
         values = basis_values(own.terms, states, arm, model.reference_c, model.constants)

@@ -5,7 +5,8 @@ once, every other time all at one joint; "again": diagnosed for the third time, 
 calibration that armd wrote before; "real": planted into what a real arm's encoders said, after it
 was diagnosed once; "offset", "exchanged", "late": a sensor that reads wrong, that has another's
 place, or that its link follows late, and a cause that goes by it; "ramped": a link that grows
-more than its calibration says and follows its sensor late, half of the sessions begun on a ramp.
+more than its calibration says and follows its sensor late, half of the sessions begun on a ramp;
+"bent": the same of a link that bends by a gradient.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ from armd.simulator.plants.plant import Plant, depends_on
 from support.planting import Effect, middle_unix_s, of_joint, planted, rms_um, slip, wave
 
 KINDS = (
-    "stranger", "crowd", "again", "real", "alien", "offset", "exchanged", "late", "ramped",
+    "stranger", "crowd", "again", "real", "alien", "offset", "exchanged", "late", "ramped", "bent",
 )  # fmt: skip
 NAMELESS = ("stranger", "alien")
 SURE, SEEN = 0.95, 8.0
@@ -145,6 +146,7 @@ def run_strange(kind: str, seed: int) -> Strange:
         "exchanged": _exchanged,
         "late": _late,
         "ramped": _ramped,
+        "bent": _bent,
     }
     return replace(runs[kind](seed, rng), seconds=time.perf_counter() - started)
 
@@ -224,6 +226,12 @@ def _ramped(seed: int, rng: np.random.Generator) -> Strange:
     number = int(rng.choice(OWN_SENSOR))
     drawn = draw_plant(rng, ["link_expansion"], 3.0), draw_plant(rng, ["thermal_lag"], 1.5)
     return _simulated("ramped", seed, [_at(number, plant) for plant in drawn], RAMPED)
+
+
+def _bent(seed: int, rng: np.random.Generator) -> Strange:
+    number = int(rng.choice(OWN_SENSOR))
+    drawn = draw_plant(rng, ["thermal_gradient"]), draw_plant(rng, ["thermal_lag"], 1.5)
+    return _simulated("bent", seed, [_at(number, plant) for plant in drawn], RAMPED)
 
 
 def _by_its_sensor(rng: np.random.Generator) -> tuple[int, Plant]:

@@ -57,6 +57,11 @@ class ScoredCandidates:
         """Of the findings themselves as candidates, one of them taken out of the model."""
         return self._of_findings.freed(index)
 
+    def as_needed(self, index: int) -> Scores:
+        """The same, what acts through that finding taken out, too: with that in the model, and how
+        a lag's sessions began open, little of what it acts through would seem to be there."""
+        return self._of_findings.freed(index, *through_it(self.fit.findings, index))
+
     def freed(self, index: int, *acting: int) -> Scores:
         """Of all candidates, one finding and its shape taken out, and others *acting* through it;
         also of parts of the others."""

@@ -161,7 +161,7 @@ def _behind(
     for name in dict.fromkeys(term.parameter for term in terms):
         own = [i for i, term in enumerate(terms) if term.parameter == name]
         course = amplitudes[0] * (values[:, own] @ np.array([terms[i].coefficient for i in own]))
-        late = next(terms[i].coefficient for i in own if _is_late(terms[i]))
+        late = sum(terms[i].coefficient for i in own if _is_late(terms[i]))
         most = float(np.copysign(np.abs(course).max(), late * amplitudes[0]))
         behind[name] = course, most
     return behind

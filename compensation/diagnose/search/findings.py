@@ -59,7 +59,7 @@ def weighed(scored: ScoredCandidates, tests: int) -> list[Finding]:
 
 def _found(scored: ScoredCandidates, index: int, tests: int) -> Finding:
     candidate = scored.fit.findings[index]
-    own, scores = scored.alone(index), scored.without(index)
+    own, scores = scored.as_needed(index), scored.without(index)
     logs = scores.log_places()
     logs |= _steps_at_its_instant(scored, index, scores)
     _let_rivals_bend(logs, scored, index, scores)
