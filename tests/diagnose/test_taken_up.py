@@ -7,9 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from armd.arrays import F64
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.taken_up import beside_what_it_took_up
+from armd.compensation.diagnose.problem.baseline import from_calibration
+from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.effects import location
+from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.identify.calibrate import calibrate
+from armd.compensation.model.pose_factors import Harmonic
 from support import synthetic
 from support.planting import Effect, of_joint, planted, wave
 
@@ -68,3 +76,48 @@ def test_a_knock_and_a_disc_since_are_both_told(years: Years) -> None:
     told = years.told((), (DISC, KNOCK))
     assert set(told) == {ECCENTRIC, KNOCKED}
     assert min(told.values()) > 0.95
+
+
+def test_the_calibration_counts_as_wrong_by_what_another_with_the_disc_has_taken_up(
+    years: Years,
+) -> None:
+    """Two calibrations of the same readings, one with the disc, differ by what it took up: many of
+    its standard uncertainties as it says itself, few as it counts beside disc and knock."""
+    plain = calibrate(years.calibrated, ARM).calibration
+    with_disc = calibrate(planted(years.calibrated, DISC), ARM).calibration
+    given = from_calibration(with_disc, ARM, held=True)
+    rests = gather_rests(planted(years.later, DISC), ARM)
+    waves = [tie([("theta_2", 1.0)], Harmonic(kind=k, joint=2, order=1)) for k in ("sin", "cos")]
+    disc = Candidate(
+        "encoder_eccentricity", location.joint(2),
+        tuple(Column(str(i), "rad", 3e-5, terms) for i, terms in enumerate(waves)), ("q2",),
+    )  # fmt: skip
+    knock = Candidate(
+        "geometry_shift", location.joint(3),
+        (Column("theta", "rad", 1e-4, tie([("theta_3", 1.0)])),), (),
+    )  # fmt: skip
+
+    def counted(findings: list[Candidate]) -> F64 | None:
+        start = [np.zeros(len(c.columns)) for c in findings]
+        older = beside_what_it_took_up(fit(rests, ARM, given, given.model, findings, start), ARM)
+        return None if older is None else older.root
+
+    names = [ARM.layout.names[i] for i in given.parameters]
+    differs = np.array([with_disc.constants[n] - plain.constants[n] for n in names])
+    root = counted([disc, knock])
+    assert root is not None
+    of_constants = slice(len(names))
+    assert _sigmas(given.root[of_constants], differs) > 5.0
+    assert _sigmas(root[of_constants], differs) < 3.0
+    assert counted([disc]) is None  # nothing that a change of the constants would explain
+    assert counted([knock]) is None  # nothing that could be older
+
+
+def _sigmas(root: F64, differs: F64) -> float:
+    """RMS of a difference (n,) in standard uncertainties, its covariance being R Rᵀ."""
+    covariance = root @ root.T
+    scale = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    known = values > 1e-9
+    own = vectors[:, known].T @ (differs / scale) / np.sqrt(values[known])
+    return float(np.sqrt((own**2).mean()))
