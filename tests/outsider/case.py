@@ -21,14 +21,18 @@ from outsider.measured import Machine, Plan, Readings, Rng, Thing, draw_machine,
 from outsider.seen import Seen
 
 #: Nothing wrong with the arm; with the readings, something: every other case has a disc besides.
-MESSES = ("t3", "gross", "dead", "doubled")
-KINDS = ("clean", *FAULTS, *MESSES)
+MESSES = ("t3", "gross", "dead", "doubled", "floor", "unread")
+#: Wrong with the arm long before the calibration under test, and plainly so.
+OLDER = {"old_disc": "disc", "old_sag": "sag"}
+KINDS = ("clean", *FAULTS, *MESSES, *OLDER)
 #: Noise units, clear of all that absorbs.
-WANTED = (8.0, 25.0)
+WANTED, PLAINLY = (8.0, 25.0), (40.0, 200.0)
 #: A rival that leaves less of a fault than this is the same to any reader of these readings.
 TOLD_APART = 3.0
 BEGAN = datetime.datetime(2026, 3, 2, 6, tzinfo=datetime.UTC)
 SENSOR_K, GROSS, TWICE = 0.02, 0.03, 0.2
+#: How much more a point scatters while a machine next door shakes the floor; what steel grows.
+SHAKEN, STEEL_PER_K = 5.0, 11.5e-6
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,7 @@ class Case:
     thing: Thing
     plan: Plan
     readings: Readings
+    seat_mm: F64  # (n,) scatter of a point, along each axis
     alter: Alteration
     rng: Rng  # for noise and mess
 
@@ -65,21 +70,26 @@ def draw(kind: str, seed: int) -> Case:
     """The case of a kind, one of KINDS, and a seed."""
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode())])
     messy = kind in MESSES or kind == "clean"
-    held = kind in UNDER_A_CALIBRATION or bool((seed // 2 if messy else seed) % 2)
+    held = kind in (*UNDER_A_CALIBRATION, *OLDER) or bool((seed // 2 if messy else seed) % 2)
     machine, thing = draw_machine(rng), draw_thing(rng)
+    if kind == "unread":
+        thing = replace(thing, per_k=STEEL_PER_K)
     sessions = int(rng.integers(4, 9))
     rows = int(rng.integers(240, 481)) // sessions
     restless = 4.0 if kind == "lag" else 1.0  # slower drifts show no lag
     plan = Plan(4 if held else 0, sessions, rows, 2 if rows < 60 else 3, restless)
     readings = measure(rng, machine, thing, plan)
-    scene = Scene(machine, readings, readings.session >= plan.before)
+    scene = Scene(machine, readings, (readings.session >= plan.before) | (kind in OLDER))
     known = readings.session < plan.sessions - 1
-    seen = Seen(machine, readings.only(known))
-    planted = kind if kind in FAULTS else "disc" if kind in MESSES and seed % 2 else ""
+    seat_mm = np.full(len(readings.q), machine.seat_mm)
+    if kind == "floor":
+        seat_mm[readings.session == rng.integers(plan.before, plan.sessions - 1)] *= SHAKEN
+    seen = Seen(machine, readings.only(known), seat_mm[known])
+    planted = "disc" if kind in MESSES and seed % 2 else OLDER.get(kind, kind)
     none = scene.none()
     fault = Fault("", "", (), none, "")
-    if planted:
-        wanted = float(np.exp(rng.uniform(*np.log(WANTED))))
+    if planted in FAULTS:
+        wanted = float(np.exp(rng.uniform(*np.log(PLAINLY if kind in OLDER else WANTED))))
         fault = _sized(FAULTS[planted](rng, scene), seen, known, wanted)
         fault = _with_its_like(fault, seen, scene, known)
     spread = _noise_mm(machine, readings.only(~known))
@@ -89,7 +99,7 @@ def draw(kind: str, seed: int) -> Case:
         _placement(fault, plan, readings) if fault.cause == "artefact_moved" else "", held,
         1e3 * float(np.sqrt((spread**2).mean())),
     )  # fmt: skip
-    return Case(truth, machine, thing, plan, readings, fault.alter, rng)
+    return Case(truth, machine, thing, plan, readings, seat_mm, fault.alter, rng)
 
 
 def _sized(variants: list[Fault], seen: Seen, known: F64, wanted: float) -> Fault:
@@ -172,7 +182,7 @@ def write(case: Case, folder: Path) -> None:
     diagnosed = (readings.session >= case.plan.before) & (
         readings.session < case.plan.sessions - 1
     )  # fmt: skip
-    touched = readings.goal + case.alter.target + machine.seat_mm * noise((shape[0], 3))
+    touched = readings.goal + case.alter.target + case.seat_mm[:, None] * noise((shape[0], 3))
     if kind == "gross":
         off = diagnosed & (rng.random(shape[0]) < GROSS)
         away = rng.standard_normal((shape[0], 3))
@@ -222,13 +232,16 @@ def _write_session(
             ["time_s", "placement", "target", *(f"q{k}" for k in joints),
              *(f"w{k}" for k in joints), *(f"t{k}" for k in joints), "artefact_c"]
         )  # fmt: skip
-        for i in rows:
+        placements = readings.placement[rows]
+        first = np.append(True, placements[1:] != placements[:-1])
+        for i, new in zip(rows, first, strict=True):
+            read = new or case.truth.kind != "unread"
             table.writerow(
                 [f"{readings.time_s[i] - began:.2f}",
                  f"P{readings.placement[i] % case.plan.placements + 1}",
                  f"B{readings.target[i] + 1}", *(f"{angle:.9f}" for angle in shown[i]),
                  *(f"{rate:.5f}" for rate in readings.rate[i]), *sensors[i],
-                 f"{20 + readings.artefact_k[i]:.2f}"]
+                 f"{20 + readings.artefact_k[i]:.2f}" if read else ""]
             )  # fmt: skip
 
 

@@ -20,14 +20,14 @@ WEAKEST = 1e-8
 class Seen:
     """The columns that absorb, of some readings of a machine; worked out once."""
 
-    def __init__(self, machine: Machine, readings: Readings) -> None:
+    def __init__(self, machine: Machine, readings: Readings, seat_mm: F64 | float) -> None:
+        """*seat_mm*: the scatter of a point along each axis, of each reading (n,) or of all."""
         self.machine, self.readings = machine, readings
         table, q, warm = machine.built, readings.q, readings.warm
         jacobian = by_angles(posture(table, q, warm))
         noise = machine.encoder_rad**2 * jacobian @ np.swapaxes(jacobian, 1, 2)
-        self._whiten = np.linalg.inv(
-            np.linalg.cholesky(noise + machine.seat_mm**2 * np.eye(3))
-        )  # fmt: skip
+        scatter = np.broadcast_to(np.square(seat_mm), len(q))[:, None, None] * np.eye(3)
+        self._whiten = np.linalg.inv(np.linalg.cholesky(noise + scatter))
         self._poses = [
             (rows, _basis(self._white(_pose(readings.lever[rows]), rows)))
             for rows in map(np.flatnonzero, readings.placement == _numbers(readings)[:, None])

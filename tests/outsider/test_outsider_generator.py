@@ -138,7 +138,7 @@ def test_what_constants_and_placements_absorb_has_no_size() -> None:
     case = draw("clean", 2)  # with four sessions from before
     assert case.plan.before == 4
     everywhere = Scene(case.machine, case.readings, np.ones(len(case.readings.q), dtype=bool))
-    seen = Seen(case.machine, case.readings)
+    seen = Seen(case.machine, case.readings, case.machine.seat_mm)
     zero = everywhere.at_joint(2, np.full(len(case.readings.q), 1e-5))
     base = replace(everywhere.none(), base=np.full((len(case.readings.q), 6), 1e-5))
     assert seen.noise_units(zero) < 1e-3
@@ -201,3 +201,30 @@ def test_the_command_takes_the_files(tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_one_session_of_those_diagnosed_stood_on_a_floor_that_shook() -> None:
+    case = draw("floor", 2)
+    (session,) = np.unique(case.readings.session[case.seat_mm > case.machine.seat_mm])
+    assert case.plan.before <= session < case.plan.sessions - 1
+    np.testing.assert_allclose(
+        case.seat_mm[case.readings.session == session], 5 * case.machine.seat_mm
+    )
+
+
+def test_the_artefact_is_read_once_in_each_placement(tmp_path: Path) -> None:
+    write(draw("unread", 2), tmp_path)
+    lines = (tmp_path / "further" / "readings.csv").read_text().splitlines()[1:]
+    placements = [line.split(",")[1] for line in lines]
+    read = [line.split(",")[1] for line in lines if not line.endswith(",")]
+    assert read == list(dict.fromkeys(placements))
+    assert "expansion_per_k = 1.15e-05" in (tmp_path / "further" / "session.toml").read_text()
+
+
+@pytest.mark.parametrize("kind", ["old_disc", "old_sag"])
+def test_what_is_older_than_the_calibration_was_there_before_it(kind: str) -> None:
+    case = draw(kind, 3)
+    assert case.truth.held and 39.0 < case.truth.noise_units < 205.0
+    moved = Seen(case.machine, case.readings, case.machine.seat_mm).displacement(case.alter)
+    before = np.linalg.norm(moved[case.readings.session < case.plan.before], axis=1)
+    assert (before > 0.0).all()
