@@ -105,8 +105,10 @@ def _diagnose(
             if older is not None:
                 another = Search(rests, arm, older, progress, partial(better_by, arm=arm))
                 again = another.run()
-                if _tells_no_more(again, result):
+                if _tells_less(again, result):
                     baseline, search, result = older, another, again
+                else:
+                    result = replace(result, found=_no_surer(result.found, again))
             stepped = beside(result.last, result.signatures, arm)
             if stepped is not None and len(touched) < MOST_TOUCHED:
                 found = find_touched(stepped)
@@ -258,13 +260,20 @@ def model_under_test(
     return from_calibration(result.calibration, arm, held=False)
 
 
-def _tells_no_more(again: SearchResult, before: SearchResult) -> bool:
-    """Whether what was found *again* is less than what was found *before*, or the same by name, and
-    leaves no more to the noise. The older causes are there still, so that it is not nothing."""
-    names, earlier = (sorted(f.candidate.place for f in of.found) for of in (again, before))
-    if not names or (len(names) >= len(earlier) and names != earlier):
-        return False
-    return again.last.noise.own_mm < AS_QUIET * before.last.noise.own_mm
+def _tells_less(again: SearchResult, before: SearchResult) -> bool:
+    """Whether less was found *again* than *before*, and no more is left to the noise. The older
+    causes are there still, so that it is not nothing."""
+    quiet = again.last.noise.own_mm < AS_QUIET * before.last.noise.own_mm
+    return quiet and 0 < len(again.found) < len(before.found)
+
+
+def _no_surer(found: Sequence[Finding], again: SearchResult) -> tuple[Finding, ...]:
+    """The findings no surer than *again*, where that found the same by name."""
+    known = {of.candidate.place: of.probability for of in again.found}
+    if sorted(f.candidate.place for f in found) != sorted(of.candidate.place for of in again.found):
+        return tuple(found)
+    lower = [min(f.probability, known[f.candidate.place]) for f in found]
+    return tuple(replace(f, probability=p) for f, p in zip(found, lower, strict=True))
 
 
 def _doubted(found: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
