@@ -139,13 +139,10 @@ class Placements:
         layout = Layout(((POSE, 6), (TARGETS, 3 * len(targets)), (OTHERS, n_others)))
         whole = LinearModel.of_nothing(Layout(layout.sizes[1:]))
         of_session = np.flatnonzero(self.observations.session == number)
-        placements, frame = [], self._frame(of_session)
+        placements = []
         for p in np.unique(placement[of_session]):
             rows = of_session[placement[of_session] == p]
-            columns = self._rows(targets, rows)
-            if p == frame:
-                columns[:, :, :6] = 0.0
-            model = LinearModel.of_nothing(layout).measured(columns)
+            model = LinearModel.of_nothing(layout).measured(self._rows(targets, rows))
             rest, pose = model.clear_of(POSE)
             whole = whole + rest
             placements.append(_Placement(int(p), rows, pose))
@@ -153,20 +150,6 @@ class Placements:
             whole = replace(whole.measured(self.certified(targets)), square=whole.square)
         others, shifts = whole.clear_of(TARGETS)
         return _Session(number, targets, placements, shifts, others)
-
-    def _frame(self, of_session: I64) -> int:
-        """The placement that stays where it is, of a session in which nothing but seats is touched:
-        these stand in whatever frame, and that is its choice. −1: none.
-
-        Where they grow, readings tell a little of that frame's origin, and on a line (a beam's) the
-        step that this asks for is a turn about it by hundreds of radians (docs/decisions/0152).
-        """
-        observations = self.observations
-        target = observations.target[of_session]
-        if observations.has_truth[of_session].any() or not observations.unknown[target].all():
-            return -1
-        pairs = np.unique(np.column_stack([observations.placement[of_session], target]), axis=0)
-        return int(np.argmax(np.bincount(pairs[:, 0])))
 
     def targets_of(self, session: int) -> I64:
         """The free targets of a session."""

@@ -187,23 +187,7 @@ def _start(observations: Observations, position_mm: F64, weight: F64) -> Poses:
             mean = group_sum((weight * size)[:, None] * local, observations.target, len(target))
             target[seats] = mean[seats] / sums[seats, None]
         poses = Poses(rotation, translation, np.nan_to_num(target))
-    return _about_the_middle(poses, observations) if seats.any() else poses
-
-
-def _about_the_middle(poses: Poses, observations: Observations) -> Poses:
-    """The same with the origin of the artefact's frame amid its seats, where a session has nothing
-    but seats: about that it grows (docs/decisions/0125)."""
-    target, translation = poses.target_mm.copy(), poses.translation_mm.copy()
-    for session in range(len(observations.session_names)):
-        rows = observations.session == session
-        touched = np.unique(observations.target[rows])
-        if observations.has_truth[rows].any() or not observations.unknown[touched].all():
-            continue
-        middle = target[touched].mean(axis=0) if len(touched) else np.zeros(3)
-        target[touched] -= middle
-        own = observations.placement_session == session
-        translation[own] += poses.rotation[own] @ middle
-    return Poses(poses.rotation, translation, target)
+    return poses
 
 
 def _first_seats(

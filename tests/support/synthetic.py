@@ -59,7 +59,6 @@ def session(
     *,
     terms: list[Term] | None = None,
     targets: int = 4,
-    points: np.ndarray | None = None,
     spread_mm: float = 150.0,
     known: bool = True,
     placements: int = 3,
@@ -77,9 +76,8 @@ def session(
     Each placement's targets stay put: the poses at one target are found by turning the joints
     at random and correcting the first angles (Newton on the tip's position).
     """
-    if points is None:
-        points = rng.uniform(-spread_mm, spread_mm, (targets, 3))
-    points, targets = points - points.mean(axis=0), len(points)
+    points = rng.uniform(-spread_mm, spread_mm, (targets, 3))
+    points -= points.mean(axis=0)
     placement = np.arange(readings) % placements
     target = (np.arange(readings) // placements) % targets
     temperatures = np.full((readings, arm.n_joints), temperature_c)
