@@ -38,8 +38,9 @@ def told_of_artefact(sessions: Sequence[Session], arm: Arm) -> list[str]:
 def _at_stake(sessions: Sequence[Session], arm: Arm) -> str:
     """By what it would err if it were as warm as the arm; nothing where that is not known."""
     artefact = sessions[0].artefact
-    columns = [arm.sensors.index(name) for name in arm.used_sensors]
-    celsius = np.concatenate([s.states.temperature_c[:, columns].ravel() for s in sessions])
+    celsius = np.concatenate(
+        [s.states.temperature_c[:, arm.used_columns].ravel() for s in sessions]
+    )
     rise_k = celsius[np.isfinite(celsius)] - artefact.reference_temperature_c
     if not len(rise_k):
         return ""

@@ -95,7 +95,7 @@ def still_and_far(session: Session, arm: Arm) -> list[tuple[str, float]]:
     """Temperatures, the artefact's among them, of one value in all rows that is far from all other
     values, °C: a channel that shows nothing, or the others do."""
     names = [*arm.used_sensors, "artefact_c"]
-    own = session.states.temperature_c[:, [arm.sensors.index(name) for name in arm.used_sensors]]
+    own = session.states.temperature_c[:, arm.used_columns]
     celsius = np.column_stack([own, session.artefact_c])
     still = (celsius == celsius[:1]).all(axis=0)  # NaN equals nothing
     found = []

@@ -158,7 +158,7 @@ def _artefact(last: Fit, sessions: Sequence[Session]) -> ArtefactCorrection | No
     for candidate, values in zip(last.findings, last.amplitudes, strict=True):
         for column, value in zip(candidate.columns, values, strict=True):
             change = column.artefact
-            if change is None or change.kind in ("distance", "sag", "warmth"):
+            if change is None or change.told_only or change.kind == "distance":
                 continue
             found = True
             if change.artefact:

@@ -51,6 +51,11 @@ class ArtefactChange:
     after: int = 0
     artefact: str = ""  # name of the artefact, where the sessions have several; empty: all
 
+    @property
+    def told_only(self) -> bool:
+        """Whether no correction of an artefact can hold it."""
+        return self.kind in ("sag", "warmth")
+
 
 @dataclass(frozen=True)
 class Use:
@@ -115,10 +120,8 @@ class Candidate:
     @property
     def told_only(self) -> bool:
         """Whether no calibration can hold it: nothing that the daemon or `evaluate` could apply."""
-        return self.looks_back or any(
-            column.artefact is not None and column.artefact.kind in ("sag", "warmth")
-            for column in self.columns
-        )
+        changes = (column.artefact for column in self.columns)
+        return self.looks_back or any(change is not None and change.told_only for change in changes)
 
     @property
     def looks_back(self) -> bool:

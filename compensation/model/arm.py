@@ -121,6 +121,11 @@ class Arm(Strict):
         return [s for s in self.sensors if any(joint.weights.get(s) for joint in self.joint)]
 
     @property
+    def used_columns(self) -> list[int]:
+        """Where these stand among all sensors."""
+        return [self.sensors.index(name) for name in self.used_sensors]
+
+    @property
     def reach_mm(self) -> float:
         """As drawn, no joint's lever to the tip is longer."""
         links = sum(math.hypot(joint.a_mm, joint.d_mm) for joint in self.joint)

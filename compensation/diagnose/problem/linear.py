@@ -43,8 +43,7 @@ class Rests:
         """(n,) K of the arm's sensors, on the mean, above the artefact's reference in sessions in
         which nobody read how warm that is; 0 in others."""
         observations = self.observations
-        arm = observations.arm
-        columns = [arm.sensors.index(name) for name in arm.used_sensors]
+        columns = observations.arm.used_columns
         if not columns:
             return np.zeros(self.n)
         unread = np.array([not np.isfinite(s.artefact_c).any() for s in self.sessions])

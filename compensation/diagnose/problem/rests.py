@@ -97,8 +97,7 @@ def require_spare(observations: Observations, files: str) -> None:
 
 def _complete(raw: Observations, arm: Arm) -> Mask:
     """Readings that have the temperatures of all joints; all of them, if none has."""
-    columns = [arm.sensors.index(name) for name in arm.used_sensors]
-    complete = np.asarray(np.isfinite(raw.states.temperature_c[:, columns]).all(axis=1))
+    complete = np.asarray(np.isfinite(raw.states.temperature_c[:, arm.used_columns]).all(axis=1))
     return complete if complete.any() else np.ones(raw.n, dtype=bool)
 
 
