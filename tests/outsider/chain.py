@@ -45,6 +45,10 @@ class Alteration:
         flat, deep = np.zeros((n, joints)), np.zeros((n, joints, 3))
         return Alteration(flat, flat, flat, deep, deep, np.zeros((n, 6)), np.zeros((n, 3)))
 
+    def plus(self, other: Alteration) -> Alteration:
+        """Both at once."""
+        return Alteration(*(part + vars(other)[name] for name, part in vars(self).items()))
+
     def times(self, size: float | F64) -> Alteration:
         """Every part times a number, or times one number for each reading."""
 

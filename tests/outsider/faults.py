@@ -9,81 +9,24 @@ size is nearest to the one wanted.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from outsider.chain import F64, Alteration, posture
-from outsider.measured import Machine, Readings, Rng
+from outsider.chain import F64, Alteration, Posture, posture
+from outsider.measured import Rng
+from outsider.scene import Fault, Scene
 
-#: Of which a posture is a linear function.
-SMALL_RAD = 1e-6
-Rivals = tuple[tuple[str, tuple[Alteration, ...]], ...]
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
-@dataclass(frozen=True)
-class Fault:
-    """One that may be planted, and how a diagnosis may call it (the words of the contract)."""
-
-    cause: str
-    location: str
-    depends_on: tuple[str, ...]  # the variables of it, for what is named otherwise
-    alter: Alteration
-    words: str
-    free: bool = True  # its size can be chosen
-    largest: float = np.inf  # no real one is larger
-    beside: tuple[tuple[str, str], ...] = ()  # names that are true of it as well
-    same_signal: tuple[tuple[str, str], ...] = ()  # names that no readings tell from it
-    needs: str = ""  # a variable without which the name is not the fault's
-    #: other causes at its place, each with the shapes of it, of any size
-    rivals: Rivals = ()
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What the faults of one case happen to. *on*: rows from the fault's beginning on."""
-
-    machine: Machine
-    readings: Readings
-    on: F64  # (n,) bool
-
-    @property
-    def since_s(self) -> F64:
-        """Since the first session in which the arm is not healthy."""
-        time_s: F64 = self.readings.time_s - self.readings.time_s[self.on][0]
-        return time_s
-
-    @property
-    def span_s(self) -> float:
-        """Of the sessions that are diagnosed."""
-        last = self.readings.session.max()
-        return float(self.since_s[self.readings.session < last][-1])
-
-    def none(self) -> Alteration:
-        return Alteration.none(*self.readings.q.shape)
-
-    def rivals_at(self, k: int, shapes: dict[str, tuple[F64, ...]]) -> Rivals:
-        """By what each lets the encoder of joint k (from 0) show."""
-        return tuple(
-            (cause, tuple(self.at_joint(k, SMALL_RAD * by) for by in each))
-            for cause, each in shapes.items()
-        )
-
-    def at_joint(self, k: int, by: F64) -> Alteration:
-        """The encoder of joint k (from 0) shows *by* more, from the beginning on."""
-        encoder = np.zeros_like(self.readings.q)
-        encoder[:, k] = by * self.on
-        return replace(self.none(), encoder=encoder)
-
-
-def _inner(rng: Rng, scene: Scene) -> int:
+def inner(rng: Rng, scene: Scene) -> int:
     """A joint, from 0, that neither the placement nor the tip stands in for."""
     return int(rng.integers(1, scene.machine.joints - 1))
 
 
 def disc(rng: Rng, scene: Scene) -> list[Fault]:
     """A scale off its axis, and 10 to 30 % oval."""
-    k = _inner(rng, scene)
+    k = inner(rng, scene)
     first, second = rng.uniform(0, 2 * np.pi, 2)
     q, oval = scene.readings.q[:, k], rng.uniform(0.1, 0.3)
     by = np.sin(q - first) + oval * np.sin(2 * q - second)
@@ -99,7 +42,7 @@ def disc(rng: Rng, scene: Scene) -> list[Fault]:
 
 def dahl(rng: Rng, scene: Scene) -> list[Fault]:
     """Friction behind the encoder: a spring that winds up within 0.01 to 0.03 rad of travel."""
-    k, winds_up = _inner(rng, scene), rng.uniform(0.01, 0.03)
+    k, winds_up = inner(rng, scene), rng.uniform(0.01, 0.03)
     q, side = scene.readings.q[:, k], np.sign(scene.readings.rate[:, k])
     run_up = scene.readings.run_up[:, k]
     wound, last, state = np.zeros(len(q)), q[0], 0.0
@@ -113,7 +56,7 @@ def dahl(rng: Rng, scene: Scene) -> list[Fault]:
 
 def stribeck(rng: Rng, scene: Scene) -> list[Fault]:
     """Friction that is largest at the slowest, and a little viscous."""
-    k, knee = _inner(rng, scene), rng.uniform(0.03, 0.1)
+    k, knee = inner(rng, scene), rng.uniform(0.03, 0.1)
     rate = scene.readings.rate[:, k]
     by = np.sign(rate) * (0.7 + 0.3 * np.exp(-((rate / knee) ** 2))) + 0.3 * rate
     return [_friction(scene, k, by, f"knee at {knee:.2f} rad/s")]
@@ -121,7 +64,7 @@ def stribeck(rng: Rng, scene: Scene) -> list[Fault]:
 
 def play(rng: Rng, scene: Scene) -> list[Fault]:
     """Play at reversal, by up to 30 % more or less in some angles."""
-    k, phase = _inner(rng, scene), rng.uniform(0, 2 * np.pi)
+    k, phase = inner(rng, scene), rng.uniform(0, 2 * np.pi)
     q, rate = scene.readings.q[:, k], scene.readings.rate[:, k]
     return [_friction(scene, k, np.sign(rate) * (1 + 0.3 * np.cos(q - phase)), "")]
 
@@ -135,7 +78,7 @@ def _friction(scene: Scene, k: int, by: F64, words: str) -> Fault:
 
 def relax(rng: Rng, scene: Scene) -> list[Fault]:
     """A joint's zero creeps to its end exponentially."""
-    k, share = _inner(rng, scene), rng.uniform(0.15, 0.4)
+    k, share = inner(rng, scene), rng.uniform(0.15, 0.4)
     by = 1 - np.exp(-np.maximum(scene.since_s, 0) / (share * scene.span_s))
     return [
         Fault("geometry_shift", f"joint {k + 1}", ("time_s",), scene.at_joint(k, by),
@@ -145,7 +88,7 @@ def relax(rng: Rng, scene: Scene) -> list[Fault]:
 
 def slip(rng: Rng, scene: Scene) -> list[Fault]:
     """A disc slips on its shaft, and creeps by a tenth of that afterwards."""
-    k, at = _inner(rng, scene), rng.uniform(0.3, 0.7) * scene.span_s
+    k, at = inner(rng, scene), rng.uniform(0.3, 0.7) * scene.span_s
     after = np.maximum(scene.since_s - at, 0)
     by = (after > 0) * (0.9 + 0.1 * (1 - np.exp(-after / 3600)))
     return [
@@ -156,7 +99,7 @@ def slip(rng: Rng, scene: Scene) -> list[Fault]:
 
 def mesh(rng: Rng, scene: Scene) -> list[Fault]:
     """A wheel on the neighbour's shaft runs out, not quite as a sine, and pushes the joint."""
-    k = _inner(rng, scene)
+    k = inner(rng, scene)
     other = k + int(rng.choice([-1, 1]))
     waves, phase = int(rng.integers(3, 8)), rng.uniform(0, 2 * np.pi)
     angle = waves * scene.readings.q[:, other] - phase
@@ -169,15 +112,31 @@ def mesh(rng: Rng, scene: Scene) -> list[Fault]:
 
 def sag(rng: Rng, scene: Scene) -> list[Fault]:
     """A link is a cantilever: its own weight, what it carries and that load's moment bend it."""
-    machine, stands = scene.machine, posture(
-        scene.machine.built, scene.readings.q, scene.readings.warm
-    )  # fmt: skip
+    machine = scene.machine
+    long = [k for k in range(1, machine.joints - 1) if np.linalg.norm(machine.along(k)) > 100]
+    k = int(rng.choice(long))
+    variables = tuple(f"q{j + 1}" for j in range(1, machine.joints))
+    length = float(np.linalg.norm(machine.along(k)))
+    return [
+        Fault("link_bending", f"link {k + 1}", variables, cantilever(scene, k),
+              f"{length:.0f} mm long")
+    ]  # fmt: skip
+
+
+def healthy(scene: Scene) -> tuple[Posture, F64]:
+    """The arm of a scene, and the middles (n, N, 3) of its links, where their weights act."""
+    machine = scene.machine
+    stands = posture(machine.built, scene.readings.q, scene.readings.warm)
     middles = np.stack(
         [stands.origins[:, j + 1] - 0.5 * stands.turns[:, j + 1] @ machine.along(j)
          for j in range(machine.joints)], axis=1
     )  # fmt: skip
-    long = [k for k in range(1, machine.joints - 1) if np.linalg.norm(machine.along(k)) > 100]
-    k = int(rng.choice(long))
+    return stands, middles
+
+
+def cantilever(scene: Scene, k: int) -> Alteration:
+    """What bends link k (from 0), of a stiffness by which its end falls by 1 mm at most."""
+    machine, (stands, middles) = scene.machine, healthy(scene)
     end, length = stands.origins[:, k + 1], float(np.linalg.norm(machine.along(k)))
     along = stands.turns[:, k + 1] @ machine.along(k) / length
     own, carried = machine.mass_kg[k] * GRAVITY, machine.mass_kg[k + 1 :].sum() * GRAVITY
@@ -199,9 +158,7 @@ def sag(rng: Rng, scene: Scene) -> list[Fault]:
     turn, shift = alter.turn.copy(), alter.shift.copy()
     turn[:, k] = (to_frame @ bends[..., None])[..., 0]
     shift[:, k] = (to_frame @ falls[..., None])[..., 0]
-    whole = replace(alter, turn=turn, shift=shift).times(scene.on / np.abs(falls).max())
-    variables = tuple(f"q{j + 1}" for j in range(1, machine.joints))
-    return [Fault("link_bending", f"link {k + 1}", variables, whole, f"{length:.0f} mm long")]
+    return replace(alter, turn=turn, shift=shift).times(scene.on / np.abs(falls).max())
 
 
 def lag(rng: Rng, scene: Scene) -> list[Fault]:
@@ -213,7 +170,7 @@ def lag(rng: Rng, scene: Scene) -> list[Fault]:
             late = np.zeros_like(readings.warm)
             for session in np.unique(readings.session[scene.on]):
                 rows = np.flatnonzero(readings.session == session)
-                late[rows, k] = _late(readings.time_s[rows], readings.warm[rows, k], 60 * minutes)
+                late[rows, k] = late(readings.time_s[rows], readings.warm[rows, k], 60 * minutes)
             variants.append(
                 Fault("thermal_lag", f"link {k + 1}", (f"t{k + 1}", "time_s"),
                       replace(scene.none(), link=late), f"{minutes:.0f} min", free=False,
@@ -222,7 +179,7 @@ def lag(rng: Rng, scene: Scene) -> list[Fault]:
     return variants
 
 
-def _late(time_s: F64, warm: F64, constant_s: float) -> F64:
+def late(time_s: F64, warm: F64, constant_s: float) -> F64:
     """How much warmer a link is that follows late; settled as the session begins."""
     link, difference = warm[0], np.zeros(len(warm))
     for i in range(1, len(warm)):

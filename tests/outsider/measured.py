@@ -121,6 +121,8 @@ class Plan:
     rows: int  # in each session
     placements: int  # in each session
     restless: float = 1.0  # how much more than usual the room drifts within a session
+    climates_c: tuple[float, float, float, float] = (16, 26, 18, 24)  # and of the further session
+    uneven: bool = False  # placements of 5, 12 and all other readings, with three targets each
 
     @property
     def sessions(self) -> int:
@@ -132,8 +134,8 @@ def measure(rng: Rng, machine: Machine, thing: Thing, plan: Plan) -> Readings:
     pool = rng.uniform(-1, 1, (POOL, machine.joints)) * machine.limit
     reached = posture(machine.built, pool, np.zeros_like(pool)).tip
     levels = np.concatenate(
-        [rng.permutation(np.linspace(16, 26, max(count, 1)))[:count]
-         for count in (plan.before, plan.diagnosed)] + [[rng.uniform(18, 24)]]
+        [rng.permutation(np.linspace(*plan.climates_c[:2], max(count, 1)))[:count]
+         for count in (plan.before, plan.diagnosed)] + [[rng.uniform(*plan.climates_c[2:])]]
     )  # fmt: skip
     parts, began = [], 0.0
     for session in range(plan.sessions):
@@ -141,8 +143,11 @@ def measure(rng: Rng, machine: Machine, thing: Thing, plan: Plan) -> Readings:
         time_s = np.cumsum(pace * rng.uniform(0.7, 1.5, plan.rows))
         warm = levels[session] - 20 + _course(rng, time_s, machine.joints, plan.restless)
         placements = np.sort(np.arange(plan.rows) % plan.placements)
+        few = len(thing.points)
+        if plan.uneven:
+            placements, few = np.searchsorted((5, 17), np.arange(plan.rows), side="right"), 3
         rows = [
-            _placed(rng, machine, thing, warm[placements == p], pool, reached)
+            _placed(rng, machine, thing, warm[placements == p], pool, reached, few)
             for p in range(plan.placements)
         ]
         q, target, goal, lever, artefact_k = (
@@ -180,16 +185,17 @@ def _course(rng: Rng, time_s: F64, joints: int, restless: float) -> F64:
 
 
 def _placed(
-    rng: Rng, machine: Machine, thing: Thing, warm: F64, pool: F64, reached: F64
+    rng: Rng, machine: Machine, thing: Thing, warm: F64, pool: F64, reached: F64, few: int
 ) -> tuple[F64, F64, F64, F64, F64]:
-    """One placement of the artefact that the arm can reach, and postures that touch it."""
+    """One placement of the artefact that the arm can reach, and postures that touch *few* of it."""
     n = len(warm)
     while True:
         turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
         turn *= np.sign(np.linalg.det(turn))
         middle = 0.85 * reached[rng.integers(POOL)]
         artefact_k = warm.mean(axis=1) + rng.normal(0, 0.2)
-        target = np.concatenate([rng.permutation(len(thing.points)) for _ in range(n)])[:n]
+        order = np.concatenate([rng.permutation(len(thing.points)) for _ in range(n)])
+        target = order[:n] if few == len(thing.points) else order[np.arange(n) % few]
         grown = thing.points[target] * (1 + thing.per_k * artefact_k[:, None])
         lever = (grown - thing.points.mean(axis=0)) @ turn.T
         goal = middle + lever

@@ -24,7 +24,8 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from outsider.case import KINDS, Truth, draw, write
+from outsider.case import KINDS, Truth, draw
+from outsider.files import write
 from outsider.judge import VERDICTS, is_worse, judge
 
 ARMD = Path(sys.executable).with_name("armd")

@@ -10,15 +10,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from outsider.case import draw, read_exchanged, write
+from outsider.case import draw, read_exchanged
 from outsider.chain import Alteration, Table, by_angles, by_constants, posture
-from outsider.faults import FAULTS, Scene, _late
-from outsider.measured import Machine, Readings
+from outsider.faults import FAULTS, late
+from outsider.files import write
+from outsider.measured import Machine, Readings, Thing
 from outsider.run import ARMD
+from outsider.scene import Scene
 from outsider.seen import Seen
 
 HERE = Path(__file__).parent
 RIGHT_ANGLE = np.pi / 2
+BALLS = Thing("beam", np.outer(np.arange(3) * 100.0, [1.0, 0.0, 0.0]), 1e-5)
 
 
 def two_joints(per_k: float = 0.0) -> Table:
@@ -88,7 +91,7 @@ def scene(q: np.ndarray, machine: Machine, **others: np.ndarray) -> Scene:
         q, flat + 1, flat + 1, 10.0 * number, number * 0, number * 0, number * 0, np.zeros((n, 3)),
         np.zeros((n, 3)), flat, number * 0.0,
     )  # fmt: skip
-    return Scene(machine, replace(readings, **others), np.ones(n, dtype=bool))
+    return Scene(machine, replace(readings, **others), np.ones(n, dtype=bool), BALLS)
 
 
 def four_joints() -> Machine:
@@ -119,8 +122,8 @@ def test_a_carried_weight_bends_by_its_force_and_its_moment() -> None:
 
 def test_on_an_even_ramp_a_link_is_late_by_its_time_constant() -> None:
     time_s = np.linspace(0, 6000, 41)
-    late = _late(time_s, 1e-3 * time_s, 600.0)
-    np.testing.assert_allclose(late, -0.6 * (1 - np.exp(-time_s / 600)), atol=1e-12)
+    behind = late(time_s, 1e-3 * time_s, 600.0)
+    np.testing.assert_allclose(behind, -0.6 * (1 - np.exp(-time_s / 600)), atol=1e-12)
 
 
 def test_friction_is_wound_up_to_the_side_of_approach_after_a_long_way() -> None:
@@ -137,7 +140,9 @@ def test_what_constants_and_placements_absorb_has_no_size() -> None:
     sessions from before it, whose rows hold the constants."""
     case = draw("clean", 2)  # with four sessions from before
     assert case.plan.before == 4
-    everywhere = Scene(case.machine, case.readings, np.ones(len(case.readings.q), dtype=bool))
+    everywhere = Scene(
+        case.machine, case.readings, np.ones(len(case.readings.q), dtype=bool), case.thing
+    )
     seen = Seen(case.machine, case.readings, case.machine.seat_mm)
     zero = everywhere.at_joint(2, np.full(len(case.readings.q), 1e-5))
     base = replace(everywhere.none(), base=np.full((len(case.readings.q), 6), 1e-5))
