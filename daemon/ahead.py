@@ -2,14 +2,16 @@
 
 A daemon's every compiled call is made once, on made-up samples, for the arms of the armd.toml files
 given, or for any of 3 to 9 joints; then those of the commands that work on sessions. What was
-called is exported by numba's ahead-of-time compiler and linked. Where there is a library already,
-or no C++ compiler, the calls are made all the same, and numba compiles what is missing into its
-cache. A file that is no good is told of and left: `armd run` will say it again.
+called is exported by numba's ahead-of-time compiler and linked: into the virtual environment, or,
+where that cannot be written to, into the cache. Where there is a library already, or no C++
+compiler, the calls are made all the same, and numba compiles what is missing into its cache. A file
+that is no good is told of and left: `armd run` will say it again.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import shutil
 import subprocess
@@ -88,14 +90,27 @@ def call(files: Iterable[Path], numbers: Sequence[int]) -> None:
 
 
 def tidy() -> None:
-    """Remove what other versions of armd, or for another Python, compiled into this cache."""
-    folder = library.cache_folder()
-    for path in folder.iterdir() if folder.is_dir() else ():
-        if OF_A_VERSION.fullmatch(path.name):
-            if path.is_dir() and path.name != library.sources():
-                shutil.rmtree(path)
-            elif path.is_file() and path.name != library.file_name():
-                path.unlink()
+    """Remove what other versions of armd, or for another Python, left where this one may write."""
+    for folder in library.made_in():
+        if not (folder.is_dir() and os.access(folder, os.W_OK)):
+            continue
+        for path in folder.iterdir():
+            if OF_A_VERSION.fullmatch(path.name):
+                if path.is_dir() and path.name != library.sources():
+                    shutil.rmtree(path)
+                elif path.is_file() and path.name != library.file_name():
+                    path.unlink()
+
+
+def keep_in_environment() -> None:
+    """Copy a library that lies in the cache alone, which somebody may empty."""
+    found, folder = library.loaded(), library.made_in()[0]
+    if found is None or found.__file__ is None:
+        return
+    path, cache = Path(found.__file__), library.cache_folder()
+    if path.parent == cache and folder != cache and library.usable(folder):
+        with tempfile.TemporaryDirectory(dir=folder) as beside:
+            Path(shutil.copy(path, beside)).replace(folder / path.name)  # whole, or not at all
 
 
 def can_link() -> bool:
@@ -104,6 +119,16 @@ def can_link() -> bool:
     except ImportError:  # numba, or setuptools, which finds its compiler
         return False
     return link.can_link()
+
+
+def made() -> bool:
+    """Whether it could be made, in the first folder that takes it; by a process of its own: what
+    goes into a library cannot come from numba's cache."""
+    folder = next(filter(library.usable, library.made_in()), None)
+    if folder is None:
+        return False
+    command = [sys.executable, "-I", "-m", __spec__.name, *sys.argv[1:], "--into", str(folder)]
+    return subprocess.run(command).returncode == 0
 
 
 def main() -> int:
@@ -129,13 +154,9 @@ def main() -> int:
             print(f"armd: {error}", file=sys.stderr)
             return 2
         return 0
-    if not any(path.exists() for path in library.places()) and can_link():
-        # By a process of its own: what goes into a library cannot come from numba's cache.
-        folder = library.cache_folder()
-        folder.mkdir(parents=True, exist_ok=True)
-        command = [sys.executable, "-I", "-m", __spec__.name, *sys.argv[1:], "--into", str(folder)]
-        if subprocess.run(command).returncode == 0:
-            return 0
+    keep_in_environment()
+    if library.loaded() is None and can_link() and made():
+        return 0
     call(args.files, numbers)
     return 0
 

@@ -14,8 +14,11 @@ from armd.compiled import library
 from armd.daemon import ahead as program
 from armd.daemon.ahead import can_link, tidy
 from armd.daemon.config import load_config
+from support.own_environment import own_environment
 
 TESTS = Path(__file__).parents[1]
+#: Where an environment has its library.
+OF_ENVIRONMENT = Path("share/armd") / library.file_name()
 ARM = """\
 schema = "armd.arm/1"
 serial_number = "AHEAD"
@@ -34,9 +37,15 @@ temperature = "room"
 """
 
 
-def ahead(cache: Path, *files: Path) -> subprocess.CompletedProcess[str]:
+@pytest.fixture
+def python(tmp_path: Path) -> Path:
+    """Of an environment without a library, which ours has."""
+    return own_environment(tmp_path / "environment")
+
+
+def ahead(python: Path, cache: Path, *files: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-I", "-m", "armd.daemon.ahead", *files],
+        [python, "-I", "-m", "armd.daemon.ahead", *files],
         env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
         capture_output=True,
         text=True,
@@ -55,18 +64,19 @@ def configured(folder: Path, joints: int) -> Path:
     return path
 
 
+def files_in(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob("*") if path.is_file()]
+
+
 #: A pipeline's points of made-up samples; prints whether numba was needed for them.
 PROGRAM = """
 import sys
 from pathlib import Path
 import numpy as np
-from armd.compiled import library
 from armd.daemon.config import load_config
 from armd.daemon.live.pipeline import Pipeline
 from armd.drivers.sample import Temperatures, sample_dtype
 
-if sys.argv[3:] == ["without"]:
-    library.do_without()
 config = load_config(Path(sys.argv[1]))
 pipeline = Pipeline(config.arm, None, config.file.limits)
 pipeline.take_temperatures(Temperatures(np.array([23.0]), 0, 0, 0))
@@ -93,11 +103,14 @@ print("numba" in sys.modules)
 """
 
 
-def points_of(cache: Path, config: Path, *without: str) -> tuple[bool, np.ndarray]:
-    place = cache / "points.npy"
+def points_of(
+    python: Path, cache: Path, config: Path, **environment: str
+) -> tuple[bool, np.ndarray]:
+    place = config.with_name("points.npy")
     ran = subprocess.run(
-        [sys.executable, "-c", PROGRAM, config, place, *without],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(cache)}, capture_output=True, text=True,
+        [python, "-c", PROGRAM, config, place],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(cache), **environment},
+        capture_output=True, text=True,
     )  # fmt: skip
     assert ran.stdout in ("True\n", "False\n"), ran.stderr
     return ran.stdout == "True\n", np.load(place)
@@ -105,31 +118,73 @@ def points_of(cache: Path, config: Path, *without: str) -> tuple[bool, np.ndarra
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)  # it compiles twice
-def test_the_library_gives_numbas_points_without_numba(tmp_path: Path) -> None:
+def test_the_library_gives_numbas_points_without_numba(tmp_path: Path, python: Path) -> None:
     """With the rounding of fused operations between them: the library is for any processor. A
-    diagnosis needs no numba beside it either."""
+    diagnosis needs no numba beside it either. None of it asks what became of the cache."""
     if not can_link():
         pytest.skip("no C++ compiler")
-    cache = tmp_path / "cache"
+    cache, empty = tmp_path / "cache", tmp_path / "empty"
     config = configured(tmp_path, 3)
-    done = ahead(cache, config)
+    done = ahead(python, cache, config)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-    assert [path.name for path in cache.rglob("*") if path.is_file()] == [library.file_name()]
-    needed, points = points_of(cache, config)
-    assert not needed
-    needed, expected = points_of(cache, config, "without")
-    assert needed
+    assert files_in(python.parents[1] / "share") == [python.parents[1] / OF_ENVIRONMENT]
+    assert files_in(cache) == []
+    needed, points = points_of(python, empty, config)
+    assert not needed and not empty.exists()
+    needed, expected = points_of(python, cache, config, ARMD_WITHOUT_LIBRARY="1")
+    assert needed and files_in(cache)
     for name in ("position_mm", "orientation"):
         np.testing.assert_allclose(points[name], expected[name], rtol=0, atol=1e-11)
     for name in ("seq", "flags", "monotonic_ns", "stamp_ns", "buttons", "calibration"):
         np.testing.assert_array_equal(points[name], expected[name])
     assert np.ptp(points["position_mm"], axis=0).min() > 1.0
     diagnosed = subprocess.run(
-        [sys.executable, "-c", DIAGNOSIS],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": str(TESTS)},
+        [python, "-c", DIAGNOSIS],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(empty), "PYTHONPATH": str(TESTS)},
         capture_output=True, text=True,
     )  # fmt: skip
     assert diagnosed.stdout == "False\n", diagnosed.stderr
+
+
+def test_a_library_of_the_cache_alone_is_copied(tmp_path: Path, python: Path) -> None:
+    """One that another installation made there; nothing is compiled."""
+    ours = library.loaded()
+    if ours is None or ours.__file__ is None:
+        pytest.skip("no library of compiled functions: there was no C++ compiler to make it")
+    cache, made = tmp_path / "cache", Path(ours.__file__).read_bytes()
+    cache.mkdir()
+    (cache / library.file_name()).write_bytes(made)
+    kept = python.parents[1] / OF_ENVIRONMENT
+    done = ahead(python, cache, configured(tmp_path, 3))
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert kept.read_bytes() == made and files_in(kept.parent) == [kept]
+    assert files_in(cache) == [cache / library.file_name()]
+
+
+def test_where_the_environment_takes_no_file_the_cache_has_the_library(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file stands where the folder would: nobody can write there, root neither."""
+    asked: list[list[str]] = []
+
+    def noted(command: list[str]) -> subprocess.CompletedProcess[str]:
+        asked.append(command)
+        return subprocess.CompletedProcess(command, 0)
+
+    environment, cache = tmp_path / "environment", tmp_path / "cache"
+    environment.mkdir()
+    monkeypatch.setattr(sys, "prefix", str(environment))
+    monkeypatch.setattr(sys, "argv", ["ahead"])
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
+    monkeypatch.setattr(library, "loaded", lambda: None)
+    monkeypatch.setattr(program, "can_link", lambda: True)
+    monkeypatch.setattr(subprocess, "run", noted)
+    assert program.main() == 0
+    (environment / "share/armd").rmdir()
+    (environment / "share/armd").touch()
+    assert program.main() == 0
+    into = [command[command.index("--into") + 1] for command in asked]
+    assert into == [str(environment / "share/armd"), str(cache)]
 
 
 def test_without_a_file_it_is_for_every_number_of_joints(
@@ -155,26 +210,31 @@ def test_every_made_up_arm_is_one_that_a_daemon_takes(monkeypatch: pytest.Monkey
     assert {config.driver.kind for config in called} == {"serial", "microscribe"}
 
 
-def test_a_bad_file_is_told_of_and_stops_nothing(tmp_path: Path) -> None:
+def test_a_bad_file_is_told_of_and_stops_nothing(tmp_path: Path, python: Path) -> None:
     bad = configured(tmp_path, 0)
-    done = ahead(tmp_path / "cache", bad)
+    done = ahead(python, tmp_path / "cache", bad)
     assert done.returncode == 0
     assert done.stderr.startswith(f"armd: not compiled ahead: {tmp_path / 'arm.toml'}: joint: ")
 
 
-def test_other_versions_leave_the_cache_and_nothing_else_does(
+def test_other_versions_leave_cache_and_environment_and_nothing_else_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    cache, environment = tmp_path / "cache", tmp_path / "environment/share/armd"
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "environment"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache))
     own = {library.sources(), library.file_name(), "notes.txt", "0123456789abcdef"}
     others = {"0123456789ab", "kernel_0123456789ab.cpython-311-x86_64-linux-gnu.so"}
     others.add(f"kernel_{library.sources()}.cpython-39-x86_64-linux-gnu.so")
-    for name in own | others:
-        if "." in name:
-            (tmp_path / name).write_text("machine code")
-        else:
-            (tmp_path / name / "kernel").mkdir(parents=True)
+    for folder in cache, environment:
+        folder.mkdir(parents=True)
+        for name in own | others:
+            if "." in name:
+                (folder / name).write_text("machine code")
+            else:
+                (folder / name / "kernel").mkdir(parents=True)
     tidy()
-    assert {path.name for path in tmp_path.iterdir()} == own
+    assert {path.name for path in cache.iterdir()} == own
+    assert {path.name for path in environment.iterdir()} == own
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "none"))
     tidy()

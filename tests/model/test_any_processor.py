@@ -36,10 +36,13 @@ np.savez(sys.argv[1], position=position, ymm="ymm" in code, mulpd="mulpd\\t" in 
 def run(folder: Path, name: str, **processor: str) -> dict[str, np.ndarray]:
     subprocess.run(
         [sys.executable, "-c", PROGRAM, folder / f"{name}.npz"],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(folder / name)} | processor,
+        env={
+            **os.environ, "ARMD_WITHOUT_LIBRARY": "1", "NUMBA_CACHE_DIR": str(folder / name),
+            **processor,
+        },
         check=True,
         timeout=580,
-    )
+    )  # fmt: skip
     return dict(np.load(folder / f"{name}.npz"))
 
 

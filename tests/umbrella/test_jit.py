@@ -12,7 +12,7 @@ from pathlib import Path
 import platformdirs
 import pytest
 
-from armd.compiled import compiler, library
+from armd.compiled import library
 
 PROGRAM = """
 from armd.compiled.jit import jit
@@ -103,4 +103,4 @@ def test_a_user_without_a_home_has_no_cache(monkeypatch: pytest.MonkeyPatch) -> 
     for name in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(platformdirs, "user_cache_dir", lambda name: f"~/.cache/{name}")
-    assert not compiler.usable(library.cache_folder())
+    assert not library.usable(library.cache_folder())

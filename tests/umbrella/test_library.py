@@ -130,8 +130,8 @@ def test_without_library_and_numba_it_says_what_to_install(tmp_path: Path) -> No
 
 def test_a_damaged_library_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert library.places()[1].parent == tmp_path
-    library.places()[1].write_bytes(b"\x7fELF and no more")
+    assert library.places()[-1].parent == tmp_path
+    library.places()[-1].write_bytes(b"\x7fELF and no more")
     program = (
         "import json; from armd.compiled import library;"
         "library.places = lambda: [library.cache_folder() / library.file_name()];"

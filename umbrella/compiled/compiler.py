@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -16,20 +15,7 @@ from numba.core.event import Event, Listener, register
 from numba.core.types import Record
 from numba.core.types.misc import unliteral
 
-from armd.compiled.library import cache_folder, sources
-
-
-def usable(folder: Path) -> bool:
-    """Whether the cache can be kept there; a user without a home has a path that begins with ~."""
-    if not folder.is_absolute():
-        return False
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder) as probe:
-            probe.write(bytes(4096))
-    except OSError:
-        return False
-    return True
+from armd.compiled.library import cache_folder, sources, usable
 
 
 @contextmanager

@@ -10,7 +10,9 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
+import sys
 import sysconfig
+import tempfile
 from collections.abc import Hashable
 from importlib.machinery import ExtensionFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
@@ -36,6 +38,25 @@ def cache_folder() -> Path:
     if chosen := os.environ.get("CACHE_DIRECTORY"):
         return Path(chosen.split(":")[0]) / "numba"  # systemd lists several with colons
     return Path(platformdirs.user_cache_dir("armd")) / "numba"
+
+
+def environment_folder() -> Path | None:
+    """Of this virtual environment: what lies there goes with the installation, whatever becomes of
+    a cache. None outside of one."""
+    return Path(sys.prefix) / "share" / "armd" if sys.prefix != sys.base_prefix else None
+
+
+def usable(folder: Path) -> bool:
+    """Whether files can be kept there; a user without a home has a path that begins with ~."""
+    if not folder.is_absolute():
+        return False
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(bytes(4096))
+    except OSError:
+        return False
+    return True
 
 
 @functools.cache
@@ -66,9 +87,15 @@ def file_name() -> str:
     return f"kernel_{sources()}{sysconfig.get_config_var('EXT_SUFFIX')}"
 
 
-def places() -> tuple[Path, Path]:
+def places() -> tuple[Path, ...]:
     """Where the library may lie: delivered with armd, or made here."""
-    return Path(__file__).parents[1] / file_name(), cache_folder() / file_name()
+    return tuple(folder / file_name() for folder in (Path(__file__).parents[1], *made_in()))
+
+
+def made_in() -> tuple[Path, ...]:
+    """Where a library is kept that is made here: the first of them that can be written to."""
+    environment = environment_folder()
+    return (cache_folder(),) if environment is None else (environment, cache_folder())
 
 
 def do_without() -> None:
@@ -77,7 +104,9 @@ def do_without() -> None:
     _without = True
 
 
-_without = False
+#: With ARMD_WITHOUT_LIBRARY=1 (anything but empty) numba compiles all that is called: for tests,
+#: and for one who suspects the library.
+_without = bool(os.environ.get("ARMD_WITHOUT_LIBRARY"))
 
 
 @functools.cache
