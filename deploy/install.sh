@@ -102,18 +102,31 @@ build() {
         copy=$(mktemp -d)
         tar -C "$here/.." --exclude='./.*' --exclude=./build -cf - . | tar -C "$copy" -xf -
         pip install --force-reinstall --no-deps "$copy"
-        pip install --constraint "$pins" 'armd[offline]'
+        pip install --constraint "$pins" 'armd[offline]' setuptools # which links a library
     fi
     pip check || fail "$new: found packages that do not fit each other; the old stay"
     # What it would compile for root stays out of root's home.
     NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -c 'import armd.daemon.commands.service.run' ||
         fail "$new: found a program that does not load; the old one stays"
+    if [ -z "$wheelhouse" ]; then make_library; fi
     rm -rf "$new/help" && mkdir "$new/help"
     say_help armd completion bash
     say_help _armd completion zsh
     say_help armd.fish completion fish
     say_help armd.1 man
     rm -rf "$new/check"
+}
+
+# Of compiled functions, into the environment, where the service can neither change nor lose it. As
+# a wheel has it, for arms that nobody has; what it lacks for those here is compiled for the service.
+make_library() {
+    if NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -c \
+        'import sys; from armd.daemon.ahead import can_link; sys.exit(not can_link())'
+    then
+        mkdir -p "$new/share/armd"
+        NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -m armd.daemon.ahead \
+            --into "$new/share/armd" || say "no library of compiled functions: a cache has them" >&2
+    fi
 }
 
 # What a shell completes and `man armd` shows: written to the file $1. armd is as good without it.

@@ -147,7 +147,7 @@ def test_the_library_gives_numbas_points_without_numba(tmp_path: Path, python: P
 
 
 def test_a_library_of_the_cache_alone_is_copied(tmp_path: Path, python: Path) -> None:
-    """One that another installation made there; nothing is compiled."""
+    """One that another installation made there; nothing is compiled, then or without a cache."""
     ours = library.loaded()
     if ours is None or ours.__file__ is None:
         pytest.skip("no library of compiled functions: there was no C++ compiler to make it")
@@ -155,10 +155,14 @@ def test_a_library_of_the_cache_alone_is_copied(tmp_path: Path, python: Path) ->
     cache.mkdir()
     (cache / library.file_name()).write_bytes(made)
     kept = python.parents[1] / OF_ENVIRONMENT
-    done = ahead(python, cache, configured(tmp_path, 3))
+    config = configured(tmp_path, 3)
+    done = ahead(python, cache, config)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     assert kept.read_bytes() == made and files_in(kept.parent) == [kept]
     assert files_in(cache) == [cache / library.file_name()]
+    needed, points = points_of(python, tmp_path / "empty", config)
+    assert not needed and not (tmp_path / "empty").exists()
+    assert np.ptp(points["position_mm"], axis=0).min() > 1.0
 
 
 def test_where_the_environment_takes_no_file_the_cache_has_the_library(
