@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import bdtrc
+from scipy.special import bdtrc, ndtr, stdtrit
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.diagnosis import Gain
@@ -55,7 +55,7 @@ def gain(before: F64, after: F64, groups: I64, use: Mask | None = None, seed: in
     ]
     drawn = [total[draws].sum(axis=1) for total in sums]
     change = np.sqrt(drawn[0] / drawn[1]) - np.sqrt(drawn[2] / np.maximum(drawn[3], 1.0))
-    low, high = np.quantile(1e3 * change, [0.025, 0.975])
+    low, high = np.quantile(1e3 * change, _tails(len(names)))
     rms = _rms(before), _rms(after[use])
     better = rms[1] < (1.0 - LEAST_SHARE) * rms[0]
     shown = better and (low > 0 or _most_improve(index, before, after))
@@ -75,6 +75,19 @@ def _most_improve(index: I64, before: F64, after: F64) -> bool:
     change = np.bincount(index, before) - np.bincount(index, after)
     better, worse = int((change > 0).sum()), int((change < 0).sum())
     return bool(bdtrc(better - 1, better + worse, 0.5) < SIGN_P) if better else False
+
+
+def _tails(n: int) -> tuple[float, float]:
+    """Shares of resamplings of *n* groups below and above a 95 % interval.
+
+    Few groups drawn from themselves scatter too little: less than Student's t by the quotient of
+    its quantile and the normal one, and by √((n − 1)/n). The interval takes in so many more of
+    them (Hesterberg, The American Statistician 69 (2015), 371, the expanded percentile interval).
+    """
+    if n < 2:  # every resampling is the same: nothing is known of the scatter
+        return 0.0, 1.0
+    low = float(ndtr(np.sqrt(n / (n - 1.0)) * stdtrit(n - 1, 0.025)))
+    return low, 1.0 - low
 
 
 def _rms(squares: F64) -> float:
