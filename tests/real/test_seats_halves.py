@@ -25,7 +25,6 @@ from armd.compensation.model.calibration import Calibration
 from support.long_case import long_case
 from support.planting import rms_um
 
-
 #: Of 68 readings, two functions of angles that placements left out confirm, and the other 69 do
 #: not: a known limit (docs/diagnosis-measured.md).
 KNOWN_WORSE = ("dinova_1", 4)
