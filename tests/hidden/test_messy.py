@@ -15,6 +15,13 @@ def test_a_touched_artefact_is_no_step_of_the_arm() -> None:
 
 
 @pytest.mark.slow
+def test_a_touched_artefact_is_told_beside_a_cause_that_differs_by_session() -> None:
+    """A shift of joint 2, whose fit without the step had taken a part of it, made it a step of the
+    base, with 1.00."""
+    assert run_mess("touched", 881127130011).right
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [31337120002, 510012004])
 def test_noise_that_lasts_is_no_drift_and_no_slip(seed: int) -> None:
     """A step of the base, with 0.99, and a slip of joint 1 where nothing was planted."""

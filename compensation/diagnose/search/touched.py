@@ -70,7 +70,7 @@ def find_touched(scored: ScoredCandidates) -> Touched | None:
     if not significant(own.log_p[best], tests):
         return None
     candidate = _refined(coarse[best], projection)
-    _, pose, left = _as_measured(_change(candidate).index, projection)
+    _, pose, left = _as_measured(candidate, projection)
     if not borne_by_enough(pose, left, _change(candidate).after):
         return None
     if not _best_of_all(candidate, scored):
@@ -142,7 +142,7 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
     """The same placement's step at the instant that leaves the least (Huber's loss), its pose
     fitted before and after by what was measured: about another instant the right one is a tail."""
     number = _change(candidate).index
-    own, pose, left = _as_measured(number, projection)
+    own, pose, left = _as_measured(candidate, projection)
 
     def loss(k: int) -> float:
         cut = 3 * k
@@ -158,17 +158,25 @@ def _refined(candidate: Candidate, projection: Projection) -> Candidate:
         possible = possible[np.abs(possible - best) <= 2 * step]
 
 
-def _as_measured(number: int, projection: Projection) -> tuple[I64, F64, F64]:
-    """Of a placement: its rests in order, the whitened columns of its pose (3 k, 6), and what is
-    left of its readings (3 k,), whitened."""
+def _as_measured(candidate: Candidate, projection: Projection) -> tuple[I64, F64, F64]:
+    """Of the placement that a candidate moved: its rests in order, the whitened columns of its pose
+    (3 k, 6), and what is left of its readings (3 k,), whitened, beside what was found.
+
+    That is as large as it is beside the step: without, a cause that may differ from session to
+    session has taken a part of it.
+    """
+    number = _change(candidate).index
     fit = projection.fit
+    if fit.findings:
+        about = _clipped_about(candidate, projection).fit
+        fit = solve_again(about, (*fit.findings, candidate), projection.arm)
     own = fit.linear.rests.in_order[number]
     rows = (3 * own[:, None] + np.arange(3)).ravel()
     whitener = fit.noise.whitener[own]
     pose = finding_columns(fit.linear, [moved(number, 0)], projection.arm)[0][rows]
     pose = (whitener @ pose.reshape(-1, 3, 6)).reshape(-1, 6)
     # As measured: of what the fit explains, a wandering base has taken a part of the step.
-    known = [j for at in fit.layout.findings for j in range(at.start, at.stop)]
+    known = [j for at in fit.layout.findings[:-1] for j in range(at.start, at.stop)]
     columns = fit.nuisance.columns.dense(np.array(known, dtype=int))
     explained = columns[rows] @ fit.solution[known]
     raw = fit.raw_residual[rows] - explained
