@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from outsider.faults import GRAVITY, cantilever, healthy, inner
+from outsider.faults import G_M_S2, cantilever, healthy, inner
 from outsider.measured import Rng
 from outsider.scene import Fault, Scene
 
@@ -48,7 +48,8 @@ def table(rng: Rng, scene: Scene) -> list[Fault]:
     """The arm stands on a table that gives way: its weight's moment tilts all of it, along one edge
     half as much, or less, as along the other. No name of the contract's is this one."""
     machine, (_, middles) = scene.machine, healthy(scene)
-    moment = np.cross(middles, (machine.mass_kg[:, None] * GRAVITY)[None]).sum(axis=1)
+    weights = G_M_S2 * machine.mass_kg[:, None] * np.array(scene.down)
+    moment = np.cross(middles, weights[None]).sum(axis=1)
     edge, share = rng.uniform(0, np.pi), rng.uniform(0.0, 0.5)
     weak = np.array([np.cos(edge), np.sin(edge), 0.0])
     tilt = share * moment + (1 - share) * (moment @ weak)[:, None] * weak

@@ -11,25 +11,29 @@ from outsider.around import AROUND
 from outsider.chain import F64, Alteration, by_angles, posture
 from outsider.faults import FAULTS, UNDER_A_CALIBRATION
 from outsider.habits import HABITS, Habit
-from outsider.measured import Machine, Plan, Readings, Rng, Thing, draw_machine, draw_thing, measure
+from outsider.measured import (
+    KEPT_C,
+    KEPT_RESTLESS,
+    Machine,
+    Plan,
+    Readings,
+    Rng,
+    Thing,
+    draw_machine,
+    draw_thing,
+    measure,
+    repeated,
+)
 from outsider.scene import Fault, Scene
 from outsider.seen import Seen
 
 #: Nothing wrong with the arm; with the readings, something: every other case has a disc besides.
-MESSES = (
-    "t3",
-    "gross",
-    "dead",
-    "doubled",
-    "floor",
-    "unread",
-    "coarse",
-    "narrow",
-    "uneven",
-    *HABITS,
-)
+TAKEN = ("t3", "gross", "dead", "doubled", "floor", "unread", "coarse", "narrow", "uneven",
+         "repeats")  # fmt: skip
+MESSES = (*TAKEN, *HABITS)
 #: A mess and a fault that is no disc.
-BOTH = {"dead_relax": ("dead", "relax"), "gross_play": ("gross", "play")}
+BOTH = {"dead_relax": ("dead", "relax"), "gross_play": ("gross", "play"),
+        "wall": ("wall", "sag"), "bare": ("bare", "sag")}  # fmt: skip
 #: Wrong with the arm long before the calibration under test, and plainly so.
 OLDER = {"old_disc": "disc", "old_sag": "sag"}
 EVERY = FAULTS | AROUND
@@ -42,8 +46,8 @@ TOLD_APART = 3.0
 SHAKEN, STEEL_PER_K = 5.0, 11.5e-6
 #: Encoders that count in steps, rad; what a tracker scatters by, mm, and mm more per mm away.
 STEPS_RAD, TRACKED_MM, TRACKED_PER_MM = (5e-5, 1e-4), 5e-3, 2e-6
-#: A room that is kept within 1 K.
-KEPT_C = (20.3, 21.2, 20.5, 21.0)
+#: How often each rest is read by who repeats readings without letting go.
+TIMES = 4
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,9 @@ def draw(kind: str, seed: int) -> Case:
     """The case of a kind, one of KINDS, and a seed."""
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode())])
     messy = kind in MESSES or kind == "clean"
-    held = kind in (*UNDER_A_CALIBRATION, *OLDER) or bool((seed // 2 if messy else seed) % 2)
+    held = kind in (*UNDER_A_CALIBRATION, *OLDER, "another", "shop_floor") or bool(
+        (seed // 2 if messy else seed) % 2
+    )
     mess, planted = BOTH.get(kind, (kind, OLDER.get(kind, kind)))
     if kind in MESSES and (seed % 2 or kind == "hand"):
         planted = "disc"
@@ -97,7 +103,11 @@ def draw(kind: str, seed: int) -> Case:
         machine = replace(machine, encoder_rad=float(np.hypot(fine_rad, step_rad / np.sqrt(12))))
     plan = _plan(rng, kind, held)
     readings = measure(rng, machine, thing, plan)
-    scene = Scene(machine, readings, (readings.session >= plan.before) | (kind in OLDER), thing)
+    if kind == "repeats":
+        readings = repeated(readings, TIMES)
+    down = tuple(rng.permutation([1.0, 0.0])) if kind == "wall" else (0.0, 0.0)
+    on = (readings.session >= plan.before) | (kind in OLDER)
+    scene = Scene(machine, readings, on, thing, (*down, 0.0 if kind == "wall" else -1.0))
     known = readings.session < plan.sessions - 1
     seat_mm = np.full(len(readings.q), machine.seat_mm)
     if kind == "floor":
@@ -107,7 +117,12 @@ def draw(kind: str, seed: int) -> Case:
         habit = HABITS[kind](rng, scene)
     if habit.truth_mm is not None:
         seat_mm = TRACKED_MM + TRACKED_PER_MM * np.linalg.norm(habit.truth_mm, axis=1)
-    seen = Seen(machine, readings.only(known), seat_mm[known])
+    # of readings that share their seat, those of a rest say no more than one
+    seen = Seen(
+        machine,
+        readings.only(known),
+        seat_mm[known] * (np.sqrt(TIMES) if kind == "repeats" else 1.0),
+    )
     fault = Fault("", "", (), scene.none(), "")
     if planted in EVERY:
         wanted = float(np.exp(rng.uniform(*np.log(PLAINLY if kind in OLDER else WANTED))))
@@ -146,7 +161,9 @@ def _plan(rng: Rng, kind: str, held: bool) -> Plan:
     restless = 4.0 if kind == "lag" else 1.0  # slower drifts show no lag
     plan = Plan(4 if held else 0, sessions, rows, 2 if rows < 60 else 3, restless)
     if kind == "narrow":
-        return replace(plan, restless=0.1, climates_c=KEPT_C)
+        return replace(plan, restless=KEPT_RESTLESS, climates_c=(*KEPT_C, 20.5, 21.0))
+    if kind == "shop_floor":
+        return replace(plan, kept_before=True)
     return replace(plan, uneven=True, placements=3) if kind == "uneven" else plan
 
 

@@ -16,7 +16,7 @@ from outsider.chain import F64, Alteration, Posture, posture
 from outsider.measured import Rng
 from outsider.scene import Fault, Scene
 
-GRAVITY = np.array([0.0, 0.0, -9.81])
+G_M_S2 = 9.81
 
 
 def inner(rng: Rng, scene: Scene) -> int:
@@ -115,7 +115,8 @@ def sag(rng: Rng, scene: Scene) -> list[Fault]:
     machine = scene.machine
     long = [k for k in range(1, machine.joints - 1) if np.linalg.norm(machine.along(k)) > 100]
     k = int(rng.choice(long))
-    variables = tuple(f"q{j + 1}" for j in range(1, machine.joints))
+    first = 0 if scene.down[:2] != (0.0, 0.0) else 1  # the first joint that turns in the field
+    variables = tuple(f"q{j + 1}" for j in range(first, machine.joints))
     length = float(np.linalg.norm(machine.along(k)))
     return [
         Fault("link_bending", f"link {k + 1}", variables, cantilever(scene, k),
@@ -139,9 +140,10 @@ def cantilever(scene: Scene, k: int) -> Alteration:
     machine, (stands, middles) = scene.machine, healthy(scene)
     end, length = stands.origins[:, k + 1], float(np.linalg.norm(machine.along(k)))
     along = stands.turns[:, k + 1] @ machine.along(k) / length
-    own, carried = machine.mass_kg[k] * GRAVITY, machine.mass_kg[k + 1 :].sum() * GRAVITY
+    gravity = G_M_S2 * np.array(scene.down)
+    own, carried = machine.mass_kg[k] * gravity, machine.mass_kg[k + 1 :].sum() * gravity
     moment = sum(
-        np.cross(middles[:, j] - end, machine.mass_kg[j] * GRAVITY)
+        np.cross(middles[:, j] - end, machine.mass_kg[j] * gravity)
         for j in range(k + 1, machine.joints)
     )
 

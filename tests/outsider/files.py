@@ -23,9 +23,7 @@ SENSOR_K, GROSS, TWICE = 0.02, 0.03, 0.2
 
 def write(case: Case, folder: Path) -> None:
     """All files of the case into *folder*, which exists."""
-    (folder / "arm.toml").write_text(
-        _arm_toml(case.machine, case.mess == "ambient"), encoding="utf-8"
-    )
+    (folder / "arm.toml").write_text(_arm_toml(case.machine, case.mess), encoding="utf-8")
     (folder / "truth.json").write_text(json.dumps(asdict(case.truth), indent=1), encoding="utf-8")
     machine, readings, rng, mess = case.machine, case.readings, case.rng, case.mess
     shape = readings.q.shape
@@ -36,7 +34,11 @@ def write(case: Case, folder: Path) -> None:
     diagnosed = (readings.session >= case.plan.before) & (
         readings.session < case.plan.sessions - 1
     )  # fmt: skip
-    touched = readings.goal + case.alter.target + case.seat_mm[:, None] * noise((shape[0], 3))
+    seated = noise((shape[0], 3))
+    if mess == "repeats":  # a rest has one seat
+        _, first, rest = np.unique(readings.q, axis=0, return_index=True, return_inverse=True)
+        seated = seated[first[rest]]
+    touched = readings.goal + case.alter.target + case.seat_mm[:, None] * seated
     if mess == "gross":
         off = diagnosed & (rng.random(shape[0]) < GROSS)
         away = rng.standard_normal((shape[0], 3))
@@ -67,6 +69,7 @@ def _write_session(
 ) -> None:
     readings, joints = case.readings, range(1, case.machine.joints + 1)
     tracked = case.tracked_mm
+    rated = () if case.mess == "unsigned" else joints
     channels = [1] if case.mess == "ambient" else joints
     place = folder / session_name(case.plan, session)
     place.mkdir()
@@ -91,7 +94,7 @@ def _write_session(
         table = csv.writer(file)
         table.writerow(
             ["time_s", "placement", "target", *(f"q{k}" for k in joints),
-             *(f"w{k}" for k in joints), *(f"t{k}" for k in channels), "artefact_c",
+             *(f"w{k}" for k in rated), *(f"t{k}" for k in channels), "artefact_c",
              *(() if tracked is None else ("x_mm", "y_mm", "z_mm"))]
         )  # fmt: skip
         placements = readings.placement[rows]
@@ -103,14 +106,15 @@ def _write_session(
                  f"P{readings.placement[i] % case.plan.placements + 1}",
                  "B1" if tracked is not None else f"B{readings.target[i] + 1}",
                  *(f"{angle:.9f}" for angle in shown[i]),
-                 *(f"{rate:.5f}" for rate in readings.rate[i]), *sensors[i, : len(channels)],
+                 *(f"{rate:.5f}" for rate in readings.rate[i, : len(rated)]),
+                 *sensors[i, : len(channels)],
                  f"{20 + readings.artefact_k[i]:.2f}" if read else "",
                  *(() if tracked is None else (f"{value:.5f}" for value in tracked[i]))]
             )  # fmt: skip
 
 
-def _arm_toml(machine: Machine, lone: bool) -> str:
-    drawn = machine.drawn
+def _arm_toml(machine: Machine, mess: str) -> str:
+    drawn, lone = machine.drawn, mess == "ambient"
     lines = ['schema = "armd.arm/1"', 'serial_number = "OUTSIDER"']
     for k in range(1 if lone else machine.joints):
         lines += ["[[temperature_sensor]]", f'name = "t{k + 1}"']
@@ -119,8 +123,10 @@ def _arm_toml(machine: Machine, lone: bool) -> str:
         lines += [
             "[[joint]]", f"theta_deg = {np.degrees(drawn.theta[k])}", f"d_mm = {drawn.d[k]}",
             f"a_mm = {drawn.a[k]}", f"alpha_deg = {np.degrees(drawn.alpha[k])}",
-            f'temperature = "t{1 if lone else k + 1}"', f"mass_kg = {machine.mass_kg[k]:.4f}",
-            f"centre_of_mass_mm = {json.dumps(middle)}",
+            f'temperature = "t{1 if lone else k + 1}"',
         ]  # fmt: skip
+        if mess != "bare":
+            weight = f"mass_kg = {machine.mass_kg[k]:.4f}"
+            lines += [weight, f"centre_of_mass_mm = {json.dumps(middle)}"]
     lines += ["[tip]", f"offset_mm = {json.dumps(drawn.tip.tolist())}", "radius_mm = 3.0"]
     return "\n".join(lines) + "\n"

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from outsider.chain import F64, Alteration, posture
-from outsider.faults import late
+from outsider.faults import inner, late
 from outsider.faults import touched as moved_by_hand
 from outsider.measured import Rng
 from outsider.scene import Scene
@@ -164,7 +164,37 @@ def hand(rng: Rng, scene: Scene) -> Habit:
     return Habit(fault.alter, fault.words, ((fault.cause, fault.location),))
 
 
+def shop_floor(rng: Rng, scene: Scene) -> Habit:
+    """The arm was calibrated in a room kept within 1 K, where no link's growth shows."""
+    numbers = range(1, scene.machine.joints + 1)
+    return Habit(
+        scene.none(), "growth unknown", tuple(("link_expansion", f"link {k}") for k in numbers),
+        tuple(f"t{k}" for k in numbers),
+    )  # fmt: skip
+
+
+def another(rng: Rng, scene: Scene) -> Habit:
+    """The arm was calibrated with an artefact that is longer than certified, and so is all of it:
+    each of its lengths is wrong, and the artefact now used seems to be."""
+    scale, drawn = rng.choice([-1, 1]) * rng.uniform(1e-5, 4e-5), scene.machine.drawn
+    target = scale * scene.readings.lever * ~scene.on[:, None]
+    long = np.flatnonzero(np.hypot(drawn.d, drawn.a) > 100) + 1
+    return Habit(
+        replace(scene.none(), target=target), f"{1e6 * scale:.0f} ppm",
+        (("artefact_length", "artefact"), *(("geometry_shift", f"joint {k}") for k in long)),
+    )  # fmt: skip
+
+
+def unsigned(rng: Rng, scene: Scene) -> Habit:
+    """A joint has play, and nobody wrote down rates, which alone say to which side."""
+    k, size = inner(rng, scene), rng.uniform(1e-5, 3e-5)
+    alter = scene.at_joint(k, size * np.sign(scene.readings.rate[:, k]))
+    names = (("joint_backlash", f"joint {k + 1}"),)
+    return Habit(alter, f"joint {k + 1}, {1e6 * size:.0f} µrad", names, (f"q{k + 1}",))
+
+
 HABITS: dict[str, Callable[[Rng, Scene], Habit]] = {
     "unsoaked": unsoaked, "pressed": pressed, "latched": latched, "glitch": glitch,
     "numbered": numbered, "ambient": ambient, "tracker": tracker, "hand": hand,
+    "shop_floor": shop_floor, "another": another, "unsigned": unsigned,
 }  # fmt: skip

@@ -13,6 +13,8 @@ from outsider.chain import F64, Table, posture, solve
 Rng = np.random.Generator
 #: How far an arm is from its drawing: rad, mm.
 BUILT_RAD, BUILT_MM = 1e-3, 0.3
+#: A room kept within 1 K, and how much less than usual it drifts.
+KEPT_C, KEPT_RESTLESS = (20.3, 21.2), 0.1
 POOL = 6000  # postures of which the one next to a target is taken
 
 
@@ -122,6 +124,7 @@ class Plan:
     placements: int  # in each session
     restless: float = 1.0  # how much more than usual the room drifts within a session
     climates_c: tuple[float, float, float, float] = (16, 26, 18, 24)  # and of the further session
+    kept_before: bool = False  # sessions from before were in a room that is kept within 1 K
     uneven: bool = False  # placements of 5, 12 and all other readings, with three targets each
 
     @property
@@ -133,15 +136,19 @@ def measure(rng: Rng, machine: Machine, thing: Thing, plan: Plan) -> Readings:
     """Every session of the plan by the healthy arm, without noise."""
     pool = rng.uniform(-1, 1, (POOL, machine.joints)) * machine.limit
     reached = posture(machine.built, pool, np.zeros_like(pool)).tip
-    levels = np.concatenate(
-        [rng.permutation(np.linspace(*plan.climates_c[:2], max(count, 1)))[:count]
-         for count in (plan.before, plan.diagnosed)] + [[rng.uniform(*plan.climates_c[2:])]]
-    )  # fmt: skip
-    parts, began = [], 0.0
+    room_c = [KEPT_C if plan.kept_before else plan.climates_c[:2], plan.climates_c[:2]]
+    levels = [
+        *(rng.permutation(np.linspace(*between, max(count, 1)))[:count]
+          for between, count in zip(room_c, (plan.before, plan.diagnosed), strict=True)),
+        [rng.uniform(*plan.climates_c[2:])],
+    ]  # fmt: skip
+    level_c, parts, began = np.concatenate(levels), [], 0.0
     for session in range(plan.sessions):
         pace = rng.uniform(15, 40)
         time_s = np.cumsum(pace * rng.uniform(0.7, 1.5, plan.rows))
-        warm = levels[session] - 20 + _course(rng, time_s, machine.joints, plan.restless)
+        kept = plan.kept_before and session < plan.before
+        restless = KEPT_RESTLESS if kept else plan.restless
+        warm = level_c[session] - 20 + _course(rng, time_s, machine.joints, restless)
         placements = np.sort(np.arange(plan.rows) % plan.placements)
         few = len(thing.points)
         if plan.uneven:
@@ -168,6 +175,15 @@ def measure(rng: Rng, machine: Machine, thing: Thing, plan: Plan) -> Readings:
     return Readings(
         **{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])}
     )
+
+
+def repeated(readings: Readings, times: int) -> Readings:
+    """Each rest read so many times, a second apart, as it stands; and with nothing between."""
+    row = np.arange(len(readings.q))
+    begin = np.searchsorted(readings.placement, readings.placement)  # of the row's placement
+    again = (row - begin) % times
+    same = readings.only(row - again)
+    return replace(same, time_s=same.time_s + again)
 
 
 def _log_uniform(rng: Rng, low: float, high: float, shape: tuple[int, ...]) -> F64:

@@ -39,6 +39,7 @@ class Scene:
     readings: Readings
     on: F64  # (n,) bool
     thing: Thing
+    down: tuple[float, float, float] = (0.0, 0.0, -1.0)  # gravity, base frame
 
     @property
     def since_s(self) -> F64:

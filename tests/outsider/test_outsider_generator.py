@@ -14,14 +14,13 @@ from outsider.case import draw, read_exchanged
 from outsider.chain import Alteration, Table, by_angles, by_constants, posture
 from outsider.faults import FAULTS, late
 from outsider.files import write
-from outsider.measured import Machine, Readings, Thing
+from outsider.made_up import four_joints, scene
 from outsider.run import ARMD
 from outsider.scene import Scene
 from outsider.seen import Seen
 
 HERE = Path(__file__).parent
 RIGHT_ANGLE = np.pi / 2
-BALLS = Thing("beam", np.outer(np.arange(3) * 100.0, [1.0, 0.0, 0.0]), 1e-5)
 
 
 def two_joints(per_k: float = 0.0) -> Table:
@@ -82,23 +81,6 @@ def test_derivatives_are_those_of_the_chain() -> None:
     constants = by_constants(two_joints(), q, np.ones((1, 2)))
     np.testing.assert_allclose(constants[..., :2], jacobian, atol=1e-6)  # θ0 is the angle's own
     assert constants.shape == (1, 3, 4 * 2 + 3 + 2 * 2)
-
-
-def scene(q: np.ndarray, machine: Machine, **others: np.ndarray) -> Scene:
-    n, joints = q.shape
-    flat, number = np.zeros((n, joints)), np.arange(n)
-    readings = Readings(
-        q, flat + 1, flat + 1, 10.0 * number, number * 0, number * 0, number * 0, np.zeros((n, 3)),
-        np.zeros((n, 3)), flat, number * 0.0,
-    )  # fmt: skip
-    return Scene(machine, replace(readings, **others), np.ones(n, dtype=bool), BALLS)
-
-
-def four_joints() -> Machine:
-    """Link 2 is 200 mm long along x and weighs something, the others neither."""
-    flat = np.zeros(4)
-    table = Table(flat, flat, np.array([10.0, 200, 10, 10]), flat, np.zeros(3), np.zeros((4, 2)))
-    return Machine(table, table, flat + 3, np.array([0.0, 1.0, 0.0, 0.0]), 5e-6, 3e-3)
 
 
 def test_a_level_link_sags_as_a_uniform_cantilever_does() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 from outsider.around import AROUND
 from outsider.case import Case, draw
 from outsider.chain import F64
+from outsider.faults import FAULTS
 from outsider.files import write
 from outsider.judge import judge
-from test_outsider_generator import four_joints, scene
+from outsider.made_up import four_joints, scene
 
 COLD_TO_WARM = np.arange(4.0)
 
@@ -180,3 +182,55 @@ def test_what_is_true_of_a_mess_counts_for_nothing() -> None:
     unsoaked = draw("unsoaked", 2).truth
     assert judge(unsoaked, {"findings": [unknown]}) == "right"
     assert judge(unsoaked, {"findings": [unknown | {"depends_on": ["time_s", "q2"]}]}) != "right"
+
+
+def test_a_rest_read_four_times_has_one_posture_and_one_seat(tmp_path: Path) -> None:
+    case = draw("repeats", 0)
+    first = case.readings.only(case.readings.placement == 0)
+    postures = np.unique(first.q, axis=0)
+    assert len(postures) == -(-len(first.q) // 4)
+    np.testing.assert_allclose(np.diff(first.time_s[:4]), 1.0)
+    write(case, tmp_path)
+    rows = rows_of(tmp_path / "session-1")[:8]
+    shown = np.array([[float(row[f"q{k}"]) for k in (1, 2, 3)] for row in rows])
+    if 'angle_unit = "deg"' in (tmp_path / "further" / "session.toml").read_text():
+        shown = np.radians(shown)
+    np.testing.assert_allclose(shown[1:4], np.tile(shown[0], (3, 1)), atol=1e-4)
+    assert np.abs(shown[4] - shown[0]).max() > 1e-2
+
+
+def test_a_room_for_calibrating_shows_no_growth_and_the_shop_floor_does() -> None:
+    case = draw("shop_floor", 0)
+    air = np.array(
+        [case.readings.artefact_k[case.readings.session == s].mean()
+         for s in range(case.plan.sessions - 1)]
+    )  # fmt: skip
+    assert case.truth.held and case.plan.before == 4
+    assert np.ptp(air[:4]) < 2.0 < 4.0 < np.ptp(air[4:])
+
+
+def test_another_artefact_was_longer_before_the_calibration_only() -> None:
+    case = draw("another", 0)
+    before = case.readings.session < case.plan.before
+    assert not case.alter.target[~before].any()
+    lever, off = case.readings.lever[before], case.alter.target[before]
+    share = (lever * off).sum(axis=1) / (lever**2).sum(axis=1)
+    np.testing.assert_allclose(share, share[0])
+    assert 1e-5 < abs(share[0]) < 4e-5
+
+
+def test_rates_and_masses_that_nobody_wrote_down(tmp_path: Path) -> None:
+    for kind in ("unsigned", "bare"):
+        (tmp_path / kind).mkdir()
+        write(draw(kind, 0), tmp_path / kind)
+    assert "w1" not in rows_of(tmp_path / "unsigned" / "further")[0]
+    assert "mass_kg" not in (tmp_path / "bare" / "arm.toml").read_text()
+    assert draw("unsigned", 0).alter.encoder.any()
+
+
+def test_on_a_wall_a_link_falls_sideways() -> None:
+    """Link 2, 200 mm along x of the base, under gravity along y."""
+    flat = replace(scene(np.zeros((1, 4)), four_joints()), down=(0.0, 1.0, 0.0))
+    (fault,) = FAULTS["sag"](np.random.default_rng(1), flat)
+    np.testing.assert_allclose(fault.alter.shift[0, 1], [0, 1, 0], atol=1e-12)
+    assert "q1" in fault.depends_on
