@@ -23,6 +23,7 @@ from armd.compensation.diagnose.diagnosis import (
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.follow import followed
+from armd.compensation.diagnose.fitting.growth_open import told_of_growth, with_growth_open
 from armd.compensation.diagnose.fitting.outliers import find_outliers
 from armd.compensation.diagnose.fitting.taken_up import beside_what_it_took_up
 from armd.compensation.diagnose.heldout.borne_out import (
@@ -118,6 +119,7 @@ def _diagnose(
         sessions = found.sessions
     if not baseline.held and (odd := baseline.calibration.provenance.get("odd_session")):
         told.append(odd)
+    told += told_of_growth(baseline, arm)
     told += told_of_misnamed(
         sessions,
         gather(sessions, arm, baseline.calibration.artefact),
@@ -255,7 +257,7 @@ def model_under_test(
     model is the one under test wherever there can be one, and others are not tried.
     """
     if calibration is not None:
-        return from_calibration(calibration, arm, held=True)
+        return with_growth_open(from_calibration(calibration, arm, held=True), arm)
     result = calibrate(sessions, arm, Options(compare=False))
     return from_calibration(result.calibration, arm, held=False)
 

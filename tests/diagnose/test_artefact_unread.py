@@ -57,9 +57,13 @@ def test_it_grows_by_the_arms_temperature_where_its_own_was_not_read() -> None:
 
 @pytest.mark.parametrize("read", [False, True])
 def test_steel_is_told_as_the_artefacts_expansion(read: bool) -> None:
-    """Unread, it was the expansion of five links, of three of them surely."""
+    """Unread, it was the expansion of five links, of three of them surely. The calibration knows
+    how the links grow: one made at one temperature could not tell theirs from the artefact's."""
     rng = np.random.default_rng(5)
-    calibration = calibrate([session(rng, k, REFERENCE_C, 0.0) for k in range(4)], ARM).calibration
+    made_c = (15.0, 18.0, 22.0, 25.0)
+    calibration = calibrate(
+        [session(rng, k, c, 0.0) for k, c in enumerate(made_c)], ARM
+    ).calibration
     later = [session(rng, 9 + k, c, STEEL_PER_K) for k, c in enumerate((16.0, 19.0, 23.0, 26.0))]
     if read:
         later = [

@@ -126,7 +126,9 @@ def test_it_adds_what_plain_matrices_say(cause: str, whole: Whole) -> None:
         assert error < 1e-6 * np.abs(expected).max() + 1e-11, (column.name, error)
         largest = max(largest, np.abs(expected).max())
     assert 1e-4 < largest < 1.0, f"{largest} mm: its typical size is not one that arms have"
-    assert all(column.typical > 0.0 and column.reach >= 5.0 for column in columns)
+    # A link may be late by all of its growth, and by no more.
+    least = 1.0 if cause == "thermal_lag" else 5.0
+    assert all(column.typical > 0.0 and column.reach >= least for column in columns)
 
 
 def without(facts: SessionFacts) -> Iterator[tuple[str, SessionFacts]]:

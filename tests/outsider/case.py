@@ -157,7 +157,7 @@ def _thing(rng: Rng, kind: str) -> Thing:
 
 def _plan(rng: Rng, kind: str, held: bool) -> Plan:
     sessions = int(rng.integers(4, 9))
-    rows = int(rng.integers(240, 481)) // sessions
+    rows = int(rng.integers(240, 481)) // sessions * (TIMES if kind == "repeats" else 1)
     restless = 4.0 if kind == "lag" else 1.0  # slower drifts show no lag
     plan = Plan(4 if held else 0, sessions, rows, 2 if rows < 60 else 3, restless)
     if kind == "narrow":

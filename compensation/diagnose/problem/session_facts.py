@@ -38,7 +38,7 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
     return SessionFacts(
         arm=arm,
         constants=baseline.model.constants,
-        terms=baseline.model.terms,
+        terms=tuple(t for t in baseline.model.terms if t.coefficient),  # what acts at all
         reference_c=baseline.model.reference_c,
         held=baseline.held,
         sensors=tuple(

@@ -24,6 +24,9 @@ from armd.compensation.wording import plain
 
 TIME_CONSTANTS_S = (60.0, 120.0, 240.0, 480.0, 900.0, 1500.0, 2400.0, 3600.0, 5400.0)
 TYPICAL_PER_K = 15e-6
+#: A link comes late by all of its growth at most, and is warmed through within about an hour. On a
+#: steady ramp only share × time constant shows: too short a constant is made up by the share.
+WARMED_THROUGH_S = 3600.0
 
 
 def _lagging(
@@ -62,7 +65,12 @@ def _lagging(
 def _delayed_terms(own: Sequence[Term], weights: dict[str, float], lag_s: float) -> Column | None:
     """What the model has of these sensors, taken late: amplitude 1 if the lag is right."""
     terms = tuple(piece for term in own for piece in _delayed(term, weights, lag_s))
-    return Column("share", "1", 1.0, terms) if terms else None
+    return Column("share", "1", 1.0, terms, reach=_most(lag_s)) if terms else None
+
+
+def _most(lag_s: float) -> float:
+    """The largest share of a link's growth that is plausible with this time constant."""
+    return max(1.0, WARMED_THROUGH_S / lag_s)
 
 
 def _delayed(term: Term, weights: dict[str, float], lag_s: float) -> Iterator[Term]:
