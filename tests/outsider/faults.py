@@ -169,13 +169,13 @@ def lag(rng: Rng, scene: Scene) -> list[Fault]:
     variants = []
     for k in range(1, scene.machine.joints - 1):
         for minutes in (8.0, 16.0, 32.0):
-            late = np.zeros_like(readings.warm)
+            behind = np.zeros_like(readings.warm)
             for session in np.unique(readings.session[scene.on]):
                 rows = np.flatnonzero(readings.session == session)
-                late[rows, k] = late(readings.time_s[rows], readings.warm[rows, k], 60 * minutes)
+                behind[rows, k] = late(readings.time_s[rows], readings.warm[rows, k], 60 * minutes)
             variants.append(
                 Fault("thermal_lag", f"link {k + 1}", (f"t{k + 1}", "time_s"),
-                      replace(scene.none(), link=late), f"{minutes:.0f} min", free=False,
+                      replace(scene.none(), link=behind), f"{minutes:.0f} min", free=False,
                       beside=(("thermal_lag", f"sensor t{k + 1}"),))
             )  # fmt: skip
     return variants

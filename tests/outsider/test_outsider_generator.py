@@ -157,6 +157,14 @@ def test_exchanged_twice_is_as_it_was() -> None:
     assert not read_exchanged(whole, once, 1, 2).sensor.any()
 
 
+def test_a_link_that_is_late_is_so_from_each_session_on() -> None:
+    case = draw("lag", 1)
+    (k,) = np.flatnonzero(np.abs(case.alter.link).max(axis=0))
+    assert case.truth.location == f"link {k + 1}"
+    begin = np.flatnonzero(np.diff(case.readings.session, prepend=-1))
+    assert not case.alter.link[begin].any()
+
+
 def test_nothing_planted_has_no_size() -> None:
     assert draw("doubled", 2).truth.noise_units == 0
 
