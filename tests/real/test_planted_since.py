@@ -28,6 +28,26 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibratio
 
 
 @pytest.mark.slow
+def test_a_strong_wave_is_not_an_oval_disc_off_its_shape(
+    diagnosed: tuple[Arm, Calibration, Session],
+) -> None:
+    """Four waves a turn, sixteen times the typical size, were an ellipticity with a shape of three
+    times itself."""
+    arm, extended, since = diagnosed
+    shown = np.random.default_rng(5).permutation(since.n) < since.n * 2 // 3
+    effect = wave(1, 48.0, 4)
+    measured, fresh = (planted([since.rows(part)], effect) for part in (shown, ~shown))
+    found = diagnose(measured, arm, extended)
+    strongest = found.found[0]
+    assert strongest.candidate.place == ("encoder_periodic", "joint 1")
+    assert ("order", 4.0, "1/turn") in strongest.candidate.setting
+    assert strongest.probability > 0.95
+    healthy = rms_um([since.rows(~shown)], arm, extended)
+    sick, mended = rms_um(fresh, arm, extended), rms_um(fresh, arm, found.extended)
+    assert sick**2 - mended**2 > 0.9 * (sick**2 - healthy**2)
+
+
+@pytest.mark.slow
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("cause", "location"),

@@ -169,10 +169,17 @@ def _own_shape(candidate: Candidate, amplitudes: F64, projection: Projection) ->
 
 
 def _bent(candidate: Candidate, shape: Candidate | None) -> Candidate:
-    """A candidate together with its shape, if it has one."""
+    """A candidate together with its shape, if it has one.
+
+    A cause may be many times its typical size. Its shape is off by a share of it and no further: a
+    shape that grew along, to three times the cause, would be any signal of that joint.
+    """
     if shape is None:
         return candidate
-    return replace(candidate, columns=(*candidate.columns, *shape.columns))
+    columns = shape.columns
+    if is_shape(shape):
+        columns = tuple(replace(column, reach=1.0) for column in columns)
+    return replace(candidate, columns=(*candidate.columns, *columns))
 
 
 def score_candidates(
