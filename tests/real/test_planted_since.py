@@ -27,6 +27,13 @@ def diagnosed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibratio
     return arm, first.extended, load_session(folder / "B-heldout", arm)
 
 
+def parts(since: Session, *effects: Effect) -> tuple[list[Session], list[Session], Session]:
+    """Two thirds to diagnose and the rest, effects planted into both; the rest as it was."""
+    shown = np.random.default_rng(5).permutation(since.n) < since.n * 2 // 3
+    measured, fresh = (planted([since.rows(part)], *effects) for part in (shown, ~shown))
+    return measured, fresh, since.rows(~shown)
+
+
 @pytest.mark.slow
 def test_a_strong_wave_is_not_an_oval_disc_off_its_shape(
     diagnosed: tuple[Arm, Calibration, Session],
@@ -34,15 +41,13 @@ def test_a_strong_wave_is_not_an_oval_disc_off_its_shape(
     """Four waves a turn, sixteen times the typical size, were an ellipticity with a shape of three
     times itself."""
     arm, extended, since = diagnosed
-    shown = np.random.default_rng(5).permutation(since.n) < since.n * 2 // 3
-    effect = wave(1, 48.0, 4)
-    measured, fresh = (planted([since.rows(part)], effect) for part in (shown, ~shown))
+    measured, fresh, untouched = parts(since, wave(1, 48.0, 4))
     found = diagnose(measured, arm, extended)
     strongest = found.found[0]
     assert strongest.candidate.place == ("encoder_periodic", "joint 1")
     assert ("order", 4.0, "1/turn") in strongest.candidate.setting
     assert strongest.probability > 0.95
-    healthy = rms_um([since.rows(~shown)], arm, extended)
+    healthy = rms_um([untouched], arm, extended)
     sick, mended = rms_um(fresh, arm, extended), rms_um(fresh, arm, found.extended)
     assert sick**2 - mended**2 > 0.9 * (sick**2 - healthy**2)
 
@@ -72,9 +77,8 @@ def test_a_real_arm_has_something_new(
         under = extended.model_copy(
             update={"constants": {**extended.constants, "a_3": extended.constants["a_3"] + 0.15}}
         )
-    shown = np.random.default_rng(5).permutation(since.n) < since.n * 2 // 3
-    measured, fresh = (planted([since.rows(part)], *effect) for part in (shown, ~shown))
-    healthy = rms_um([since.rows(~shown)], arm, extended)
+    measured, fresh, untouched = parts(since, *effect)
+    healthy = rms_um([untouched], arm, extended)
     found = diagnose(measured, arm, under)
     assert (cause, location) in [f.candidate.place for f in found.found]
     sick, mended = rms_um(fresh, arm, under), rms_um(fresh, arm, found.extended)

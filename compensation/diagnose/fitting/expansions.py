@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 
 from armd.arrays import F64
@@ -11,6 +13,7 @@ from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.parameters import LEAST_LENGTH_MM
 from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
 
 #: A priori standard deviation of a length's growth: carbon fibre 0 to 2e-6, steel 12e-6, aluminium
 #: 23e-6 per kelvin.
@@ -26,8 +29,8 @@ def expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64
     of it is no cause to be found (docs/decisions/0129). About the mean temperature, so that the
     constants stay those of a calibration without a thermal model.
     """
-    thermal = [f for t in baseline.model.terms for f in t.basis if isinstance(f, Temperature)]
-    terms = [] if baseline.held or thermal else length_terms(arm, [1])
+    with_growth = baseline.held or goes_with_temperature(baseline.model.terms)
+    terms = [] if with_growth else length_terms(arm, [1])
     if not terms:
         return np.zeros((len(linear.residual), 0)), np.zeros(0)
     states, model = linear.rests.observations.states, linear.model
@@ -37,5 +40,15 @@ def expansion_columns(linear: Linear, baseline: Baseline, arm: Arm) -> tuple[F64
     rise = np.where(known, rise - mean, 0.0)
     places = arm.layout.indices(term.parameter for term in terms)
     columns = [linear.signature(p, own) for p, own in zip(places, rise.T, strict=True)]
-    lengths_mm = np.maximum(np.abs(model.constants[places]), LEAST_LENGTH_MM)
-    return np.array(columns).T, (EXPANSION_PER_K * lengths_mm) ** 2
+    return np.array(columns).T, growth_mm_per_k(model.constants, places) ** 2
+
+
+def goes_with_temperature(terms: Iterable[Term]) -> bool:
+    """Whether there is a thermal model among *terms*."""
+    return any(isinstance(factor, Temperature) for term in terms for factor in term.basis)
+
+
+def growth_mm_per_k(constants: F64, places: Sequence[int]) -> F64:
+    """(m,) by how much the lengths at *places* of the *constants* may grow, a priori."""
+    growth_mm: F64 = EXPANSION_PER_K * np.maximum(np.abs(constants[places]), LEAST_LENGTH_MM)
+    return growth_mm

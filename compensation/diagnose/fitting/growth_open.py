@@ -7,18 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.diagnose.fitting.expansions import EXPANSION_PER_K
+from armd.compensation.diagnose.fitting.expansions import goes_with_temperature, growth_mm_per_k
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.identify.thermal.temperatures import MOST_SPAN_K
 from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.parameters import LEAST_LENGTH_MM
 from armd.compensation.model.slow_factors import Temperature
 from armd.compensation.wording import plain
 
 
 def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
-    """A given calibration whose every length grows by 0 ± `EXPANSION_PER_K` of it, about the
+    """A given calibration whose every length grows by 0 ± `growth_mm_per_k`, about the
     middle of the temperatures that it was made at, if it could not tell any growth; otherwise as
     it is.
 
@@ -29,19 +28,18 @@ def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
         return baseline
     model, ranges = baseline.model, baseline.calibration.temperature_range_c
     terms = [t.model_copy(update={"coefficient": 0.0}) for t in length_terms(arm, [1])]
-    places = [arm.layout.index(term.parameter) for term in terms]
-    lengths_mm = np.maximum(np.abs(model.constants[places]), LEAST_LENGTH_MM)
+    places = arm.layout.indices(term.parameter for term in terms)
+    growth = growth_mm_per_k(model.constants, places)
     identified = len(baseline.parameters)
     n, root = identified + len(baseline.terms), baseline.root
     moves: F64 = np.zeros((n + len(terms), len(terms)))
-    for j, (term, place, length_mm) in enumerate(zip(terms, places, lengths_mm, strict=True)):
+    for j, (term, place, per_k) in enumerate(zip(terms, places, growth, strict=True)):
         (factor,) = term.basis
         assert isinstance(factor, Temperature)
         made_k = sum(
             weight * (sum(ranges[name]) / 2 - model.reference_c)
             for name, weight in factor.weights.items()
         )
-        per_k = EXPANSION_PER_K * length_mm
         moves[n + j, j] = per_k
         if place in baseline.parameters:  # so long it was where it was calibrated
             moves[baseline.parameters.index(place), j] = -per_k * made_k
@@ -58,8 +56,8 @@ def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
 def could_not_tell_growth(baseline: Baseline, arm: Arm) -> bool:
     """Whether a given calibration has no thermal term, and all its temperatures lay as close as
     one: it was made of nothing that could show one."""
-    known = (f for t in baseline.calibration.terms for f in t.basis if isinstance(f, Temperature))
-    if not baseline.held or not arm.used_sensors or any(True for _ in known):
+    known = goes_with_temperature(baseline.calibration.terms)
+    if not baseline.held or not arm.used_sensors or known:
         return False
     ranges = baseline.calibration.temperature_range_c
     return set(arm.used_sensors) <= set(ranges) and _widest_k(baseline) <= MOST_SPAN_K

@@ -176,10 +176,8 @@ def _bent(candidate: Candidate, shape: Candidate | None) -> Candidate:
     """
     if shape is None:
         return candidate
-    columns = shape.columns
-    if is_shape(shape):
-        columns = tuple(replace(column, reach=1.0) for column in columns)
-    return replace(candidate, columns=(*candidate.columns, *columns))
+    own = (replace(column, reach=1.0) for column in shape.columns)
+    return replace(candidate, columns=(*candidate.columns, *own))
 
 
 def score_candidates(
