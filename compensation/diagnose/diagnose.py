@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -18,14 +17,12 @@ from armd.compensation.diagnose.diagnosis import (
     Gain,
     Outlier,
     SearchResult,
-    Touched,
 )
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.follow import followed
-from armd.compensation.diagnose.fitting.growth_open import told_of_growth, with_growth_open
+from armd.compensation.diagnose.fitting.growth_open import told_of_growth
 from armd.compensation.diagnose.fitting.outliers import find_outliers
-from armd.compensation.diagnose.fitting.taken_up import beside_what_it_took_up
 from armd.compensation.diagnose.heldout.borne_out import (
     BorneOut,
     by_placement,
@@ -35,26 +32,18 @@ from armd.compensation.diagnose.heldout.borne_out import (
 from armd.compensation.diagnose.heldout.cross_validation import cross_validate
 from armd.compensation.diagnose.heldout.gain import gain, gains, groups_of
 from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
-from armd.compensation.diagnose.heldout.sets import better_by
-from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.linear import Baseline, Rests
+from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
-from armd.compensation.diagnose.search.search import Search
-from armd.compensation.diagnose.search.touched import MOST_TOUCHED, beside, find_touched
+from armd.compensation.diagnose.settled import search_settled
 from armd.compensation.estimate.observations import gather
 from armd.compensation.freed import give_back_freed
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import told_of_misnamed
-from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.progress import TellShare
-
-#: A search leaves no more to the noise than another if its readings' own is at most so many times
-#: as large. False causes made it smaller by 8 %, lost ones larger by a factor of 5.8.
-AS_QUIET = 1.25
 
 
 def diagnose(
@@ -89,36 +78,12 @@ def _diagnose(
     if holdout:
         other = make_sound(holdout, arm)
         holdout, told = other.sessions, told + list(other.told)
-    given = gather_rests(sessions, arm)
-    for some in (given, *([gather_rests(holdout, arm)] if holdout else [])):
-        require_spare(some.observations, ", ".join(str(s.path) for s in some.sessions))
-    touched: list[Touched] = []
-    while True:
-        rests = gather_rests(sessions, arm)
-        baseline = model_under_test(sessions, arm, calibration)
-        give_back_freed()
-        progress("search", 0.0)
-        search = Search(rests, arm, baseline, progress, partial(better_by, arm=arm))
-        found = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
-        if found is None:
-            result = search.run()
-            older = beside_what_it_took_up(result.last, arm)
-            if older is not None:
-                another = Search(rests, arm, older, progress, partial(better_by, arm=arm))
-                again = another.run()
-                if _tells_less(again, result):
-                    baseline, search, result = older, another, again
-                else:
-                    result = replace(result, found=_no_surer(result.found, again))
-            stepped = beside(result.last, result.signatures, arm)
-            if stepped is not None and len(touched) < MOST_TOUCHED:
-                found = find_touched(stepped)
-        if found is None:
-            break
-        touched.append(found)
-        sessions = found.sessions
-    if not baseline.held and (odd := baseline.calibration.provenance.get("odd_session")):
-        told.append(odd)
+    for some in filter(None, (sessions, holdout)):
+        require_spare(gather_rests(some, arm).observations, ", ".join(str(s.path) for s in some))
+    settled = search_settled(sessions, arm, calibration, progress)
+    sessions, rests, baseline = settled.sessions, settled.rests, settled.baseline
+    result, touched = settled.result, settled.touched
+    told += settled.told
     told += told_of_growth(baseline, arm)
     told += told_of_misnamed(
         sessions,
@@ -140,8 +105,8 @@ def _diagnose(
         kept = np.ones(len(groups), dtype=bool)
         measured = gains(squares, groups, kept)
     else:
-        checked = cross_validate(result, search.parted, arm, progress)
-        search.parted = None
+        checked = cross_validate(result, settled.search.parted, arm, progress)
+        settled.search.parted = None
         squares, groups = checked.squares, checked.groups
         kept = np.ones(rests.n, dtype=bool)
         kept[outlying] = False
@@ -189,8 +154,8 @@ def _diagnose(
         written.by,
         extension,
         tuple(told),
-        tuple(touched),
-        _gain_of_parting(given.sessions, sessions, arm, baseline.calibration) if touched else None,
+        touched,
+        _gain_of_parting(settled.given, sessions, arm, baseline.calibration) if touched else None,
     )
 
 
@@ -244,38 +209,6 @@ def _extension(
     model = followed(model, arm)
     calibration = extended(model, arm, sessions, command, left_out, written.growth)
     return saying_what_is_open(calibration, last, some, arm, sessions)
-
-
-def model_under_test(
-    sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
-) -> Baseline:
-    """The calibration given, held; otherwise what `armd calibrate` makes of the sessions.
-
-    By itself that chooses a thermal model by its error: one that goes far would swallow causes that
-    have a name (a link expanding in a curve, a joint that turns with temperature), and beside a
-    strong error it chooses none, so that plain expansion would be found. The plain linear thermal
-    model is the one under test wherever there can be one, and others are not tried.
-    """
-    if calibration is not None:
-        return with_growth_open(from_calibration(calibration, arm, held=True), arm)
-    result = calibrate(sessions, arm, Options(compare=False))
-    return from_calibration(result.calibration, arm, held=False)
-
-
-def _tells_less(again: SearchResult, before: SearchResult) -> bool:
-    """Whether less was found *again* than *before*, and no more is left to the noise. The older
-    causes are there still, so that it is not nothing."""
-    quiet = again.last.noise.own_mm < AS_QUIET * before.last.noise.own_mm
-    return quiet and 0 < len(again.found) < len(before.found)
-
-
-def _no_surer(found: Sequence[Finding], again: SearchResult) -> tuple[Finding, ...]:
-    """The findings no surer than *again*, where that found the same by name."""
-    known = {of.candidate.place: of.probability for of in again.found}
-    if sorted(f.candidate.place for f in found) != sorted(of.candidate.place for of in again.found):
-        return tuple(found)
-    lower = [min(f.probability, known[f.candidate.place]) for f in found]
-    return tuple(replace(f, probability=p) for f, p in zip(found, lower, strict=True))
 
 
 def _doubted(found: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:

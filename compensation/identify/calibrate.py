@@ -181,6 +181,7 @@ def _calibrate(
         unidentifiable=not_known(final),
         certificate=certificate,
         lengths=lengths,
+        odd=odd,
         notes=notes,
     )
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from armd.compensation.identify.admission.odd_session import Odd
 from armd.compensation.identify.certificate import Certificate
 from armd.compensation.identify.evaluation.lengths import Length
 from armd.compensation.identify.fit import Identification
@@ -30,6 +31,7 @@ class Result:
     unidentifiable: list[str]
     certificate: Certificate
     lengths: list[Length]  # certified, beside what the calibrated arm makes of them
+    odd: Odd | None  # the session that does not fit the others
     notes: list[str] = field(default_factory=list)
 
     @property

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.session import load_session
-from armd.compensation.diagnose.diagnose import model_under_test
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.refit import (
     refits_without,
@@ -17,6 +16,7 @@ from armd.compensation.diagnose.problem.signatures import compile_candidates, fi
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
 from armd.compensation.diagnose.scoring.evidence import score, total
 from armd.compensation.diagnose.scoring.projection import make_projection
+from armd.compensation.diagnose.settled import model_under_test
 from armd.compensation.effects import catalogue
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
