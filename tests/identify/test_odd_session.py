@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -253,6 +254,19 @@ def test_another_arm_fits_none(
     assert "Is it another arm's" in told
     others = re.search(r"theirs by up to ([\d.]+) µm", told)
     assert others is not None and float(others[1]) < 10.0
+    # what is other in it is no cause of this arm's: four sessions tell what they would without it
+    assert run("diagnose", measured, "--json", str(tmp_path / "with.json")) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "no cause explains what is other in session T26: the diagnosis is without it" in told
+    shutil.rmtree(measured / "T26")
+    sessions = [str(measured / name) for name in NAMES if name != "T26"]
+    command = ["diagnose", *sessions, "--arm", str(measured / "arm.toml"), "--json"]
+    assert armd([*command, str(tmp_path / "without.json")]) == 0
+    found, alone = (
+        json.loads((tmp_path / f"{name}.json").read_text()) for name in ("with", "without")
+    )
+    for key in ("findings", "baseline", "unexplained", "cannot_tell", "next_experiment"):
+        assert found[key] == alone[key]
 
 
 def changed_once(

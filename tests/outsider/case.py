@@ -69,6 +69,7 @@ class Truth:
     noise_um: float  # 3-D RMS of the noise alone, on the further session
     mess_names: tuple[tuple[str, str], ...] = ()  # true of the mess: told or not, they do not count
     mess_depends_on: tuple[str, ...] = ()  # nor does `unknown` in nothing but these
+    mistaken: str = ""  # of targets counted from another end, with its session: may be refused
 
 
 @dataclass(frozen=True)
@@ -133,8 +134,9 @@ def draw(kind: str, seed: int) -> Case:
         kind, seed, fault.cause, fault.location, fault.depends_on, fault.beside,
         fault.same_signal, fault.needs, seen.noise_units(_rows(fault.alter, known)),
         ", ".join(filter(None, (fault.words, habit.words))),
-        _placement(fault, plan, readings) if fault.cause == "artefact_moved" else "", held,
+        _touched(fault, plan, readings) if fault.cause == "artefact_moved" else "", held,
         1e3 * float(np.sqrt((spread**2).mean())), habit.names, habit.variables,
+        "" if habit.mistaken is None else _placement(habit.mistaken, plan, readings),
     )  # fmt: skip
     return Case(
         truth, replace(machine, encoder_rad=fine_rad), thing, plan, readings, seat_mm,
@@ -228,7 +230,12 @@ def session_name(plan: Plan, session: int) -> str:
     return f"session-{number}" if number <= plan.diagnosed else "further"
 
 
-def _placement(fault: Fault, plan: Plan, readings: Readings) -> str:
+def _touched(fault: Fault, plan: Plan, readings: Readings) -> str:
     row = int(np.flatnonzero(fault.alter.target.any(axis=1))[0])
+    return _placement(int(readings.placement[row]), plan, readings)
+
+
+def _placement(placement: int, plan: Plan, readings: Readings) -> str:
+    row = int(np.flatnonzero(readings.placement == placement)[0])
     name = session_name(plan, int(readings.session[row]))
-    return f"{name} P{readings.placement[row] % plan.placements + 1}"
+    return f"{name} P{placement % plan.placements + 1}"

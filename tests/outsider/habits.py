@@ -33,6 +33,7 @@ class Habit:
     names: Names
     variables: tuple[str, ...] = ()
     truth_mm: F64 | None = None  # (n, 3) what a tracker said
+    mistaken: int | None = None  # a placement whose targets have each other's names
 
 
 def _here(scene: Scene) -> F64:
@@ -105,7 +106,7 @@ def numbered(rng: Rng, scene: Scene) -> Habit:
     target[rows] = (touched - middle[named]) @ turn
     return Habit(
         replace(scene.none(), target=target), "one placement",
-        (("outliers", "rows"), ("artefact_moved", "artefact")),
+        (("outliers", "rows"), ("artefact_moved", "artefact")), mistaken=int(placement),
     )  # fmt: skip
 
 

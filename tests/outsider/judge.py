@@ -22,6 +22,9 @@ The verdict is the first of these that holds:
   has a probability of 0.95 or more, is not `unknown`, and has not the same signal;
 - "missed": nothing, where something was planted.
 
+Targets of one placement that were counted from another end may be refused instead, if the command
+names the session, says so, and names no other placement: "right".
+
 The extended model is *worse* if it errs more than 2 % more on the further session, which took no
 part, than the model under test.
 """
@@ -53,6 +56,14 @@ def judge(truth: Truth, report: Mapping[str, Any]) -> str:
     if told & {"near", "like"}:
         return "near but sure" if ("near", True) in relations else "near"
     return "right" if told else "missed"
+
+
+def rightly_refused(truth: Truth, said: str) -> bool:
+    """Whether a command refused, in these words, the session of which it had to say why."""
+    session, _, placement = truth.mistaken.partition(" ")
+    told = f"{session}: the session: found" in said and "counted from another end" in said
+    where = re.search(r" in (P\d+(, P\d+)*), expected", said)
+    return bool(session) and told and (where is None or where[1] == placement)
 
 
 def _of_the_mess(truth: Truth, finding: Mapping[str, Any]) -> bool:

@@ -24,9 +24,10 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from outsider.case import KINDS, Truth, draw
+import numpy as np
+from outsider.case import KINDS, Case, Truth, draw
 from outsider.files import write
-from outsider.judge import VERDICTS, is_worse, judge
+from outsider.judge import VERDICTS, is_worse, judge, rightly_refused
 
 ARMD = Path(sys.executable).with_name("armd")
 MOST_S = 600
@@ -56,21 +57,34 @@ class Outcome:
         )
 
 
+class Failed(RuntimeError):
+    """A command that ended with an error, and what it said."""
+
+
 def armd(folder: Path, *words: str | Path) -> None:
-    """Run the command in a case's folder; RuntimeError with what it said if it fails."""
+    """Run the command in a case's folder; `Failed` with what it said if it fails."""
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run(
         [ARMD, *words], cwd=folder, env=environment, capture_output=True, text=True,
         timeout=MOST_S, check=False,
     )  # fmt: skip
     if done.returncode:
-        raise RuntimeError(f"armd {words[0]}: exit code {done.returncode}: {done.stderr[-2000:]}")
+        raise Failed(f"armd {words[0]}: exit code {done.returncode}: {done.stderr[-2000:]}")
 
 
 def diagnosed(kind: str, seed: int, folder: Path) -> Outcome:
     """One case: made in *folder*, which is empty, diagnosed and judged."""
     case = draw(kind, seed)
     write(case, folder)
+    try:
+        return _diagnosed(case, folder)
+    except Failed as refused:
+        if not rightly_refused(case.truth, str(refused)):
+            raise
+        return Outcome(case.truth, "right", "refused", np.nan, np.nan, 0.0)
+
+
+def _diagnosed(case: Case, folder: Path) -> Outcome:
     sessions = sorted(path.name for path in folder.glob("session-*"))
     made_of = sorted(path.name for path in folder.glob("before-*")) or sessions
     armd(folder, "calibrate", *made_of, "--arm", "arm.toml", "-o", "before.json")

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from outsider.case import Truth
-from outsider.judge import is_worse, judge
+from outsider.judge import is_worse, judge, rightly_refused
 
 
 def truth(kind: str, cause: str = "", location: str = "", *depends_on: str, **more: Any) -> Truth:
@@ -92,3 +92,28 @@ def test_a_report_gets_its_verdict(
 def test_worse_is_more_than_2_percent() -> None:
     assert is_worse(10.0, 10.21)
     assert not is_worse(10.0, 10.19)
+
+
+SAID = (
+    "armd: session-1: the session: found readings that miss by up to 1.42 mm under what the other 4"
+    " identify, and by 20 µm if its targets are counted from another end (B1 is B7) in P2, expected"
+    " each target under its own name"
+)
+
+
+@pytest.mark.parametrize(
+    ("mistaken", "said", "rightly"),
+    [
+        ("session-1 P2", SAID, True),
+        ("session-1 P2", SAID.replace(" in P2", ""), True),  # its only placement
+        ("session-2 P2", SAID, False),
+        ("session-1 P1", SAID, False),
+        ("session-1 P2", SAID.replace("P2", "P1, P2"), False),
+        ("session-1 P2", "armd: session-1: the session: found readings that miss", False),
+        ("", SAID, False),
+    ],
+)
+def test_only_the_placement_mistaken_may_be_refused(
+    mistaken: str, said: str, rightly: bool
+) -> None:
+    assert rightly_refused(truth("numbered", mistaken=mistaken), said) is rightly

@@ -15,6 +15,7 @@ import numpy as np
 from armd.arrays import F64, I64
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import fit_poses, robust_poses
+from armd.compensation.identify.admission.other_ends import other_ends
 from armd.compensation.identify.evaluation.lengths import certified_lengths
 from armd.compensation.identify.fit import Identification
 from armd.compensation.model.arm import Arm
@@ -157,6 +158,7 @@ def _guesses(observations: Observations, model: AssumedModel) -> Iterator[Guess]
     yield from _other_angles(observations)
     yield from _other_temperatures(observations)
     yield from _other_targets(observations, model)
+    yield from _other_ends(observations, model)
 
 
 def _other_lengths(observations: Observations) -> Iterator[Guess]:
@@ -234,6 +236,32 @@ def _other_targets(observations: Observations, model: AssumedModel) -> Iterator[
             )
 
 
+def _other_ends(observations: Observations, model: AssumedModel) -> Iterator[Guess]:
+    """All targets counted from another end, where that makes a placement's readings fit."""
+    session = np.isin(observations.target_session, observations.session)
+    certified = np.flatnonzero(session & ~observations.unknown)
+    position = model.tip_mm(observations)
+    as_it_is = _largest(observations, position)
+    for onto in other_ends(observations.position_mm[certified]):
+        renamed = np.arange(len(observations.unknown))
+        renamed[certified] = certified[onto]
+        everywhere = replace(observations, target=renamed[observations.target])
+        better = np.flatnonzero(_largest(everywhere, position) < EXPLAINED * as_it_is)
+        if len(better):
+            there = np.isin(observations.placement, better)
+            target = np.where(there, renamed[observations.target], observations.target)
+            first = certified[np.flatnonzero(renamed[certified] != certified)[0]]
+            named, touched = (
+                observations.target_names[i].partition("/")[2] for i in (first, renamed[first])
+            )
+            yield Guess(
+                f"its targets are counted from another end ({named} is {touched})"
+                + _where_in_words(observations, better),
+                "each target under its own name",
+                replace(observations, target=target),
+            )
+
+
 def _exchanged(observations: Observations, a: int, b: int, placements: I64) -> Observations:
     target = observations.target
     there = np.isin(observations.placement, placements)
@@ -243,8 +271,13 @@ def _exchanged(observations: Observations, a: int, b: int, placements: I64) -> O
 
 def _exchange_in_words(observations: Observations, a: int, b: int, placements: I64) -> str:
     own = [observations.target_names[i].partition("/")[2] for i in (a, b)]
-    where = [observations.placement_names[p].partition("/")[2] for p in placements]
-    everywhere = len(where) == len(np.unique(observations.placement))
-    return f"its targets {own[0]} and {own[1]} are exchanged" + (
-        "" if everywhere else f" in {', '.join(where)}"
-    )
+    where = _where_in_words(observations, placements)
+    return f"its targets {own[0]} and {own[1]} are exchanged{where}"
+
+
+def _where_in_words(observations: Observations, placements: I64) -> str:
+    """ " in P1, P2", or nothing for all."""
+    if len(placements) == len(np.unique(observations.placement)):
+        return ""
+    names = (observations.placement_names[p].partition("/")[2] for p in placements)
+    return f" in {', '.join(names)}"

@@ -1,0 +1,64 @@
+"""The names an artefact's targets have when somebody begins to count at another of its ends.
+
+A beam turned end for end, a plate turned by a half or a quarter, lies nearly as it lay before: all
+looks right, and only the small differences between its spacings tell.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.estimate.poses import kabsch
+
+#: A turned target is another one if it comes to lie within this share of the least spacing from it.
+NEAR_SHARE = 0.25
+
+
+def other_ends(points_mm: F64) -> list[I64]:
+    """For each turn that brings *points_mm* (k, 3) near themselves, on which of them each then
+    lies (k,); without the turns that exchange two of them, or none."""
+    apart_mm = np.linalg.norm(points_mm[:, None] - points_mm, axis=2)
+    near_mm = NEAR_SHARE * np.min(
+        apart_mm + np.diag(np.full(len(points_mm), np.inf)), initial=np.inf
+    )
+    if len(points_mm) < 3 or near_mm == 0.0:
+        return []
+    three = _far_apart(points_mm, apart_mm)
+    found: dict[tuple[int, ...], I64] = {}
+    for images in _as_far_apart(apart_mm, three, 2.0 * near_mm):
+        everything, once = np.ones(3), np.zeros(3, dtype=np.int64)
+        turn, shift = kabsch(points_mm[three], points_mm[images], everything, once, 1)
+        turned_mm = points_mm @ turn[0].T + shift[0]
+        distance_mm = np.linalg.norm(turned_mm[:, None] - points_mm, axis=2)
+        onto = distance_mm.argmin(axis=1)
+        moved = int((onto != np.arange(len(onto))).sum())
+        if distance_mm.min(axis=1).max() < near_mm and len(set(onto)) == len(onto) and moved > 2:
+            found[tuple(onto)] = onto
+    return list(found.values())
+
+
+def _far_apart(points_mm: F64, apart_mm: F64) -> I64:
+    """The two points farthest from each other, and the one farthest from the line through them."""
+    a, b = np.unravel_index(int(apart_mm.argmax()), apart_mm.shape)
+    along = (points_mm[b] - points_mm[a]) / apart_mm[a, b]
+    aside_mm = np.linalg.norm(np.cross(points_mm - points_mm[a], along), axis=1)
+    aside_mm[[a, b]] = -1.0
+    return np.array([a, b, aside_mm.argmax()])
+
+
+def _as_far_apart(apart_mm: F64, three: I64, within_mm: float) -> I64:
+    """(m, 3) all ordered threes whose distances are those of *three* to *within_mm*."""
+    a, b, c = three
+    first = np.argwhere(np.abs(apart_mm - apart_mm[a, b]) < within_mm)
+    rows = [
+        np.column_stack([np.tile(pair, (len(thirds), 1)), thirds])
+        for pair in first
+        if len(
+            thirds := np.flatnonzero(
+                (np.abs(apart_mm[pair[0]] - apart_mm[a, c]) < within_mm)
+                & (np.abs(apart_mm[pair[1]] - apart_mm[b, c]) < within_mm)
+            )
+        )
+    ]
+    return np.concatenate(rows) if rows else np.empty((0, 3), dtype=np.int64)
