@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.settled import model_under_test
+from armd.compensation.diagnose.fitting.under_test import model_under_test
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.thermal.comparison import Comparison
 from armd.compensation.identify.thermal.terms import length_terms

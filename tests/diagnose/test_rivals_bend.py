@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.under_test import model_under_test
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.search.findings import weighed
-from armd.compensation.diagnose.settled import model_under_test
 from armd.compensation.effects import catalogue
 from support import synthetic
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from armd.compensation.data.session import Session
+from armd.compensation.diagnose.fitting.under_test import model_under_test
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
@@ -30,7 +31,6 @@ from armd.compensation.diagnose.search.touched import (
     borne_by_enough,
     find_touched,
 )
-from armd.compensation.diagnose.settled import model_under_test
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
 from armd.compensation.estimate.robust import WINSOR_AT, huber_loss

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from armd.compensation.diagnose.problem.use import evaluated
 from armd.compensation.effects.effect import Use, Winding
-from armd.compensation.effects.use import evaluated
 from armd.compensation.model.state import States
 
 TAU_S = 300.0

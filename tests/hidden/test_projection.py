@@ -10,13 +10,13 @@ from armd.compensation.diagnose.fitting.refit import (
     solve_again,
     with_findings_unsolved,
 )
+from armd.compensation.diagnose.fitting.under_test import model_under_test
 from armd.compensation.diagnose.problem.rests import folds_of, gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
 from armd.compensation.diagnose.scoring.evidence import score, total
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.settled import model_under_test
 from armd.compensation.effects import catalogue
 from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design

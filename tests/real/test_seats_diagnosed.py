@@ -14,7 +14,7 @@ from convert import convert
 from rich.console import Console
 
 from armd.compensation.data.session import Session, load_session
-from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.diagnose import diagnose, model_under_test
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.noise import LEAST_MM
 from armd.compensation.diagnose.problem.baseline import from_calibration
@@ -22,7 +22,6 @@ from armd.compensation.diagnose.problem.linear import ModelState, Rests
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.problem.session_facts import gather_facts
-from armd.compensation.diagnose.settled import model_under_test
 from armd.compensation.diagnose.told.verdict import verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.catalogue import candidates

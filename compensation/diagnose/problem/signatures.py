@@ -13,8 +13,8 @@ from scipy.sparse import csr_array
 from armd.arrays import F64, I64
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.pairs import Part, Within
+from armd.compensation.diagnose.problem.use import evaluated
 from armd.compensation.effects.effect import ArtefactChange, Candidate, Use, Winding
-from armd.compensation.effects.use import evaluated
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.terms import Factor, Term

@@ -1,0 +1,37 @@
+"""The model under test: a calibration given, or what `armd calibrate` makes of the sessions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.fitting.growth_open import with_growth_open
+from armd.compensation.diagnose.problem.baseline import from_calibration
+from armd.compensation.diagnose.problem.linear import Baseline
+from armd.compensation.identify.admission.odd_session import Odd
+from armd.compensation.identify.calibrate import Options, calibrate
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+
+
+def model_under_test(
+    sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
+) -> Baseline:
+    """The calibration given, held; otherwise what `armd calibrate` makes of the sessions.
+
+    By itself that chooses a thermal model by its error: one that goes far would swallow causes that
+    have a name (a link expanding in a curve, a joint that turns with temperature), and beside a
+    strong error it chooses none, so that plain expansion would be found. The plain linear thermal
+    model is the one under test wherever there can be one, and others are not tried.
+    """
+    return under_test(sessions, arm, calibration)[0]
+
+
+def under_test(
+    sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
+) -> tuple[Baseline, Odd | None]:
+    """The model under test, and the session that does not fit the others of which it was made."""
+    if calibration is not None:
+        return with_growth_open(from_calibration(calibration, arm, held=True), arm), None
+    made = calibrate(sessions, arm, Options(compare=False))
+    return from_calibration(made.calibration, arm, held=False), made.odd
