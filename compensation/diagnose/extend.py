@@ -16,6 +16,7 @@ from armd.compensation.diagnose.fitting.neighbourhood import moved_model
 from armd.compensation.diagnose.fitting.nuisance import mount_term
 from armd.compensation.diagnose.problem.amplitudes import is_curve
 from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.effects.by_session import as_written, is_by_session
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.identify.thermal.terms import GROWTH_KNOWN
 from armd.compensation.model.arm import Arm
@@ -59,6 +60,13 @@ def extended(
             terms.append(as_curve(candidate, values, last.linear.rests.observations.states.q))
             continue
         label = f"{candidate.cause} {candidate.location}"
+        if is_by_session(candidate):
+            for own in as_written(candidate, values, label):
+                constants[names.index(own.parameter)] += float(own.constant @ values)
+                for j, share in enumerate(own.constant):
+                    _also_moves(rows, own.parameter, at.start + j, float(share), last)
+                terms += own.terms
+            continue
         for j, column in enumerate(candidate.columns):
             sigma = float(np.sqrt(max(last.inverse[at.start + j, at.start + j], 0.0)))
             largest = max((abs(term.coefficient) for term in column.terms), default=0.0)

@@ -200,8 +200,10 @@ class SessionFacts:
     distances: tuple[str, ...]  # "S1, S2"
     start_unix_s: float  # of the first reading, and of the last
     end_unix_s: float
-    #: from when to when readings followed each other: the sessions
+    #: from when to when readings followed each other without a long pause
     spells_unix_s: tuple[tuple[float, float], ...]
+    #: name, first and last reading of each session, where one follows the other
+    sessions: tuple[tuple[str, float, float], ...]
     instants_unix_s: tuple[float, ...]  # where something may have stepped: between two readings
     #: all moments between two readings, for refining an instant
     all_instants_unix_s: F64

@@ -141,6 +141,7 @@ def without(facts: SessionFacts) -> Iterator[tuple[str, SessionFacts]]:
             instants_unix_s=(),
             all_instants_unix_s=np.empty(0),
             spells_unix_s=(),
+            sessions=(),
         ),
     )
     yield "rates", replace(facts, rates=False)

@@ -16,7 +16,11 @@ from armd.compensation.data.session import load_session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.refit import Refits, solve_again
-from armd.compensation.diagnose.heldout.borne_out import choose, stands_alone
+from armd.compensation.diagnose.heldout.borne_out import (
+    choose,
+    may_go_on_otherwise,
+    stands_alone,
+)
 from armd.compensation.diagnose.heldout.gain import gain
 from armd.compensation.diagnose.heldout.judge import Look
 from armd.compensation.diagnose.told.result import as_json
@@ -24,7 +28,8 @@ from armd.compensation.diagnose.told.verdict import um, verdict
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.arm import load_arm
-from armd.compensation.model.slow_factors import Temperature, Time
+from armd.compensation.model.pose_factors import Harmonic
+from armd.compensation.model.slow_factors import After, Temperature, Time
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
@@ -91,6 +96,23 @@ def test_a_temperature_that_stands_in_for_a_drift_is_asked_for_later_readings_to
     assert (chosen.some, chosen.unforeseen) == ((2,), (1,))
     chosen = choose(search_of(drift, expansion, cause(3)), [look], [True] * 3)
     assert chosen.some == (1, 2)
+
+
+def test_later_readings_are_asked_beside_whatever_goes_on_nobody_knows_how() -> None:
+    """A drift, what each session has a value of its own of, what has no name and goes with a
+    temperature. A step stays what it is, an expansion goes by its sensor."""
+
+    def of(cause: str, *columns: Sequence[Any]) -> Candidate:
+        named = (Column(str(k), "1", 1.0, tie([("d_1", 1.0)], *f)) for k, f in enumerate(columns))
+        return Candidate(cause, location.joint(1), tuple(named), ())
+
+    early, late = After(instant_unix_s=1.0), After(instant_unix_s=2.0)
+    warm, angle = Temperature(weights={"t1": 1.0}), Harmonic(kind="sin", joint=1)
+    assert may_go_on_otherwise(of("a cause", [Time(since_unix_s=0.0, until_unix_s=9.0)]))
+    assert may_go_on_otherwise(of("a cause", [early], [late]))
+    assert may_go_on_otherwise(of("unknown", [warm, angle]))
+    assert not any(map(may_go_on_otherwise, (of("a", [late]), of("a", [warm]))))
+    assert not may_go_on_otherwise(of("unknown", [angle]))
 
 
 def test_what_helps_beside_a_later_one_only_gets_its_turn_again() -> None:

@@ -1,4 +1,4 @@
-"""Two easy cases of the outsider's generator, through the commands from files to verdict."""
+"""Some cases of the outsider's generator, through the commands from files to verdict."""
 
 from __future__ import annotations
 
@@ -27,3 +27,13 @@ def test_targets_counted_backwards_are_told_by_their_placement(tmp_path: Path) -
     """Under such sessions seven causes were told, and the extended model erred by 132 µm of 13."""
     outcome = diagnosed("numbered", 60127001, tmp_path)
     assert (outcome.verdict, outcome.said) == ("right", "refused")
+
+
+@pytest.mark.slow
+def test_a_probe_that_one_operator_presses_is_a_tip_that_stands_otherwise(tmp_path: Path) -> None:
+    """In one session of five, by 19 µm. It was told, surely, as an unknown structure in time and a
+    temperature, and what comes after was predicted worse with it (10.09 → 10.50 µm)."""
+    outcome = diagnosed("pressed", 60127000, tmp_path)
+    assert outcome.verdict == "right"
+    assert "tip_offset tip in time_s" in outcome.said
+    assert outcome.after_um < 0.95 * outcome.before_um

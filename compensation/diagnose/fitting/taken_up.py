@@ -19,6 +19,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import PLACEMENTS
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.rests import folds_of
+from armd.compensation.effects.by_session import is_by_session
 from armd.compensation.effects.courses import is_drift
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.gauge import PLAUSIBLE
@@ -74,8 +75,9 @@ def _clear_of(absorbing: F64, columns: F64) -> F64:
 
 
 def _may_be_older(candidate: Candidate) -> bool:
-    """Not what stepped or drifted while these sessions were measured."""
-    return candidate.instant_unix_s is None and not is_drift(candidate)
+    """Not what stepped, drifted or was another in each while these sessions were measured."""
+    while_measured = is_drift(candidate) or is_by_session(candidate)
+    return candidate.instant_unix_s is None and not while_measured
 
 
 def _plausible(baseline: Baseline, arm: Arm) -> F64:

@@ -31,7 +31,9 @@ from armd.compensation.diagnose.heldout.sets import left_out_in_turn
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
-from armd.compensation.effects.courses import is_drift
+from armd.compensation.effects.by_session import is_by_session
+from armd.compensation.effects.courses import is_drift, is_slow
+from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm
@@ -172,13 +174,20 @@ def by_placement(result: SearchResult, arm: Arm, stepwise: Sequence[Gain]) -> Bo
         not found.candidate.told_only and stands_alone(found, step)
         for found, step in zip(result.found, stepwise, strict=True)
     ]
-    later = later_squares(last, arm) if any(map(is_drift, last.findings)) else None
+    later = later_squares(last, arm) if any(map(may_go_on_otherwise, last.findings)) else None
     growth = knows_growth(last, arm)
     deaf_to_growth = growth and _in_one_fold(last, last.net_growth())
     repeated_tells = not stepwise or stepwise[-1].after_um <= stepwise[0].before_um
     return choose(
         result, looks, able, _deaf_by_placement(last), later, growth, deaf_to_growth, repeated_tells
     )
+
+
+def may_go_on_otherwise(candidate: Candidate) -> bool:
+    """Whether nobody knows how it goes on after the readings: a drift, what each session has a
+    value of its own of, what goes with time or temperature and has no name."""
+    nameless = candidate.cause == "unknown" and is_slow(candidate)
+    return nameless or is_drift(candidate) or is_by_session(candidate)
 
 
 def stands_alone(found: Finding, step: Gain) -> bool:

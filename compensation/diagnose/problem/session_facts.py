@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from armd.arrays import F64
@@ -58,6 +60,7 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         start_unix_s=float(states.time_s.min()) if timed else 0.0,
         end_unix_s=float(states.time_s.max()) if timed else 0.0,
         spells_unix_s=_spells(states.time_s) if timed else (),
+        sessions=_sessions(rests) if timed else (),
         instants_unix_s=_grid(moments),
         all_instants_unix_s=moments,
     )
@@ -94,6 +97,19 @@ def _spells(time_s: F64) -> tuple[tuple[float, float], ...]:
     pauses = np.sort(pauses[np.argsort(-apart[pauses])][: MOST_SPELLS - 1])
     starts, ends = times[[0, *(pauses + 1)]], times[[*pauses, -1]]
     return tuple((float(a), float(b)) for a, b in zip(starts, ends, strict=True) if b > a)
+
+
+def _sessions(rests: Rests) -> tuple[tuple[str, float, float], ...]:
+    """Name, first and last reading of each session in the order of time; none where two overlap."""
+    observations = rests.observations
+    found = []
+    for number, session in enumerate(rests.sessions):
+        own_s = observations.states.time_s[observations.session == number]
+        if len(own_s):
+            found.append((session.name, float(own_s.min()), float(own_s.max())))
+    found.sort(key=lambda one: one[1])
+    apart = all(one[2] < following[1] for one, following in itertools.pairwise(found))
+    return tuple(found) if apart else ()
 
 
 def _moments(time_s: F64) -> F64:

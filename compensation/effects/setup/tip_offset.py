@@ -1,15 +1,29 @@
 """The tip is not where the calibration has it: all along, or from a moment on.
 
 It may be anywhere. A stylus that loosens in its thread, or was not screwed in all the way, moves
-along its shaft, which is the last axis or nearly so; a last joint that slid does the same.
+along its shaft, which is the last axis or nearly so; a last joint that slid does the same. Who
+presses harder than others moves it along the stylus, in the sessions that are his.
 """
 
+import math
 from collections.abc import Iterator
+
+import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
+from armd.compensation.effects.by_session import by_session, is_by_session, values_by_session
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
-from armd.compensation.effects.effect import Candidate, Column, Effect, SessionFacts, tie, when
+from armd.compensation.effects.effect import (
+    Candidate,
+    Column,
+    Effect,
+    SessionFacts,
+    stylus,
+    tie,
+    when,
+)
+from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.compensation.model.slow_factors import After
 from armd.compensation.wording import plain
 
@@ -40,15 +54,38 @@ def _along(function: Function) -> list[Column]:
     ]
 
 
+def _in_each_session(facts: SessionFacts) -> Iterator[Candidate]:
+    """Anywhere, or along the stylus alone."""
+    functions, own = by_session(facts), stylus(facts)
+    length = math.hypot(*(mm for _, mm in own))
+    ways = [[(name, 1.0)] for name in TIP_PARAMETERS]
+    for way in (ways, [[(name, mm / length) for name, mm in own]] if own else []):
+        columns = [
+            Column(
+                f"{'along the stylus' if len(way) == 1 else weights[0][0][-1]}, {function.name}",
+                "mm",
+                TYPICAL_MM / function.largest,
+                function.terms(weights),
+            )
+            for function in functions
+            for weights in way
+        ]
+        if columns:
+            yield Candidate("tip_offset", location.TIP, tuple(columns), ("time_s",))
+
+
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     if facts.held:
         yield Candidate("tip_offset", location.TIP, _columns(), ())
         yield Candidate("tip_offset", location.TIP, _columns(across=ASKEW), ())
     yield from steps(facts, "tip_offset", location.TIP, _columns)
     yield from drifts(facts, "tip_offset", location.TIP, _along)
+    yield from _in_each_session(facts)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
+    if is_by_session(candidate):
+        return _read_by_session(candidate, amplitudes)
     if is_drift(candidate):
         far = max(swing(candidate, amplitudes, f"tip_{axis}") for axis in "xyz")
         return f"the tip {goes(candidate)}, by {plain(far * 1e3)} µm in the time seen"
@@ -56,9 +93,20 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     return f"the tip has moved by ({moved}) µm in the last frame{when(candidate)}"
 
 
+def _read_by_session(candidate: Candidate, amplitudes: F64) -> str:
+    values, against = values_by_session(candidate, amplitudes)
+    along = all(len(own) == 1 for own in values.values())
+    told = ", ".join(
+        f"{name} {1e3 * own[0]:+.0f} µm" if along else f"{name} {1e3 * np.linalg.norm(own):.0f} µm"
+        for name, own in values.items()
+    )
+    where = " along the stylus" if along else ""
+    return f"the tip stands otherwise from session to session{where}: {told} against {against}"
+
+
 EFFECT = Effect(
     "tip_offset",
-    "the tip was changed, loosened or worn",
+    "the tip was changed, loosened or worn, or somebody presses harder than others",
     "constants of the last joint",
     "measure one seat from ten directions",
     candidates,

@@ -103,6 +103,7 @@ def _scene(arm: Arm, calibration: Calibration) -> SessionFacts:
         start_unix_s=0.0,
         end_unix_s=0.0,
         spells_unix_s=(),
+        sessions=(),
         instants_unix_s=(),
         all_instants_unix_s=np.empty(0),
         lost_links=frozenset(),

@@ -1,0 +1,139 @@
+"""What is another in each session, against plain values session by session."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from armd.compensation.effects import location
+from armd.compensation.effects.by_session import (
+    LEAST_SESSIONS,
+    as_written,
+    by_session,
+    is_by_session,
+    values_by_session,
+)
+from armd.compensation.effects.courses import is_drift
+from armd.compensation.effects.effect import Candidate, Column, SessionFacts
+from armd.compensation.effects.setup.tip_offset import EFFECT as TIP
+from support.whole_scene import whole_scene
+
+HOUR_S = 3600.0
+NAMES = ("monday", "tuesday, early", "tuesday, late", "friday")
+VALUES = np.array([0.0, 21.0, 1.0, 24.0])
+AFTER_H = 5.0  # of the last reading
+WEIGHT = -0.5
+
+
+@pytest.fixture(scope="module", params=["held", "free"])
+def facts(request: pytest.FixtureRequest) -> SessionFacts:
+    """Four sessions of two hours each, ten hours apart."""
+    own = getattr(whole_scene(), request.param)
+    start_s = own.start_unix_s
+    begin = [start_s + 10.0 * HOUR_S * k for k in range(4)]
+    sessions = tuple(
+        (name, since, since + 2 * HOUR_S) for name, since in zip(NAMES, begin, strict=True)
+    )
+    return replace(own, sessions=sessions, end_unix_s=sessions[-1][2])
+
+
+def within(facts: SessionFacts) -> np.ndarray:
+    """(4, 3) three moments of each session: its first and last reading, and between."""
+    return np.array([[since, (since + until) / 2, until] for _, since, until in facts.sessions])
+
+
+def candidate(facts: SessionFacts) -> Candidate:
+    columns = tuple(
+        Column(f"z, {f.name}", "mm", 1.0, f.terms([("tip_z", WEIGHT)])) for f in by_session(facts)
+    )
+    return Candidate("any", location.TIP, columns, ("time_s",))
+
+
+def amplitudes(facts: SessionFacts) -> np.ndarray:
+    """That make it VALUES: of each session by itself, or less the mean of those before."""
+    if facts.held:
+        return VALUES
+    return np.array([VALUES[k] - VALUES[:k].mean() for k in (1, 2, 3)])
+
+
+def at(terms: object, time_s: np.ndarray) -> np.ndarray:
+    return sum(term.coefficient * term.basis[0].at_times(time_s) for term in terms)
+
+
+def test_every_session_may_have_a_value_of_its_own_and_nothing_is_left_afterwards(
+    facts: SessionFacts,
+) -> None:
+    own, times = candidate(facts), within(facts)
+    told = VALUES if facts.held else VALUES - VALUES.mean()
+    moved = sum(
+        amplitude * at(column.terms, times)
+        for column, amplitude in zip(own.columns, amplitudes(facts), strict=True)
+    )
+    np.testing.assert_allclose(moved, WEIGHT * np.repeat(told[:, None], 3, axis=1), atol=1e-12)
+    later = np.array([facts.end_unix_s + AFTER_H * HOUR_S])
+    assert [float(at(column.terms, later)[0]) for column in own.columns] == pytest.approx(
+        [0.0] * len(own.columns), abs=1e-12
+    )
+
+
+def test_no_session_is_likelier_to_stand_otherwise_than_another(facts: SessionFacts) -> None:
+    """Divided by their sizes, functions of unit amplitudes are a rotation of the sessions', less
+    their mean where constants have that."""
+    functions = by_session(facts)
+    rows = np.array(
+        [
+            sum(share * factor.at_times(within(facts)[:, 1]) for share, factor in f.pieces)
+            / f.largest
+            for f in functions
+        ]
+    )
+    np.testing.assert_allclose(rows @ rows.T, np.eye(len(functions)), atol=1e-12)
+    mean = rows.sum(axis=1)
+    assert facts.held or np.abs(mean).max() < 1e-12
+
+
+def test_the_values_are_told_by_the_sessions_names(facts: SessionFacts) -> None:
+    told, against = values_by_session(candidate(facts), amplitudes(facts))
+    first = 0 if facts.held else 1
+    assert list(told) == list(NAMES[first:])
+    assert np.concatenate(list(told.values())) == pytest.approx((VALUES - VALUES[0])[first:])
+    assert against == ("the calibration" if facts.held else "the first session")
+
+
+def test_written_constants_are_a_given_calibrations_or_the_middle_sessions(
+    facts: SessionFacts,
+) -> None:
+    """0, 1, 21 and 24: the middle is between 1 and 21, the mean at 11.5."""
+    own, values = candidate(facts), amplitudes(facts)
+    (written,) = as_written(own, values, "any tip")
+    constant = float(written.constant @ values)
+    usual = 0.0 if facts.held else 11.0 - 11.5
+    assert written.parameter == "tip_z"
+    assert constant == pytest.approx(WEIGHT * usual)
+    told = VALUES if facts.held else VALUES - VALUES.mean()
+    moved = constant + at(written.terms, within(facts))
+    np.testing.assert_allclose(moved, WEIGHT * np.repeat(told[:, None], 3, axis=1), atol=1e-12)
+    later = np.array([facts.end_unix_s + AFTER_H * HOUR_S])
+    assert constant + at(written.terms, later) == pytest.approx(WEIGHT * usual)
+    assert len(written.terms) == len(NAMES) + 1
+
+
+def test_two_sessions_are_a_step(facts: SessionFacts) -> None:
+    assert by_session(replace(facts, sessions=facts.sessions[: LEAST_SESSIONS - 1])) == []
+
+
+def test_the_tip_along_the_stylus_is_told_in_words(facts: SessionFacts) -> None:
+    """A drift, a step and a constant of the tip are not of this kind."""
+    found = [c for c in TIP.candidates(facts) if is_by_session(c)]
+    one, free = sorted(found, key=lambda c: len(c.columns))
+    assert not any(map(is_drift, found))
+    assert len(free.columns) == 3 * len(one.columns)
+    lengths = [np.linalg.norm([t.coefficient for t in column.terms[:3]]) for column in one.columns]
+    whole = [abs(column.terms[0].coefficient) for column in free.columns[::3]]
+    assert lengths == pytest.approx(whole)
+    said = TIP.reading(one, 1e-3 * amplitudes(facts))
+    assert "along the stylus" in said
+    assert "tuesday, early +21 µm, tuesday, late +1 µm, friday +24 µm against" in said
+    far = np.zeros((len(free.columns) // 3, 3))
+    far[:, 1] = -1e-3 * amplitudes(facts)
+    assert "friday 24 µm against" in TIP.reading(free, far.ravel())
