@@ -20,10 +20,14 @@ ROOMS = (encoder, mechanical, thermal, setup)
 OFFSET = "sensor_offset"
 #: What says something of the sensors themselves.
 OF_SENSORS = frozenset({OFFSET, "sensor_swapped", "thermal_lag"})
-#: Effects that are as coarse as the arm's encoders have the typical size of an arm whose encoders
-#: tell this apart, or less: a hobby servo's magnetic encoder of 12 bits is half a degree off where
-#: a disc of 23 bits is seconds off, and so are its bearings and its printed links.
+#: Effects that are as coarse as the arm have the typical size of one whose encoders tell this
+#: apart, or less: a hobby servo's magnetic encoder of 12 bits is half a degree off where a disc of
+#: 23 bits is seconds off, and so are its bearings and its printed links.
 FINE_RAD = 6 * ARC_SECOND
+#: So does an arm that a calibration leaves no further off than this. A cause that shows beside that
+#: is ten times the typical one, which the catalogue's sizes allow for as they are (`SCALES`). One
+#: that shows on an arm 12 minutes off is a hundred times, and so is all else that could show there.
+WELL_MADE_RAD = 10 * FINE_RAD
 
 
 def _found() -> Iterator[Effect]:
@@ -45,8 +49,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 
 def _of(effect: Effect, facts: SessionFacts) -> Iterator[Candidate]:
-    coarseness = _coarseness(facts.arm)
-    if effect.as_coarse_as_encoders and coarseness > 1.0:
+    coarseness = max(_coarseness(facts.arm), facts.scatter_rad / WELL_MADE_RAD)
+    if effect.as_coarse_as_the_arm and coarseness > 1.0:
         yield from (_larger(candidate, coarseness) for candidate in effect.candidates(facts))
     else:
         yield from effect.candidates(facts)

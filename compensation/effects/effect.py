@@ -207,6 +207,8 @@ class SessionFacts:
     instants_unix_s: tuple[float, ...]  # where something may have stepped: between two readings
     #: all moments between two readings, for refining an instant
     all_instants_unix_s: F64
+    #: what a reading scattered by under the calibration under test, as an angle; 0: not known
+    scatter_rad: float = 0.0
 
     @cached_property
     def joints(self) -> range:
@@ -255,8 +257,8 @@ class Effect:
     by_weight: bool = False
     #: goes by the temperatures of the arm's sensors, and says nothing of these
     by_temperature: bool = False
-    #: as large as the arm is coarsely made, of which its encoders tell
-    as_coarse_as_encoders: bool = False
+    #: as large as the arm is coarsely made, of which its encoders and its calibration tell
+    as_coarse_as_the_arm: bool = False
     #: those of the candidates that act through the terms of other findings, the second argument, as
     #: much as through those under test
     through_terms: Callable[[SessionFacts, Sequence[Term]], Iterator[Candidate]] | None = None

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.effects import location
-from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.model.calibration import ArtefactCorrection
 from support import synthetic
 
@@ -133,3 +133,21 @@ def test_what_no_cause_can_be_is_refused_by_its_size() -> None:
     one.findings = (candidate("encoder_eccentricity", 1e-6, 1e-6),)
     one.amplitudes = (np.array([1e-3, 0.0]),)
     assert refused(one, one, ARM) == "no such cause is that large"
+
+
+@pytest.mark.parametrize(
+    ("cause", "parameter", "size", "near"),
+    [
+        ("encoder_slip", "theta_2", 0.03, True),  # 1.7°
+        ("unknown", "theta_2", 0.03, False),
+        ("encoder_slip", "a_2", 12.0, False),
+    ],
+)
+def test_what_a_named_cause_turns_makes_no_arm_smaller(
+    cause: str, parameter: str, size: float, near: bool
+) -> None:
+    found = fitted({})
+    column = Column("c", "1", 1.0, tie([(parameter, 1.0)]))
+    found.findings = (Candidate(cause, location.joint(2), (column,), ()),)
+    found.amplitudes = (np.array([size]),)
+    assert stays_near(found, ARM) == near

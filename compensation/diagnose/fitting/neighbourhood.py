@@ -78,8 +78,9 @@ def _too_far(fit: Fit, arm: Arm) -> str:
     baseline, states = fit.baseline, fit.linear.rests.observations.states
     given = baseline.model
     values = basis_values(given.terms, states, arm, given.reference_c, given.constants)
-    apart = np.abs(_rows(fit, arm) - parameter_rows(given.constants, given.terms, values))
     names = arm.layout.names
+    known = _rows(fit, arm) - _turned_by_causes(fit, arm)
+    apart = np.abs(known - parameter_rows(given.constants, given.terms, values))
     most = np.array([PLAUSIBLE[parameters.unit(name)] for name in names])
     most[arm.layout.base] = np.inf  # it may have been carried anywhere: that changes no size
     furthest = int(np.argmax(apart.max(axis=0) / most))
@@ -139,6 +140,25 @@ def _rows(fit: Fit, arm: Arm) -> F64:
     values = basis_values(model.terms, states, arm, model.reference_c, model.constants)
     rows: F64 = parameter_rows(model.constants, model.terms, np.nan_to_num(values))
     return rows
+
+
+def _turned_by_causes(fit: Fit, arm: Arm) -> F64:
+    """What named causes add to the angles (n, P) at each rest: no arm becomes smaller by that, and
+    how large each can be is asked apart."""
+    model, states = fit.model, fit.linear.rests.observations.states
+    terms = [
+        term
+        for candidate, amplitudes in zip(fit.findings, fit.amplitudes, strict=True)
+        if candidate.cause != "unknown"
+        for column, amplitude in zip(candidate.columns, amplitudes, strict=True)
+        for term in column.at(float(amplitude))
+        if parameters.unit(term.parameter) == "rad"
+    ]
+    constants = moved_model(fit).constants
+    values = basis_values(terms, states, arm, model.reference_c, constants)
+    nothing = np.zeros(len(constants))
+    added: F64 = parameter_rows(nothing, terms, np.nan_to_num(values))
+    return added
 
 
 def _is_length(arm: Arm) -> Mask:

@@ -17,6 +17,8 @@ MOST_INSTANTS = 40
 PAUSE, MOST_SPELLS = 10.0, 8
 #: A temperature that varies by less did not vary.
 LEAST_SPAN_K = 0.05
+#: From a joint to the tip, roughly: there a scatter in mm is an angle.
+LEVER_MM = 500.0
 
 
 def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
@@ -63,7 +65,15 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         sessions=_sessions(rests) if timed else (),
         instants_unix_s=_grid(moments),
         all_instants_unix_s=moments,
+        scatter_rad=_scatter_rad(baseline),
     )
+
+
+def _scatter_rad(baseline: Baseline) -> float:
+    """Of a reading as the model under test was identified: of a calibration that is given, before
+    there was what is looked for."""
+    noise = baseline.calibration.noise
+    return float(np.hypot(max(noise.encoder_rad, default=0.0), noise.reading_mm / LEVER_MM))
 
 
 def _span(temperature: F64, usual: float | None) -> F64:

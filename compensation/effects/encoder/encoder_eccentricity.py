@@ -53,5 +53,5 @@ EFFECT = Effect(
     "turn the joint through its whole range at one seat, the others held",
     candidates,
     reading,
-    as_coarse_as_encoders=True,
+    as_coarse_as_the_arm=True,
 )

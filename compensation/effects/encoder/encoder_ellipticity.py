@@ -29,5 +29,5 @@ EFFECT = Effect(
     "turn the joint through its whole range at one seat",
     candidates,
     reading,
-    as_coarse_as_encoders=True,
+    as_coarse_as_the_arm=True,
 )

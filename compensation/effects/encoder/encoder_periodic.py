@@ -56,6 +56,6 @@ EFFECT = Effect(
     "measure one seat at small steps of this joint, several to the shortest period",
     candidates,
     reading,
-    as_coarse_as_encoders=True,
+    as_coarse_as_the_arm=True,
     curve_reading=curve_reading,
 )

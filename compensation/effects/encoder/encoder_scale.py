@@ -27,4 +27,5 @@ EFFECT = Effect(
     "use the joint's whole range, over 150°",
     candidates,
     reading,
+    as_coarse_as_the_arm=True,
 )

@@ -61,6 +61,6 @@ EFFECT = Effect(
     candidates,
     reading,
     "temperatures of the joint that vary over the readings",
-    as_coarse_as_encoders=True,
+    as_coarse_as_the_arm=True,
     by_temperature=True,
 )

@@ -64,5 +64,5 @@ EFFECT = Effect(
     "measure with a second, bent stylus",
     candidates,
     reading,
-    as_coarse_as_encoders=True,
+    as_coarse_as_the_arm=True,
 )

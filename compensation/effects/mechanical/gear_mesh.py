@@ -72,6 +72,6 @@ EFFECT = Effect(
     "hold one joint, turn the other through its range, at one seat",
     candidates,
     reading,
-    as_coarse_as_encoders=True,
+    as_coarse_as_the_arm=True,
     commonness=RARE,
 )

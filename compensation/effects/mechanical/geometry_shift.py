@@ -105,4 +105,5 @@ EFFECT = Effect(
     reading,
     "the time of each reading (time_s), or a calibration to compare with",
     accident=True,
+    as_coarse_as_the_arm=True,
 )

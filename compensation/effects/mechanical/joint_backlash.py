@@ -31,5 +31,5 @@ EFFECT = Effect(
     reading,
     "joint rates at the readings (w1, w2, …): their signs tell the side from which each joint came",
     by_motion=True,
-    as_coarse_as_encoders=True,
+    as_coarse_as_the_arm=True,
 )

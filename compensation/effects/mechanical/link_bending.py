@@ -70,5 +70,5 @@ EFFECT = Effect(
     candidates,
     reading,
     by_weight=True,
-    as_coarse_as_encoders=True,
+    as_coarse_as_the_arm=True,
 )
