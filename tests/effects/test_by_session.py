@@ -15,6 +15,7 @@ from armd.compensation.effects.by_session import (
 )
 from armd.compensation.effects.courses import is_drift
 from armd.compensation.effects.effect import Candidate, Column, SessionFacts
+from armd.compensation.effects.mechanical.geometry_shift import EFFECT as SHIFT
 from armd.compensation.effects.setup.tip_offset import EFFECT as TIP
 from support.whole_scene import whole_scene
 
@@ -137,3 +138,12 @@ def test_the_tip_along_the_stylus_is_told_in_words(facts: SessionFacts) -> None:
     far = np.zeros((len(free.columns) // 3, 3))
     far[:, 1] = -1e-3 * amplitudes(facts)
     assert "friday 24 µm against" in TIP.reading(free, far.ravel())
+
+
+def test_a_zero_found_anew_before_each_session_is_told_in_words(facts: SessionFacts) -> None:
+    """Of every joint but the last, whose zero moves the tip in its frame; in seconds of arc."""
+    found = [c for c in SHIFT.candidates(facts) if is_by_session(c)]
+    assert [str(c.location) for c in found] == [f"joint {k}" for k in range(1, 6)]
+    said = SHIFT.reading(found[2], amplitudes(facts) * np.radians(1.0 / 3600.0))
+    assert "the zero of joint 3 is another in each session" in said
+    assert "tuesday, early +21″, tuesday, late +1.0″, friday +24″ against" in said

@@ -53,6 +53,33 @@ def test_a_zero_that_relaxes_has_its_time_constant(healthy: Any) -> None:
     assert found.written == (0,)
 
 
+def test_a_joint_that_is_homed_anew_for_each_session_keeps_no_sessions_zero(healthy: Any) -> None:
+    """By 9 to 20″, drawn for each: no walk, whose last value would stay."""
+    arm, sessions = healthy
+    off = dict(zip([s.name for s in sessions], (0.0, 15.0, -9.0, 20.0, 15.0), strict=True))
+    moved = [
+        planted([s], of_joint(3, lambda _, s=s: off[s.name] + np.zeros(s.n)))[0] for s in sessions
+    ]
+    found = diagnose(moved, arm)
+    (one,) = said(found)
+    assert (one.cause, one.location) == ("geometry_shift", "joint 3")
+    (finding,) = as_json(found, None)["findings"]
+    assert "the zero of joint 3 is another in each session" in finding["reading"]
+    against = {p["name"]: (p["value"], p["standard_uncertainty"]) for p in finding["parameters"]}
+    size, sigma = against[f"theta, {sessions[1].name} against those before"]
+    assert abs(size) == pytest.approx(np.radians(15.0 / 3600.0), abs=5 * sigma)
+    assert found.written == (0,)
+    terms = [t for t in found.extended.terms if t.effect == "geometry_shift joint 3"]
+    of_session = np.cumsum([t.coefficient for t in sorted(terms, key=_begins_s)])
+    assert len(of_session) == len(sessions) + 1
+    assert of_session[-1] == pytest.approx(0.0, abs=1e-12)  # after the last
+    assert np.sort(of_session[:-1])[2] == pytest.approx(0.0, abs=1e-12)  # of the middle one
+
+
+def _begins_s(term: Any) -> float:
+    return float(term.basis[0].instant_unix_s)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [8100, 8403, 7373080010, *map(long_case, [8104, 8110, 8408, 31337080002])]

@@ -6,6 +6,7 @@ from functools import partial
 
 from armd.arrays import F64
 from armd.compensation.effects import location
+from armd.compensation.effects.by_session import by_session, is_by_session, values_by_session
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
 from armd.compensation.effects.effect import (
     Candidate,
@@ -45,7 +46,22 @@ def _drifting(facts: SessionFacts, joint: int, name: str) -> Iterator[Candidate]
         typical = TYPICAL[name] / function.largest
         return [Column(f"{name} {function.name}", _unit(name) + function.per, typical, terms)]
 
-    return drifts(facts, "geometry_shift", location.joint(joint), columns)
+    yield from drifts(facts, "geometry_shift", location.joint(joint), columns)
+
+
+def _in_each_session(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
+    """A joint's zero that is found anew before each session."""
+    columns = tuple(
+        Column(
+            f"theta, {function.name}",
+            "rad",
+            TYPICAL["theta"] / function.largest,
+            function.terms([(f"theta_{joint}", 1.0)]),
+        )
+        for function in by_session(facts)
+    )
+    if columns:
+        yield Candidate("geometry_shift", location.joint(joint), columns, ("time_s",))
 
 
 def _growing(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
@@ -76,11 +92,19 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
                 shifted = partial(_shifted, k, name)
                 yield from steps(facts, "geometry_shift", location.joint(k), shifted)
             yield from _drifting(facts, k, name)
+        yield from _in_each_session(facts, k)
         yield from _growing(facts, k)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
     column, value = candidate.columns[0], float(amplitudes[0])
+    if is_by_session(candidate):
+        values, against = values_by_session(candidate, amplitudes)
+        told = ", ".join(
+            f"{name} {plain(angle[0] / ARC_SECOND, sign='+')}″" for name, angle in values.items()
+        )
+        where = candidate.location
+        return f"the zero of {where} is another in each session: {told} against {against}"
     if is_drift(candidate):
         term = column.terms[0]
         far = swing(candidate, amplitudes, term.parameter)
