@@ -17,6 +17,7 @@ from armd.compensation.diagnose.scoring.evidence import Scores, Sums, estimates,
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_candidate, shape_place
 from armd.compensation.diagnose.scoring.unevenness import may_have_begun_anyhow, unsettled
+from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.model.arm import Arm
 
@@ -231,10 +232,16 @@ class PartedSurvey:
 
 def weakest(projection: Projection) -> tuple[int, float]:
     """The least significant of the findings, each beside all others but those that act through it:
-    its number, and the log of its p value."""
+    its number, and the log of its p value. An exchange is as significant as what goes by the
+    exchanged sensors, and would not be there without."""
     findings = projection.fit.findings
     own = score_candidates(projection, findings)
-    log_p = [float(own.freed(i, *through_it(findings, i)).log_p[i]) for i in range(len(findings))]
+    log_p = []
+    for i in range(len(findings)):
+        others = through_it(findings, i)
+        falling = [j for j in others if CATALOGUE[findings[j].cause].by_temperature]
+        freed = [(i, *others), *((j, *through_it(findings, j)) for j in falling)]
+        log_p.append(min(float(own.freed(*some).log_p[some[0]]) for some in freed))
     least = int(np.argmax(log_p))
     return least, log_p[least]
 
