@@ -93,18 +93,34 @@ def test_a_base_that_steps_beside_others_is_no_slip_of_joint_1() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "seed", [20101190002, 777190009, 440126190000, *map(long_case, [20107190001, 777190002])]
+    "seed",
+    [
+        20101190002,
+        777190009,
+        440126190000,
+        271127190005,
+        *map(long_case, [20107190001, 777190002]),
+    ],
 )
 def test_an_early_choice_is_looked_at_again_with_all_others_in(seed: int) -> None:
     """An eccentricity and an ellipticity stood for a joint that shifted; a walk in time for a slip
     and a joint that turns with temperature; a bending that was refused beside what was not found
     yet stayed refused, and two false names stood for it, all sure; one function without a name for
-    play and a delay; nothing at all for five, beside all that the calibration might have taken up
-    of them."""
+    play and a delay, twice; nothing at all for five, beside all that the calibration might have
+    taken up of them."""
     judged = run_strange("crowd", seed)
     assert judged.right, judged
     assert judged.named == len(judged.due) >= 3
     assert not judged.worse
+
+
+@pytest.mark.slow
+def test_what_goes_by_an_exchanged_sensor_keeps_the_exchange() -> None:
+    """By itself it was not significant, was pruned, and a disc of 31 noise units with it."""
+    judged = run_strange("crowd", 271127190008)
+    assert judged.right, judged
+    assert judged.named == len(judged.due) == 2
+    assert judged.after_um < 1.02 * judged.oracle_um
 
 
 @pytest.mark.slow

@@ -65,6 +65,8 @@ MOST_RENAMINGS = 3
 #: A set was chosen by the readings that are held out in turn, too: it must predict them better by
 #: so many standard errors. True sets did by 4.9 to 12, false ones on a real arm by 2.3.
 BEYOND_DOUBT = 3.0
+#: Names in the place of what has none need less: they say the same with a cause.
+BEYOND_CHANCE = 1.0
 #: What is found otherwise, or is no cause.
 NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
 
@@ -204,7 +206,9 @@ class Search:
             key = key_of(other.findings)
             if other.likelier < least or key in seen:
                 continue
-            if self._held_out(current, current.findings, other.findings) < BEYOND_DOUBT:
+            fewer = _nameless(other.findings) < _nameless(current.findings)
+            enough = BEYOND_CHANCE if fewer else BEYOND_DOUBT
+            if self._held_out(current, current.findings, other.findings) < enough:
                 continue
             seen.add(key)
             another = self._fit(other.findings, current)
@@ -302,3 +306,8 @@ class Search:
         if not counted:
             self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
         return scored
+
+
+def _nameless(findings: Sequence[Candidate]) -> int:
+    """How many of them have no name."""
+    return sum(c.cause == "unknown" for c in findings)

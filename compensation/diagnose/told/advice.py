@@ -68,6 +68,12 @@ def next_experiment(diagnosis: Diagnosis) -> str:
             f"To confirm {_named(found)} with the extended calibration: "
             f"{CATALOGUE[found.cause].experiment}."
         )
+    if diagnosis.significant_rest:
+        on = ", ".join(diagnosis.search.remaining_depends_on) or "what these data do not show"
+        return (
+            f"What is left goes with {on}, and no cause was found for it: measure again with "
+            "these spread wider, all else as it is; `armd design` picks the poses."
+        )
     return (
         "Nothing significant is left to find; measure again after the next season or transport. "
         "`armd design` picks poses that tighten the least well known parameter."
