@@ -13,7 +13,7 @@ from armd.compensation.diagnose.scoring.shape import OFF, is_shape, shape_candid
 from armd.compensation.diagnose.search.findings import _honest as honest
 from armd.compensation.diagnose.search.findings import likelier_rival
 from armd.compensation.diagnose.search.findings import nearest_step as nearest
-from armd.compensation.diagnose.told.advice import alike
+from armd.compensation.diagnose.told.advice import alike, next_experiment
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, joined
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
@@ -147,3 +147,14 @@ def test_a_rival_step_is_taken_nearest_to_the_instant_between_those_of_the_grid(
     grid = [step(1000.0), step(1100.0), step(1200.0)]
     assert nearest(1083.0, grid).setting[0][1] == 1080.0
     assert nearest(1101.0, grid).setting[0][1] == 1100.0
+
+
+def test_where_something_is_left_the_next_experiment_does_not_say_that_nothing_is() -> None:
+    search = SimpleNamespace(
+        facts=SimpleNamespace(timed=True, rates=True), untold=(), remaining_depends_on=("q3", "t3")
+    )
+    usual = {"search": search, "found": (), "outliers": ()}
+    left: Any = SimpleNamespace(**usual, significant_rest=True)
+    assert next_experiment(left).startswith("What is left goes with q3, t3")
+    nothing: Any = SimpleNamespace(**usual, significant_rest=False)
+    assert next_experiment(nothing).startswith("Nothing significant is left to find")
