@@ -195,9 +195,9 @@ def _at_the_instant_of(
 
 
 def likelier_rival(found: Finding) -> Candidate | None:
-    """The most probable alternative, where it is likelier than the cause told."""
+    """The most probable alternative, where it is likelier than what is told."""
     best = max(found.rivals, key=lambda rival: rival.probability, default=None)
-    if best is None or found.candidate.cause == "unknown":
+    if best is None or is_shape(found.candidate):
         return None
     return best.candidate if best.probability > found.probability else None
 

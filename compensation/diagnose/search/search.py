@@ -174,7 +174,8 @@ class Search:
         self, current: Fit, scored: ScoredCandidates, seen: set[str]
     ) -> tuple[Fit, ScoredCandidates, list[Finding]]:
         """With each finding renamed that is less likely than one of its alternatives, all others
-        given, as long as that leads somewhere new; and the findings then."""
+        given, as long as that leads somewhere new; and the findings then. What has no name takes
+        one that predicts readings held out better."""
         told = weighed(scored, self._tests)
         for _ in range(MOST_FINDINGS):
             for found in told:
@@ -186,6 +187,10 @@ class Search:
                 if key_of(findings) in seen:
                     continue
                 seen.add(key_of(findings))
+                if found.candidate.cause == "unknown":
+                    better = self._held_out(current, current.findings, findings)
+                    if better < BEYOND_CHANCE:
+                        continue
                 renamed = self._fit(findings, current)
                 if refused(renamed, current, self.arm):
                     continue
