@@ -26,7 +26,7 @@ from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.growth_open import told_of_growth
 from armd.compensation.diagnose.fitting.outliers import find_outliers
 from armd.compensation.diagnose.fitting.taken_up import beside_what_it_took_up
-from armd.compensation.diagnose.fitting.under_test import under_test
+from armd.compensation.diagnose.fitting.under_test import model_under_test
 from armd.compensation.diagnose.heldout.borne_out import (
     BorneOut,
     by_placement,
@@ -248,7 +248,7 @@ def _search(
     sessions, touched = tuple(given), list[Touched]()
     while True:
         rests = gather_rests(sessions, arm)
-        baseline, odd = under_test(sessions, arm, calibration)
+        baseline, odd = model_under_test(sessions, arm, calibration)
         give_back_freed()
         progress("search", 0.0)
         search = Search(rests, arm, baseline, progress, partial(better_by, arm=arm))

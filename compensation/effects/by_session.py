@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects.courses import Function
-from armd.compensation.effects.effect import Candidate, SessionFacts
+from armd.compensation.effects.effect import Candidate, Column, SessionFacts
 from armd.compensation.model.slow_factors import After
 from armd.compensation.model.terms import Factor, Term
 
@@ -46,6 +46,14 @@ def by_session(facts: SessionFacts) -> list[Function]:
         size = math.sqrt(k / (k + 1))
         found.append(_function(f"{names[k]}{AGAINST}", size, against, edges))
     return found
+
+
+def column(
+    function: Function, motion: str, unit: str, typical: float, weights: Sequence[tuple[str, float]]
+) -> Column:
+    """Of one function, what it moves: *weights* of parameters."""
+    name = f"{motion}, {function.name}"
+    return Column(name, unit, typical / function.largest, function.terms(weights))
 
 
 def is_by_session(candidate: Candidate) -> bool:

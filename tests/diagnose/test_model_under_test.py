@@ -38,10 +38,10 @@ def test_it_is_the_linear_one_which_calibrate_makes_when_told(
     assert calibrate(measured, ARM).thermal_order == 2
     told = calibrate(measured, ARM, Options(thermal_order=1)).calibration
     monkeypatch.setattr(Comparison, "trials", None)  # no other is tried
-    found = model_under_test(measured, ARM, None).calibration
+    found = model_under_test(measured, ARM, None)[0].calibration
     assert found.model_dump(exclude={"created"}) == told.model_dump(exclude={"created"})
 
 
 def test_at_one_temperature_it_is_the_geometry_alone() -> None:
-    found = model_under_test(sessions(20.0), ARM, None)
+    found = model_under_test(sessions(20.0), ARM, None)[0]
     assert found.model.terms == () and found.calibration.provenance["thermal_order"] == 0

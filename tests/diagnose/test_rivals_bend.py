@@ -28,7 +28,7 @@ def told(size_rad: float, second: float) -> list[float]:
     q = session.states.q.copy()
     q[:, 2] += size_rad * (np.sin(q[:, 2]) + second * np.sin(2 * q[:, 2] + 1.0))
     session = replace(session, states=replace(session.states, q=q))
-    rests, baseline = gather_rests([session], ARM), model_under_test([session], ARM, None)
+    rests, baseline = gather_rests([session], ARM), model_under_test([session], ARM, None)[0]
     catalogued = catalogue.candidates(gather_facts(rests, ARM, baseline))
     names = {(c.cause, str(c.location)): c for c in catalogued}
     both = [names[DISC], names[OVAL]]

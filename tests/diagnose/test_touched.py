@@ -191,7 +191,7 @@ def shaken(seed: int, moved_mm: float = 0.0) -> list[Session]:
 
 
 def looked_at(sessions: list[Session]) -> ScoredCandidates:
-    baseline = model_under_test(sessions, ARM, None)
+    baseline = model_under_test(sessions, ARM, None)[0]
     return Search(gather_rests(sessions, ARM), ARM, baseline).first
 
 

@@ -33,7 +33,7 @@ def problem(tmp_path_factory):
     case = generate_case(tmp_path_factory.mktemp("case"), 5, plants, design)
     arm = load_arm(case.arm)
     sessions = [load_session(path, arm) for path in case.sessions]
-    baseline, rests = model_under_test(sessions, arm, None), gather_rests(sessions, arm)
+    baseline, rests = model_under_test(sessions, arm, None)[0], gather_rests(sessions, arm)
     found = fit(rests, arm, baseline, baseline.model)
     candidates = list(catalogue.candidates(gather_facts(rests, arm, baseline)))
     return found, arm, candidates

@@ -7,6 +7,8 @@ its drawing can be off, or a certified length by more than its uncertainty allow
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from armd.arrays import F64, Mask
@@ -60,7 +62,7 @@ def size(fit: Fit, arm: Arm) -> float:
     """The arm's size under a fit, as a share of its size under the model under test."""
     given = parameter_rows(fit.baseline.model.constants, (), np.zeros((1, 0)))[0]
     lengths = given * _is_length(arm)
-    return float(_rows(fit, arm).mean(axis=0) @ lengths / (lengths @ lengths))
+    return float(_rows(fit, _solved(fit), arm).mean(axis=0) @ lengths / (lengths @ lengths))
 
 
 def scale_kept(fit: Fit, arm: Arm) -> float:
@@ -79,8 +81,8 @@ def _too_far(fit: Fit, arm: Arm) -> str:
     given = baseline.model
     values = basis_values(given.terms, states, arm, given.reference_c, given.constants)
     names = arm.layout.names
-    known = _rows(fit, arm) - _turned_by_causes(fit, arm)
-    apart = np.abs(known - parameter_rows(given.constants, given.terms, values))
+    own = _rows(fit, _without_causes_turns(fit), arm)
+    apart = np.abs(own - parameter_rows(given.constants, given.terms, values))
     most = np.array([PLAUSIBLE[parameters.unit(name)] for name in names])
     most[arm.layout.base] = np.inf  # it may have been carried anywhere: that changes no size
     furthest = int(np.argmax(apart.max(axis=0) / most))
@@ -133,32 +135,26 @@ def _solved(fit: Fit) -> ModelState:
     return with_findings(moved_model(fit), fit.findings, fit.amplitudes)
 
 
-def _rows(fit: Fit, arm: Arm) -> F64:
-    """Parameters (n, P) at each rest, at the fit's solution."""
-    model = _solved(fit)
+def _rows(fit: Fit, model: ModelState, arm: Arm) -> F64:
+    """Parameters (n, P) of a model at each of a fit's rests."""
     states = fit.linear.rests.observations.states
     values = basis_values(model.terms, states, arm, model.reference_c, model.constants)
     rows: F64 = parameter_rows(model.constants, model.terms, np.nan_to_num(values))
     return rows
 
 
-def _turned_by_causes(fit: Fit, arm: Arm) -> F64:
-    """What named causes add to the angles (n, P) at each rest: no arm becomes smaller by that, and
-    how large each can be is asked apart."""
-    model, states = fit.model, fit.linear.rests.observations.states
+def _without_causes_turns(fit: Fit) -> ModelState:
+    """The model at a fit's solution without what named causes add to angles: no arm becomes smaller
+    by that, and how large each can be is asked apart."""
+    model = moved_model(fit)
     terms = [
         term
         for candidate, amplitudes in zip(fit.findings, fit.amplitudes, strict=True)
-        if candidate.cause != "unknown"
         for column, amplitude in zip(candidate.columns, amplitudes, strict=True)
         for term in column.at(float(amplitude))
-        if parameters.unit(term.parameter) == "rad"
+        if candidate.cause == "unknown" or parameters.unit(term.parameter) != "rad"
     ]
-    constants = moved_model(fit).constants
-    values = basis_values(terms, states, arm, model.reference_c, constants)
-    nothing = np.zeros(len(constants))
-    added: F64 = parameter_rows(nothing, terms, np.nan_to_num(values))
-    return added
+    return replace(model, terms=(*model.terms, *terms))
 
 
 def _is_length(arm: Arm) -> Mask:

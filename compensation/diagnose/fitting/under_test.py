@@ -16,21 +16,15 @@ from armd.compensation.model.calibration import Calibration
 
 def model_under_test(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
-) -> Baseline:
-    """The calibration given, held; otherwise what `armd calibrate` makes of the sessions.
+) -> tuple[Baseline, Odd | None]:
+    """The calibration given, held; otherwise what `armd calibrate` makes of the sessions, and the
+    one of them that does not fit the others.
 
     By itself that chooses a thermal model by its error: one that goes far would swallow causes that
     have a name (a link expanding in a curve, a joint that turns with temperature), and beside a
     strong error it chooses none, so that plain expansion would be found. The plain linear thermal
     model is the one under test wherever there can be one, and others are not tried.
     """
-    return under_test(sessions, arm, calibration)[0]
-
-
-def under_test(
-    sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
-) -> tuple[Baseline, Odd | None]:
-    """The model under test, and the session that does not fit the others of which it was made."""
     if calibration is not None:
         return with_growth_open(from_calibration(calibration, arm, held=True), arm), None
     made = calibrate(sessions, arm, Options(compare=False))

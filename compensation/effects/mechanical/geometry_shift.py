@@ -6,7 +6,12 @@ from functools import partial
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.by_session import by_session, is_by_session, values_by_session
+from armd.compensation.effects.by_session import (
+    by_session,
+    column,
+    is_by_session,
+    values_by_session,
+)
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
 from armd.compensation.effects.effect import (
     Candidate,
@@ -52,12 +57,7 @@ def _drifting(facts: SessionFacts, joint: int, name: str) -> Iterator[Candidate]
 def _in_each_session(facts: SessionFacts, joint: int) -> Iterator[Candidate]:
     """A joint's zero that is found anew before each session."""
     columns = tuple(
-        Column(
-            f"theta, {function.name}",
-            "rad",
-            TYPICAL["theta"] / function.largest,
-            function.terms([(f"theta_{joint}", 1.0)]),
-        )
+        column(function, "theta", "rad", TYPICAL["theta"], [(f"theta_{joint}", 1.0)])
         for function in by_session(facts)
     )
     if columns:

@@ -12,7 +12,12 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects import location
-from armd.compensation.effects.by_session import by_session, is_by_session, values_by_session
+from armd.compensation.effects.by_session import (
+    by_session,
+    column,
+    is_by_session,
+    values_by_session,
+)
 from armd.compensation.effects.courses import Function, drifts, goes, is_drift, steps, swing
 from armd.compensation.effects.effect import (
     Candidate,
@@ -58,17 +63,13 @@ def _in_each_session(facts: SessionFacts) -> Iterator[Candidate]:
     """Anywhere, or along the stylus alone."""
     functions, own = by_session(facts), stylus(facts)
     length = math.hypot(*(mm for _, mm in own))
-    ways = [[(name, 1.0)] for name in TIP_PARAMETERS]
-    for way in (ways, [[(name, mm / length) for name, mm in own]] if own else []):
+    anywhere = {name[-1]: [(name, 1.0)] for name in TIP_PARAMETERS}
+    along = {"along the stylus": [(name, mm / length) for name, mm in own]} if own else {}
+    for motions in (anywhere, along):
         columns = [
-            Column(
-                f"{'along the stylus' if len(way) == 1 else weights[0][0][-1]}, {function.name}",
-                "mm",
-                TYPICAL_MM / function.largest,
-                function.terms(weights),
-            )
+            column(function, motion, "mm", TYPICAL_MM, weights)
             for function in functions
-            for weights in way
+            for motion, weights in motions.items()
         ]
         if columns:
             yield Candidate("tip_offset", location.TIP, tuple(columns), ("time_s",))

@@ -158,7 +158,6 @@ def _guesses(observations: Observations, model: AssumedModel) -> Iterator[Guess]
     yield from _other_angles(observations)
     yield from _other_temperatures(observations)
     yield from _other_targets(observations, model)
-    yield from _other_ends(observations, model)
 
 
 def _other_lengths(observations: Observations) -> Iterator[Guess]:
@@ -212,67 +211,63 @@ def celsius(fahrenheit: F64) -> F64:
 
 
 def _other_targets(observations: Observations, model: AssumedModel) -> Iterator[Guess]:
-    """Two targets exchanged, where that makes a placement's readings fit."""
-    touched = np.unique(observations.target[~observations.has_truth])
-    placements = np.unique(observations.placement)
+    """Targets under each other's names, where that makes a placement's readings fit."""
     position = model.tip_mm(observations)
     as_it_is = _largest(observations, position)
+    own_names = np.arange(len(observations.unknown))
+    placements = np.unique(observations.placement)
+
+    def better(names: I64) -> I64:
+        renamed = _largest(_renamed(observations, names, placements), position)
+        return np.flatnonzero(renamed < EXPLAINED * as_it_is)
+
+    touched = np.unique(observations.target[~observations.has_truth])
     pairs = list(combinations(touched, 2))
     seats = bool(observations.unknown[touched].any())
-    if seats and len(pairs) * len(placements) > MOST_EXCHANGES:
-        return
-    for a, b in pairs:
-        if seats:  # a seat's place is the same in all placements of the session: one by one
-            where = [np.array([placement]) for placement in placements]
-        else:
-            everywhere = _exchanged(observations, a, b, placements)
-            better = _largest(everywhere, position) < EXPLAINED * as_it_is
-            where = [np.flatnonzero(better)] if better.any() else []
-        for chosen in where:
-            yield Guess(
-                _exchange_in_words(observations, a, b, chosen),
-                "each target under its own name",
-                _exchanged(observations, a, b, chosen),
-            )
-
-
-def _other_ends(observations: Observations, model: AssumedModel) -> Iterator[Guess]:
-    """All targets counted from another end, where that makes a placement's readings fit."""
+    for a, b in [] if seats and len(pairs) * len(placements) > MOST_EXCHANGES else pairs:
+        names = own_names.copy()
+        names[[a, b]] = b, a
+        # A seat's place is the same in all placements of the session: one by one.
+        where = (
+            [placements[k : k + 1] for k in range(len(placements))] if seats else [better(names)]
+        )
+        one, other = _own_name(observations, a), _own_name(observations, b)
+        yield from _renamings(
+            observations, names, where, f"its targets {one} and {other} are exchanged"
+        )
     session = np.isin(observations.target_session, observations.session)
     certified = np.flatnonzero(session & ~observations.unknown)
-    position = model.tip_mm(observations)
-    as_it_is = _largest(observations, position)
     for onto in other_ends(observations.position_mm[certified]):
-        renamed = np.arange(len(observations.unknown))
-        renamed[certified] = certified[onto]
-        everywhere = replace(observations, target=renamed[observations.target])
-        better = np.flatnonzero(_largest(everywhere, position) < EXPLAINED * as_it_is)
-        if len(better):
-            there = np.isin(observations.placement, better)
-            target = np.where(there, renamed[observations.target], observations.target)
-            first = certified[np.flatnonzero(renamed[certified] != certified)[0]]
-            named, touched = (
-                observations.target_names[i].partition("/")[2] for i in (first, renamed[first])
-            )
+        names = own_names.copy()
+        names[certified] = certified[onto]
+        first = int(np.flatnonzero(names != own_names)[0])
+        named, at = _own_name(observations, first), _own_name(observations, names[first])
+        words = f"its targets are counted from another end ({named} is {at})"
+        yield from _renamings(observations, names, [better(names)], words)
+
+
+def _renamings(
+    observations: Observations, names: I64, where: Sequence[I64], words: str
+) -> Iterator[Guess]:
+    """Targets under other *names* (K,) in each of some sets of placements that has any."""
+    for placements in where:
+        if len(placements):
             yield Guess(
-                f"its targets are counted from another end ({named} is {touched})"
-                + _where_in_words(observations, better),
+                words + _where_in_words(observations, placements),
                 "each target under its own name",
-                replace(observations, target=target),
+                _renamed(observations, names, placements),
             )
 
 
-def _exchanged(observations: Observations, a: int, b: int, placements: I64) -> Observations:
-    target = observations.target
+def _renamed(observations: Observations, names: I64, placements: I64) -> Observations:
     there = np.isin(observations.placement, placements)
-    new = np.where(there & (target == a), b, np.where(there & (target == b), a, target))
-    return replace(observations, target=new)
+    target = observations.target
+    return replace(observations, target=np.where(there, names[target], target))
 
 
-def _exchange_in_words(observations: Observations, a: int, b: int, placements: I64) -> str:
-    own = [observations.target_names[i].partition("/")[2] for i in (a, b)]
-    where = _where_in_words(observations, placements)
-    return f"its targets {own[0]} and {own[1]} are exchanged{where}"
+def _own_name(observations: Observations, target: int) -> str:
+    """In its session."""
+    return observations.target_names[target].partition("/")[2]
 
 
 def _where_in_words(observations: Observations, placements: I64) -> str:
