@@ -35,12 +35,14 @@ def replaced(rng: Rng, scene: Scene) -> list[Fault]:
     """An encoder is replaced: from then on its zero is another, and its disc off its axis."""
     k, at = inner(rng, scene), rng.uniform(0.3, 0.7) * scene.span_s
     phase, share = rng.uniform(0, 2 * np.pi), rng.uniform(0.5, 1.0)
-    by = (scene.since_s > at) * (1 + share * np.sin(scene.readings.q[:, k] - phase))
+    after, q = scene.since_s > at, scene.readings.q[:, k]
+    by = after * (1 + share * np.sin(q - phase))
     place = f"joint {k + 1}"
     return [
         Fault("encoder_slip", place, ("time_s", f"q{k + 1}"), scene.at_joint(k, by),
               f"after {at / 3600:.2f} h, eccentric by {share:.2f} of the step",
-              same_signal=(("encoder_eccentricity", place),))
+              same_signal=(("encoder_eccentricity", place),),
+              shapes=(scene.at_joint(k, 1.0 * after), *scene.waves_at(k, (q,), after)))
     ]  # fmt: skip
 
 

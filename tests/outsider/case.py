@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, replace
-from itertools import combinations
+from functools import reduce
 
 import numpy as np
-from outsider.around import AROUND
 from outsider.chain import F64, Alteration, by_angles, posture
-from outsider.faults import FAULTS, UNDER_A_CALIBRATION
+from outsider.crowds import CROWDS, KNOWN, One
+from outsider.faults import UNDER_A_CALIBRATION
 from outsider.habits import HABITS, Habit
 from outsider.measured import (
     KEPT_C,
@@ -26,6 +26,7 @@ from outsider.measured import (
 )
 from outsider.scene import Fault, Scene
 from outsider.seen import Seen
+from outsider.sizes import rows_of, sized, with_its_like
 
 #: Nothing wrong with the arm; with the readings, something: every other case has a disc besides.
 TAKEN = ("t3", "gross", "dead", "doubled", "floor", "unread", "coarse", "narrow", "uneven",
@@ -36,12 +37,9 @@ BOTH = {"dead_relax": ("dead", "relax"), "gross_play": ("gross", "play"),
         "wall": ("wall", "sag"), "bare": ("bare", "sag")}  # fmt: skip
 #: Wrong with the arm long before the calibration under test, and plainly so.
 OLDER = {"old_disc": "disc", "old_sag": "sag"}
-EVERY = FAULTS | AROUND
-KINDS = ("clean", *EVERY, *MESSES, *BOTH, *OLDER)
+KINDS = ("clean", *KNOWN, *MESSES, *BOTH, *OLDER, *CROWDS)
 #: Noise units, clear of all that absorbs.
 WANTED, PLAINLY = (8.0, 25.0), (40.0, 200.0)
-#: A rival that leaves less of a fault than this is the same to any reader of these readings.
-TOLD_APART = 3.0
 #: How much more a point scatters while a machine next door shakes the floor; what steel grows.
 SHAKEN, STEEL_PER_K = 5.0, 11.5e-6
 #: Encoders that count in steps, rad; what a tracker scatters by, mm, and mm more per mm away.
@@ -70,6 +68,9 @@ class Truth:
     mess_names: tuple[tuple[str, str], ...] = ()  # true of the mess: told or not, they do not count
     mess_depends_on: tuple[str, ...] = ()  # nor does `unknown` in nothing but these
     mistaken: str = ""  # of targets counted from another end, with its session: may be refused
+    #: Of a crowd, every fault of it; its `noise_units` are then clear of what the others leave free
+    each: tuple[Truth, ...] = ()
+    plain_units: float = 0.0  # of one in a crowd: clear of the others as they are, of any size
 
 
 @dataclass(frozen=True)
@@ -125,22 +126,35 @@ def draw(kind: str, seed: int) -> Case:
         seat_mm[known] * (np.sqrt(TIMES) if kind == "repeats" else 1.0),
     )
     fault = Fault("", "", (), scene.none(), "")
-    if planted in EVERY:
+    if planted in KNOWN:
         wanted = float(np.exp(rng.uniform(*np.log(PLAINLY if kind in OLDER else WANTED))))
-        fault = _sized(EVERY[planted](rng, scene), seen, known, wanted)
-        fault = _with_its_like(fault, seen, scene, known)
+        fault = sized(KNOWN[planted](rng, scene), seen, known, wanted)
+        fault = with_its_like(fault, seen, scene, known)
+    them = CROWDS[kind](rng, scene, seen, known) if kind in CROWDS else []
+    alter = reduce(Alteration.plus, (one.fault.alter for one in them), fault.alter)
     spread = _noise_mm(machine, readings.only(~known), seat_mm[~known])
     truth = Truth(
         kind, seed, fault.cause, fault.location, fault.depends_on, fault.beside,
-        fault.same_signal, fault.needs, seen.noise_units(_rows(fault.alter, known)),
+        fault.same_signal, fault.needs, seen.noise_units(rows_of(alter, known)),
         ", ".join(filter(None, (fault.words, habit.words))),
-        _touched(fault, plan, readings) if fault.cause == "artefact_moved" else "", held,
+        _touched(fault, plan, readings), held,
         1e3 * float(np.sqrt((spread**2).mean())), habit.names, habit.variables,
         "" if habit.mistaken is None else _placement(habit.mistaken, plan, readings),
     )  # fmt: skip
+    truth = replace(truth, each=tuple(_of_a_crowd(truth, one, plan, readings) for one in them))
     return Case(
         truth, replace(machine, encoder_rad=fine_rad), thing, plan, readings, seat_mm,
-        fault.alter.plus(habit.alter), rng, mess, step_rad, habit.truth_mm,
+        alter.plus(habit.alter), rng, mess, step_rad, habit.truth_mm,
+    )  # fmt: skip
+
+
+def _of_a_crowd(truth: Truth, one: One, plan: Plan, readings: Readings) -> Truth:
+    fault = one.fault
+    return replace(
+        truth, cause=fault.cause, location=fault.location, depends_on=fault.depends_on,
+        beside=fault.beside, same_signal=fault.same_signal, needs=fault.needs,
+        noise_units=one.clear_units, plain_units=one.plain_units, words=fault.words,
+        placement=_touched(fault, plan, readings),
     )  # fmt: skip
 
 
@@ -160,59 +174,14 @@ def _thing(rng: Rng, kind: str) -> Thing:
 def _plan(rng: Rng, kind: str, held: bool) -> Plan:
     sessions = int(rng.integers(4, 9))
     rows = int(rng.integers(240, 481)) // sessions * (TIMES if kind == "repeats" else 1)
-    restless = 4.0 if kind == "lag" else 1.0  # slower drifts show no lag
+    # slower drifts show no lag
+    restless = 4.0 if kind == "lag" or (kind == "crowd" and rng.random() < 0.5) else 1.0
     plan = Plan(4 if held else 0, sessions, rows, 2 if rows < 60 else 3, restless)
     if kind == "narrow":
         return replace(plan, restless=KEPT_RESTLESS, climates_c=(*KEPT_C, 20.5, 21.0))
     if kind == "shop_floor":
         return replace(plan, kept_before=True)
     return replace(plan, uneven=True, placements=3) if kind == "uneven" else plan
-
-
-def _sized(variants: list[Fault], seen: Seen, known: F64, wanted: float) -> Fault:
-    """The variant nearest to the noise units wanted; one whose size is free is brought there, the
-    first that is then no larger than a real one, or the least too large."""
-    found = []
-    for one in variants:
-        units, excess = seen.noise_units(_rows(one.alter, known)), 1.0
-        if one.free and units > 0:
-            small = one.alter.times(1e-6)  # where everything is linear
-            size = 1e-6 * wanted / seen.noise_units(_rows(small, known))
-            one = replace(one, alter=one.alter.times(size), words=f"{one.words} × {size:.3g}")
-            units, excess = wanted, max(size / one.largest, 1.0)
-        found.append((abs(np.log(max(units, 1e-9) / wanted)), excess, one))
-    return min(found, key=lambda each: each[:2])[2]
-
-
-def _with_its_like(fault: Fault, seen: Seen, scene: Scene, known: F64) -> Fault:
-    """With the rivals that leave next to nothing of it as names of the same signal."""
-    alter = _rows(fault.alter, known)
-    left = {
-        (cause, fault.location): seen.noise_units(alter, [_rows(one, known) for one in shapes])
-        for cause, shapes in fault.rivals
-    }
-    if fault.cause == "sensor_offset":  # beside a sensor that hardly matters, an exchange mends it
-        for one, other in combinations(range(scene.machine.joints), 2):
-            mended = _rows(read_exchanged(scene, fault.alter, one, other), known)
-            name = ("sensor_swapped", f"sensors t{one + 1}, t{other + 1}")
-            left[name] = seen.noise_units(mended)
-    like = tuple(name for name, units in left.items() if units < TOLD_APART)
-    words = [fault.words, *(f"{' '.join(name)} leaves {left[name]:.1f}" for name in like)]
-    return replace(
-        fault, words=", ".join(words), same_signal=(*fault.same_signal, *like)
-    )  # fmt: skip
-
-
-def read_exchanged(scene: Scene, alter: Alteration, one: int, other: int) -> Alteration:
-    """What is left wrong if somebody takes two sensors, from 0, as altered, for exchanged."""
-    sensor, shown = alter.sensor.copy(), scene.readings.warm + alter.sensor
-    for own, from_ in ((one, other), (other, one)):
-        sensor[scene.on, own] = (shown[:, from_] - scene.readings.warm[:, own])[scene.on]
-    return replace(alter, sensor=sensor)
-
-
-def _rows(alter: Alteration, rows: F64) -> Alteration:
-    return Alteration(*(part[rows] for part in vars(alter).values()))
 
 
 def _noise_mm(machine: Machine, readings: Readings, seat_mm: F64) -> F64:
@@ -231,6 +200,8 @@ def session_name(plan: Plan, session: int) -> str:
 
 
 def _touched(fault: Fault, plan: Plan, readings: Readings) -> str:
+    if fault.cause != "artefact_moved":
+        return ""
     row = int(np.flatnonzero(fault.alter.target.any(axis=1))[0])
     return _placement(int(readings.placement[row]), plan, readings)
 

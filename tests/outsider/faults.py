@@ -21,6 +21,8 @@ G_M_S2 = 9.81
 
 def inner(rng: Rng, scene: Scene) -> int:
     """A joint, from 0, that neither the placement nor the tip stands in for."""
+    if scene.joint is not None:
+        return scene.joint
     return int(rng.integers(1, scene.machine.joints - 1))
 
 
@@ -36,7 +38,8 @@ def disc(rng: Rng, scene: Scene) -> list[Fault]:
     )
     return [
         Fault("encoder_eccentricity", place, (f"q{k + 1}",), scene.at_joint(k, by),
-              f"{oval:.0%} oval", beside=(("encoder_ellipticity", place),), rivals=rivals)
+              f"{oval:.0%} oval", beside=(("encoder_ellipticity", place),), rivals=rivals,
+              shapes=scene.waves_at(k, (q, 2 * q)))
     ]  # fmt: skip
 
 
@@ -93,7 +96,8 @@ def slip(rng: Rng, scene: Scene) -> list[Fault]:
     by = (after > 0) * (0.9 + 0.1 * (1 - np.exp(-after / 3600)))
     return [
         Fault("encoder_slip", f"joint {k + 1}", ("time_s",), scene.at_joint(k, by),
-              f"after {at / 3600:.2f} h")
+              f"after {at / 3600:.2f} h",
+              rivals=scene.rivals_at(k, {"geometry_shift": scene.each_session()}))
     ]  # fmt: skip
 
 
@@ -106,7 +110,7 @@ def mesh(rng: Rng, scene: Scene) -> list[Fault]:
     by = np.sin(angle) + 0.15 * np.sin(2 * angle)
     return [
         Fault("gear_mesh", f"joint {k + 1}", (f"q{other + 1}", f"q{k + 1}"), scene.at_joint(k, by),
-              f"{waves} waves of joint {other + 1}")
+              f"{waves} waves of joint {other + 1}", shapes=scene.waves_at(k, (angle,)))
     ]  # fmt: skip
 
 

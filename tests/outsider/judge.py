@@ -22,6 +22,12 @@ The verdict is the first of these that holds:
   has a probability of 0.95 or more, is not `unknown`, and has not the same signal;
 - "missed": nothing, where something was planted.
 
+Of a crowd (several faults at once), each finding is held against every fault, and counts for the
+one that it names best: its name for one says nothing of the others. A fault is *due* over 8 noise
+units, clear of all that the others leave free. What names none of them, nor is near one, is
+foreign. The verdict is "missed" if nothing is foreign and a due fault has neither its name nor a
+near finding, "right" if each has its name and nothing else was said, "near" otherwise.
+
 Targets of one placement that were counted from another end may be refused instead, if the command
 names the session, says so, and names no other placement: "right".
 
@@ -33,16 +39,67 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from outsider.case import Truth
 
 SURE, WORSE = 0.95, 1.02
+BEST_FIRST = ("own", "like", "near", "foreign")
+DUE_UNITS = 8.0
 VERDICTS = ("right", "near", "near but sure", "missed", "wrong", "sure and wrong")
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What was said of a crowd."""
+
+    told: tuple[str, ...]  # of each fault the best that was said: "own", "like", "near" or ""
+    relations: tuple[tuple[str, bool], ...]  # of each finding, the best to any fault; and if sure
+
+    @property
+    def extra(self) -> int:
+        return sum(relation == "foreign" for relation, _ in self.relations)
+
+    @property
+    def sure_and_wrong(self) -> bool:
+        return ("foreign", True) in self.relations
+
+
+def tally(truth: Truth, report: Mapping[str, Any]) -> Tally:
+    """Of a crowd's report, as the contract's section 4 has it."""
+    best, relations = ["foreign"] * len(truth.each), []
+    for finding in report["findings"]:
+        each = [_relation(one, finding) for one in truth.each]
+        relation = min(each, key=BEST_FIRST.index)
+        relations.append((relation, finding["probability"] >= SURE))
+        for i, to_it in enumerate(each):
+            if to_it == relation:
+                best[i] = min(best[i], relation, key=BEST_FIRST.index)
+    told = tuple("" if relation == "foreign" else relation for relation in best)
+    return Tally(told, tuple(relations))
+
+
+def _of_a_crowd(truth: Truth, report: Mapping[str, Any]) -> str:
+    said = tally(truth, report)
+    if said.extra:
+        return "sure and wrong" if said.sure_and_wrong else "wrong"
+    due = [
+        relation
+        for one, relation in zip(truth.each, said.told, strict=True)
+        if one.noise_units > DUE_UNITS
+    ]
+    if "" in due:
+        return "missed"
+    if {relation for relation, _ in said.relations} | set(due) <= {"own"}:
+        return "right"
+    return "near but sure" if ("near", True) in said.relations else "near"
 
 
 def judge(truth: Truth, report: Mapping[str, Any]) -> str:
     """One of VERDICTS, of a report as the contract's section 4 has it."""
+    if truth.each:
+        return _of_a_crowd(truth, report)
     relations = [
         (_relation(truth, finding), finding["probability"] >= SURE)
         for finding in report["findings"]

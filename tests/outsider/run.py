@@ -3,7 +3,9 @@
 Each is written as a user's files, diagnosed by the command `armd diagnose`, and judged by the rules
 of `judge.py`. The line of a case: the verdict; kind and seed; what was planted [its noise units,
 clear of all that may absorb it]; what was said, with probabilities; the error on a session that
-took no part under the model under test and under the extended one (and the noise alone). Of cases
+took no part under the model under test and under the extended one (and the noise alone). Of a
+crowd each fault has its noise units clear of all that the others leave free, and clear of the
+others as they are, and what was said of it; the last line counts them over all crowds. Of cases
 without a calibration from before, the model under test is here `armd calibrate` of the same
 sessions. `OUTSIDER_ARGS="--case disc 1000"` repeats one case; `--kinds`, only these; `--keep DIR`
 keeps the folders.
@@ -27,7 +29,15 @@ from pathlib import Path
 import numpy as np
 from outsider.case import KINDS, Case, Truth, draw
 from outsider.files import write
-from outsider.judge import VERDICTS, is_worse, judge, rightly_refused
+from outsider.judge import (
+    DUE_UNITS,
+    VERDICTS,
+    Tally,
+    is_worse,
+    judge,
+    rightly_refused,
+    tally,
+)
 
 ARMD = Path(sys.executable).with_name("armd")
 MOST_S = 600
@@ -41,6 +51,7 @@ class Outcome:
     before_um: float
     after_um: float
     seconds: float  # of the diagnosis
+    tally: Tally | None = None  # of a crowd
 
     @property
     def worse(self) -> bool:
@@ -49,6 +60,12 @@ class Outcome:
     def line(self) -> str:
         truth = self.truth
         planted = f"{truth.cause} {truth.location} {truth.words}".strip() or "nothing"
+        if self.tally:
+            planted = "; ".join(
+                f"{one.cause} {one.location} {one.words} [{one.noise_units:.1f}, "
+                f"{one.plain_units:.1f}: {told or 'NOT TOLD'}]"
+                for one, told in zip(truth.each, self.tally.told, strict=True)
+            )
         model = "from before" if truth.held else "of the same"
         return (
             f"{self.verdict:14s} {truth.kind} {truth.seed}: {planted} [{truth.noise_units:.1f}], "
@@ -104,7 +121,9 @@ def _diagnosed(case: Case, folder: Path) -> Outcome:
         )  # fmt: skip
         errors_um.append(json.loads((folder / f"further-{model}.json").read_text())["rms_um"])
     said = "; ".join(_told(finding) for finding in report["findings"])
-    return Outcome(case.truth, judge(case.truth, report), said, *errors_um, seconds)
+    verdict = judge(case.truth, report)
+    told = tally(case.truth, report) if case.truth.each else None
+    return Outcome(case.truth, verdict, said, *errors_um, seconds, told)
 
 
 def _told(finding: dict[str, object]) -> str:
@@ -140,6 +159,33 @@ def table(outcomes: list[Outcome]) -> None:
             print(row.format(kind, str(len(these)), *map(str, figures)))
 
 
+def crowds_line(outcomes: list[Outcome]) -> str:
+    """What was said of all crowds; the gain is that of the noise, were all of it mended."""
+    tallies = [(o.truth, o.tally) for o in outcomes if o.tally]
+    named = {}
+    for units in ("noise_units", "plain_units"):
+        told = [
+            relation
+            for truth, each in tallies
+            for one, relation in zip(truth.each, each.told, strict=True)
+            if getattr(one, units) > DUE_UNITS
+        ]
+        named[units] = f"{told.count('own')} of {len(told)}"
+        alike = f"{told.count('like')} by a like name, {told.count('near')} nearly"
+    relations = [relation for _, each in tallies for relation, _ in each.relations]
+    mended = sum(o.before_um - o.after_um for o in outcomes if o.tally)
+    could = sum(o.before_um - o.truth.noise_um for o in outcomes if o.tally)
+    return (
+        f"effects named {named['noise_units']} over {DUE_UNITS:g} noise units "
+        f"({named['plain_units']} by the plain ones; {alike}); "
+        f"extra {relations.count('foreign')} in {len(tallies)} sets, "
+        f"near {relations.count('near')}; "
+        f"sure and wrong {sum(each.sure_and_wrong for _, each in tallies)} of {len(tallies)}; "
+        f"worse {sum(o.worse for o in outcomes if o.tally)}; "
+        f"gain {mended / could:.2f} of what the noise leaves"
+    )
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cases", type=int, default=2, help="of each kind")
@@ -161,6 +207,8 @@ def main() -> int:
                 outcomes.append(outcome)
                 print(outcome.line(), flush=True)
     table(outcomes)
+    if any(o.tally for o in outcomes):
+        print(crowds_line(outcomes))
     if len(outcomes) < len(tasks):
         print(f"{len(tasks) - len(outcomes)} cases failed", file=sys.stderr)
         return 1

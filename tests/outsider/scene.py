@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,8 @@ from outsider.measured import Machine, Readings, Thing
 
 #: Of which a posture is a linear function.
 SMALL_RAD = 1e-6
-Rivals = tuple[tuple[str, tuple[Alteration, ...]], ...]
+Shapes = tuple[Alteration, ...]
+Rivals = tuple[tuple[str, Shapes], ...]
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,8 @@ class Fault:
     needs: str = ""  # a variable without which the name is not the fault's
     #: other causes at its place, each with the shapes of it, of any size
     rivals: Rivals = ()
+    #: what a reader who knows its cause leaves free, as large as `alter`; (): only its size
+    shapes: Shapes = ()
 
 
 @dataclass(frozen=True)
@@ -40,6 +44,7 @@ class Scene:
     on: F64  # (n,) bool
     thing: Thing
     down: tuple[float, float, float] = (0.0, 0.0, -1.0)  # gravity, base frame
+    joint: int | None = None  # the only one, from 0, at which anything may be wrong; None: any
 
     @property
     def since_s(self) -> F64:
@@ -61,6 +66,17 @@ class Scene:
         return tuple(
             (cause, tuple(self.at_joint(k, SMALL_RAD * by) for by in each))
             for cause, each in shapes.items()
+        )
+
+    def each_session(self) -> tuple[F64, ...]:
+        """(n,) 1 in one session after the other, from the beginning on: a zero of its own each."""
+        numbers = self.readings.session
+        return tuple(1.0 * (numbers == number) for number in np.unique(numbers[self.on]))
+
+    def waves_at(self, k: int, angles: Sequence[F64], share: F64 | float = 1.0) -> Shapes:
+        """Sine and cosine of each angle (n,), times *share*, in the encoder of joint k (from 0)."""
+        return tuple(
+            self.at_joint(k, share * wave(angle)) for angle in angles for wave in (np.sin, np.cos)
         )
 
     def at_joint(self, k: int, by: F64) -> Alteration:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from outsider.case import draw, read_exchanged
+from outsider.case import draw
 from outsider.chain import Alteration, Table, by_angles, by_constants, posture
 from outsider.faults import FAULTS, late
 from outsider.files import write
@@ -18,6 +18,7 @@ from outsider.made_up import four_joints, scene
 from outsider.run import ARMD
 from outsider.scene import Scene
 from outsider.seen import Seen
+from outsider.sizes import read_exchanged
 
 HERE = Path(__file__).parent
 RIGHT_ANGLE = np.pi / 2
