@@ -50,10 +50,12 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
 
 def _of(effect: Effect, facts: SessionFacts) -> Iterator[Candidate]:
     coarseness = max(_coarseness(facts.arm), facts.scatter_rad / WELL_MADE_RAD)
-    if effect.as_coarse_as_the_arm and coarseness > 1.0:
-        yield from (_larger(candidate, coarseness) for candidate in effect.candidates(facts))
-    else:
+    if coarseness <= 1.0:
         yield from effect.candidates(facts)
+        return
+    typically = coarseness if effect.as_coarse_as_the_arm else 1.0
+    for candidate in effect.candidates(facts):
+        yield _larger(candidate, typically, coarseness)
 
 
 def under(facts: SessionFacts, acting: Sequence[Acting]) -> Iterator[Candidate]:
@@ -132,14 +134,16 @@ def _coarseness(arm: Arm) -> float:
     return max([1.0, *(2 * math.pi / count / FINE_RAD for count in counts)])
 
 
-def _larger(candidate: Candidate, factor: float) -> Candidate:
-    """The same cause, typically *factor* times as large; its refinements too."""
+def _larger(candidate: Candidate, typically: float, at_most: float) -> Candidate:
+    """The same cause, *typically* so many times as large, and *at_most*; other values, too."""
     columns = tuple(
-        replace(column, typical=column.typical * factor) for column in candidate.columns
+        replace(column, typical=column.typical * typically, coarseness=at_most)
+        for column in candidate.columns
     )
-    refine = candidate.refine
-    if refine is None:
-        return replace(candidate, columns=columns)
+    refine, elsewhere = candidate.refine, candidate.elsewhere
     return replace(
-        candidate, columns=columns, refine=lambda: [_larger(finer, factor) for finer in refine()]
+        candidate,
+        columns=columns,
+        refine=refine and (lambda: [_larger(finer, typically, at_most) for finer in refine()]),
+        elsewhere=elsewhere and (lambda value: _larger(elsewhere(value), typically, at_most)),
     )

@@ -91,6 +91,7 @@ class Column:
     terms: tuple[Term, ...] = ()
     artefact: ArtefactChange | None = None
     reach: float = np.inf  # times the typical size that is still plausible
+    coarseness: float = 1.0  # of the arm: by how much more than a fine one it may err at most
     use: Use | Winding | None = None
 
     def at(self, amplitude: float) -> Iterator[Term]:

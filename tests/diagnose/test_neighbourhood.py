@@ -3,6 +3,7 @@ a size that no such cause has."""
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -44,6 +45,22 @@ def test_a_named_cause_has_a_largest_size_and_a_blow_has_none() -> None:
     assert possible(bounded, np.array([7.4])) and not possible(bounded, np.array([7.6]))
     for cause in ("encoder_slip", "unknown"):
         assert possible(candidate(cause, 1.0), np.array([1e9]))
+
+
+def test_what_acts_alike_is_bounded_alike() -> None:
+    """A graduation of 340″ was refused where a wheel with as many teeth was not."""
+    arc_second = math.pi / 180 / 3600
+    waves = [
+        ("encoder_eccentricity", 6.0),
+        ("encoder_ellipticity", 3.0),
+        ("encoder_periodic", 2.0),
+        ("gear_mesh", 3.0),
+    ]
+    for cause, typical in waves:
+        columns = (Column("sin", "rad", typical * arc_second),)
+        wave = Candidate(cause, location.joint(2), columns, ())
+        for far, is_one in ((340.0, True), (899.0, True), (-901.0, False)):
+            assert possible(wave, np.array([far * arc_second])) == is_one, (cause, far)
 
 
 def fitted(changes: dict[str, float], known: bool = False, encoder_rad: float = 0.0) -> Any:
@@ -100,6 +117,24 @@ def test_no_constant_leaves_what_an_arm_of_its_drawing_can_be(
     assert not stays_near(gone, ARM)
     assert refused(gone, gone, ARM) == f"it would move {told}"
     assert stays_near(fitted({"base_x": 1e4, "base_rz": 2.0}), ARM), "it was carried there"
+
+
+def test_the_last_joint_and_the_tips_offset_place_one_point() -> None:
+    """A twist of 3° is the same arm if the tip's offset turns back by as much: a calibration does
+    not tell the two apart, and neither do readings. What moves the point itself is bounded."""
+    angle = math.radians(3.0)
+    _, y, z = ARM.nominal()[ARM.layout.tip]
+    back = {
+        "tip_y": y * (math.cos(angle) - 1.0) + z * math.sin(angle),
+        "tip_z": z * (math.cos(angle) - 1.0) - y * math.sin(angle),
+    }
+    assert np.hypot(*back.values()) > 1.0, "the tip is off the axis of the twist"
+    last = f"alpha_{ARM.n_joints}"
+    assert stays_near(fitted({last: angle, **back}), ARM)
+    far = fitted({"tip_x": 10.2})
+    assert refused(far, far, ARM) == "it would move the tip's x by 10 mm"
+    turned = fitted({last: 11.0 / math.hypot(y, z)})
+    assert "the tip's" in refused(turned, turned, ARM)
 
 
 def test_a_certified_length_may_not_be_lost() -> None:

@@ -123,6 +123,9 @@ CONSTANTS = (
         "diagnose.problem.session_facts", "MOST_INSTANTS", "instants of the first, coarse grid"
     ),
     Constant("diagnose.problem.session_facts", "PAUSE", "a pause of ten usual ones parts sessions"),
+    Constant("effects.largest", "ANGLE_RAD", "a disc of 50 mm that sits 0.1 mm off its axis"),
+    Constant("effects.largest", "COMPLIANCE_RAD_PER_NM", "by 100 Nm a joint would turn by 7°"),
+    Constant("effects.largest", "GROWTH_PER_K", "ten times what plastics grow by"),
     Constant("effects.courses", "LEAST_DAYS", "less of a day than this looks like a curve"),
     Constant("effects.courses", "LEAST_PIECES", "a walk's pieces where sessions are few"),
 )

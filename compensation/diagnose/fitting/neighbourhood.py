@@ -18,12 +18,15 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import ModelState
 from armd.compensation.diagnose.problem.linearise import linearise
 from armd.compensation.effects.catalogue import CATALOGUE
-from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.effect import Candidate, Column
+from armd.compensation.effects.largest import largest
 from armd.compensation.estimate.gauge import PLAUSIBLE
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length, certified_lengths
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.wording import plain
 
 #: An amplitude so many standard deviations of its broadest prior from zero is none of that cause.
@@ -49,8 +52,14 @@ def possible(candidate: Candidate, amplitudes: F64) -> bool:
     named = candidate.cause != "unknown" and not CATALOGUE[candidate.cause].accident
     if not named or is_sized(candidate):
         return True
-    most = MOST_SIGMAS * np.array([most_plausible(column) for column in candidate.columns])
+    most = np.array([_most(column) for column in candidate.columns])
     return bool((np.abs(amplitudes) <= most).all())
+
+
+def _most(column: Column) -> float:
+    """The largest amplitude of a named cause: of what several causes do, the same for all."""
+    shared = largest(column)
+    return shared if np.isfinite(shared) else MOST_SIGMAS * most_plausible(column)
 
 
 def stays_near(fit: Fit, arm: Arm) -> bool:
@@ -80,18 +89,34 @@ def _too_far(fit: Fit, arm: Arm) -> str:
     baseline, states = fit.baseline, fit.linear.rests.observations.states
     given = baseline.model
     values = basis_values(given.terms, states, arm, given.reference_c, given.constants)
-    names = arm.layout.names
+    were = parameter_rows(given.constants, given.terms, values)
     own = _rows(fit, _without_causes_turns(fit), arm)
-    apart = np.abs(own - parameter_rows(given.constants, given.terms, values))
-    most = np.array([PLAUSIBLE[parameters.unit(name)] for name in names])
-    most[arm.layout.base] = np.inf  # it may have been carried anywhere: that changes no size
-    furthest = int(np.argmax(apart.max(axis=0) / most))
-    largest = float(apart[:, furthest].max())
-    if largest <= most[furthest]:
+    inner = slice(0, arm.layout.joint(arm.n_joints).start)  # the base may stand anywhere
+    names = (*arm.layout.names[inner], *(f"the tip's {axis}" for axis in "xyz"))
+    apart = np.abs(
+        np.hstack([own[:, inner] - were[:, inner], _tip_placed(own, arm) - _tip_placed(were, arm)])
+    ).max(axis=0)
+    units = [*map(parameters.unit, arm.layout.names[inner]), "mm", "mm", "mm"]
+    furthest = int(np.argmax(apart / np.array([PLAUSIBLE[unit] for unit in units])))
+    largest = float(apart[furthest])
+    if largest <= PLAUSIBLE[units[furthest]]:
         return ""
-    in_mm = parameters.unit(names[furthest]) == "mm"
+    in_mm = units[furthest] == "mm"
     shown = f"{plain(largest)} mm" if in_mm else f"{plain(np.degrees(largest))}°"
     return f"it would move {names[furthest]} by {shown}"
+
+
+def _tip_placed(rows: F64, arm: Arm) -> F64:
+    """(n, 3) mm: the tip in the frame in front of the last joint, that at zero, of rows (n, P).
+
+    The last joint's constants and the tip's offset place this point, and nothing else. Which of
+    them does it no reading tells: a twist of degrees, the tip moved along, is the same arm.
+    """
+    alone = ParameterLayout(1)
+    last = np.zeros((len(rows), alone.count))
+    last[:, alone.joint(1)] = rows[:, arm.layout.joint(arm.n_joints)]
+    last[:, alone.tip] = rows[:, arm.layout.tip]
+    return forward(np.zeros((len(rows), 1)), last)[0]
 
 
 def _length_lost(fit: Fit, before: Fit, arm: Arm) -> str:

@@ -25,9 +25,8 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
             for name in ("theta", "alpha", "beta"):
                 for order, typical in TYPICAL_RAD.items():
                     factor = temperature(weights, order=order)
-                    column = Column(
-                        name, f"rad/K^{order}", typical, tie([(f"{name}_{k}", 1.0)], factor)
-                    )
+                    unit = "rad/K" if order == 1 else f"rad/K^{order}"
+                    column = Column(name, unit, typical, tie([(f"{name}_{k}", 1.0)], factor))
                     setting = (("order", float(order), "1"),)
                     where = location.joint(k)
                     yield Candidate("joint_thermal", where, (column,), tuple(weights), setting)
