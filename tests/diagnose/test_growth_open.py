@@ -72,3 +72,21 @@ def test_one_of_several_temperatures_stays_as_it_is() -> None:
     )
     without = from_calibration(silent, ARM, held=True)  # it saw 11 K, and no growth
     assert with_growth_open(without, ARM) is without
+    assert told_of_growth(without, ARM) == []
+
+
+def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
+    """11 K over lengths of 20e-6 per kelvin move a tip by some 30 µm: of a disc far off its axis as
+    much was left, and no term was worth it."""
+    seen = calibrate(measured(SEED, SHOP_C), ARM).calibration
+    silent = seen.model_copy(update={"terms": [], "covariance": [], "covariance_of": []})
+    for left_um, is_open in ((5.0, False), (60.0, True)):
+        missed = silent.model_copy(
+            update={"provenance": {**silent.provenance, "heldout_without_outliers_um": left_um}}
+        )
+        baseline = from_calibration(missed, ARM, held=True)
+        opened = with_growth_open(baseline, ARM)
+        assert (opened is not baseline) == is_open
+        assert bool(told_of_growth(baseline, ARM)) == is_open
+    assert len(opened.terms) == len(length_terms(ARM, [1]))
+    assert "missed its own readings by 60 µm" in told_of_growth(baseline, ARM)[0]

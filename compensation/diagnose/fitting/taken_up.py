@@ -10,11 +10,12 @@ have taken up of it, had it been made of readings like these.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from armd.arrays import F64
+from armd.arrays import F64, I64
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import PLACEMENTS
 from armd.compensation.diagnose.problem.linear import Baseline
@@ -30,8 +31,14 @@ from armd.compensation.model.arm import Arm
 #: A finding of which the constants and terms under test leave less than this share (of its length,
 #: poses fitted along) is a change of theirs.
 OF_THEIR_OWN = 0.05
-#: Directions weaker than this hold nothing (the last joint's turn against the tip's offset).
+#: Directions weaker than this hold nothing.
 WEAKEST = 1e-7
+#: A direction that, gone as far as is plausible, shows by less than one noise unit took nothing up
+#: (the last joint's turn against the tip's offset; the first joint's, which is the placement's).
+LEAST_SHOWN = 1.0
+#: Rests are left out in so many parts: about as many as a calibration has constants, so that each
+#: of them may differ in its own way.
+PARTS = 24
 
 
 def beside_what_it_took_up(last: Fit, arm: Arm) -> Baseline | None:
@@ -48,30 +55,53 @@ def beside_what_it_took_up(last: Fit, arm: Arm) -> Baseline | None:
         for block, amplitudes in zip(last.layout.findings, last.amplitudes, strict=True)
     ]
     white = _clear_of(poses, last.noise.whiten(np.array(moves).T))
-    taken = np.linalg.lstsq(own, white, rcond=WEAKEST)[0]
+    taken = _taken_by(own, white)
     left = np.linalg.norm(white - own @ taken, axis=0)
     own_change = left < OF_THEIR_OWN * np.linalg.norm(white, axis=0)
     older = [i for i, c in enumerate(last.findings) if not own_change[i] and _may_be_older(c)]
     if not older or not own_change.any():
         return None
     ways = [plausible[:, None] * taken[:, older]]
-    # It was made of other readings. How much that changes, these readings in parts tell (jackknife;
-    # twice its variance, of the one and of the other).
-    folds = folds_of(last.linear.rests)
-    parts = int(folds.max()) + 1
-    for part in range(parts) if parts > 1 else ():
-        kept = np.ones(len(white), dtype=bool)
-        kept[: 3 * len(folds)] = np.repeat(folds != part, 3)
-        without = np.linalg.lstsq(own[kept], white[kept][:, older], rcond=WEAKEST)[0]
-        differs = np.sqrt(2.0 * (parts - 1) / parts) * (without - taken[:, older])
-        ways.append(plausible[:, None] * differs)
-    return replace(baseline, root=np.hstack([baseline.root, *ways]))
+    # It was made of other readings, at other temperatures and in other poses. How much that
+    # changes, these readings in parts tell: placements, and rests of all of them.
+    rests = last.linear.rests
+    for folds in (folds_of(rests), np.arange(rests.n) % PARTS):
+        ways += [plausible[:, None] * way for way in _differs(own, white[:, older], folds)]
+    return replace(baseline, root=_as_few(np.hstack([baseline.root, *ways]), plausible))
+
+
+def _as_few(root: F64, plausible: F64) -> F64:
+    """(identified, r) with the same R Rᵀ, r no more than what was identified."""
+    if root.shape[1] <= len(root):
+        return root
+    directions, sizes, _ = np.linalg.svd(root / plausible[:, None], full_matrices=False)
+    few: F64 = plausible[:, None] * directions * sizes
+    return few
 
 
 def _clear_of(absorbing: F64, columns: F64) -> F64:
     """What is left of *columns* (N, m) beside others (N, b)."""
     clear: F64 = columns - absorbing @ np.linalg.lstsq(absorbing, columns, rcond=WEAKEST)[0]
     return clear
+
+
+def _differs(own: F64, white: F64, folds: I64) -> Iterator[F64]:
+    """(identified, m) for each part: how far what was taken up differs with the readings, of which
+    the calibration was made of others (jackknife, twice its variance)."""
+    parts, taken = int(folds.max()) + 1, _taken_by(own, white)
+    for part in range(parts) if parts > 1 else ():
+        kept = np.ones(len(white), dtype=bool)
+        kept[: 3 * len(folds)] = np.repeat(folds != part, 3)
+        without = _taken_by(own[kept], white[kept])
+        yield np.sqrt(2.0 * (parts - 1) / parts) * (without - taken)
+
+
+def _taken_by(own: F64, white: F64) -> F64:
+    """(identified, m) how far what was identified would have gone for each of *white* (N, m)."""
+    strongest = float(np.linalg.svd(own, compute_uv=False)[0])
+    least = LEAST_SHOWN / max(strongest, LEAST_SHOWN)
+    taken: F64 = np.asarray(np.linalg.lstsq(own, white, rcond=least)[0], dtype=np.float64)
+    return taken
 
 
 def _may_be_older(candidate: Candidate) -> bool:
