@@ -102,6 +102,8 @@ def test_a_shape_is_the_signature_times_harmonics_of_the_joints_at_its_place() -
     np.testing.assert_allclose(moved(shape.columns[0]), expected)
     assert {column.typical for column in shape.columns} == {OFF}
     assert shape_candidate(shape, np.ones(4), 6) is None  # a shape has none of its own
+    shifted = Candidate("geometry_shift", location.joint(2), own.columns[:1], ())
+    assert shape_candidate(shifted, np.ones(1), 6) is None  # one number, whatever the angle
     tip = Candidate("tip_offset", location.TIP, own.columns, ())
     of_tip = shape_candidate(tip, np.ones(2), 6)
     assert of_tip is not None and of_tip.depends_on == ("q5", "q6")

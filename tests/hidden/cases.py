@@ -160,15 +160,20 @@ def projected_snr(
 
     The *noise* is that of the last fit: in the first one's the effect itself may be counted.
     """
-    signal, *others = (noise.whiten(_at_rests(first, one)) for one in (error_mm, *beside))
-    columns = np.column_stack([noise.whiten(first.nuisance.columns.dense()), *others])
-    variance = np.concatenate([first.nuisance.variance, np.full(len(others), np.inf)])
+    signal, *others = (noise.whiten(at_rests(first, one)) for one in (error_mm, *beside))
+    return clear_of(first, signal, noise, np.column_stack([np.empty((len(signal), 0)), *others]))
+
+
+def clear_of(first: Fit, signal: np.ndarray, noise: RestNoise, others: np.ndarray) -> float:
+    """Norm of a whitened *signal* (N,), clear of what absorbs in a fit and of *others* (N, m)."""
+    columns = np.hstack([noise.whiten(first.nuisance.columns.dense()), others])
+    variance = np.concatenate([first.nuisance.variance, np.full(others.shape[1], np.inf)])
     model = LinearModel.of_rows([("all that absorbs", columns, variance)])
     towards = model.project(columns.T @ signal)
     return float(np.sqrt(max(signal @ signal - towards @ towards, 0.0)))
 
 
-def _at_rests(first: Fit, error_mm: np.ndarray) -> np.ndarray:
+def at_rests(first: Fit, error_mm: np.ndarray) -> np.ndarray:
     """The mean of an error at each rest, as long as a residual."""
     rest_of = first.linear.rests.rest_of
     counts = np.bincount(rest_of)[:, None]

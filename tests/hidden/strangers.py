@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from cases import HELD, at_most, projected_snr
 from real.convert import ball_in_socket, ur10
+from told_apart import told_apart
 
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -83,6 +84,8 @@ class Strange:
     after_um: float
     oracle_um: float
     seconds: float
+    #: of each truth of several, its noise units clear of whatever the others can do as well
+    apart: tuple[float, ...] = ()
 
     @property
     def places(self) -> list[tuple[str, str]]:
@@ -96,6 +99,13 @@ class Strange:
     @property
     def named(self) -> int:
         return sum(place in self.places for place in self.due)
+
+    @property
+    def due_apart(self) -> list[tuple[str, str]]:
+        """What of that can be told from what the others may do."""
+        return [
+            truth[:2] for truth, snr in zip(self.truths, self.apart, strict=True) if snr >= SEEN
+        ]
 
     def _fits(self, one: Told) -> bool:
         """Nameless, in a stranger's own variables."""
@@ -279,6 +289,7 @@ def _simulated(kind: str, seed: int, plants: Sequence[Plant], design: Design = D
             rms_um(holdout, arm, diagnosis.extended),
             case.oracle_rms_um(case.holdout),
             0.0,
+            told_apart(diagnosis, errors, [(p.cause, p.location) for p in plants]),
         )
 
 
@@ -421,7 +432,8 @@ def _real(seed: int, rng: np.random.Generator) -> Strange:
 
 def tell(o: Strange) -> str:
     truths = " + ".join(
-        f"{cause} {where} {what} [{snr:.0f}]" for cause, where, what, snr in o.truths
+        f"{cause} {where} {what} [{snr:.0f}{clear}]"
+        for (cause, where, what, snr), clear in zip(o.truths, _clear(o), strict=True)
     )
     told = "; ".join(
         f"{t.cause} {t.location if t.cause != 'unknown' else ', '.join(t.depends_on)} "
@@ -434,6 +446,28 @@ def tell(o: Strange) -> str:
         f"{good}{marks}{o.kind} {o.seed}: {truths} → {told or 'silence'}; {o.before_um:.2f} → "
         f"{o.after_um:.2f} (oracle {o.oracle_um:.2f}) µm, {o.seconds:.0f} s"
     )
+
+
+def _clear(o: Strange) -> list[str]:
+    """What each truth has clear of what the others can do, as it is told."""
+    return [f", apart {snr:.0f}" for snr in o.apart] or [""] * len(o.truths)
+
+
+def _of_several(kind: str, own: Sequence[Strange]) -> list[tuple[str, str, str]]:
+    """Of effects planted together: those that can be told apart; where all are at one joint, and
+    where not."""
+    several = [o for o in own if o.apart]
+    found = []
+    apart = [place in o.places for o in several for place in o.due_apart]
+    if several:
+        name = f"{kind}: named, of those that can be told apart"
+        found.append((name, f"{sum(apart)} of {len(apart)}", "0.95"))
+    for name, at_one_joint in (("all over the arm", False), ("at one joint", True)):
+        some = [o for o in several if kind == "crowd" and bool(o.seed % 2) == at_one_joint]
+        if some:
+            named, due = sum(o.named for o in some), sum(len(o.due) for o in some)
+            found.append((f"{kind}, {name}: effects named", f"{named} of {due}", ""))
+    return found
 
 
 def rows(outcomes: Sequence[Strange]) -> list[tuple[str, str, str]]:
@@ -455,6 +489,7 @@ def rows(outcomes: Sequence[Strange]) -> list[tuple[str, str, str]]:
         else:
             due = sum(len(o.due) for o in own)
             share(f"{kind}: effects named", sum(o.named for o in own), due, "0.95")
+            found += _of_several(kind, own)
             extra = sum(len(o.foreign) for o in own)
             share(f"{kind}: extra findings, in sets", extra, len(own), "at most 0.1")
         sure = sum(bool(o.sure_and_wrong) for o in own)

@@ -88,7 +88,7 @@ CONSTANTS = (
     Constant(
         "diagnose.search.search", "BEYOND_DOUBT", "chosen by what is held out: no chance of 2.5"
     ),
-    Constant("diagnose.search.search", "BEYOND_CHANCE", "names say the same with a cause"),
+    Constant("diagnose.search.search", "CONTRADICTED", "names say the same with a cause"),
     Constant("diagnose.search.revisit", "MOST_IN_PLACE", "one cause stands for two or three"),
     Constant("diagnose.search.search", "MOST_STEPS", "ten findings, and some renamed or refused"),
     Constant("diagnose.search.search", "MOST_RENAMINGS", "a name that changes thrice is a circle"),

@@ -27,6 +27,8 @@ from armd.compensation.model.pose_factors import Harmonic
 #: Standard deviation of each harmonic's share, root mean square over the turn.
 OFF = 0.15
 ORDERS = (1, 2)
+#: A length or a zero that is another is one number, whatever the angle: it has no shape.
+ONE_NUMBER = frozenset({"geometry_shift"})
 
 
 def is_shape(candidate: Candidate) -> bool:
@@ -115,7 +117,7 @@ def shape_candidate(candidate: Candidate, amplitudes: F64, n_joints: int) -> Can
 
 def _joints(candidate: Candidate, n_joints: int) -> list[int]:
     """Joints (1…N) at a finding's place; for the tip those of the wrist that turn it."""
-    if is_shape(candidate):
+    if is_shape(candidate) or candidate.cause in ONE_NUMBER:
         return []
     if candidate.location == TIP:
         return [n_joints - 1, n_joints]

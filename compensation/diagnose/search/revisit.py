@@ -96,7 +96,7 @@ class Revisit:
                 for j, c in enumerate(findings)
                 if j not in out and c.location != shape_place(finding)
             ]
-            tried = self._filled(others, finding.place)
+            tried = self._filled(others, finding)
             places = frozenset(c.place for c in tried)
             if _amplitudes(tried) > _amplitudes(findings) or places == {c.place for c in findings}:
                 continue
@@ -106,13 +106,13 @@ class Revisit:
     def _may_be_another(self, index: int) -> bool:
         """Whether any other cause explains a good part of what a finding does."""
         scores = self._scored.without(index)
-        place = self._fit.findings[index].place
-        others = np.array([c.place != place for c in scores.signatures.candidates])
+        finding = self._fit.findings[index]
+        others = np.array([not _again(c, finding) for c in scores.signatures.candidates])
         own = float(self._scored.alone(index).statistic[index])
         return bool((scores.explain_as_well(own) & others & (scores.freedom > 0)).any())
 
-    def _filled(self, findings: list[Candidate], barred: tuple[str, str]) -> list[Candidate]:
-        """The findings with what else is wanted, none of the *barred* place; significant ones.
+    def _filled(self, findings: list[Candidate], barred: Candidate) -> list[Candidate]:
+        """The findings with what else is wanted, not what is *barred* again; significant ones.
 
         Causes only: what has no name joins where no cause does, and takes the place of none.
         """
@@ -130,13 +130,13 @@ class Revisit:
             findings = findings[:least] + findings[least + 1 :]
         return findings
 
-    def _held(self, candidates: Sequence[Candidate], barred: tuple[str, str]) -> Mask:
+    def _held(self, candidates: Sequence[Candidate], barred: Candidate) -> Mask:
         """(C,) which do not join: what is barred or has no name, and what acts through the causes
         of the set there is, which others have at other amplitudes or not at all."""
         known = len(self._first.sums.signatures.candidates)
         return np.array(
             [
-                c.place == barred or c.cause == "unknown" or (i < known and bool(c.through))
+                _again(c, barred) or c.cause == "unknown" or (i < known and bool(c.through))
                 for i, c in enumerate(candidates)
             ]
         )
@@ -157,6 +157,13 @@ class Revisit:
     def _projection(self, findings: Sequence[Candidate]) -> Projection:
         fitted = solve_again(self._fit, findings, self._arm)
         return self._first.projection.with_findings_of(fitted)
+
+
+def _again(candidate: Candidate, barred: Candidate) -> bool:
+    """Whether a candidate is what is barred, at any setting; but one order of a curve may stand,
+    beside others, where the curve does."""
+    less = candidate.within(barred) and len(candidate.columns) < len(barred.columns)
+    return candidate.place == barred.place and not less
 
 
 def _amplitudes(findings: Sequence[Candidate]) -> int:

@@ -65,8 +65,9 @@ MOST_RENAMINGS = 3
 #: A set was chosen by the readings that are held out in turn, too: it must predict them better by
 #: so many standard errors. True sets did by 4.9 to 12, false ones on a real arm by 2.3.
 BEYOND_DOUBT = 3.0
-#: Names in the place of what has none need less: they say the same with a cause.
-BEYOND_CHANCE = 1.0
+#: What takes no name away, and gives one to what has none or was a part of another, joins as any
+#: cause does: it is enough that what is held out does not contradict it by so many.
+CONTRADICTED = 1.0
 #: What is found otherwise, or is no cause.
 NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
 
@@ -189,7 +190,7 @@ class Search:
                 seen.add(key_of(findings))
                 if found.candidate.cause == "unknown":
                     better = self._held_out(current, current.findings, findings)
-                    if better < BEYOND_CHANCE:
+                    if better < -CONTRADICTED:
                         continue
                 renamed = self._fit(findings, current)
                 if refused(renamed, current, self.arm):
@@ -211,8 +212,7 @@ class Search:
             key = key_of(other.findings)
             if other.likelier < least or key in seen:
                 continue
-            fewer = _nameless(other.findings) < _nameless(current.findings)
-            enough = BEYOND_CHANCE if fewer else BEYOND_DOUBT
+            enough = -CONTRADICTED if _says_more(other.findings, current) else BEYOND_DOUBT
             if self._held_out(current, current.findings, other.findings) < enough:
                 continue
             seen.add(key)
@@ -311,6 +311,12 @@ class Search:
         if not counted:
             self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
         return scored
+
+
+def _says_more(findings: Sequence[Candidate], current: Fit) -> bool:
+    """Whether findings leave less without a name than those of a fit, or tell all that those do."""
+    fewer = _nameless(findings) < _nameless(current.findings)
+    return fewer or {c.place for c in current.findings} <= {c.place for c in findings}
 
 
 def _nameless(findings: Sequence[Candidate]) -> int:

@@ -1,0 +1,93 @@
+"""What an effect has clear of others' free amplitudes, against one dense least-squares problem."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from cases import at_rests, projected_snr
+from told_apart import told_apart
+
+from armd.compensation.data.session import load_session
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.under_test import model_under_test
+from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.effects import catalogue
+from armd.compensation.model.arm import load_arm
+from armd.simulator.campaigns.hidden import Design
+from armd.simulator.hidden import generate_case
+from armd.simulator.plants.plant import Plant
+
+DISC, GAIN = ("encoder_eccentricity", "joint 3"), ("encoder_scale", "joint 3")
+ELSEWHERE = ("joint_backlash", "joint 5")
+
+
+@pytest.fixture(scope="module")
+def planted(tmp_path_factory):
+    """What stands for a diagnosis of small sessions, and each place's exact error (readings, 3)."""
+    plants = [Plant(*DISC, 2.0), Plant(*GAIN, 8.0), Plant(*ELSEWHERE, 4.0)]
+    design = Design(sessions=4, articulations=3, holdout=0)
+    case = generate_case(tmp_path_factory.mktemp("case"), 7, plants, design)
+    arm = load_arm(case.arm)
+    sessions = [load_session(path, arm) for path in case.sessions]
+    baseline, rests = model_under_test(sessions, arm, None)[0], gather_rests(sessions, arm)
+    first = fit(rests, arm, baseline, baseline.model)
+    candidates = list(catalogue.candidates(gather_facts(rests, arm, baseline)))
+    search = SimpleNamespace(
+        first=first, last=first, signatures=SimpleNamespace(candidates=candidates)
+    )
+    errors = [
+        np.concatenate([effect.error_mm[path.name] for path in case.sessions])
+        for effect in case.effects
+    ]
+    places = [DISC, GAIN, ELSEWHERE]
+    return SimpleNamespace(search=search, arm=arm), dict(zip(places, errors, strict=True))
+
+
+def dense(diagnosis, error: np.ndarray, others: list[np.ndarray]) -> float:
+    """The same by numpy's least squares, everything that absorbs with its prior as rows."""
+    first = diagnosis.search.first
+    absorb = first.noise.whiten(first.nuisance.columns.dense())
+    variance = np.minimum(first.nuisance.variance, 1e12)
+    scale = np.linalg.norm(absorb, axis=0)
+    scale[scale == 0.0] = 1.0
+    prior = np.diag(1.0 / np.sqrt(variance * scale**2))
+    free = np.column_stack([first.noise.whiten(c) for c in others])
+    free = np.vstack([free / np.linalg.norm(free, axis=0), np.zeros((len(prior), free.shape[1]))])
+    columns = np.hstack([np.vstack([absorb / scale, prior]), free])
+    signal = np.append(first.noise.whiten(at_rests(first, error)), np.zeros(len(prior)))
+    left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=1e-12)[0]
+    return float(np.linalg.norm(left))
+
+
+def columns_of(diagnosis, place) -> np.ndarray:
+    own = [c for c in diagnosis.search.signatures.candidates if c.place == place]
+    (only,) = finding_columns(diagnosis.search.first.linear, own, diagnosis.arm)
+    return only
+
+
+def test_an_effect_is_clear_of_what_the_other_cause_may_do_at_any_size_and_phase(planted) -> None:
+    diagnosis, errors = planted
+    two = [errors[DISC], errors[GAIN]]
+    disc, gain = told_apart(diagnosis, two, [DISC, GAIN])
+    at = [at_rests(diagnosis.search.first, error) for error in two]
+    able = [
+        np.column_stack([at[i], columns_of(diagnosis, place)])
+        for i, place in ((0, DISC), (1, GAIN))
+    ]
+    assert disc == pytest.approx(dense(diagnosis, two[0], [able[1]]), rel=1e-3)
+    assert gain == pytest.approx(dense(diagnosis, two[1], [able[0]]), rel=1e-3)
+    # Beside the disc's exact error alone, which no fit knows, more of the gain would seem there.
+    exact = projected_snr(diagnosis.search.first, two[1], diagnosis.search.last.noise, two[:1])
+    assert gain < 0.8 * exact
+
+
+def test_what_another_can_do_wholly_cannot_be_told_and_what_is_elsewhere_can(planted) -> None:
+    diagnosis, errors = planted
+    twice = told_apart(diagnosis, [errors[DISC], errors[DISC]], [DISC, DISC])
+    assert max(twice) < 0.5
+    plain = projected_snr(diagnosis.search.first, errors[ELSEWHERE], diagnosis.search.last.noise)
+    _, apart = told_apart(diagnosis, [errors[DISC], errors[ELSEWHERE]], [DISC, ELSEWHERE])
+    assert apart == pytest.approx(plain, rel=0.05)
+    assert apart > 5.0
