@@ -243,6 +243,11 @@ def is_drift(candidate: Candidate) -> bool:
     return any(isinstance(factor, Period) for factor in candidate.factors)
 
 
+def is_walk(candidate: Candidate) -> bool:
+    """Whether it wanders by chance, from knot to knot."""
+    return is_drift(candidate) and any("walk" in column.name for column in candidate.columns)
+
+
 def is_slow(candidate: Candidate) -> bool:
     """Whether what a candidate adds goes with time or with a temperature."""
     return any(isinstance(factor, SlowFactor) for factor in candidate.factors)

@@ -20,7 +20,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
-from armd.compensation.effects.courses import is_drift, swing
+from armd.compensation.effects.courses import is_drift, is_walk, swing
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.effects.location import shape_of
 from armd.compensation.model.arm import Arm
@@ -63,8 +63,7 @@ def may_be_uneven(found: Candidate) -> bool:
 
 
 def _strayed(linear: Linear, drift: Candidate, amplitudes: F64, arm: Arm) -> list[F64]:
-    walk = any("walk" in column.name for column in drift.columns)
-    share = (OF_A_WALK if walk else OF_A_COURSE) / RANGE
+    share = (OF_A_WALK if is_walk(drift) else OF_A_COURSE) / RANGE
     functions = _principal(linear.rests.observations.states.time_s)
     columns = []
     for group in _together(drift):

@@ -35,6 +35,8 @@ from armd.compensation.diagnose.scoring.evidence import UNKNOWN_PRIOR, Scores
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place, with_shapes
 from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.effects.by_session import is_by_session
+from armd.compensation.effects.courses import is_walk
 from armd.compensation.effects.effect import SCALES, Candidate, joined
 from armd.compensation.model.arm import Arm
 
@@ -43,6 +45,11 @@ MOST_IN_PLACE = 3
 
 #: What joins the findings of a projection, of the candidates with these scores in so many tests.
 Choose = Callable[[Projection, Scores, int], Candidate | None]
+#: And so many are tried as the first of them, of what follows anything in time.
+MOST_FIRST = 6
+
+#: Whether a candidate is one of those asked about.
+Which = Callable[[Candidate], bool]
 #: The candidates that act through what a fit has found.
 Through = Callable[[Fit], Sequence[Candidate]]
 
@@ -88,7 +95,7 @@ class Revisit:
         findings = self._fit.findings
         own, found = self._log_weight(findings), {}
         for i, finding in enumerate(findings):
-            if is_shape(finding) or not self._may_be_another(i):
+            if is_shape(finding):
                 continue
             out = {i, *through_it(findings, i)}
             others = [
@@ -96,23 +103,38 @@ class Revisit:
                 for j, c in enumerate(findings)
                 if j not in out and c.location != shape_place(finding)
             ]
-            tried = self._filled(others, finding)
-            places = frozenset(c.place for c in tried)
-            if _amplitudes(tried) > _amplitudes(findings) or places == {c.place for c in findings}:
-                continue
-            found[places] = RivalSet(tuple(tried), self._log_weight(tried) - own)
+            for barred in _barred(finding):
+                for first in self._firsts(i, barred):
+                    tried = self._filled([*others, *first], barred)
+                    many = _amplitudes(tried) > _amplitudes(findings)
+                    if many or {c.place for c in tried} == {c.place for c in findings}:
+                        continue
+                    of = frozenset((c.place, c.setting) for c in tried)
+                    found[of] = RivalSet(tuple(tried), self._log_weight(tried) - own)
         return sorted(found.values(), key=lambda one: -one.likelier)
 
-    def _may_be_another(self, index: int) -> bool:
-        """Whether any other cause explains a good part of what a finding does."""
-        scores = self._scored.without(index)
-        finding = self._fit.findings[index]
-        others = np.array([not _again(c, finding) for c in scores.signatures.candidates])
+    def _firsts(self, index: int, barred: Which) -> list[list[Candidate]]:
+        """What to begin with in the place of a finding: whatever the search would add; of what
+        follows anything, each of the likeliest kinds in turn, for two that it stands for are often
+        not the likeliest one and another. Nothing, where nothing explains a good part of it."""
+        scores, finding = self._scored.without(index), self._fit.findings[index]
+        candidates = scores.signatures.candidates
         own = float(self._scored.alone(index).statistic[index])
-        return bool((scores.explain_as_well(own) & others & (scores.freedom > 0)).any())
+        able = scores.explain_as_well(own) & (scores.freedom > 0)
+        able &= np.array([not barred(c) for c in candidates])
+        if not able.any():
+            return []
+        if not follows_anything(finding):
+            return [[]]
+        able &= ~self._held(candidates, barred) & np.array([not _is_free(c) for c in candidates])
+        posterior = scores.log_posterior()
+        kinds: dict[tuple[str, ...], list[Candidate]] = {}
+        for i in sorted(np.flatnonzero(able), key=lambda i: -posterior[i]):
+            kinds.setdefault(kind(candidates[i]), [candidates[i]])
+        return [[], *list(kinds.values())[:MOST_FIRST]]
 
-    def _filled(self, findings: list[Candidate], barred: Candidate) -> list[Candidate]:
-        """The findings with what else is wanted, not what is *barred* again; significant ones.
+    def _filled(self, findings: list[Candidate], barred: Which) -> list[Candidate]:
+        """The findings with what else is wanted, none of those *barred*; significant ones.
 
         Causes only: what has no name joins where no cause does, and takes the place of none.
         """
@@ -130,13 +152,13 @@ class Revisit:
             findings = findings[:least] + findings[least + 1 :]
         return findings
 
-    def _held(self, candidates: Sequence[Candidate], barred: Candidate) -> Mask:
+    def _held(self, candidates: Sequence[Candidate], barred: Which) -> Mask:
         """(C,) which do not join: what is barred or has no name, and what acts through the causes
         of the set there is, which others have at other amplitudes or not at all."""
         known = len(self._first.sums.signatures.candidates)
         return np.array(
             [
-                _again(c, barred) or c.cause == "unknown" or (i < known and bool(c.through))
+                barred(c) or c.cause == "unknown" or (i < known and bool(c.through))
                 for i, c in enumerate(candidates)
             ]
         )
@@ -159,11 +181,27 @@ class Revisit:
         return self._first.projection.with_findings_of(fitted)
 
 
-def _again(candidate: Candidate, barred: Candidate) -> bool:
-    """Whether a candidate is what is barred, at any setting; but one order of a curve may stand,
-    beside others, where the curve does."""
-    less = candidate.within(barred) and len(candidate.columns) < len(barred.columns)
-    return candidate.place == barred.place and not less
+def follows_anything(candidate: Candidate) -> bool:
+    """Whether a candidate follows whatever goes with time: a walk, a value for each session. So
+    does a joint that turns with temperature, and whose disc slipped, together."""
+    return is_by_session(candidate) or is_walk(candidate)
+
+
+def _barred(finding: Candidate) -> list[Which]:
+    """What may not come again where a finding is taken out: its place; or, of a nearly free
+    function (a curve, a walk), only others as free, so that plainer ones join beside others."""
+
+    def place(candidate: Candidate) -> bool:
+        return candidate.place == finding.place
+
+    def as_free(candidate: Candidate) -> bool:
+        return place(candidate) and _is_free(candidate)
+
+    return [place, as_free] if _is_free(finding) else [place]
+
+
+def _is_free(candidate: Candidate) -> bool:
+    return is_sized(candidate) or is_by_session(candidate)
 
 
 def _amplitudes(findings: Sequence[Candidate]) -> int:

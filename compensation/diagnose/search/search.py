@@ -41,6 +41,7 @@ from armd.compensation.diagnose.search.refusals import Refusals
 from armd.compensation.diagnose.search.revisit import (
     Revisit,
     RivalSet,
+    follows_anything,
     log_weight,
     may_be_others,
 )
@@ -68,6 +69,9 @@ BEYOND_DOUBT = 3.0
 #: What takes no name away, and gives one to what has none or was a part of another, joins as any
 #: cause does: it is enough that what is held out does not contradict it by so many.
 CONTRADICTED = 1.0
+#: What follows anything in time is as likely as its amplitudes are let be large: which is there, it
+#: or causes that say why, what is held out decides, if it tells them apart.
+BEYOND_CHANCE = 1.0
 #: What is found otherwise, or is no cause.
 NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
 
@@ -207,13 +211,12 @@ class Search:
     def _revisited(self, current: Fit, scored: ScoredCandidates, seen: set[str]) -> Fit:
         """With another set of findings, where one is clearly likelier, about its own point too, and
         predicts readings held out better."""
-        least = math.log(CLEARLY)
         for other in self._rival_sets(current, scored):
-            key = key_of(other.findings)
-            if other.likelier < least or key in seen:
+            key, least = key_of(other.findings), _least(other.findings, current)
+            if key in seen or other.likelier < min(least):
                 continue
-            enough = -CONTRADICTED if _says_more(other.findings, current) else BEYOND_DOUBT
-            if self._held_out(current, current.findings, other.findings) < enough:
+            better = self._held_out(current, current.findings, other.findings)
+            if better < min(enough for nats, enough in least.items() if other.likelier >= nats):
                 continue
             seen.add(key)
             another = self._fit(other.findings, current)
@@ -224,7 +227,7 @@ class Search:
                 log_weight(another, fitted.findings, self.arm, scored.scores)
                 for fitted in (current, another)
             ]
-            if weights[1] > weights[0] + least:
+            if weights[1] > weights[0] + min(least):
                 return another
         return current
 
@@ -313,12 +316,19 @@ class Search:
         return scored
 
 
-def _says_more(findings: Sequence[Candidate], current: Fit) -> bool:
-    """Whether findings leave less without a name than those of a fit, or tell all that those do."""
-    fewer = _nameless(findings) < _nameless(current.findings)
-    return fewer or {c.place for c in current.findings} <= {c.place for c in findings}
+def _least(findings: Sequence[Candidate], current: Fit) -> dict[float, float]:
+    """By how many standard errors findings must predict readings held out better than those of a
+    fit to take their place, where they are so many nats likelier at least."""
+    fewer = _count(_nameless, findings) < _count(_nameless, current.findings)
+    tells_why = _count(follows_anything, findings) < _count(follows_anything, current.findings)
+    every = {c.place for c in current.findings} <= {c.place for c in findings}
+    least = {math.log(CLEARLY): -CONTRADICTED if fewer or tells_why or every else BEYOND_DOUBT}
+    return {-AS_WELL: BEYOND_CHANCE, **least} if tells_why else least
 
 
-def _nameless(findings: Sequence[Candidate]) -> int:
-    """How many of them have no name."""
-    return sum(c.cause == "unknown" for c in findings)
+def _count(which: Callable[[Candidate], bool], findings: Sequence[Candidate]) -> int:
+    return sum(map(which, findings))
+
+
+def _nameless(candidate: Candidate) -> bool:
+    return candidate.cause == "unknown"
