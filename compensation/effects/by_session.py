@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.effects.courses import Function
+from armd.compensation.effects.courses import Function, is_walk
 from armd.compensation.effects.effect import Candidate, Column, SessionFacts
 from armd.compensation.model.slow_factors import After
 from armd.compensation.model.terms import Factor, Term
@@ -61,6 +61,12 @@ def is_by_session(candidate: Candidate) -> bool:
     factors = list(candidate.factors)
     instants = {factor.instant_unix_s for factor in factors if isinstance(factor, After)}
     return len(instants) > 1 and all(isinstance(factor, After) for factor in factors)
+
+
+def follows_anything(candidate: Candidate) -> bool:
+    """Whether it follows whatever goes with time, as a value for each session does, or a walk. So
+    do a joint that turns with temperature and one whose disc slipped, together."""
+    return is_by_session(candidate) or is_walk(candidate)
 
 
 def values_by_session(candidate: Candidate, amplitudes: F64) -> tuple[dict[str, F64], str]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from armd.compensation.diagnose.search import revisit, search
+from armd.compensation.diagnose.search import revisit
 from armd.compensation.effects.effect import SCALES
 from armd.compensation.effects.encoder import encoder_periodic
 from support.small_fit import candidate, small_fit
@@ -48,28 +48,14 @@ def test_an_amplitude_is_of_the_likeliest_scale_and_a_large_one_costs_its_prior(
     assert log_prior == pytest.approx(math.log(SCALES[1.0]) + math.log(SCALES[50.0]))
 
 
-def test_of_a_curve_one_order_may_stand_where_it_does_and_nothing_else_of_its_place() -> None:
+def test_where_a_curve_is_taken_out_its_orders_may_stand_beside_others() -> None:
     facts: Any = SimpleNamespace(joints=(2, 3))
     of_place = [c for c in encoder_periodic.candidates(facts) if c.location.joint == 3]
     elsewhere = next(c for c in encoder_periodic.candidates(facts) if c.location.joint == 2)
-    curve = next(c for c in of_place if c.setting[0] == ("highest order", 8.0, "1/turn"))
-    able = [c.setting[0] for c in of_place if not revisit._again(c, curve)]
-    assert able == [("order", float(k), "1/turn") for k in range(3, 9)]
-    assert not revisit._again(elsewhere, curve)
-    one = next(c for c in of_place if c.setting[0] == ("order", 3.0, "1/turn"))
-    assert all(revisit._again(c, one) for c in of_place)
-
-
-def test_a_set_says_more_that_leaves_less_without_a_name_or_tells_all_there_is() -> None:
-    gain, disc, nameless = (candidate(cause, 2) for cause in ("gain", "disc", "unknown"))
-    elsewhere = candidate("unknown", 3)
-    current: Any = SimpleNamespace(findings=(gain, nameless))
-    more = {
-        (gain, disc): True,
-        (disc,): True,
-        (gain, nameless, disc): True,
-        (disc, nameless): False,
-        (gain, elsewhere): False,
-        (gain, nameless, elsewhere): True,
-    }
-    assert {one: search._says_more(one, current) for one in more} == more
+    curve = next(c for c in of_place if c.setting[0][0] == "highest order")
+    whole, as_free = revisit._barred(curve)
+    assert all(map(whole, of_place)) and not whole(elsewhere) and not as_free(elsewhere)
+    able = {c.setting[0] for c in of_place if not as_free(c)}
+    assert able == {("order", float(k), "1/turn") for k in encoder_periodic.ORDERS}
+    (only,) = revisit._barred(next(c for c in of_place if c.setting[0][0] == "order"))
+    assert all(map(only, of_place))

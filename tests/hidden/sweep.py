@@ -86,10 +86,12 @@ CONSTANTS = (
     Constant("diagnose.search.explains", "PARTS", "parts of a range with rests enough in each"),
     Constant("diagnose.diagnosis", "MOST_FINDINGS", "more than ten wrongs are no diagnosis"),
     Constant(
-        "diagnose.search.search", "BEYOND_DOUBT", "chosen by what is held out: no chance of 2.5"
+        "diagnose.search.replacing", "BEYOND_DOUBT", "chosen by what is held out: no chance of 2.5"
     ),
-    Constant("diagnose.search.search", "CONTRADICTED", "names say the same with a cause"),
+    Constant("diagnose.search.replacing", "CONTRADICTED", "names say the same with a cause"),
+    Constant("diagnose.search.replacing", "BEYOND_CHANCE", "evidence knows no size of a walk"),
     Constant("diagnose.search.revisit", "MOST_IN_PLACE", "one cause stands for two or three"),
+    Constant("diagnose.search.revisit", "MOST_FIRST", "two are not the likeliest and another"),
     Constant("diagnose.search.search", "MOST_STEPS", "ten findings, and some renamed or refused"),
     Constant("diagnose.search.search", "MOST_RENAMINGS", "a name that changes thrice is a circle"),
     Constant(

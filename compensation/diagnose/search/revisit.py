@@ -35,8 +35,7 @@ from armd.compensation.diagnose.scoring.evidence import UNKNOWN_PRIOR, Scores
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place, with_shapes
 from armd.compensation.diagnose.scoring.threshold import significant
-from armd.compensation.effects.by_session import is_by_session
-from armd.compensation.effects.courses import is_walk
+from armd.compensation.effects.by_session import follows_anything, is_by_session
 from armd.compensation.effects.effect import SCALES, Candidate, joined
 from armd.compensation.model.arm import Arm
 
@@ -179,12 +178,6 @@ class Revisit:
     def _projection(self, findings: Sequence[Candidate]) -> Projection:
         fitted = solve_again(self._fit, findings, self._arm)
         return self._first.projection.with_findings_of(fitted)
-
-
-def follows_anything(candidate: Candidate) -> bool:
-    """Whether a candidate follows whatever goes with time: a walk, a value for each session. So
-    does a joint that turns with temperature, and whose disc slipped, together."""
-    return is_by_session(candidate) or is_walk(candidate)
 
 
 def _barred(finding: Candidate) -> list[Which]:

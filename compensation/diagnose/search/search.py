@@ -38,10 +38,10 @@ from armd.compensation.diagnose.search.findings import (
     weighed,
 )
 from armd.compensation.diagnose.search.refusals import Refusals
+from armd.compensation.diagnose.search.replacing import CONTRADICTED, asked_of
 from armd.compensation.diagnose.search.revisit import (
     Revisit,
     RivalSet,
-    follows_anything,
     log_weight,
     may_be_others,
 )
@@ -63,15 +63,6 @@ from armd.compensation.progress import TellShare
 
 MOST_STEPS = 16
 MOST_RENAMINGS = 3
-#: A set was chosen by the readings that are held out in turn, too: it must predict them better by
-#: so many standard errors. True sets did by 4.9 to 12, false ones on a real arm by 2.3.
-BEYOND_DOUBT = 3.0
-#: What takes no name away, and gives one to what has none or was a part of another, joins as any
-#: cause does: it is enough that what is held out does not contradict it by so many.
-CONTRADICTED = 1.0
-#: What follows anything in time is as likely as its amplitudes are let be large: which is there, it
-#: or causes that say why, what is held out decides, if it tells them apart.
-BEYOND_CHANCE = 1.0
 #: What is found otherwise, or is no cause.
 NOT_SOUGHT = frozenset({"outliers", "unknown", "artefact_moved"})
 
@@ -212,11 +203,11 @@ class Search:
         """With another set of findings, where one is clearly likelier, about its own point too, and
         predicts readings held out better."""
         for other in self._rival_sets(current, scored):
-            key, least = key_of(other.findings), _least(other.findings, current)
-            if key in seen or other.likelier < min(least):
+            key, asked = key_of(other.findings), asked_of(other.findings, current.findings)
+            enough = asked.held_out(other.likelier)
+            if key in seen or enough is None:
                 continue
-            better = self._held_out(current, current.findings, other.findings)
-            if better < min(enough for nats, enough in least.items() if other.likelier >= nats):
+            if self._held_out(current, current.findings, other.findings) < enough:
                 continue
             seen.add(key)
             another = self._fit(other.findings, current)
@@ -227,7 +218,7 @@ class Search:
                 log_weight(another, fitted.findings, self.arm, scored.scores)
                 for fitted in (current, another)
             ]
-            if weights[1] > weights[0] + min(least):
+            if asked.held_out(weights[1] - weights[0]) is not None:
                 return another
         return current
 
@@ -314,21 +305,3 @@ class Search:
         if not counted:
             self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
         return scored
-
-
-def _least(findings: Sequence[Candidate], current: Fit) -> dict[float, float]:
-    """By how many standard errors findings must predict readings held out better than those of a
-    fit to take their place, where they are so many nats likelier at least."""
-    fewer = _count(_nameless, findings) < _count(_nameless, current.findings)
-    tells_why = _count(follows_anything, findings) < _count(follows_anything, current.findings)
-    every = {c.place for c in current.findings} <= {c.place for c in findings}
-    least = {math.log(CLEARLY): -CONTRADICTED if fewer or tells_why or every else BEYOND_DOUBT}
-    return {-AS_WELL: BEYOND_CHANCE, **least} if tells_why else least
-
-
-def _count(which: Callable[[Candidate], bool], findings: Sequence[Candidate]) -> int:
-    return sum(map(which, findings))
-
-
-def _nameless(candidate: Candidate) -> bool:
-    return candidate.cause == "unknown"
