@@ -59,7 +59,7 @@ CONSTANTS = (
     ),
     Constant("diagnose.search.selection", "MOST_RICHER", "a rich function swallows several causes"),
     Constant(
-        "diagnose.search.selection", "AS_WELL", "a rich function must explain as well: e to the 10"
+        "diagnose.scoring.threshold", "AS_WELL", "a rich function must explain as well: e to the 10"
     ),
     Constant(
         "diagnose.search.selection",
@@ -77,7 +77,7 @@ CONSTANTS = (
     ),
     Constant("diagnose.search.selection", "MOST_BENT", "causes tried with another shape: time"),
     Constant(
-        "diagnose.search.findings", "CLEARLY", "Jeffreys' strong evidence: ten times likelier"
+        "diagnose.scoring.threshold", "CLEARLY", "Jeffreys' strong evidence: ten times likelier"
     ),
     Constant("diagnose.diagnosis", "ENOUGH", "a shape half off leaves a name with 0.8", True),
     Constant("diagnose.search.findings", "INDISTINGUISHABLE_P", "nothing significant is left"),

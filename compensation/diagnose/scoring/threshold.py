@@ -1,4 +1,5 @@
-"""When a score is too high for noise: every candidate that the data can see is a chance to err."""
+"""When a score is too high for noise, for every candidate that the data can see is a chance to err;
+and how much evidence between two counts."""
 
 from __future__ import annotations
 
@@ -7,6 +8,10 @@ import numpy as np
 from armd.arrays import F64, Mask
 
 ALPHA = 0.01  # family-wise false-alarm rate on clean data
+#: Another name, or none, is clearly likelier when it is so many times as probable.
+CLEARLY = 10.0
+#: What is less likely by up to so many nats still explains as well.
+AS_WELL = 10.0
 
 
 def family_wise(log_p: F64 | float, tests: int) -> F64:

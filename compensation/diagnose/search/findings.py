@@ -16,7 +16,7 @@ from armd.compensation.diagnose.scoring.candidates import ScoredCandidates, scor
 from armd.compensation.diagnose.scoring.confusion import compare
 from armd.compensation.diagnose.scoring.evidence import Scores
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
-from armd.compensation.diagnose.scoring.threshold import family_wise
+from armd.compensation.diagnose.scoring.threshold import CLEARLY, family_wise
 from armd.compensation.diagnose.search.explains import explain, variables_of
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.unknown import without_a_name
@@ -32,8 +32,6 @@ MOST_COMPARED = 20
 INDISTINGUISHABLE_P = 0.01
 #: The least p value told: less is what the arithmetic cannot hold, not nothing.
 LEAST_P = 1e-300
-#: Another name, or none, is clearly likelier when it is so many times as probable.
-CLEARLY = 10.0
 
 
 def judge(scored: ScoredCandidates, found: Sequence[Finding], tests: int) -> tuple[Finding, ...]:

@@ -10,8 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from armd.compensation.diagnose.search.findings import CLEARLY
-from armd.compensation.diagnose.search.selection import AS_WELL
+from armd.compensation.diagnose.scoring.threshold import AS_WELL, CLEARLY
 from armd.compensation.effects.by_session import follows_anything
 from armd.compensation.effects.effect import Candidate
 

@@ -28,10 +28,14 @@ from armd.compensation.diagnose.scoring.candidates import (
     weakest,
 )
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.diagnose.scoring.threshold import family_wise, significant
+from armd.compensation.diagnose.scoring.threshold import (
+    AS_WELL,
+    CLEARLY,
+    family_wise,
+    significant,
+)
 from armd.compensation.diagnose.search.chance import beside_lasting_noise
 from armd.compensation.diagnose.search.findings import (
-    CLEARLY,
     as_told,
     judge,
     likelier_rival,
@@ -47,7 +51,6 @@ from armd.compensation.diagnose.search.revisit import (
 )
 from armd.compensation.diagnose.search.rival_sets import beside_rival_sets
 from armd.compensation.diagnose.search.selection import (
-    AS_WELL,
     choose,
     going_on,
     key_of,

@@ -22,7 +22,7 @@ from armd.compensation.diagnose.scoring.projection import Projection, make_proje
 from armd.compensation.diagnose.scoring.robust_refit import clipped_about, unclipped
 from armd.compensation.diagnose.scoring.scatter import log_p_by_scatter
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place
-from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.diagnose.scoring.threshold import AS_WELL, significant
 from armd.compensation.effects.effect import Candidate, joined
 
 #: Places whose grids are refined before they are compared, and such of the general basis that get
@@ -30,7 +30,6 @@ from armd.compensation.effects.effect import Candidate, joined
 #: A rich function that may always compete swallows several causes at once.
 MOST_REFINED = 5
 MOST_RICHER = 3
-AS_WELL = 10.0
 #: Values that are weighed at once; of more, some first.
 MOST_AT_ONCE = 64
 #: From about nine noise units on, the likeliest kinds are compared with the tails clipped about
