@@ -26,7 +26,7 @@ BEYOND_CHANCE = 1.0
 
 
 @dataclass(frozen=True)
-class Asked:
+class Required:
     """By how many standard errors a set must predict readings held out better."""
 
     clearly_likelier: float
@@ -39,13 +39,15 @@ class Asked:
         return self.as_likely if likelier >= -AS_WELL else None
 
 
-def asked_of(findings: Sequence[Candidate], instead_of: Sequence[Candidate]) -> Asked:
+def required_of(findings: Sequence[Candidate], instead_of: Sequence[Candidate]) -> Required:
     """What *findings* must show to be told *instead_of* others."""
     tells_why = _count(follows_anything, findings) < _count(follows_anything, instead_of)
     names = _count(_is_nameless, findings) < _count(_is_nameless, instead_of)
     keeps_all = {c.place for c in instead_of} <= {c.place for c in findings}
     says_more = tells_why or names or keeps_all
-    return Asked(-CONTRADICTED if says_more else BEYOND_DOUBT, BEYOND_CHANCE if tells_why else None)
+    return Required(
+        -CONTRADICTED if says_more else BEYOND_DOUBT, BEYOND_CHANCE if tells_why else None
+    )
 
 
 def _count(which: Callable[[Candidate], bool], findings: Sequence[Candidate]) -> int:

@@ -42,7 +42,7 @@ from armd.compensation.diagnose.search.findings import (
     weighed,
 )
 from armd.compensation.diagnose.search.refusals import Refusals
-from armd.compensation.diagnose.search.replacing import CONTRADICTED, asked_of
+from armd.compensation.diagnose.search.replacing import CONTRADICTED, required_of
 from armd.compensation.diagnose.search.revisit import (
     Revisit,
     RivalSet,
@@ -206,8 +206,8 @@ class Search:
         """With another set of findings, where one is clearly likelier, about its own point too, and
         predicts readings held out better."""
         for other in self._rival_sets(current, scored):
-            key, asked = key_of(other.findings), asked_of(other.findings, current.findings)
-            enough = asked.held_out(other.likelier)
+            key, required = key_of(other.findings), required_of(other.findings, current.findings)
+            enough = required.held_out(other.likelier)
             if key in seen or enough is None:
                 continue
             if self._held_out(current, current.findings, other.findings) < enough:
@@ -221,7 +221,7 @@ class Search:
                 log_weight(another, fitted.findings, self.arm, scored.scores)
                 for fitted in (current, another)
             ]
-            if asked.held_out(weights[1] - weights[0]) is not None:
+            if required.held_out(weights[1] - weights[0]) is not None:
                 return another
         return current
 
