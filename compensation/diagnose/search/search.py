@@ -203,8 +203,8 @@ class Search:
         return current, scored, told
 
     def _revisited(self, current: Fit, scored: ScoredCandidates, seen: set[str]) -> Fit:
-        """With another set of findings, where one is clearly likelier, about its own point too, and
-        predicts readings held out better."""
+        """With another set of findings, where one is as likely as it must be, about its own point
+        too, and predicts readings held out as well as it must."""
         for other in self._rival_sets(current, scored):
             key, required = key_of(other.findings), required_of(other.findings, current.findings)
             enough = required.held_out(other.likelier)
