@@ -41,7 +41,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
-from armd.compensation.diagnose.search.again import no_surer, quieter, tells_less
+from armd.compensation.diagnose.search.again import counts_instead, no_surer, quieter
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.touched import MOST_TOUCHED, beside, find_touched
 from armd.compensation.estimate.observations import gather
@@ -259,7 +259,7 @@ def _search(
             if older is not None:
                 another = Search(rests, arm, older, progress, partial(better_by, arm=arm))
                 again = another.run()
-                if tells_less(again, result):
+                if counts_instead(again, result, arm):
                     baseline, search, result = older, another, again
                 else:
                     result = replace(result, found=no_surer(result.found, again))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -13,7 +15,9 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.taken_up import _taken_by, beside_what_it_took_up
 from armd.compensation.diagnose.problem.baseline import from_calibration
+from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.search.again import counts_instead, loses_a_cause, tells_less
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate, Column, tie
 from armd.compensation.identify.calibrate import calibrate
@@ -23,6 +27,13 @@ from support.planting import Effect, of_joint, planted, wave
 
 ARM = synthetic.arm()
 DISC, KNOCK = wave(2, 60.0), of_joint(3, lambda states: np.full(states.n, 30.0))
+SINE: tuple[Literal["sin", "cos"], ...] = ("sin", "cos")
+SHIFT = Candidate(
+    "geometry_shift",
+    location.joint(3),
+    (Column("theta", "rad", 1e-4, tie([("theta_3", 1.0)])),),
+    (),
+)
 ECCENTRIC, KNOCKED = ("encoder_eccentricity", "joint 2"), ("geometry_shift", "joint 3")
 
 
@@ -87,15 +98,7 @@ def test_the_calibration_counts_as_wrong_by_what_another_with_the_disc_has_taken
     with_disc = calibrate(planted(years.calibrated, DISC), ARM).calibration
     given = from_calibration(with_disc, ARM, held=True)
     rests = gather_rests(planted(years.later, DISC), ARM)
-    waves = [tie([("theta_2", 1.0)], Harmonic(kind=k, joint=2, order=1)) for k in ("sin", "cos")]
-    disc = Candidate(
-        "encoder_eccentricity", location.joint(2),
-        tuple(Column(str(i), "rad", 3e-5, terms) for i, terms in enumerate(waves)), ("q2",),
-    )  # fmt: skip
-    knock = Candidate(
-        "geometry_shift", location.joint(3),
-        (Column("theta", "rad", 1e-4, tie([("theta_3", 1.0)])),), (),
-    )  # fmt: skip
+    disc, knock = disc_of(2), SHIFT
 
     def counted(findings: list[Candidate]) -> F64 | None:
         start = [np.zeros(len(c.columns)) for c in findings]
@@ -121,6 +124,49 @@ def test_what_does_not_show_took_nothing_up() -> None:
     taken = _taken_by(own, (own @ went + rng.standard_normal(300))[:, None])[:, 0]
     np.testing.assert_allclose(taken[:3], went[:3], atol=1e-3)
     assert abs(taken[3]) < 1e-3
+
+
+def test_a_cause_lost_to_the_doubt_that_it_made_itself_is_not_given_up(years: Years) -> None:
+    """A new disc and a knock. The calibration being wrong by what it may have taken up of the disc,
+    a search without the disc leaves hardly more to the noise, and tells less."""
+    given = from_calibration(calibrate(years.calibrated, ARM).calibration, ARM, held=True)
+    rests = gather_rests(planted(years.later, wave(4, 8.0), KNOCK), ARM)
+    before = searched(rests, given, disc_of(4), SHIFT)
+    older = beside_what_it_took_up(before.last, ARM)
+    assert older is not None
+    again = searched(rests, older, SHIFT)
+    assert tells_less(again, before)
+    assert loses_a_cause(again, before, ARM)
+    assert not counts_instead(again, before, ARM)
+    assert not loses_a_cause(before, before, ARM)
+
+
+def test_a_knock_that_only_an_older_disc_made_is_given_up(years: Years) -> None:
+    """Of a disc the constants had taken up a part, and nobody knocked the arm."""
+    with_disc = calibrate(planted(years.calibrated, wave(4, 60.0)), ARM).calibration
+    given = from_calibration(with_disc, ARM, held=True)
+    rests = gather_rests(planted(years.later, wave(4, 60.0)), ARM)
+    before = searched(rests, given, disc_of(4), SHIFT)
+    older = beside_what_it_took_up(before.last, ARM)
+    assert older is not None
+    assert counts_instead(searched(rests, older, disc_of(4)), before, ARM)
+
+
+def searched(rests: Rests, baseline: Baseline, *found: Candidate) -> Any:
+    """A search that found just these, of some thousand candidates."""
+    last = fit(
+        rests, ARM, baseline, baseline.model, found, [np.zeros(len(c.columns)) for c in found]
+    )
+    return SimpleNamespace(
+        last=last, found=[SimpleNamespace(candidate=c) for c in found], tests=3000
+    )
+
+
+def disc_of(joint: int) -> Candidate:
+    """The disc of a joint off its axis."""
+    of = [tie([(f"theta_{joint}", 1.0)], Harmonic(kind=k, joint=joint, order=1)) for k in SINE]
+    columns = tuple(Column(str(i), "rad", 3e-5, terms) for i, terms in enumerate(of))
+    return Candidate("encoder_eccentricity", location.joint(joint), columns, (f"q{joint}",))
 
 
 def _sigmas(root: F64, differs: F64) -> float:

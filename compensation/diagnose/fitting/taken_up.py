@@ -11,14 +11,14 @@ have taken up of it, had it been made of readings like these.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armd.arrays import F64, I64
+from armd.arrays import F64, I64, Mask
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.layout import PLACEMENTS
-from armd.compensation.diagnose.problem.linear import Baseline
+from armd.compensation.diagnose.problem.linear import Baseline, Rests
 from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.effects.by_session import is_by_session
 from armd.compensation.effects.courses import is_drift
@@ -44,30 +44,57 @@ PARTS = 24
 def beside_what_it_took_up(last: Fit, arm: Arm) -> Baseline | None:
     """The model under test, wrong also by what it took up of the findings of *last*; None where
     they tell nothing that this could explain."""
-    baseline = last.baseline
-    if not baseline.held or len(last.findings) < 2:
+    if not last.baseline.held or len(last.findings) < 2:
         return None
-    plausible = _plausible(baseline, arm)
-    poses = last.noise.whiten(last.nuisance.columns.dense(last.layout.blocks[PLACEMENTS]))
-    own = _clear_of(poses, last.noise.whiten(baseline.columns(last.linear, arm) * plausible))
-    moves = [
-        last.nuisance.columns.dense(block) @ amplitudes
-        for block, amplitudes in zip(last.layout.findings, last.amplitudes, strict=True)
-    ]
-    white = _clear_of(poses, last.noise.whiten(np.array(moves).T))
-    taken = _taken_by(own, white)
-    left = np.linalg.norm(white - own @ taken, axis=0)
-    own_change = left < OF_THEIR_OWN * np.linalg.norm(white, axis=0)
-    older = [i for i, c in enumerate(last.findings) if not own_change[i] and _may_be_older(c)]
-    if not older or not own_change.any():
+    shares = _Shares.of(last, arm)
+    if not shares.older or not shares.own_change.any():
         return None
-    ways = [plausible[:, None] * taken[:, older]]
-    # It was made of other readings, at other temperatures and in other poses. How much that
-    # changes, these readings in parts tell: placements, and rests of all of them.
-    rests = last.linear.rests
-    for folds in (folds_of(rests), np.arange(rests.n) % PARTS):
-        ways += [plausible[:, None] * way for way in _differs(own, white[:, older], folds)]
-    return replace(baseline, root=_as_few(np.hstack([baseline.root, *ways]), plausible))
+    return shares.taken_up_by(last.baseline)
+
+
+def wrong_only_by(given: Baseline, last: Fit, arm: Arm) -> Baseline:
+    """The calibration as it was *given*, wrong also by what it would have taken up of the findings
+    of *last*, under whose own baseline it may be wrong by more."""
+    shares = _Shares.of(last, arm)
+    return shares.taken_up_by(given) if shares.older else given
+
+
+@dataclass(frozen=True)
+class _Shares:
+    """What constants and terms under test could explain of a fit's k findings."""
+
+    rests: Rests
+    plausible: F64  # (identified,) how far each may be from the drawing
+    own: F64  # (N, identified) their columns at that, whitened, clear of the poses
+    white: F64  # (N, k) what the findings do, so too
+    own_change: Mask  # (k,) which findings are a change of theirs
+    older: list[int]  # the findings that are none and may be older than the calibration
+
+    @classmethod
+    def of(cls, last: Fit, arm: Arm) -> _Shares:
+        plausible = _plausible(last.baseline, arm)
+        poses = last.noise.whiten(last.nuisance.columns.dense(last.layout.blocks[PLACEMENTS]))
+        columns = last.baseline.columns(last.linear, arm) * plausible
+        own = _clear_of(poses, last.noise.whiten(columns))
+        moves = [
+            last.nuisance.columns.dense(block) @ amplitudes
+            for block, amplitudes in zip(last.layout.findings, last.amplitudes, strict=True)
+        ]
+        white = _clear_of(poses, last.noise.whiten(np.array(moves).T))
+        left: F64 = np.linalg.norm(white - own @ _taken_by(own, white), axis=0)
+        own_change = left < OF_THEIR_OWN * np.linalg.norm(white, axis=0)
+        older = [i for i, c in enumerate(last.findings) if not own_change[i] and _may_be_older(c)]
+        return cls(last.linear.rests, plausible, own, white, own_change, older)
+
+    def taken_up_by(self, given: Baseline) -> Baseline:
+        """A calibration wrong also by what it took up of the older findings."""
+        own, white, plausible = self.own, self.white[:, self.older], self.plausible
+        ways = [plausible[:, None] * _taken_by(own, white)]
+        # It was made of other readings, at other temperatures and in other poses. How much that
+        # changes, these readings in parts tell: placements, and rests of all of them.
+        for folds in (folds_of(self.rests), np.arange(self.rests.n) % PARTS):
+            ways += [plausible[:, None] * way for way in _differs(own, white, folds)]
+        return replace(given, root=_as_few(np.hstack([given.root, *ways]), plausible))
 
 
 def _as_few(root: F64, plausible: F64) -> F64:

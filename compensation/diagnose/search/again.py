@@ -6,16 +6,49 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.taken_up import wrong_only_by
+from armd.compensation.diagnose.scoring.candidates import score_candidates
+from armd.compensation.diagnose.scoring.projection import make_projection
+from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.model.arm import Arm
 
 #: A search leaves no more to the noise than another if its readings' own is at most so many times
 #: as large. False causes made it smaller by 8 %, lost ones larger by a factor of 5.8.
 AS_QUIET = 1.25
 
 
+def counts_instead(again: SearchResult, before: SearchResult, arm: Arm) -> bool:
+    """Whether what was found *again*, the calibration being wrong by what it may have taken up,
+    counts instead of what was found *before*."""
+    return tells_less(again, before) and not loses_a_cause(again, before, arm)
+
+
 def tells_less(again: SearchResult, before: SearchResult) -> bool:
     """Whether less was found *again* than *before*, and no more is left to the noise. The older
     causes are there still, so that it is not nothing."""
     return not quieter(before, again) and 0 < len(again.found) < len(before.found)
+
+
+def loses_a_cause(again: SearchResult, before: SearchResult, arm: Arm) -> bool:
+    """Whether a cause found *before*, and not *again*, is significant all the same.
+
+    *again* the calibration counted as wrong by what it took up of all causes found before. Of a
+    cause that is not told it took up nothing: the calibration is asked here that is wrong only by
+    what it took up of those told *again*, which are in the model.
+    """
+    told = {of.candidate.place for of in again.found}
+    gone = [of.candidate for of in before.found if of.candidate.place not in told]
+    if not gone:
+        return False
+    last = again.last
+    baseline = wrong_only_by(before.last.baseline, last, arm)
+    about = fit(
+        last.linear.rests, arm, baseline, last.model, last.findings, last.amplitudes,
+        noise=last.noise,
+    )  # fmt: skip
+    log_p = score_candidates(make_projection(about, arm), gone).scores.log_p
+    return bool(significant(log_p, before.tests).any())
 
 
 def quieter(one: SearchResult, other: SearchResult) -> bool:
