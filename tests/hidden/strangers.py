@@ -289,8 +289,17 @@ def _simulated(kind: str, seed: int, plants: Sequence[Plant], design: Design = D
             rms_um(holdout, arm, diagnosis.extended),
             case.oracle_rms_um(case.holdout),
             0.0,
-            told_apart(diagnosis, errors, [(p.cause, p.location) for p in plants]),
+            _apart(diagnosis, errors, plants),
         )
+
+
+def _apart(
+    diagnosis: Diagnosis, errors: Sequence[np.ndarray], plants: Sequence[Plant]
+) -> tuple[float, ...]:
+    """What each of several effects has clear of what the others can do; of one, nothing."""
+    if len(plants) == 1:
+        return ()
+    return told_apart(diagnosis, errors, [(p.cause, p.location) for p in plants])
 
 
 def _words(plant: Plant) -> str:
