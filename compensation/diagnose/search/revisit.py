@@ -96,21 +96,30 @@ class Revisit:
         for i, finding in enumerate(findings):
             if is_shape(finding):
                 continue
-            out = {i, *through_it(findings, i)}
-            others = [
-                c
-                for j, c in enumerate(findings)
-                if j not in out and c.location != shape_place(finding)
-            ]
-            for barred in _barred(finding):
+            for out, barred in self._taken_out(i):
+                away = {j for k in out for j in (k, *through_it(findings, k))}
+                shapes = {shape_place(findings[k]) for k in out}
+                others = [
+                    c for j, c in enumerate(findings) if j not in away and c.location not in shapes
+                ]
                 for first in self._firsts(i, barred):
                     tried = self._filled([*others, *first], barred)
                     many = _amplitudes(tried) > _amplitudes(findings)
-                    if many or {c.place for c in tried} == {c.place for c in findings}:
+                    if many or _places(tried) == _places(findings):
                         continue
-                    of = frozenset((c.place, c.setting) for c in tried)
+                    of = frozenset((c.place, c.depends_on, c.setting) for c in tried)
                     found[of] = RivalSet(tuple(tried), self._log_weight(tried) - own)
         return sorted(found.values(), key=lambda one: -one.likelier)
+
+    def _taken_out(self, index: int) -> list[tuple[list[int], Which]]:
+        """Which findings are taken out for one's sake, and what may not come again then: itself;
+        and where its place is told twice, both, for one that goes by something else may do."""
+        findings, finding = self._fit.findings, self._fit.findings[index]
+        ways = [([index], barred) for barred in _barred(finding)]
+        alike = [j for j, c in enumerate(findings) if c.place == finding.place]
+        if len(alike) > 1 and alike[0] == index:
+            ways.append((alike, lambda c: any(c.is_like(findings[j]) for j in alike)))
+        return ways
 
     def _firsts(self, index: int, barred: Which) -> list[list[Candidate]]:
         """What to begin with in the place of a finding: whatever the search would add; of what
@@ -195,6 +204,10 @@ def _barred(finding: Candidate) -> list[Which]:
 
 def _is_free(candidate: Candidate) -> bool:
     return is_sized(candidate) or is_by_session(candidate)
+
+
+def _places(findings: Sequence[Candidate]) -> list[tuple[str, str]]:
+    return sorted(c.place for c in findings)
 
 
 def _amplitudes(findings: Sequence[Candidate]) -> int:
