@@ -139,6 +139,8 @@ def test_a_cause_lost_to_the_doubt_that_it_made_itself_is_not_given_up(years: Ye
     assert loses_a_cause(again, before, ARM)
     assert not counts_instead(again, before, ARM)
     assert not loses_a_cause(before, before, ARM)
+    nameless = searched(rests, given, replace(disc_of(4), cause="unknown"), SHIFT)
+    assert not loses_a_cause(again, nameless, ARM)
 
 
 def test_a_knock_that_only_an_older_disc_made_is_given_up(years: Years) -> None:

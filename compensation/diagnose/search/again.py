@@ -31,14 +31,16 @@ def tells_less(again: SearchResult, before: SearchResult) -> bool:
 
 
 def loses_a_cause(again: SearchResult, before: SearchResult, arm: Arm) -> bool:
-    """Whether a cause found *before*, and not *again*, is significant all the same.
+    """Whether a cause found *before*, and not *again*, is significant all the same. What has no
+    name is none: what was taken up leaves such functions, too.
 
     *again* the calibration counted as wrong by what it took up of all causes found before. Of a
     cause that is not told it took up nothing: the calibration is asked here that is wrong only by
     what it took up of those told *again*, which are in the model.
     """
     told = {of.candidate.place for of in again.found}
-    gone = [of.candidate for of in before.found if of.candidate.place not in told]
+    named = [of.candidate for of in before.found if of.candidate.cause != "unknown"]
+    gone = [candidate for candidate in named if candidate.place not in told]
     if not gone:
         return False
     last = again.last
