@@ -3,64 +3,34 @@
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import load_session
-from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.refit import (
     refits_without,
     solve_again,
     with_findings_unsolved,
 )
-from armd.compensation.diagnose.fitting.under_test import model_under_test
-from armd.compensation.diagnose.problem.rests import folds_of, gather_rests
-from armd.compensation.diagnose.problem.session_facts import gather_facts
+from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.diagnose.problem.signatures import compile_candidates, finding_columns
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey
 from armd.compensation.diagnose.scoring.evidence import score, total
 from armd.compensation.diagnose.scoring.projection import make_projection
-from armd.compensation.effects import catalogue
-from armd.compensation.model.arm import load_arm
-from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
+from support.first_fit import clear_of_absorbing, first_fit, whitened
 from support.small_fit import whitened_by
 
 
 @pytest.fixture(scope="module")
 def problem(tmp_path_factory):
-    """A fit of small sessions, the arm, and every fortieth candidate of the catalogue."""
-    design = Design(sessions=4, articulations=3, holdout=0)
+    """A fit of small sessions, the arm, and the catalogue's candidates."""
     plants = [Plant("encoder_eccentricity", "joint 3", 2.0)]
-    case = generate_case(tmp_path_factory.mktemp("case"), 5, plants, design)
-    arm = load_arm(case.arm)
-    sessions = [load_session(path, arm) for path in case.sessions]
-    baseline, rests = model_under_test(sessions, arm, None)[0], gather_rests(sessions, arm)
-    found = fit(rests, arm, baseline, baseline.model)
-    candidates = list(catalogue.candidates(gather_facts(rests, arm, baseline)))
+    _, found, arm, candidates = first_fit(tmp_path_factory.mktemp("case"), 5, plants)
     return found, arm, candidates
-
-
-def whitened(noise, columns):
-    """Columns of unit length, and by what they were divided."""
-    white = noise.whiten(columns)
-    scale = np.linalg.norm(white, axis=0)
-    scale[scale == 0.0] = 1.0
-    return white / scale, scale
 
 
 def statistic(current, candidate, arm) -> float:
     """χ² of a candidate by one dense least-squares problem with all that absorbs."""
-    variance = np.minimum(current.nuisance.variance, 1e12)
-    white, scale = whitened(current.noise, current.nuisance.columns.dense())
-    prior = np.diag(1.0 / np.sqrt(variance * scale**2))
     x = current.noise.whiten(finding_columns(current.linear, [candidate], arm)[0])
-    left = current.noise.whiten(current.residual)
-
-    def clear(columns):
-        rows = np.concatenate([columns, np.zeros((len(prior), *columns.shape[1:]))])
-        stacked = np.vstack([white, prior])
-        return rows - stacked @ np.linalg.lstsq(stacked, rows, rcond=1e-13)[0]
-
-    x, left = clear(x / np.linalg.norm(x, axis=0)), clear(left)
+    x = clear_of_absorbing(current, x / np.linalg.norm(x, axis=0))
+    left = clear_of_absorbing(current, current.noise.whiten(current.residual))
     return float(left @ x @ np.linalg.pinv(x.T @ x, rcond=1e-9, hermitian=True) @ x.T @ left)
 
 

@@ -7,17 +7,9 @@ import pytest
 from cases import at_rests, projected_snr
 from told_apart import told_apart
 
-from armd.compensation.data.session import load_session
-from armd.compensation.diagnose.fitting.fit import fit
-from armd.compensation.diagnose.fitting.under_test import model_under_test
-from armd.compensation.diagnose.problem.rests import gather_rests
-from armd.compensation.diagnose.problem.session_facts import gather_facts
 from armd.compensation.diagnose.problem.signatures import finding_columns
-from armd.compensation.effects import catalogue
-from armd.compensation.model.arm import load_arm
-from armd.simulator.campaigns.hidden import Design
-from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
+from support.first_fit import clear_of_absorbing, first_fit
 
 DISC, GAIN = ("encoder_eccentricity", "joint 3"), ("encoder_scale", "joint 3")
 ELSEWHERE = ("joint_backlash", "joint 5")
@@ -27,13 +19,7 @@ ELSEWHERE = ("joint_backlash", "joint 5")
 def planted(tmp_path_factory):
     """What stands for a diagnosis of small sessions, and each place's exact error (readings, 3)."""
     plants = [Plant(*DISC, 2.0), Plant(*GAIN, 8.0), Plant(*ELSEWHERE, 4.0)]
-    design = Design(sessions=4, articulations=3, holdout=0)
-    case = generate_case(tmp_path_factory.mktemp("case"), 7, plants, design)
-    arm = load_arm(case.arm)
-    sessions = [load_session(path, arm) for path in case.sessions]
-    baseline, rests = model_under_test(sessions, arm, None)[0], gather_rests(sessions, arm)
-    first = fit(rests, arm, baseline, baseline.model)
-    candidates = list(catalogue.candidates(gather_facts(rests, arm, baseline)))
+    case, first, arm, candidates = first_fit(tmp_path_factory.mktemp("case"), 7, plants)
     search = SimpleNamespace(
         first=first, last=first, signatures=SimpleNamespace(candidates=candidates)
     )
@@ -48,17 +34,10 @@ def planted(tmp_path_factory):
 def dense(diagnosis, error: np.ndarray, others: list[np.ndarray]) -> float:
     """The same by numpy's least squares, everything that absorbs with its prior as rows."""
     first = diagnosis.search.first
-    absorb = first.noise.whiten(first.nuisance.columns.dense())
-    variance = np.minimum(first.nuisance.variance, 1e12)
-    scale = np.linalg.norm(absorb, axis=0)
-    scale[scale == 0.0] = 1.0
-    prior = np.diag(1.0 / np.sqrt(variance * scale**2))
-    free = np.column_stack([first.noise.whiten(c) for c in others])
-    free = np.vstack([free / np.linalg.norm(free, axis=0), np.zeros((len(prior), free.shape[1]))])
-    columns = np.hstack([np.vstack([absorb / scale, prior]), free])
-    signal = np.append(first.noise.whiten(at_rests(first, error)), np.zeros(len(prior)))
-    left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=1e-12)[0]
-    return float(np.linalg.norm(left))
+    signal = clear_of_absorbing(first, first.noise.whiten(at_rests(first, error)))
+    free = first.noise.whiten(np.column_stack(others))
+    free = clear_of_absorbing(first, free / np.linalg.norm(free, axis=0))
+    return float(np.linalg.norm(signal - free @ np.linalg.lstsq(free, signal, rcond=1e-9)[0]))
 
 
 def columns_of(diagnosis, place) -> np.ndarray:
