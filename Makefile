@@ -4,10 +4,6 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-ROOMS  := umbrella drivers compensation daemon simulator
-# The editable installation links file by file (strict mode, so that the type checker follows);
-# a file added or removed touches its folder, and the folder renews the installation.
-FOLDERS := $(shell find $(ROOMS) -type d -not -name __pycache__)
 
 .PHONY: install demo test test-slow test-long lint bench clean hidden hidden-sweep outsider interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
 install: $(VENV)/.installed
@@ -18,10 +14,9 @@ $(VENV)/.dependencies: requirements.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
 	touch $@
 
-$(VENV)/.installed: $(VENV)/.dependencies pyproject.toml $(FOLDERS)
+$(VENV)/.installed: $(VENV)/.dependencies pyproject.toml
 	rm -rf build
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
-	    --config-settings editable_mode=strict --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@echo "armd: compiling the kernel for this machine: a minute, once"
 	$(BIN)/python -I -m armd.daemon.ahead
 	touch $@

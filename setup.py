@@ -8,7 +8,7 @@ from setuptools import Distribution, setup
 
 class Armd(Distribution):
     def has_ext_modules(self) -> bool:
-        return any(Path("umbrella").glob("kernel_*.so"))
+        return any(Path("armd").glob("kernel_*.so"))
 
 
 setup(distclass=Armd)

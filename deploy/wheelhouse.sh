@@ -40,7 +40,7 @@ extra='[offline]'
 if [ "$wanted" = "$own" ]; then
     "$python" -I -m pip --quiet --disable-pip-version-check install --no-deps --target "$copy/as" \
         "$folder"/armd-*.whl
-    if PYTHONPATH=$copy/as "$python" -m armd.daemon.ahead --into "$copy/umbrella"; then
+    if PYTHONPATH=$copy/as "$python" -m armd.daemon.ahead --into "$copy/armd"; then
         rm "$folder"/armd-*.whl
         pip wheel --no-deps --wheel-dir "$folder" "$copy"
         extra=''

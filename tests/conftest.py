@@ -20,7 +20,7 @@ ONLY_COMPUTES = (
         f"tests/{room}/"
         for room in (
             "compensation", "diagnose", "effects", "estimate", "hidden", "identify", "interim",
-            "model", "outsider", "real", "umbrella",
+            "model", "outsider", "real", "package",
         )
     ),
     "tests/simulator/test_hidden_cases.py",

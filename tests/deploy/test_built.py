@@ -19,8 +19,8 @@ TESTS = (
     "diagnose",
     "estimate",
     "model",
-    "umbrella/test_public_face.py",
-    "umbrella/test_suggest.py",
+    "package/test_public_face.py",
+    "package/test_suggest.py",
     "compensation/test_session.py",
     "compensation/test_verify.py",
     "effects/test_every_cause.py",
@@ -71,7 +71,7 @@ def packaged(wheel: Path) -> set[str]:
 
 def test_the_wheel_has_every_file_of_every_room(wheel: Path, tree: Path) -> None:
     """But for recipes, which say how a file that is there was made."""
-    rooms = {"umbrella": "armd"} | {
+    rooms = {"armd": "armd"} | {
         room: f"armd/{room}" for room in ("drivers", "compensation", "daemon", "simulator")
     }
     expected = {

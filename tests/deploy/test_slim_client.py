@@ -34,7 +34,7 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     install = [own, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     if subprocess.run([*install, "numpy", "eclipse-zenoh>=1.10,<2"]).returncode != 0:
         pytest.skip("no package index to install from")
-    subprocess.run([*install, ROOT / "client"], check=True)
+    subprocess.run([*install, ROOT / "deploy" / "client"], check=True)
     return own
 
 
@@ -77,7 +77,7 @@ def test_it_hears_a_daemon(python: Path, tmp_path: Path) -> None:
 def test_both_distributions_are_of_one_version() -> None:
     slim, whole = (
         tomllib.loads((ROOT / name).read_text())["project"]
-        for name in ("client/pyproject.toml", "pyproject.toml")
+        for name in ("deploy/client/pyproject.toml", "pyproject.toml")
     )
     assert slim["version"] == whole["version"]
     assert set(slim["dependencies"]) <= set(whole["dependencies"])

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("umbrella", "drivers", "compensation", "daemon", "simulator")
+ROOMS = ("armd", "drivers", "compensation", "daemon", "simulator")
 
 #: The same thing seen by the simulator, which makes it, and by what finds it out; neither may
 #: import the other.
