@@ -117,6 +117,13 @@ class Session:
         return digest.hexdigest()
 
 
+def distinct_names(sessions: Sequence[Session]) -> list[str]:
+    """Return the folders' names; whole paths where two folders share one."""
+    names = [session.name for session in sessions]
+    distinct = len(set(names)) == len(names)
+    return names if distinct else [str(session.path) for session in sessions]
+
+
 def load_sessions(
     paths: Sequence[str | Path], arm: Arm, besides: Sequence[Session] = ()
 ) -> list[Session]:

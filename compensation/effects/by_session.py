@@ -27,6 +27,8 @@ LEAST_SESSIONS, MOST_SESSIONS = 3, 16
 #: After the last reading of all, it is over.
 OVER_S = 1.0
 AGAINST = " against those before"
+#: Of what is added up to nothing.
+ROUNDING = 1e-9
 
 
 def by_session(facts: SessionFacts) -> list[Function]:
@@ -69,17 +71,29 @@ def follows_anything(candidate: Candidate) -> bool:
     return is_by_session(candidate) or is_walk(candidate)
 
 
-def values_by_session(candidate: Candidate, amplitudes: F64) -> tuple[dict[str, F64], str]:
-    """What its motions come to (motions,) in each session, by name, and against what."""
-    names = dict.fromkeys(column.name.split(", ", 1)[1] for column in candidate.columns)
-    values = amplitudes.reshape(len(names), -1)
-    if not next(iter(names)).endswith(AGAINST):
-        return dict(zip(names, values, strict=True)), "the calibration"
-    of_all = np.zeros((1, values.shape[1]))
+def values_by_session(candidate: Candidate, amplitudes: F64) -> tuple[list[tuple[str, F64]], str]:
+    """Return each session's name with what its motions come to (motions,), and against what."""
+    instants = _instants(candidate)
+    against_mean = is_against_mean(candidate)
+    functions = len(instants) - 1 - against_mean
+    values = amplitudes.reshape(functions, -1)
+    motions = values.shape[1]
+    names = [column.name.split(", ", 1)[1] for column in candidate.columns[::motions]]
+    if not against_mean:
+        return list(zip(names, values, strict=True)), "the calibration"
+    of_all = np.zeros((1, motions))
     for further in values:
         of_all = np.vstack([of_all, of_all.mean(axis=0) + further])
     named = (name.removesuffix(AGAINST) for name in names)
-    return dict(zip(named, of_all[1:], strict=True)), "the first session"
+    return list(zip(named, of_all[1:], strict=True)), "the first session"
+
+
+def is_against_mean(candidate: Candidate) -> bool:
+    """Whether its columns are departures from the sessions' mean, by what its terms do."""
+    return all(
+        np.abs(each.sum(axis=0)).max() <= ROUNDING * np.abs(each).max()
+        for each in _values_of_parameters(candidate).values()
+    )
 
 
 @dataclass(frozen=True)
@@ -97,20 +111,14 @@ def as_written(candidate: Candidate, amplitudes: F64, effect: str) -> Iterator[W
     Constants that the same sessions gave become those of the middle one: where one session in five
     stood otherwise, the mean of all is right for none.
     """
-    names = dict.fromkeys(term.parameter for c in candidate.columns for term in c.terms)
-    instants = sorted({f.instant_unix_s for f in candidate.factors if isinstance(f, After)})
-    for name in names:
-        steps = np.zeros((len(instants), len(candidate.columns)))
-        for j, column in enumerate(candidate.columns):
-            for term in column.terms:
-                (factor,) = term.basis
-                if term.parameter == name and isinstance(factor, After):
-                    steps[instants.index(factor.instant_unix_s), j] += term.coefficient
-        each = np.cumsum(steps, axis=0)[:-1]  # (sessions, columns)
+    instants, against_mean = _instants(candidate), is_against_mean(candidate)
+    for name, each in _values_of_parameters(candidate).items():
         constant = np.zeros(len(candidate.columns))
-        if candidate.columns[0].name.endswith(AGAINST):
+        if against_mean:
             order, half = np.argsort(each @ amplitudes, kind="stable"), (len(each) - 1) / 2
             constant = each[order[[math.floor(half), math.ceil(half)]]].mean(axis=0)
+        none = np.zeros((1, len(candidate.columns)))
+        steps = np.diff(np.vstack([none, each, none]), axis=0)
         steps[0] -= constant
         steps[-1] += constant
         terms = [
@@ -123,6 +131,24 @@ def as_written(candidate: Candidate, amplitudes: F64, effect: str) -> Iterator[W
             for instant, step in zip(instants, steps @ amplitudes, strict=True)
         ]
         yield Written(name, constant, tuple(terms))
+
+
+def _instants(candidate: Candidate) -> list[float]:
+    """Return where each session begins, and where the last one is over."""
+    return sorted({f.instant_unix_s for f in candidate.factors if isinstance(f, After)})
+
+
+def _values_of_parameters(candidate: Candidate) -> dict[str, F64]:
+    """Return each parameter's value in each session (sessions, columns), of unit amplitudes."""
+    instants, steps = _instants(candidate), dict[str, F64]()
+    for j, of in enumerate(candidate.columns):
+        for term in of.terms:
+            (factor,) = term.basis
+            if isinstance(factor, After):
+                nothing = np.zeros((len(instants), len(candidate.columns)))
+                own = steps.setdefault(term.parameter, nothing)
+                own[instants.index(factor.instant_unix_s), j] += term.coefficient
+    return {name: np.cumsum(own, axis=0)[:-1] for name, own in steps.items()}
 
 
 def _edges(facts: SessionFacts) -> list[float]:

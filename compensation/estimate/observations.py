@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
-from armd.compensation.data.session import Session
+from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.data.session_format import Distance
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import ArtefactCorrection
@@ -105,6 +105,8 @@ def gather(
     readings may be elsewhere): more lengths than it has coordinates want it somewhere, which no
     step from a guess finds.
     """
+    names = distinct_names(sessions)
+    named = list(zip(names, sessions, strict=True))
     corrections = [_correction_of(session, artefact) for session in sessions]
     counts = [len(session.placement_names) for session in sessions]
     first_placement = np.concatenate([[0], np.cumsum(counts)])
@@ -113,9 +115,9 @@ def gather(
     of_session = np.repeat(np.arange(len(sessions)), [session.n for session in sessions])
     return Observations(
         arm=arm,
-        session_names=_names(sessions),
-        placement_names=[f"{s.name}/{name}" for s in sessions for name in s.placement_names],
-        target_names=[f"{s.name}/{name}" for s in sessions for name in s.artefact.target_names],
+        session_names=names,
+        placement_names=[f"{own}/{name}" for own, s in named for name in s.placement_names],
+        target_names=[f"{own}/{name}" for own, s in named for name in s.artefact.target_names],
         states=replace(States.joined([s.states for s in sessions]), series=of_session),
         session=of_session,
         row=np.concatenate([s.row for s in sessions]),
@@ -153,13 +155,6 @@ def _numbered(entries: Sequence[object]) -> I64:
     texts = [repr(entry) for entry in entries]
     first = {text: i for i, text in reversed(list(enumerate(texts)))}
     return np.array([first[text] for text in texts], dtype=np.int64)
-
-
-def _names(sessions: Sequence[Session]) -> list[str]:
-    """The folders' names; whole paths where two folders share one."""
-    names = [session.name for session in sessions]
-    distinct = len(set(names)) == len(names)
-    return names if distinct else [str(session.path) for session in sessions]
 
 
 def _correction_of(session: Session, correction: ArtefactCorrection | None) -> ArtefactCorrection:

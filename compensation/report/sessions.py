@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.data.session import Session
+from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.page import Page, report_number
 from armd.files.inputs import open_input
@@ -27,7 +27,8 @@ def origin(
     facts: Mapping[str, str] | None = None,
 ) -> None:
     """*files* are the other inputs by what they are to the command; None: there was none."""
-    inputs = {f"session {session.name}": session.fingerprint() for session in sessions}
+    named = zip(distinct_names(sessions), sessions, strict=True)
+    inputs = {f"session {name}": session.fingerprint() for name, session in named}
     inputs |= {f"{role} {Path(file).name}": _sha256(file) for role, file in files.items() if file}
     page.origin(report_number(arm.serial_number, *inputs.values()), inputs, facts)
     session_facts(page, sessions, arm)
@@ -43,7 +44,10 @@ def session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:
     page.table(
         ["session", "started, UTC", "duration, h", "readings", "operator", "artefact",
          "its certificate", "arm, °C", "artefact, °C"],
-        [_row(session) for session in sessions],
+        [
+            [name, *_facts(session)]
+            for name, session in zip(distinct_names(sessions), sessions, strict=True)
+        ],
     )  # fmt: skip
     if not arm.sensors:
         page.text("The arm has no temperature sensors.")
@@ -54,10 +58,9 @@ def session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:
     )
 
 
-def _row(session: Session) -> list[str]:
+def _facts(session: Session) -> list[str]:
     started = datetime.datetime.fromtimestamp(session.started_unix_s, datetime.UTC)
     return [
-        session.name,
         f"{started:%Y-%m-%d %H:%M}",
         f"{np.ptp(session.states.time_s) / 3600:.2f}",
         str(session.n),

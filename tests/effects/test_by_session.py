@@ -17,6 +17,7 @@ from armd.compensation.effects.courses import is_drift
 from armd.compensation.effects.effect import Candidate, Column, SessionFacts
 from armd.compensation.effects.mechanical.geometry_shift import EFFECT as SHIFT
 from armd.compensation.effects.setup.tip_offset import EFFECT as TIP
+from armd.compensation.effects.unknown import without_a_name
 from support.whole_scene import whole_scene
 
 HOUR_S = 3600.0
@@ -96,8 +97,8 @@ def test_no_session_is_likelier_to_stand_otherwise_than_another(facts: SessionFa
 def test_the_values_are_told_by_the_sessions_names(facts: SessionFacts) -> None:
     told, against = values_by_session(candidate(facts), amplitudes(facts))
     first = 0 if facts.held else 1
-    assert list(told) == list(NAMES[first:])
-    assert np.concatenate(list(told.values())) == pytest.approx((VALUES - VALUES[0])[first:])
+    assert [name for name, _ in told] == list(NAMES[first:])
+    assert np.concatenate([own for _, own in told]) == pytest.approx((VALUES - VALUES[0])[first:])
     assert against == ("the calibration" if facts.held else "the first session")
 
 
@@ -117,6 +118,27 @@ def test_written_constants_are_a_given_calibrations_or_the_middle_sessions(
     later = np.array([facts.end_unix_s + AFTER_H * HOUR_S])
     assert constant + at(written.terms, later) == pytest.approx(WEIGHT * usual)
     assert len(written.terms) == len(NAMES) + 1
+
+
+def test_columns_with_other_names_write_the_same(facts: SessionFacts) -> None:
+    """A finding without a name calls its columns by the parameters that they move."""
+    own, values = candidate(facts), amplitudes(facts)
+    renamed = without_a_name(own, replace(own, cause="unknown"))
+    assert renamed.columns[0].name != own.columns[0].name
+    (expected,), (written,) = as_written(own, values, "any"), as_written(renamed, values, "any")
+    np.testing.assert_array_equal(written.constant, expected.constant)
+    assert written.terms == expected.terms
+
+
+def test_sessions_in_folders_of_one_name_are_listed_one_by_one(facts: SessionFacts) -> None:
+    alike = [("measured", since, until) for _, since, until in facts.sessions]
+    facts = replace(facts, sessions=tuple(alike))
+    told, _ = values_by_session(candidate(facts), amplitudes(facts))
+    first = 0 if facts.held else 1
+    assert [name for name, _ in told] == ["measured"] * (4 - first)
+    assert np.concatenate([own for _, own in told]) == pytest.approx((VALUES - VALUES[0])[first:])
+    (along, _) = (c for c in TIP.candidates(facts) if is_by_session(c))
+    assert "measured" in TIP.reading(along, np.zeros(len(along.columns)))
 
 
 def test_two_sessions_are_a_step(facts: SessionFacts) -> None:

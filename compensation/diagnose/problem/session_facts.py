@@ -113,10 +113,10 @@ def _sessions(rests: Rests) -> tuple[tuple[str, float, float], ...]:
     """Name, first and last reading of each session in the order of time; none where two overlap."""
     observations = rests.observations
     found = []
-    for number, session in enumerate(rests.sessions):
+    for number, name in enumerate(observations.session_names):
         own_s = observations.states.time_s[observations.session == number]
         if len(own_s):
-            found.append((session.name, float(own_s.min()), float(own_s.max())))
+            found.append((name, float(own_s.min()), float(own_s.max())))
     found.sort(key=lambda one: one[1])
     apart = all(one[2] < following[1] for one, following in itertools.pairwise(found))
     return tuple(found) if apart else ()

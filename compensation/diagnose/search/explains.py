@@ -145,7 +145,7 @@ def _partitions(last: Fit, candidate: Candidate) -> Iterator[tuple[str, I64, lis
     """Ways to part the rests: by what, the part of each (n,), and the parts' names."""
     rests = last.linear.rests
     observations = rests.observations
-    sessions = [session.name for session in rests.sessions]
+    sessions = list(observations.session_names)
     if 1 < len(sessions) <= MOST_PARTS:
         yield "session", observations.session, sessions
     placements = list(observations.placement_names)

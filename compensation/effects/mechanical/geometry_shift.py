@@ -101,7 +101,7 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
     if is_by_session(candidate):
         values, against = values_by_session(candidate, amplitudes)
         told = ", ".join(
-            f"{name} {plain(angle[0] / ARC_SECOND, sign='+')}″" for name, angle in values.items()
+            f"{name} {plain(angle[0] / ARC_SECOND, sign='+')}″" for name, angle in values
         )
         where = candidate.location
         return f"the zero of {where} is another in each session: {told} against {against}"

@@ -96,10 +96,10 @@ def reading(candidate: Candidate, amplitudes: F64) -> str:
 
 def _read_by_session(candidate: Candidate, amplitudes: F64) -> str:
     values, against = values_by_session(candidate, amplitudes)
-    along = all(len(own) == 1 for own in values.values())
+    along = all(len(own) == 1 for _, own in values)
     told = ", ".join(
         f"{name} {1e3 * own[0]:+.0f} µm" if along else f"{name} {1e3 * np.linalg.norm(own):.0f} µm"
-        for name, own in values.items()
+        for name, own in values
     )
     where = " along the stylus" if along else ""
     return f"the tip stands otherwise from session to session{where}: {told} against {against}"
