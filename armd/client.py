@@ -23,7 +23,7 @@ from armd import keys
 from armd.closing import Closing
 from armd.errors import ArmdError
 from armd.point import POINT, Lost, Point
-from armd.received import Gate, Refused
+from armd.received import FORMS, Gate, Refused, json_object
 from armd.zenoh_session import ENDPOINT, find_arm, open_session
 
 #: What waits for a slow reader; beyond that the oldest goes, and points count as lost.
@@ -171,7 +171,10 @@ class Arm(Closing):
         replies = self._session.get(
             keys.key(self.serial, what), consolidation=zenoh.ConsolidationMode.NONE
         )
-        return [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok]
+        payloads = [reply.ok.payload.to_bytes() for reply in replies if reply.ok]
+        messages = [json_object(what, payload) for payload in payloads]
+        self._gate.refused.malformed += messages.count(None)
+        return [message for message in messages if message is not None]
 
     def preamble(self) -> tuple[int, list[bytes]]:
         """For a recorder of raw frames: the number of the next one, and the frames, as published,
@@ -229,7 +232,12 @@ class Arm(Closing):
                 yield from map(json.loads, payloads)
 
     def _ask(self, what: str, parameters: str = "") -> dict[str, Any]:
-        return _answer(keys.key(self.serial, what), self._ask_bytes(what, parameters))
+        key, payload = keys.key(self.serial, what), self._ask_bytes(what, parameters)
+        content = json_object(what, payload)
+        if content is None:
+            form = "message" if what in FORMS else "JSON object"
+            raise ArmdError(f"{key}: found {payload[:40]!r}, expected armd's {form} of this key")
+        return content
 
     def _ask_bytes(self, what: str, parameters: str = "") -> bytes:
         key = keys.key(self.serial, what)
@@ -239,16 +247,6 @@ class Arm(Closing):
             if reply.err is not None:
                 raise ArmdError(f"{key}: {reply.err.payload.to_string()}")
         raise ArmdError(f"{key}: no answer; is the daemon running?")
-
-
-def _answer(key: str, payload: bytes) -> dict[str, Any]:
-    try:
-        content = json.loads(payload)
-    except (ValueError, RecursionError) as error:
-        raise ArmdError(f"{key}: the answer is no JSON: {payload[:40]!r}") from error
-    if not isinstance(content, dict):
-        raise ArmdError(f"{key}: the answer is none of armd's: {payload[:40]!r}")
-    return content
 
 
 def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Arm:

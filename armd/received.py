@@ -1,14 +1,17 @@
-"""What a subscriber believes of what arrives: well-formed, and from the publisher it met first.
+"""Check what a subscriber receives: well-formed, and from the publisher that it met first.
 
 Whoever reaches the network, or a daemon configured to let others speak, can put anything on an
-arm's keys. A payload of the wrong form is passed over and counted, never passed on. This is no
-proof of origin; certificates are (docs/secure.md).
+arm's keys. This is the one door for all of it: a payload of the wrong form is dropped and counted,
+never passed on, so that no bridge and no client meets it. This is no proof of origin; certificates
+are (docs/secure.md).
 """
 
 from __future__ import annotations
 
 import json
+import math
 import time
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,16 +25,146 @@ KEPT_S = 1.5
 MOST_JSON_BYTES = 1 << 20
 #: The shortest: a raw frame's header, a message of joints without a joint.
 LEAST_BYTES = {keys.RAW: 26, keys.JOINTS: 24}
-#: Fields whose type everybody relies on, where they are there.
-TYPES: dict[str, type | tuple[type, ...]] = {
-    "kind": str,
-    "text": str,
-    "state": str,
-    "reason": str,
-    "temperatures": dict,
-    "seq": int,
-    "stamp_ns": int,
-    "position_mm": (list, type(None)),
+#: No arm reaches further, and no text of a number is longer.
+MOST_MM = 1e6
+MOST_DIGITS = 20
+
+Check = Callable[[Any], bool]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_integer(low: int, high: int) -> Check:
+    return lambda value: _is_number(value) and isinstance(value, int) and low <= value < high
+
+
+def _is_vector(n: int, most: float = math.inf) -> Check:
+    def check(value: Any) -> bool:
+        return (
+            isinstance(value, list)
+            and len(value) == n
+            and all(_is_number(x) and abs(x) <= most for x in value)
+        )
+
+    return check
+
+
+def _is_list(check: Check) -> Check:
+    return lambda value: isinstance(value, list) and all(map(check, value))
+
+
+def _is_table(check: Check) -> Check:
+    """An object whose values are all of one form."""
+    return lambda value: isinstance(value, dict) and all(map(check, value.values()))
+
+
+def _is_optional(check: Check) -> Check:
+    return lambda value: value is None or check(value)
+
+
+def _has(required: Mapping[str, Check], optional: Mapping[str, Check] | None = None) -> Check:
+    """An object with these keys and any others."""
+
+    def check(value: Any) -> bool:
+        return (
+            isinstance(value, dict)
+            and all(name in value and is_valid(value[name]) for name, is_valid in required.items())
+            and all(
+                is_valid(value[name])
+                for name, is_valid in (optional or {}).items()
+                if name in value
+            )
+        )
+
+    return check
+
+
+_is_seq = _is_integer(0, 1 << 64)
+_is_stamp = _is_integer(-(1 << 63), 1 << 63)
+_is_bits = _is_integer(0, 1 << 32)
+_is_count = _is_integer(0, 1 << 63)
+_is_text_or_none = _is_optional(_is_text)
+_is_place = _is_vector(3, MOST_MM)
+_is_tip = _has({"offset_mm": _is_place}, {"radius_mm": _is_optional(_is_number)})
+
+#: The form of each message: what every program relies on. Keys and values beside it are free.
+FORMS: dict[str, Check] = {
+    keys.HEALTH: _has(
+        {
+            "state": _is_text,
+            "reason": _is_text,
+            "stamp_ns": _is_stamp,
+            "uptime_s": _is_number,
+            "rates": _has({"points_hz": _is_number}),
+            "drops": _is_table(lambda value: True),
+            "last_second": _has({"flagged": _is_table(_is_number)}),
+            "temperatures": _is_table(_is_optional(_is_number)),
+            "calibration": _is_text_or_none,
+            "tip": _is_text_or_none,
+        }
+    ),
+    keys.EVENT: _has(
+        {"kind": _is_text, "text": _is_text, "stamp_ns": _is_stamp},
+        {
+            "severity": _is_text,
+            "detail": _is_optional(
+                _has(
+                    {},
+                    {
+                        "buttons": _is_list(_is_integer(0, 32)),
+                        "seq": _is_seq,
+                        "tip": _is_text_or_none,
+                        "offset_mm": _is_optional(_is_place),
+                        "radius_mm": _is_optional(_is_number),
+                    },
+                )
+            ),
+        },
+    ),
+    keys.MEASUREMENT: _has(
+        {
+            "seq": _is_seq,
+            "stamp_ns": _is_stamp,
+            "position_mm": _is_optional(_is_place),
+            "orientation": _is_optional(_is_vector(4)),
+            "approach": _is_optional(_is_vector(3)),
+            "covariance_mm2": _is_optional(_is_vector(6)),
+            "standard_deviation_mm": _is_optional(_is_vector(3)),
+            "count": _is_count,
+            "flags": _is_bits,
+            "flag_names": _is_list(_is_text),
+            "buttons": _is_bits,
+            "calibration": _is_text_or_none,
+            "tip": _is_text_or_none,
+        },
+        {
+            "trigger": _is_text,
+            "angles_rad": _is_optional(_is_list(_is_number)),
+            "duration_s": _is_number,
+            "tip_offset_mm": _is_optional(_is_place),
+            "tip_radius_mm": _is_optional(_is_number),
+            "temperatures_c": _is_table(_is_optional(_is_number)),
+        },
+    ),
+    keys.INFO: _has(
+        {
+            "arm": _has(
+                {
+                    "serial_number": _is_text,
+                    "joint": _is_list(_has({"a_mm": _is_number, "d_mm": _is_number})),
+                    "tip": _has({"offset_mm": _is_place, "radius_mm": _is_number}),
+                }
+            ),
+            "configuration": _has({"tips": _is_table(_is_tip)}),
+            "tip": _is_text_or_none,
+        }
+    ),
 }
 
 
@@ -75,22 +208,44 @@ def is_sound(what: str, payload: bytes) -> bool:
         return len(payload) == POINT.itemsize
     if what in LEAST_BYTES:
         return len(payload) >= LEAST_BYTES[what]
-    return json_object(payload) is not None
+    return json_object(what, payload) is not None
 
 
-def json_object(payload: bytes) -> dict[str, Any] | None:
-    """A message of armd's, parsed; None if it cannot be one."""
+def json_object(what: str, payload: bytes) -> dict[str, Any] | None:
+    """A message on the key *what*, parsed; None if it is not one of armd's.
+
+    A number that a double cannot hold, or NaN, makes a message malformed: whoever writes it on as
+    JSON could not.
+    """
     if len(payload) > MOST_JSON_BYTES:
         return None
     try:
-        content = json.loads(payload)
+        content = json.loads(payload, parse_float=_finite, parse_int=_short, parse_constant=_refuse)
     except (ValueError, RecursionError):
         return None
     if not isinstance(content, dict):
         return None
-    sound = all(
-        isinstance(content[name], kind) and not isinstance(content[name], bool)
-        for name, kind in TYPES.items()
-        if name in content
-    )
+    has_form = FORMS.get(what)
+    if has_form is None:
+        return content
+    sound = has_form(content)
+    if sound and what == keys.MEASUREMENT and content["position_mm"] is not None:
+        sound = content["orientation"] is not None  # a place without one points nowhere
     return content if sound else None
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(text[:MOST_DIGITS])
+    return value
+
+
+def _short(text: str) -> int:
+    if len(text) > MOST_DIGITS:
+        raise ValueError(text[:MOST_DIGITS])
+    return int(text)
+
+
+def _refuse(name: str) -> float:
+    raise ValueError(name)

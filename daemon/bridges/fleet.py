@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +13,7 @@ import zenoh
 
 from armd import keys
 from armd.daemon.state import State
+from armd.received import json_object
 
 #: Health comes once a second. A daemon that is frozen keeps its token for four.
 SILENT_S = 3.0
@@ -28,6 +28,7 @@ class Fleet:
         self._lock = threading.Lock()
         self._alive: set[str] = set()
         self._health: dict[str, tuple[dict[str, Any], float]] = {}
+        self._malformed: Counter[str] = Counter()
         self.events: deque[tuple[str, str]] = deque(maxlen=EVENTS_KEPT)
         """Serial and text of what went wrong, or of one serial with two daemons."""
 
@@ -46,6 +47,14 @@ class Fleet:
     def note_event(self, serial: str, event: dict[str, Any]) -> None:
         if event.get("severity") in ("warning", "error"):
             self.events.append((serial, event["text"]))
+
+    def note_malformed(self, serial: str) -> None:
+        """A message that is not armd's was dropped: reported once an arm, then only counted."""
+        self._malformed[serial] += 1
+        if self._malformed[serial] == 1:
+            self.events.append(
+                (serial, "drops messages that are not armd's: who else writes here?")
+            )
 
     def healths(self) -> list[dict[str, Any]]:
         """The last message of each arm that is alive, by serial number."""
@@ -87,10 +96,18 @@ class Listening:
             fleet.note_token(_serial(sample), sample.kind == zenoh.SampleKind.PUT)
 
         def health(sample: zenoh.Sample) -> None:
-            fleet.note_health(_serial(sample), json.loads(sample.payload.to_bytes()))
+            message = json_object(keys.HEALTH, sample.payload.to_bytes())
+            if message is None:
+                fleet.note_malformed(_serial(sample))
+            else:
+                fleet.note_health(_serial(sample), message)
 
         def event(sample: zenoh.Sample) -> None:
-            fleet.note_event(_serial(sample), json.loads(sample.payload.to_bytes()))
+            message = json_object(keys.EVENT, sample.payload.to_bytes())
+            if message is None:
+                fleet.note_malformed(_serial(sample))
+            else:
+                fleet.note_event(_serial(sample), message)
 
         # Known at once, not with the next message of each.
         for reply in session.get(keys.key(name, keys.HEALTH)):

@@ -142,3 +142,34 @@ def test_what_we_write_is_a_number_of_the_standard(value: float, places: int) ->
 def test_what_we_quote_is_a_string_of_the_standard(text: str) -> None:
     command = parse(f"00001 KeyPress({quoted(text)})")
     assert isinstance(command.args[0], Text)
+
+
+#: Of NIST's test suite 3.0, numbersCmdOK.prg: all are numbers of the standard.
+NIST_NUMBERS = """
+    0 123 +90 -90 12.2 +1.2 -1.2 1234567890123456 1.234567890123456 +1.234567890123456 -0000 0090
+    +0090 -0090 +0000.5 +0000.5E7 3.9E2 1.3E02 3.8E002 +6.333E1 -9.333E01 +1.234567890123456E003
+    +1.234567890123456E-123 +6.333E+01 +6.382E-01 -6.333E+01 -6.382E-012 3.9e2 .123 123.
+"""
+
+
+@pytest.mark.parametrize("text", NIST_NUMBERS.split())
+def test_every_number_of_nist_is_taken(text: str) -> None:
+    assert number(text) == float(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["1e400", "-1E999", "1E9999", "12345678901234567", "\u0661", "1_0"]
+)
+def test_what_a_double_cannot_hold_is_no_number(text: str) -> None:
+    assert number(text) is None
+
+
+@given(st.floats(-1e300, 1e300))
+def test_whatever_is_written_is_a_number_of_the_grammar(value: float) -> None:
+    assert number(decimal(value, 9)) is not None
+
+
+def test_deep_nesting_is_a_fault_of_the_grammar() -> None:
+    with pytest.raises(SyntaxFault) as raised:
+        parse("00001 Get(" + "X(" * 5000 + ")" * 5001)
+    assert raised.value.number == 502

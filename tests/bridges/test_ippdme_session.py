@@ -15,11 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from armd import Flag
 from armd.daemon.bridges.ippdme.commands_2_5 import VERSIONS
-from armd.daemon.bridges.ippdme.csy import CoordinateSystems, Transformation, state_file
+from armd.daemon.bridges.ippdme.csy import Transformation, state_file
 from armd.daemon.bridges.ippdme.dialogue import MOST_WAITING
 from armd.daemon.bridges.ippdme.errors import DmeError
 from armd.daemon.bridges.tips import CmmTip
-from armd.errors import BadInput
 
 PAGE = Path(__file__).parents[2] / "docs" / "ippdme.md"
 
@@ -358,13 +357,49 @@ def test_systems_stand_on_each_other_and_outlive_the_process(bench: Bench, tmp_p
     )
 
 
-def test_a_damaged_state_stops_the_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "content", ['{"schema": "armd.ippdme/1", "selected": "BleepCsy"}', "{", "", '{"x0": Infinity}']
+)
+def test_a_damaged_state_is_set_aside_and_the_host_must_clear_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str
+) -> None:
     monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))
     path = state_file("S")
     assert path == tmp_path / "ippdme-S.json"
-    path.write_text('{"schema": "armd.ippdme/1", "selected": "BleepCsy"}')
-    with pytest.raises(BadInput, match=r"ippdme-S.json: selected"):
-        CoordinateSystems(path)
+    bench = Bench(tmp_path)
+    path = tmp_path / "state" / "ippdme-S.json"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(content)
+    bench = Bench(tmp_path)
+    assert "ippdme-S.json" in (bench.machine.systems.lost or "")
+    assert not path.exists()
+    assert path.with_name("ippdme-S.json.damaged").read_text() == content
+    lines = bench.type("00001 StartSession()")
+    assert 'E0000 ! Error(3, 1013, "StartSession", "Coordinate system not found")' in lines
+    assert "0514" in bench.type("00002 Get(X())")[1]  # nothing is measured before it is cleared
+    bench.type("00003 ClearAllErrors()")
+    assert bench.type("00004 Get(X())")[1] == "00004 # X(99.93000)"
+    bench.type("00005 EndSession()")
+    assert bench.type("00006 StartSession()") == ["00006 &", "00006 %"]  # said once
+
+
+@pytest.mark.parametrize("number", ["1E999", "-1E999", "1e400", "1E308", "-2e6"])
+def test_no_origin_beyond_a_machine_is_taken_or_kept(tmp_path: Path, number: str) -> None:
+    bench = Bench(tmp_path)
+    bench.type("00001 StartSession()")
+    answer = bench.type(f"00002 SetCsyTransformation(PartCsy, {number}, 0, 0, 0, 0, 0)")
+    assert "! Error(3, 05" in answer[1]
+    bench.type("00003 ClearAllErrors()", "00004 SetCoordSystem(PartCsy)")
+    assert bench.type("00005 Get(X())")[1] == "00005 # X(99.93000)"
+    later = Bench(tmp_path)
+    later.type("00001 StartSession()")
+    assert later.type("00002 Get(X())")[1] == "00002 # X(99.93000)"
+
+
+def test_a_direction_is_the_tools_in_use_in_1_4_3(bench: Bench) -> None:
+    """NIST's parser refuses `FoundTool.Alignment`."""
+    bench.type('00002 FindTool("long")')
+    assert "0510" in bench.type("00003 GetProp(FoundTool.Alignment())")[1]
 
 
 # --- 2.5 ---------------------------------------------------------------------------------------

@@ -56,6 +56,40 @@ def put(session, what, *payloads):
 
 
 BAD_POINTS = [b"", b"x", bytes(135), bytes(137), bytes(136 * 2)]
+HEALTH = {
+    "state": "READY", "reason": "it measures", "stamp_ns": 1, "uptime_s": 2.0,
+    "rates": {"points_hz": 500.0}, "drops": {"lost": 0}, "last_second": {"flagged": {}},
+    "temperatures": {"t1": 20.5, "t2": None}, "calibration": None, "tip": None,
+}  # fmt: skip
+MEASUREMENT = {
+    "seq": 1, "stamp_ns": 1, "position_mm": [1.0, 2.0, 3.0], "orientation": [0, 0, 0, 1],
+    "approach": None, "covariance_mm2": None, "standard_deviation_mm": None, "count": 1,
+    "flags": 0, "flag_names": [], "buttons": 1, "calibration": None, "tip": None,
+}  # fmt: skip
+EVENT = {"kind": "button", "text": "button 0 pressed", "stamp_ns": 1, "detail": {"buttons": [0]}}
+#: What a bridge or client fell over at some time, and what it could.
+MALFORMED = [
+    (keys.HEALTH, HEALTH, change)
+    for change in (
+        {"state": 3}, {"rates": {}}, {"rates": []}, {"temperatures": {"t1": "warm"}},
+        {"stamp_ns": 1 << 70}, {"stamp_ns": 1.5}, {"tip": 7}, {"uptime_s": True},
+        {"last_second": {"flagged": None}}, {"drops": None},
+    )
+] + [
+    (keys.MEASUREMENT, MEASUREMENT, change)
+    for change in (
+        {"position_mm": [1, 2]}, {"position_mm": [1, 2, None]}, {"position_mm": [1e9, 0, 0]},
+        {"position_mm": "near"}, {"orientation": None}, {"covariance_mm2": [1, 2, 3]},
+        {"flags": -1}, {"seq": -1}, {"flag_names": "AT_REST"}, {"tip": ["x"]}, {"approach": 1},
+        {"temperatures_c": {"t1": []}}, {"tip_offset_mm": [0, 0]},
+    )
+] + [
+    (keys.EVENT, EVENT, change)
+    for change in (
+        {"stamp_ns": None}, {"text": 3}, {"detail": []}, {"detail": {"buttons": [-1]}},
+        {"detail": {"buttons": "01"}}, {"detail": {"offset_mm": [1]}}, {"severity": None},
+    )
+]  # fmt: skip
 BAD_MESSAGES = [
     b"", b"x", b"\xff\xfe", b"[1]", b"3", b"null", b"{", b"[" * 5000, b'{"state": 3}',
     b'{"text": null}', b'{"kind": []}', b'{"temperatures": "warm"}', b'{"seq": true}',
@@ -68,9 +102,10 @@ def test_what_is_malformed_is_passed_over_and_counted():
             time.sleep(0.2)
             put(publisher, keys.POINT, *points(1), *BAD_POINTS, *points(2))
             publisher.delete("armd/SIM-0001/point")
-            put(publisher, keys.HEALTH, *BAD_MESSAGES, b'{"state": "READY"}')
+            sound = json.dumps(HEALTH).encode()
+            put(publisher, keys.HEALTH, *BAD_MESSAGES, sound)
             assert list(arm.decode(stream.take())["seq"]) == [1, 2]
-            assert health.take() == [b'{"state": "READY"}']
+            assert health.take() == [sound]
         assert arm.refused.malformed == len(BAD_POINTS) + 1 + len(BAD_MESSAGES)
         assert arm.lost.total == 0
 
@@ -146,6 +181,29 @@ def test_a_pause_between_two_iterations_is_no_loss():
             thread.join()
     assert last[5] - last[4] > 50  # there was a pause
     assert arm.lost.total == 0 and arm.lost.restarts == 0
+
+
+@pytest.mark.parametrize("what, message", [
+    (keys.HEALTH, HEALTH), (keys.MEASUREMENT, MEASUREMENT), (keys.EVENT, EVENT),
+])  # fmt: skip
+def test_each_message_needs_each_of_its_keys(what, message):
+    optional = {"detail"}
+    assert is_sound(what, json.dumps(message | {"something": [{"new": 1}]}).encode())
+    for name in message.keys() - optional:
+        rest = {key: value for key, value in message.items() if key != name}
+        assert not is_sound(what, json.dumps(rest).encode()), name
+    assert not is_sound(what, b"{}")
+
+
+@pytest.mark.parametrize("what, message, change", MALFORMED)
+def test_a_value_of_another_form_is_malformed(what, message, change):
+    assert not is_sound(what, json.dumps(message | change).encode())
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999", "9" * 5000])
+def test_a_number_that_cannot_be_written_on_is_malformed(number):
+    text = json.dumps(HEALTH | {"drift": "NUMBER"}).replace('"NUMBER"', number)
+    assert not is_sound(keys.HEALTH, text.encode())
 
 
 @given(st.binary(max_size=300), st.sampled_from([keys.EVENT, keys.HEALTH, keys.MEASUREMENT]))

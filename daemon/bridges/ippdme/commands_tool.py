@@ -210,6 +210,8 @@ def _property(dialogue: Dialogue, name: str) -> str:
     if below == "AvrRadius":
         return decimal(tool.radius_mm)
     if below == "Alignment":
+        if name.startswith("FoundTool.") and not is_2_5(dialogue):
+            raise DmeError(510)  # 1.4.3 gives a direction to the tool in use alone
         return ", ".join(decimal(value, 6) for value in dialogue.machine.alignment())
     return decimal(tool.number(below))
 

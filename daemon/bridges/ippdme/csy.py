@@ -15,11 +15,14 @@ from pydantic import Field
 
 from armd.arrays import F64
 from armd.daemon.bridges.ippdme.errors import DmeError
+from armd.errors import BadInput
 from armd.files.schema import Strict, load_json
 from armd.files.state_folder import state_folder
 from armd.files.writing import write_whole
 
 MACHINE = "MachineCsy"
+#: A kilometre: no part is further from its machine.
+MOST_MM = 1e6
 #: From the machine outwards; a selected one includes all before it.
 CHAIN = ("MultipleArmCsy", "MoveableMachineCsy", "PartCsy")
 #: They exist as transformations only.
@@ -53,9 +56,12 @@ class Transformation(NamedTuple):
         return np.array([self.x0, self.y0, self.z0])
 
     def checked(self) -> Transformation:
-        """Psi and Phi within a turn; raises `DmeError` for a Theta that is none."""
+        """Psi and Phi within a turn; raises `DmeError` for a Theta that is none, and for an origin
+        so far away that no position is left of a double's digits."""
         if not 0.0 <= self.theta <= 180.0:
             raise DmeError(1007)
+        if max(map(abs, (self.x0, self.y0, self.z0))) > MOST_MM:
+            raise DmeError(509)
         return self._replace(psi=self.psi % 360.0, phi=self.phi % 360.0)
 
 
@@ -78,13 +84,22 @@ def state_file(serial: str) -> Path:
 
 
 class CoordinateSystems:
-    """What the client has set, on disk before it is told that it is done."""
+    """The client's settings, on disk before the client reads that they are made."""
 
     def __init__(self, path: Path) -> None:
-        """Raises `BadInput` for a file that is damaged: measuring on in another coordinate
-        system than the host believes in would be worse than not starting."""
+        """A damaged file is set aside under another name: nothing that a host has sent, and no
+        crash, may prevent a start. `lost` then says so until a host has been told, because it
+        must not measure on in another coordinate system than it believes in."""
         self._path = path
-        saved = load_json(path, Saved) if path.exists() else Saved(schema="armd.ippdme/1")
+        self.lost: str | None = None
+        saved = Saved(schema="armd.ippdme/1")
+        if path.exists():
+            try:
+                saved = load_json(path, Saved)
+            except BadInput as error:
+                aside = path.with_name(f"{path.name}.damaged")
+                path.replace(aside)
+                self.lost = f"{error}; set aside as {aside}, no coordinate system is set"
         self.selected: str = saved.selected
         self._transformations = {k: Transformation(*v) for k, v in saved.transformations.items()}
         self.named = {k: Transformation(*v) for k, v in saved.named.items()}

@@ -214,6 +214,9 @@ class Dialogue:
         self.errors.clear()
         self.report = ("X", "Y", "Z")
         self.user_enabled = False
+        if self.machine.systems.lost is not None:  # blocks until the host has cleared it
+            self.machine.systems.lost = None
+            self.take_error(DmeError(1013), "StartSession")
 
     def end_session(self) -> None:
         """Without one it does nothing."""

@@ -1,14 +1,17 @@
 """The standard's grammar (1.4.3, 6.1.4), read and written.
 
-    Number := [+-] (digits [.] [digits] | .digits) [(E|e) [+-] d[d[d]]]   with ≤ 16 digits in all
+    Number := [+-] (digits [.] [digits] | .digits) [(E|e) [+-] d[d[d]]]   with ≤ 16 digits
     Arg    := String | Number | Property | ETag | Basic;   Method := Basic([Arg{, Arg}])
     Name   := Basic{.Basic};   Property := Name([Arg{, Arg}])
 
+The digits of an exponent do not count (NIST's numbersCmdOK.prg: `+1.234567890123456E003`). A number
+that a double cannot hold (`1E400`) is none: infinity would pass every comparison with a limit.
 Any number of spaces before and after `,` and `(` and before `)`; none after `)`.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import TypeVar
@@ -21,7 +24,7 @@ TAG = re.compile(r"(?!00000)\d{5}|E(?!0000)\d{4}")
 EVENT_TAG = re.compile(r"E\d{4}")
 _ILLEGAL = re.compile(r"[^ -~]")
 _METHOD = re.compile(r"([A-Za-z][A-Za-z0-9]*) *(.*)", re.DOTALL)
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[Ee][+-]?\d{1,3})?")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(?:[Ee][+-]?\d{1,3})?", re.ASCII)
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:\.[A-Za-z][A-Za-z0-9]*)*")
 _STRING = re.compile(r'"([^"]+)"')
 _COMMA = re.compile(r" *, *")
@@ -102,19 +105,21 @@ def parse(line: str) -> Command:
 
 
 def number(text: str) -> float | None:
-    """Its value; None if it is no number of the grammar's."""
-    found = _NUMBER.fullmatch(text)
-    if found is None or sum(letter.isdigit() for letter in text) > DIGITS:
+    """Its value, always finite; None if it is no number of the grammar's."""
+    match = _NUMBER.fullmatch(text)
+    if match is None or len(match[1].replace(".", "")) > DIGITS:
         return None
-    return float(text)
+    value = float(text)
+    return value if math.isfinite(value) else None
 
 
 class _Reader:
     """Reads arguments from a place in a line on."""
 
-    def __init__(self, text: str, at: int) -> None:
+    def __init__(self, text: str, at: int, in_property: bool = False) -> None:
         self._text = text
         self._at = at
+        self._in_property = in_property
 
     def arguments(self) -> tuple[Arg, ...]:
         """`( … )`; raises ValueError."""
@@ -137,15 +142,15 @@ class _Reader:
         if (written := self._try(_NUMBER)) is not None:
             value = number(written[0])
             if value is None:
-                raise ValueError("too many digits")
+                raise ValueError("too many digits, or too large")
             return value
         name = self._take(_NAME)[0]
         if _OPEN.match(self._text, self._at):
-            # A property of properties is none of the grammar's: no deeper than this.
-            inner = _Reader(self._text, self._at)
-            values = inner.arguments()
-            if any(isinstance(value, Property) for value in values):
+            # A property of properties is none of the grammar's: nothing is read deeper than this.
+            if self._in_property:
                 raise ValueError("a property within a property")
+            inner = _Reader(self._text, self._at, in_property=True)
+            values = inner.arguments()
             self._at = inner._at
             return Property(name, values)
         if "." in name:
@@ -169,7 +174,9 @@ class _Reader:
 
 
 def decimal(value: float, places: int = 5) -> str:
-    """Fixed point, at most 16 digits, never −0."""
+    """Fixed point, at most 16 digits, never −0; with an exponent where more digits were needed."""
+    if abs(value) >= 10**DIGITS:
+        return f"{value:.{DIGITS - 1}e}"
     text = f"{value:.{places}f}"
     if text.startswith("-") and not float(text):
         text = text[1:]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -97,6 +98,8 @@ class DmeServer:
                 raise BadInput("the command line", where, f"{alias}={tip}", f"a tip: {known}")
         toolbox = Toolbox(tips, self._aliases, info["tip"])
         systems = CoordinateSystems(state_file(self._arm.serial))
+        if systems.lost is not None:
+            print(f"armd: {systems.lost}", file=sys.stderr, flush=True)
         self._machine = Machine(tips, toolbox, systems, self._select_tip, reach_mm(info, tips))
         loop = asyncio.get_running_loop()
         listeners: dict[str, Callable[[dict[str, Any]], None]] = {

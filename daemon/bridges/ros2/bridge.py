@@ -173,7 +173,9 @@ class Bridge:
         for flag, count in health["last_second"]["flagged"].items():
             values[flag] = str(count)
         text = f"{health['state']}: {health['reason']}"
-        self._tell_state(health["stamp_ns"], LEVELS[health["state"]], text, values)
+        self._tell_state(
+            health["stamp_ns"], LEVELS.get(health["state"], messages.WARN), text, values
+        )
 
     def _tell_if_stale(self) -> None:
         now_s = time.monotonic()
