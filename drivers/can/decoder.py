@@ -59,7 +59,9 @@ class CanDecoder:
         self._await_all = True  # a connection begins with all joints, or we learn which is missing
         self._heard = False  # any node, since the last SYNC
         self._settings: dict[int, RawFrame] = {}  # the last note on each configured node
+        self._alarms: dict[int, RawFrame] = {}  # the last note on each node's alarms since then
         self._warmth: dict[tuple[int, int], RawFrame] = {}  # the last of each temperature PDO
+        self._limited: dict[int, str] = {}  # what is told of encoders that lack an object
         self._counted: Counter[str] = Counter()
 
     @property
@@ -97,7 +99,8 @@ class CanDecoder:
             echo=self._sync_time.echo,
             first_latch_ns=self._sampler.first_latch_ns,
         )
-        return [settings[0]._replace(data=number), *settings, *self._warmth.values()]
+        asked = [*self._alarms.values(), *self._warmth.values()]
+        return [settings[0]._replace(data=number), *settings, *asked]
 
     def feed(self, frame: RawFrame) -> list[Item]:
         """What *frame* completes, in the order of the bus."""
@@ -156,14 +159,19 @@ class CanDecoder:
             return self._temperature_data(node, pdo, data, frame)
         if pdo != 1:
             return []
-        if len(data) != can.ENCODER_PDO.size:
+        layout = node.layout
+        if len(data) != layout.size:
             self._counted["malformed"] += 1
             return []
         items: list[Item] = []
         if node.reported():
             items += self._recovered(node, frame.monotonic_ns)
             self._await_all &= not all(joint.reporting for joint in self._joints)
-        reading = EncoderReading(*can.ENCODER_PDO.unpack(data))
+        position = int.from_bytes(data[layout.position_at : layout.position_at + 4], "little")
+        alarms, at = node.alarms, layout.alarms_at
+        if at is not None:
+            alarms = int.from_bytes(data[at : at + 2], "little")
+        reading = EncoderReading(position, alarms)
         cycle = self._assembler.report(node.number, reading, self._reporting())
         if cycle is not None and self._sampler.ready and self._in_service:
             self.last_sample_ns = frame.monotonic_ns
@@ -266,6 +274,9 @@ class CanDecoder:
                 node = self.nodes[note["node"]]
                 node.warnings = note["warnings"]
                 return [news.warned(node, now_ns)]
+            case "alarms":  # of an encoder whose process data have none
+                self._alarms[note["node"]] = frame
+                self.nodes[note["node"]].alarms = note["alarms"]
         return []
 
     def _configured(self, node: Node, note: dict[str, Any], now_ns: int) -> list[Item]:
@@ -273,12 +284,24 @@ class CanDecoder:
         if node.number in can.TEMPERATURE_NODES:
             return []
         node.range_counts, node.counts_per_turn = note["range_counts"], note["counts_per_turn"]
+        # What older recordings lack is as every encoder had it.
+        node.layout = can.EncoderLayout(*note.get("layout", can.ENCODER_LAYOUT))
+        node.alarms = note.get("alarms") or 0
+        self._alarms.pop(node.number, None)
+        events: list[Item] = [*self._limits(node, note, now_ns)]
         if self._sampler.learn_ranges():
             text = (
                 f"arm {self._expected.serial_number}: all {len(self._joints)} encoders identified"
             )
-            return [Event("identified", text, now_ns, "info")]
-        return []
+            events.append(Event("identified", text, now_ns, "info"))
+        return events
+
+    def _limits(self, node: Node, note: dict[str, Any], now_ns: int) -> list[Event]:
+        """What cannot be checked of an encoder that lacks an object; once, until it is another."""
+        event = news.limited(node, "serial_number" in note and note["serial_number"] is None,
+                             note.get("alarms"), now_ns)  # fmt: skip
+        before, self._limited[node.number] = self._limited.get(node.number, ""), event.text
+        return [event] if event.detail["lacks"] and event.text != before else []
 
     def _failed(self, node: Node, fault: str | None, now_ns: int) -> list[Item]:
         if fault is None:

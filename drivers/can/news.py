@@ -18,6 +18,19 @@ def warned(node: Node, now_ns: int) -> Event:
     return Event("joint_warning", text, now_ns, "warning", detail)
 
 
+def limited(node: Node, nameless: bool, alarms: int | None, now_ns: int) -> Event:
+    """*node* is *nameless* without a serial number; *alarms*: what it said when it was asked."""
+    lacks = []
+    if nameless:
+        lacks.append("no serial number (1018:4): another encoder in its place goes unnoticed")
+    if node.layout.alarms_at is None:
+        how = "asked for by SDO instead" if alarms is not None else "not to be had by SDO either"
+        lacks.append(f"no room for its alarms (6503) in TPDO1: they are {how}")
+    text = f"{node.name}: its encoder has {' and '.join(lacks)}"
+    detail = {"joint": node.number, "lacks": lacks}
+    return Event("encoder_limited", text, now_ns, "info", detail)
+
+
 def failed(node: Node, fault: str, now_ns: int) -> Event:
     detail: dict[str, Any] = {"node": node.number, "reason": fault}
     kind = "sensors_lost"

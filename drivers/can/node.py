@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from armd.drivers.can.objects import BOOT_UP, OPERATIONAL
+from armd.drivers.can.objects import BOOT_UP, ENCODER_LAYOUT, OPERATIONAL, EncoderLayout
 
 HEARTBEAT_MS = 100
 PATIENCE_NS = 350_000_000  # without a heartbeat, or a joint's value: the node is lost
@@ -30,6 +30,8 @@ class Node:
     counts_per_turn: int = 0
     values_due: bool = True  # at every SYNC: joints
     warnings: int = 0  # joints only: 6505
+    layout: EncoderLayout = ENCODER_LAYOUT  # joints only: of TPDO1
+    alarms: int = 0  # joints only: 6503, where the layout has none
     _beating: bool = False  # heard since the configuration
     _beat_age_ns: int = 0  # since the last heartbeat
     _value_age_ns: int = 0  # since the last process value

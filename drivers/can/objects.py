@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import NamedTuple
 
 # --- nodes ---------------------------------------------------------------------------------
 
@@ -38,6 +39,8 @@ ERROR_REGISTER = 0x1001
 HEARTBEAT_TIME_MS = 0x1017
 SERIAL_NUMBER = (0x1018, 4)
 TPDO_COMMUNICATION = 0x1800  # + PDO - 1; sub 1 COB-ID, sub 2 transmission type
+PDO_OFF = 1 << 31  # in a COB-ID: the PDO does not exist
+NO_REMOTE_FRAMES = 1 << 30  # in a COB-ID: the node sends it unasked alone
 TPDO_MAPPING = 0x1A00  # + PDO - 1
 
 ENCODER_PROFILE = 0x196  # CiA 406
@@ -58,14 +61,26 @@ PROCESS_VALUE_UNIT_C = 0.001
 
 # --- PDO layouts -----------------------------------------------------------------------------
 
-#: TPDO1 of an encoder: position, alarms.
+#: TPDO1 of an encoder: position, alarms; of one that cannot map its alarms: position.
 ENCODER_PDO = struct.Struct("<IH")
 ENCODER_MAPPING = ((POSITION, 0, 32), (ALARMS, 0, 16))
+POSITION_MAPPING = ((POSITION, 0, 32),)
 #: TPDO1–3 of a temperature module: two process values; TPDO4: six status bytes.
 VALUES_PDO = struct.Struct("<ii")
 STATUS_PDO = struct.Struct("<6B")
 STATUS_PDO_NUMBER = 4
 EMCY = struct.Struct("<HB5x")  # error code, error register, manufacturer's own bytes
+
+
+class EncoderLayout(NamedTuple):
+    """What TPDO1 of an encoder carries, in bytes from its beginning."""
+
+    size: int
+    position_at: int
+    alarms_at: int | None  # None: its alarms are asked by SDO
+
+
+ENCODER_LAYOUT = EncoderLayout(ENCODER_PDO.size, 0, 4)
 
 
 def values_mapping(pdo: int) -> tuple[tuple[int, int, int], ...]:

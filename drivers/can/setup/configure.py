@@ -7,17 +7,23 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
-from typing import Any, TypeVar
 
 import canopen
-from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError, SdoError
+from canopen.sdo.exceptions import SdoCommunicationError, SdoError
 
 from armd.drivers.can import objects as can
 from armd.drivers.can.node import HEARTBEAT_MS
+from armd.drivers.can.setup.mapping import check_mapping, find_layout, set_tpdo
+from armd.drivers.can.setup.sdo import (
+    NodeAbsent,
+    NodeRefused,
+    read_object,
+    read_optional,
+    write_object,
+)
 
-T = TypeVar("T")
 PROBE_S = 0.1
 ANSWER_S = 0.3
 VISIT_S = 5.0  # a node that takes longer, as by an upload that never ends, is passed over
@@ -27,28 +33,23 @@ SYNCHRONOUS_MOST = 240  # the slowest synchronous transmission type: every 240th
 logging.getLogger("canopen").addHandler(logging.NullHandler())
 
 
-class NodeRefused(Exception):
-    """The node answers, but is not what arm.toml (or this session so far) expects."""
-
-
-class NodeAbsent(Exception):
-    """The node does not answer, or not sensibly."""
-
-
 @dataclass(frozen=True, slots=True)
 class EncoderFacts:
     """What a joint's encoder said of itself."""
 
     counts_per_turn: int
     range_counts: int  # its position wraps at this
-    serial_number: int
+    serial_number: int | None  # None: it has none
+    layout: can.EncoderLayout = can.ENCODER_LAYOUT
+    alarms: int | None = None  # where the layout has none: 6503 as asked, None if it has none
 
 
 @dataclass(frozen=True, slots=True)
-class Warnings:
-    """6505 of an encoder; None where it has no such object."""
+class Complaints:
+    """6505 and 6503 of an encoder; None where it has no such object, or was not asked."""
 
-    bits: int | None
+    warnings: int | None
+    alarms: int | None = None
 
 
 class PromptSdo(canopen.sdo.SdoClient):  # type: ignore[misc]
@@ -107,11 +108,17 @@ def configure_encoder(node: PromptNode, expected_counts: int | None) -> EncoderF
                 f"counts per turn: found {encoder.counts_per_turn}, expected {expected_counts}"
             )
         _set_heartbeat(node)
-        _map(node, 1, can.ENCODER_MAPPING, every_sync=1)
+        found = set_tpdo(
+            node.sdo, node.id, 1, (can.ENCODER_MAPPING, can.POSITION_MAPPING), every_sync=1
+        )
+        layout = find_layout(found)
+        alarms = None
+        if layout.alarms_at is None:
+            alarms = read_optional(node.sdo, can.ALARMS, 0, 2)
         _start(node)
     except SdoError as error:
         raise NodeAbsent(_say(error)) from error
-    return encoder
+    return replace(encoder, layout=layout, alarms=alarms)
 
 
 def configure_module(node: PromptNode, n_channels: int, every_sync: int) -> None:
@@ -123,17 +130,20 @@ def configure_module(node: PromptNode, n_channels: int, every_sync: int) -> None
         every_sync = max(1, min(SYNCHRONOUS_MOST, every_sync))
         last = -(-n_channels // can.CHANNELS_PER_PDO)
         for pdo in (*range(1, last + 1), can.STATUS_PDO_NUMBER):
-            _map(node, pdo, can.values_mapping(pdo), every_sync)
+            wanted = can.values_mapping(pdo)
+            check_mapping(pdo, set_tpdo(node.sdo, node.id, pdo, (wanted,), every_sync), wanted)
         _start(node)
     except SdoError as error:
         raise NodeAbsent(_say(error)) from error
 
 
-def read_warnings(node: PromptNode) -> Warnings:
-    """Warnings do not touch the position; they are only reported."""
+def read_complaints(node: PromptNode, alarms_too: bool) -> Complaints:
+    """Warnings do not touch the position; they are only reported. Alarms do: they are asked for
+    where the process data have no room for them."""
     node.visited(ANSWER_S)
     try:
-        return Warnings(_optional(node.sdo, can.WARNINGS, None))
+        alarms = read_optional(node.sdo, can.ALARMS, 0, 2) if alarms_too else None
+        return Complaints(read_optional(node.sdo, can.WARNINGS, 0, 2), alarms)
     except SdoError as error:
         raise NodeAbsent(_say(error)) from error
 
@@ -144,14 +154,14 @@ def _stop(node: PromptNode) -> None:
 
 
 def _start(node: PromptNode) -> None:
-    register = node.sdo[can.ERROR_REGISTER].raw
+    register = read_object(node.sdo, can.ERROR_REGISTER, 0, 1)
     if register:
         raise NodeAbsent(f"its error register is {register:#04x}")
     node.nmt.state = "OPERATIONAL"
 
 
 def _check_profile(node: PromptNode, expected: int) -> None:
-    found = node.sdo[can.DEVICE_TYPE].raw & 0xFFFF
+    found = read_object(node.sdo, can.DEVICE_TYPE, 0, 4) & 0xFFFF
     if found != expected:
         raise NodeRefused(f"device profile: found {found}, expected {expected}")
 
@@ -159,55 +169,21 @@ def _check_profile(node: PromptNode, expected: int) -> None:
 def _read_encoder(node: PromptNode) -> EncoderFacts:
     """6501 tells the steps of a turn; with scaling switched on, 6001 tells the units instead."""
     sdo = node.sdo
-    index, sub = can.SERIAL_NUMBER
-    per_turn = sdo[can.PHYSICAL_RESOLUTION].raw
-    if _optional(sdo, can.OPERATING_PARAMETERS, 0) & can.SCALING:
-        per_turn = sdo[can.UNITS_PER_TURN].raw
-        total = sdo[can.TOTAL_RANGE].raw or 1 << 32  # 32 bits cannot say 2^32
+    if (read_optional(sdo, can.OPERATING_PARAMETERS, 0, 2) or 0) & can.SCALING:
+        per_turn = read_object(sdo, can.UNITS_PER_TURN, 0, 4)
+        total = read_object(sdo, can.TOTAL_RANGE, 0, 4) or 1 << 32  # 32 bits cannot say 2^32
     else:
-        total = per_turn * max(1, _optional(sdo, can.TURNS, 1))
+        per_turn = read_object(sdo, can.PHYSICAL_RESOLUTION, 0, 4)
+        turns = read_optional(sdo, can.TURNS, 0, 2)
+        total = per_turn * max(1, 1 if turns is None else turns)
     if per_turn < 2 or total < per_turn:
         raise NodeRefused(f"counts per turn {per_turn} and range {total} make no encoder")
-    return EncoderFacts(per_turn, min(total, 1 << 32), sdo[index][sub].raw)
-
-
-def _optional(sdo: Any, index: int, default: T) -> int | T:
-    try:
-        return int(sdo[index].raw)
-    except SdoAbortedError:  # an object that the profile does not demand
-        return default
+    serial_number = read_optional(sdo, *can.SERIAL_NUMBER, 4)
+    return EncoderFacts(per_turn, min(total, 1 << 32), serial_number)
 
 
 def _set_heartbeat(node: PromptNode) -> None:
-    node.sdo[can.HEARTBEAT_TIME_MS].raw = HEARTBEAT_MS
-
-
-def _map(
-    node: PromptNode, pdo: int, mapping: tuple[tuple[int, int, int], ...], every_sync: int
-) -> None:
-    """Switch the PDO off, write its map, switch it on (canopen's `save` does so in this order),
-    then read back what the node made of it."""
-    entry = node.tpdo[pdo]
-    entry.clear()
-    for index, subindex, bits in mapping:
-        entry.add_variable(index, subindex, bits)
-    entry.cob_id = can.TPDO_BASE[pdo - 1] + node.id
-    entry.trans_type = every_sync
-    entry.enabled = True
-    entry.save()
-    wanted = [index << 16 | subindex << 8 | bits for index, subindex, bits in mapping]
-    record = node.sdo[can.TPDO_MAPPING + pdo - 1]
-    found = [record[i].raw for i in range(1, record[0].raw + 1)]
-    kind = node.sdo[can.TPDO_COMMUNICATION + pdo - 1][2].raw
-    if found != wanted or kind != every_sync:
-        raise NodeRefused(
-            f"TPDO{pdo}: found mapping {_hex(found)} of type {kind}, "
-            f"expected {_hex(wanted)} of type {every_sync}"
-        )
-
-
-def _hex(entries: list[int]) -> str:
-    return " ".join(f"{entry:08x}" for entry in entries) or "none"
+    write_object(node.sdo, can.HEARTBEAT_TIME_MS, 0, 2, HEARTBEAT_MS)
 
 
 def _say(error: SdoError) -> str:

@@ -9,24 +9,24 @@ from armd.drivers.can import objects as can
 from armd.drivers.can.bus import OwnNetwork
 from armd.drivers.can.decoder import note
 from armd.drivers.can.setup.configure import (
+    Complaints,
     EncoderFacts,
-    NodeRefused,
     PromptNode,
-    Warnings,
     configure_encoder,
     configure_module,
     is_encoder,
-    read_warnings,
+    read_complaints,
     remote_node,
 )
 from armd.drivers.can.setup.job import Job
+from armd.drivers.can.setup.sdo import NodeRefused
 from armd.drivers.identity import Expectation
 
 NODE_BACK_OFF_NS = 250_000_000
 WARNINGS_INTERVAL_NS = 50_000_000  # between two joints
 TEMPERATURES_HZ = 2.0
 
-Visited = EncoderFacts | Warnings | bool | None
+Visited = EncoderFacts | Complaints | bool | None
 
 
 class NodeSetup:
@@ -42,7 +42,7 @@ class NodeSetup:
     ) -> None:
         self._expected = expectation
         self._every_sync = round(rate_hz / TEMPERATURES_HZ)
-        self._serial_numbers = dict(enumerate(serial_numbers or [], start=1))
+        self._serial_numbers: dict[int, int | None] = dict(enumerate(serial_numbers or [], start=1))
         self._nodes: dict[int, PromptNode] = {}
         self._running: tuple[int, Job[Visited]] | None = None
         self._due_ns: dict[int, int] = {}
@@ -50,6 +50,7 @@ class NodeSetup:
         self._asked = 0  # the joint last asked for its warnings
         self._warnings_due_ns = 0
         self._warnings: dict[int, int] = {}
+        self._alarms: dict[int, int] = {}  # of joints whose process data have none
         self._without_warnings: set[int] = set()  # joints whose encoders have no such object
         self._complaint: dict[int, str] = {}  # the last one about each node, said once
 
@@ -79,8 +80,10 @@ class NodeSetup:
         if not wanting and now_ns >= self._warnings_due_ns:
             self._warnings_due_ns = now_ns + WARNINGS_INTERVAL_NS
             self._asked = self._asked % self._expected.n_joints + 1
-            if self._asked in self._nodes and self._asked not in self._without_warnings:
-                work = partial(read_warnings, self._nodes[self._asked])
+            has_warnings = self._asked not in self._without_warnings
+            has_alarms = self._asked in self._alarms
+            if self._asked in self._nodes and (has_warnings or has_alarms):
+                work = partial(read_complaints, self._nodes[self._asked], has_alarms)
                 self._asking = True
                 self._running = (self._asked, Job(work))
         return notes
@@ -124,11 +127,14 @@ class NodeSetup:
             return self._complain(number, "node_absent", str(error) or repr(error))
         if outcome is False:
             return []
-        if isinstance(outcome, Warnings):
-            return self._note_warnings(number, outcome)
+        if isinstance(outcome, Complaints):
+            return self._note_complaints(number, outcome)
         self._complaint.pop(number, None)
         if outcome is None:
             return [note(note="configured", node=number)]
+        self._alarms.pop(number, None)
+        if outcome.alarms is not None:
+            self._alarms[number] = outcome.alarms
         return [
             note(
                 note="configured",
@@ -136,21 +142,33 @@ class NodeSetup:
                 counts_per_turn=outcome.counts_per_turn,
                 range_counts=outcome.range_counts,
                 serial_number=outcome.serial_number,
+                layout=outcome.layout,
+                alarms=outcome.alarms,
             )
         ]
 
-    def _note_warnings(self, number: int, warnings: Warnings) -> list[bytes]:
-        if warnings.bits is None:
+    def _note_complaints(self, number: int, complaints: Complaints) -> list[bytes]:
+        notes = []
+        if complaints.warnings is None:
             self._without_warnings.add(number)
-        elif warnings.bits != self._warnings.get(number, 0):
-            self._warnings[number] = warnings.bits
-            return [note(note="warnings", node=number, warnings=warnings.bits)]
-        return []
+        elif complaints.warnings != self._warnings.get(number, 0):
+            self._warnings[number] = complaints.warnings
+            notes.append(note(note="warnings", node=number, warnings=complaints.warnings))
+        alarms = complaints.alarms
+        if alarms is not None and alarms != self._alarms.get(number):
+            self._alarms[number] = alarms
+            notes.append(note(note="alarms", node=number, alarms=alarms))
+        return notes
 
-    def _check_serial_number(self, number: int, found: int) -> None:
+    def _check_serial_number(self, number: int, found: int | None) -> None:
         expected = self._serial_numbers.setdefault(number, found)
         if found != expected:
-            raise NodeRefused(f"serial number: found {found}, expected {expected}")
+            index, sub = can.SERIAL_NUMBER
+            shown = "none" if found is None else found
+            raise NodeRefused(
+                f"serial number (object {index:04X}:{sub}): found {shown}, expected"
+                f" {'none' if expected is None else expected}"
+            )
 
     def _complain(self, number: int, kind: str, fault: str) -> list[bytes]:
         if self._complaint.get(number) == fault:

@@ -1,0 +1,55 @@
+"""Reading and writing one object of a node by SDO; what fails names the object."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from canopen.sdo.exceptions import SdoAbortedError
+
+
+class NodeRefused(Exception):
+    """The node answers, but is not what arm.toml (or this session so far) expects."""
+
+
+class NodeAbsent(Exception):
+    """The node does not answer, or not sensibly."""
+
+
+class ObjectRefused(NodeAbsent):
+    """The node aborted the transfer of one object."""
+
+    def __init__(self, index: int, sub: int, error: SdoAbortedError) -> None:
+        super().__init__(f"object {name_object(index, sub)}: it refuses: {error}")
+
+
+def name_object(index: int, sub: int) -> str:
+    """`1018:4`; `6503` where the object has no other sub-index."""
+    return f"{index:04X}:{sub}" if sub or 0x1018 <= index < 0x2000 else f"{index:04X}"
+
+
+def read_object(sdo: Any, index: int, sub: int, size: int) -> int:
+    """An unsigned integer of *size* bytes. Raises `NodeAbsent`, or canopen's error of silence."""
+    try:
+        data = bytes(sdo.upload(index, sub))
+    except SdoAbortedError as error:
+        raise ObjectRefused(index, sub, error) from error
+    if len(data) < size:
+        where = f"object {name_object(index, sub)}"
+        raise NodeAbsent(f"{where}: found {len(data)} bytes, expected {size}")
+    return int.from_bytes(data[:size], "little")
+
+
+def read_optional(sdo: Any, index: int, sub: int, size: int) -> int | None:
+    """None where the node has no such object, or keeps it to itself."""
+    try:
+        return read_object(sdo, index, sub, size)
+    except ObjectRefused:
+        return None
+
+
+def write_object(sdo: Any, index: int, sub: int, size: int, value: int) -> None:
+    """Raises `ObjectRefused`, or canopen's error of silence."""
+    try:
+        sdo.download(index, sub, value.to_bytes(size, "little"))
+    except SdoAbortedError as error:
+        raise ObjectRefused(index, sub, error) from error

@@ -1,0 +1,128 @@
+"""Encoders that differ from armd's own simulated ones, as makers build them (tests/field)."""
+
+import os
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from armd.drivers.can import objects as can
+from armd.drivers.can.driver import CanDriver
+from armd.drivers.can.objects import EncoderLayout
+from armd.drivers.can.setup.mapping import find_layout
+from armd.drivers.can.setup.sdo import NodeRefused
+from armd.drivers.config import CanConfig
+from armd.drivers.identity import Expectation
+from armd.drivers.sample import Event
+
+QUIRKS = Path(__file__).parents[2] / "field" / "can-encoders" / "quirk_can.py"
+N, TURN = 6, 1 << 23
+
+
+@contextmanager
+def quirky_arm(folder, quirk, *options):
+    command = [sys.executable, str(QUIRKS), "--can", "socketcand", "--seconds", "30", *options]
+    environment = os.environ | {"QUIRK": quirk}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env=environment, cwd=folder
+    ) as arm:
+        try:
+            yield int(arm.stdout.readline().rsplit(":")[-1])
+        finally:
+            arm.terminate()
+
+
+def drive(port, seconds, until, **keys):
+    """Samples and events of the driver until *until* of these holds, *seconds* at the most."""
+    config = CanConfig(
+        kind="can", interface="socketcand", host="127.0.0.1", port=port, channel="can0",
+        rate_hz=200, **keys,
+    )  # fmt: skip
+    driver = CanDriver(config, Expectation("SIM-0001", N, N, (None,) * N))
+    driver.open()
+    items, end_s = [], time.monotonic() + seconds
+    try:
+        while time.monotonic() < end_s:
+            items += driver.read(0.1)
+            samples = [item for item in items if isinstance(item, np.ndarray)]
+            events = [item for item in items if isinstance(item, Event)]
+            if until(samples, events):
+                return samples, events
+    finally:
+        driver.close()
+    pytest.fail(f"{len(samples)} samples, events {[event.text for event in events]}")
+
+
+def valid(samples):
+    return sum(int((each["joint_invalid"] == 0).sum()) for each in samples)
+
+
+LACKS = {
+    "no_rtr": [],
+    "no_serial": ["1018:4"],
+    "no_alarm_map": ["6503"],
+    "fixed_map": ["6503"],
+}
+
+
+@pytest.mark.parametrize("quirk", LACKS)
+def test_an_encoder_of_another_maker_is_read_and_what_it_lacks_is_named(quirk, tmp_path):
+    with quirky_arm(tmp_path, quirk) as port:
+        _, events = drive(port, 10.0, lambda samples, events: valid(samples) >= 20)
+    assert "arm SIM-0001: all 6 encoders identified" in [event.text for event in events]
+    limited = [event for event in events if event.kind == "encoder_limited"]
+    assert len(limited) == N * len(LACKS[quirk])
+    assert all(name in event.text for event in limited for name in LACKS[quirk])
+    assert not [event for event in events if event.severity == "error"]
+
+
+def test_an_alarm_that_is_in_no_process_data_makes_its_joint_invalid(tmp_path):
+    def over(samples, events):
+        return any(event.kind == "joint_valid" for event in events)
+
+    with quirky_arm(tmp_path, "fixed_map", "--fault", "joint_invalid@4:1") as port:
+        samples, events = drive(port, 15.0, over)
+    invalid = np.concatenate([each["joint_invalid"] for each in samples])
+    assert set(np.unique(invalid)) == {0, 0b10}
+    alarms = [event for event in events if event.kind == "joint_invalid"]
+    assert [event.detail["joint"] for event in alarms] == [2]
+    assert "alarm" in alarms[0].text
+
+
+def test_a_serial_number_that_is_demanded_and_missing_is_a_foreign_arm(tmp_path):
+    def refused(samples, events):
+        return any(event.kind == "foreign_arm" for event in events)
+
+    numbers = list(range(406001, 406007))
+    with quirky_arm(tmp_path, "no_serial") as port:
+        samples, events = drive(port, 10.0, refused, encoder_serial_numbers=numbers)
+    text = next(event.text for event in events if event.kind == "foreign_arm")
+    assert "serial number (object 1018:4): found none, expected 40600" in text
+    assert valid(samples) == 0
+
+
+POSITION, ALARMS, SPEED = 0x60040020, 0x65030010, 0x60300110
+
+
+@pytest.mark.parametrize(
+    ("found", "layout"),
+    [
+        ([POSITION, ALARMS], EncoderLayout(6, 0, 4)),
+        ([POSITION], EncoderLayout(4, 0, None)),
+        ([ALARMS, POSITION], EncoderLayout(6, 2, 0)),
+        ([POSITION, SPEED, ALARMS], EncoderLayout(8, 0, 6)),
+    ],
+)
+def test_position_and_alarms_are_taken_from_where_the_mapping_has_them(found, layout):
+    assert find_layout(found) == layout
+
+
+@pytest.mark.parametrize("found", [[], [SPEED], [0x60040010], [0x65040001, POSITION]])
+def test_a_mapping_without_a_whole_position_is_refused_by_name(found):
+    with pytest.raises(NodeRefused, match=r"object 1A00, mapping of TPDO1: found .*expected 6004"):
+        find_layout(found)
+    assert can.TPDO_MAPPING == 0x1A00
