@@ -32,6 +32,14 @@ GROSS = 4.0
 MIDDLE_TO_MEAN = 3.0 / MEDIAN_D2
 MOST_ROBUST = 12
 LEAST_MM = 1e-6  # no reading is better than a nanometre, even where everything is absorbed
+#: The drift is weighed as a multiple of the noise: 0.3 of it to begin with, or whichever of these
+#: is likelier by so much in −2 log likelihood. Beyond the largest multiple, products of columns
+#: hold nothing of the noise any more.
+USUAL_DRIFT, FAR_LIKELIER, MOST_DRIFT = 0.3, 10.0, 1e3
+SCALES, DRIFTS = (1.0, 0.1, 0.01, 0.001), (0.03, 0.3, 3.0, 30.0, 300.0)
+#: First steps in the logarithms of both, and when they have settled: most do within 40 evaluations.
+STEPS = (0.1, 0.5)
+SETTLED = {"xatol": 0.02, "fatol": 0.02, "maxfev": 400}
 #: Lengths are weighed by a scale this near to the one found (in its logarithm), in so many tries.
 SAME_SCALE, MOST_SCALES = 0.05, 6
 
@@ -137,12 +145,14 @@ def _estimate(
     absorbing = Absorbing.of(nuisance.meeting, variance)
 
     @cache
-    def at_share(share: float) -> tuple[float, float, float]:
+    def at_share(share: float) -> tuple[float, float, float, bool]:
         whitener = _unit_whitener(linear, share)
         products = nuisance.products(whitener, relative, residual)
-        unlikely, scale, drift = _best_scale(Restricted.of(products, absorbing, len(residual)))
+        unlikely, scale, drift, settled = _best_scale(
+            Restricted.of(products, absorbing, len(residual))
+        )
         log_det = -2.0 * float(np.log(np.einsum("nii->ni", whitener)).sum())
-        return unlikely + log_det, scale, drift
+        return unlikely + log_det, scale, drift, settled
 
     low, high, steps = 0.01, 0.99, 7
     if before is not None:
@@ -155,7 +165,7 @@ def _estimate(
         options={"maxiter": steps, "xatol": 0.03},
     )
     share = float(found.x)
-    _, scale, drift = at_share(share)
+    _, scale, drift, settled = at_share(share)
     return RestNoise(
         scale_mm=scale,
         encoder_share=share,
@@ -164,6 +174,7 @@ def _estimate(
         repeat_mm=scale * np.sqrt(1.0 - share),
         whitener=_unit_whitener(linear, share) / scale,
         distance_mm=distance,
+        settled=settled,
     )
 
 
@@ -172,22 +183,28 @@ def _unit_whitener(linear: Linear, share: float) -> F64:
     return whitening(_covariance(linear, share), np.ones(linear.rests.n))
 
 
-def _best_scale(known: Restricted) -> tuple[float, float, float]:
-    """(−2 log likelihood, s, drift) at the best scale and drift for a share."""
+def _best_scale(known: Restricted) -> tuple[float, float, float, bool]:
+    """(−2 log likelihood, s, drift, settled) at the best scale and drift for a share."""
     first = max(float(np.sqrt(max(known.square, 0.0) / max(known.freedom, 1))), LEAST_MM)
-
-    def cost(log_values: F64) -> float:
-        scale, drift = max(np.exp(log_values[0]), LEAST_MM), np.exp(log_values[-1])
-        return known.unlikely(scale, drift)
-
     drifts = len(known.curvature) > 0
-    # 0.3 of the noise to begin with; a path of no drift is the lower edge of the search
-    start = np.array([np.log(first), np.log(0.3 * first)]) if drifts else np.array([np.log(first)])
-    best = minimize(
-        cost, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxfev": 30}
+
+    def values(logs: F64) -> tuple[float, float]:
+        scale = max(float(np.exp(logs[0])), LEAST_MM)
+        return scale, scale * min(float(np.exp(logs[1])), MOST_DRIFT) if drifts else 0.0
+
+    def cost(logs: F64) -> float:
+        return known.unlikely(*values(logs))
+
+    begin = np.array([np.log(first), np.log(USUAL_DRIFT)])[: 1 + drifts]
+    if drifts:  # where it makes nearly all of the residual, the noise is far smaller than that
+        others = [np.log([first * scale, drift]) for scale in SCALES for drift in DRIFTS]
+        best = min(others, key=cost)
+        begin = best if cost(best) < cost(begin) - FAR_LIKELIER else begin
+    corners = begin + np.vstack([np.zeros(len(begin)), np.diag(STEPS[: len(begin)])])
+    found = minimize(
+        cost, begin, method="Nelder-Mead", options={**SETTLED, "initial_simplex": corners}
     )
-    scale, drift = float(np.exp(best.x[0])), float(np.exp(best.x[-1]))
-    return float(best.fun), max(scale, LEAST_MM), drift if drifts else 0.0
+    return float(found.fun), *values(found.x), bool(found.success)
 
 
 def without_gross(residual: F64, noise: RestNoise, fit: Callable[[F64, RestNoise], F64]) -> F64:

@@ -105,13 +105,15 @@ def groups_of(observations: Observations) -> I64:
 
 
 def left_out(current: Fit, out: Mask, arm: Arm, growth: bool = False) -> F64:
-    """Squared residuals mm² of the rests left *out*, under the model of the others; where a
-    calibration is held and nothing was found, under that as given, not moved within its
-    covariance. The first link's *growth* predicts only where it is to be written: no calibration
-    under test that is silent on it has it.
+    """Return squared residuals mm² of the rests left *out*, under the model of the others.
 
-    Poses, seats, targets and drift are fitted to the readings left out themselves; an arm that
-    such a fit makes larger or smaller is held to its own scale.
+    Where a calibration is held and nothing was found, the model is that calibration as given, not
+    moved within its covariance. The first link's *growth* predicts only where it is to be written:
+    no calibration under test that is silent on it has it.
+
+    Poses and unknown seats, and the lengths of links without a sensor, are fitted to the rests left
+    out themselves. What certified targets are off by, and how the base drifts, is not: it counts as
+    error. An arm that a fit makes larger or smaller is held to its own scale.
     """
     n = 3 * len(out)
     kept = _of_the_arm(current, growth)

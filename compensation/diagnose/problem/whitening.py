@@ -37,6 +37,7 @@ class RestNoise:
     repeat_mm: float
     whitener: F64  # (n, 3, 3): applied to a rest's residual gives unit variance
     distance_mm: F64  # (D,) standard uncertainties of the certified lengths
+    settled: bool = True  # whether the search for the likeliest scale ended
 
     def sources(self, joints: F64) -> F64:
         """How rests in units of their noise move (n, 3, N + 3) with what makes it: the encoders,
