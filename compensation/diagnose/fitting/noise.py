@@ -39,7 +39,7 @@ USUAL_DRIFT, FAR_LIKELIER, MOST_DRIFT = 0.3, 10.0, 1e3
 SCALES, DRIFTS = (1.0, 0.1, 0.01, 0.001), (0.03, 0.3, 3.0, 30.0, 300.0)
 #: First steps in the logarithms of both, and when they have settled: most do within 40 evaluations.
 STEPS = (0.1, 0.5)
-SETTLED = {"xatol": 0.02, "fatol": 0.02, "maxfev": 400}
+SETTLED, MOST_EVALUATIONS = 0.02, 400
 #: Lengths are weighed by a scale this near to the one found (in its logarithm), in so many tries.
 SAME_SCALE, MOST_SCALES = 0.05, 6
 
@@ -202,7 +202,15 @@ def _best_scale(known: Restricted) -> tuple[float, float, float, bool]:
         begin = best if cost(best) < cost(begin) - FAR_LIKELIER else begin
     corners = begin + np.vstack([np.zeros(len(begin)), np.diag(STEPS[: len(begin)])])
     found = minimize(
-        cost, begin, method="Nelder-Mead", options={**SETTLED, "initial_simplex": corners}
+        cost,
+        begin,
+        method="Nelder-Mead",
+        options={
+            "xatol": SETTLED,
+            "fatol": SETTLED,
+            "maxfev": MOST_EVALUATIONS,
+            "initial_simplex": corners,
+        },
     )
     return float(found.fun), *values(found.x), bool(found.success)
 
