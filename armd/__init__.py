@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from armd.errors import ArmdError, BadInput
+from armd.errors import ArmdError, BadInput, NoAnswer
 
 if TYPE_CHECKING:
     from armd import client, joints, keys, point
@@ -28,6 +28,7 @@ __all__ = [
     "BadInput",
     "Flag",
     "Lost",
+    "NoAnswer",
     "Point",
     "Refused",
     "client",
@@ -59,3 +60,6 @@ if not TYPE_CHECKING:  # which would take every name for one that is there
                 value = globals()[name] = getattr(importlib.import_module(f"armd.{module}"), name)
                 return value
         raise AttributeError(f"module 'armd' has no attribute {name!r}")
+
+    def __dir__() -> list[str]:
+        return sorted({*__all__, *globals()})

@@ -7,11 +7,11 @@ with armd.connect() as arm:
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import json
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -21,94 +21,20 @@ from zenoh import ext
 
 from armd import keys
 from armd.closing import Closing
-from armd.errors import ArmdError
+from armd.errors import ArmdError, NoAnswer
 from armd.point import POINT, Lost, Point
 from armd.received import FORMS, Gate, Refused, json_object
+from armd.stream import POLL_S, Closed, Handle, Stream
 from armd.zenoh_session import ENDPOINT, find_arm, open_session
-
-#: What waits for a slow reader; beyond that the oldest goes, and points count as lost.
-WAITING_POINTS = 1 << 14
-WAITING_MESSAGES = 1024
-POLL_S = 0.002
-#: A daemon that answers does so in a fraction of a millisecond; one that is away delays this long.
-SETTLED_S = 1.0
-
-
-class Stream(Closing):
-    """One subscription. A reader that stands still delays nobody else: what waits too long is
-    dropped here, the oldest first. What *gate* does not let through is passed over."""
-
-    def __init__(
-        self,
-        session: zenoh.Session,
-        serial: str,
-        what: str,
-        gate: Gate,
-        waiting: int | None = None,
-    ) -> None:
-        key = keys.key(serial, what)
-        self._what = what
-        self._gate = gate
-        self._subscriber: zenoh.Subscriber[Any] | ext.AdvancedSubscriber[Any]
-        if what in (keys.EVENT, keys.MEASUREMENT):
-            self._subscriber = ext.declare_advanced_subscriber(
-                session,
-                key,
-                zenoh.handlers.RingChannel(WAITING_MESSAGES),
-                history=ext.HistoryConfig(detect_late_publishers=True),
-            )
-        else:
-            if waiting is None:
-                waiting = WAITING_POINTS if what in (keys.POINT, keys.RAW) else WAITING_MESSAGES
-            self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
-            if what in (keys.POINT, keys.RAW, keys.JOINTS):
-                self._pass_over_leftovers(session, serial)
-
-    def _pass_over_leftovers(self, session: zenoh.Session, serial: str) -> None:
-        """Drop what may come of this session's last subscription to the same key.
-
-        The daemon sends on until it hears that the last one ended, and again once it hears of this
-        one: between the two it sends nothing, and a sample of before would begin a stream with a
-        hole. What the daemon is asked after both, it answers after both.
-        """
-        for _ in session.get(keys.key(serial, keys.HEALTH), timeout=SETTLED_S):
-            pass
-        while self._subscriber.try_recv() is not None:
-            pass
-
-    def close(self) -> None:
-        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
-
-    def take(self) -> list[bytes]:
-        """The payloads that wait, maybe none."""
-        payloads = []
-        while (sample := self._subscriber.try_recv()) is not None:
-            payload = self._gate.payload(self._what, sample)
-            if payload is not None:
-                payloads.append(payload)
-        return payloads
-
-    def follow(self, seconds: float | None) -> Iterator[list[bytes]]:
-        """All that waits, again and again, for ever or for *seconds*."""
-        if seconds is None:
-            while True:
-                first = self._gate.payload(self._what, self._subscriber.recv())
-                waiting = self.take()
-                payloads = waiting if first is None else [first, *waiting]
-                if payloads:
-                    yield payloads
-        end_s = time.monotonic() + seconds
-        while time.monotonic() < end_s:
-            if payloads := self.take():
-                yield payloads
-            else:
-                time.sleep(POLL_S)
 
 
 class Arm(Closing):
     """A connection to one arm's streams; close it, or use it in a `with`.
 
-    Iterators go on for ever, or for *seconds*. Use an `Arm` from one thread.
+    Three kinds of calls: `points`, `batches`, `measurements`, `events` and `health` iterate over
+    what comes, for ever or for *seconds*, and end when the arm is closed, by any thread; `latest`,
+    `state`, `info` and `past` answer at once; `on_measurement` and `on_event` call a function.
+    Iterate from one thread.
     """
 
     def __init__(self, session: zenoh.Session, serial: str) -> None:
@@ -140,6 +66,53 @@ class Arm(Closing):
             for payloads in stream.follow(seconds):
                 yield self.decode(payloads)
 
+    def latest(self, timeout_s: float = 1.0) -> Point:
+        """The next point that comes; raises `NoAnswer` if none does within *timeout_s*."""
+        for point in self.points(timeout_s):
+            return point
+        raise NoAnswer(f"{self.serial}: no point within {timeout_s:g} s")
+
+    def state(self) -> dict[str, Any]:
+        """The last health message: state, reason, rates, temperatures. Raises `NoAnswer`."""
+        return self._ask(keys.HEALTH)
+
+    async def points_async(self) -> AsyncIterator[Point]:
+        """Every point from now on, for `async for`; ends when the arm is closed."""
+        self.lost.begin()
+        with self.stream(keys.POINT) as stream, suppress(Closed):
+            while True:
+                for point in Point.from_array(self.decode(stream.take())):
+                    yield point
+                await asyncio.sleep(POLL_S)
+
+    def on_measurement(
+        self, call: Callable[[dict[str, Any]], object], past: bool = False
+    ) -> Handle:
+        """Call *call* with each measurement as it comes, in a thread of Zenoh's; with *past* first
+        with those that the daemon still has. Close the handle that is returned to end it."""
+        return self._on(keys.MEASUREMENT, call, past)
+
+    def on_event(self, call: Callable[[dict[str, Any]], object], past: bool = False) -> Handle:
+        """The same for events."""
+        return self._on(keys.EVENT, call, past)
+
+    def _on(self, what: str, call: Callable[[dict[str, Any]], object], past: bool) -> Handle:
+        def pass_on(sample: zenoh.Sample) -> None:
+            payload = self._gate.payload(what, sample)
+            if payload is not None:
+                call(json.loads(payload))
+
+        key = keys.key(self.serial, what)
+        subscriber: zenoh.Subscriber[Any] | ext.AdvancedSubscriber[Any]
+        if past:
+            history = ext.HistoryConfig(detect_late_publishers=True)
+            subscriber = ext.declare_advanced_subscriber(
+                self._session, key, pass_on, history=history
+            )
+        else:
+            subscriber = self._session.declare_subscriber(key, pass_on)
+        return Handle(subscriber.undeclare)
+
     def health(self, seconds: float | None = None) -> Iterator[dict[str, Any]]:
         """Once a second: state, reason, rates, drops, temperatures, latency."""
         return self._messages(keys.HEALTH, seconds)
@@ -153,8 +126,8 @@ class Arm(Closing):
         return self._messages(keys.MEASUREMENT, seconds)
 
     def health_now(self) -> dict[str, Any]:
-        """The daemon's latest health message, asked for."""
-        return self._ask(keys.HEALTH)
+        """The older name of `state`."""
+        return self.state()
 
     def info(self) -> dict[str, Any]:
         """Arm, calibration, units, payload layout."""
@@ -241,20 +214,24 @@ class Arm(Closing):
 
     def _ask_bytes(self, what: str, parameters: str = "") -> bytes:
         key = keys.key(self.serial, what)
-        for reply in self._session.get(f"{key}?{parameters}" if parameters else key):
+        try:
+            replies = self._session.get(f"{key}?{parameters}" if parameters else key)
+        except zenoh.ZError:
+            raise Closed("the connection to the arm is closed") from None
+        for reply in replies:
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
             if reply.err is not None:
                 raise ArmdError(f"{key}: {reply.err.payload.to_string()}")
-        raise ArmdError(f"{key}: no answer; is the daemon running?")
+        raise NoAnswer(f"{key}: no answer; is the daemon running?")
 
 
 def connect(serial: str | None = None, endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> Arm:
     """Connect to a daemon; *serial* None takes the one arm that is there.
 
     *endpoint* may be a Zenoh configuration file instead (`*.json5`): for certificates and users.
-    Raises `ArmdError` if no arm (or none of that serial number) shows up in *timeout_s*, or if
-    there are several and none was named.
+    Raises `NoAnswer` if no arm (or none of that serial number) shows up in *timeout_s*, `ArmdError`
+    if there are several and none was named, `BadInput` for a configuration that cannot be read.
     """
     session = open_session(endpoint, timeout_s)
     try:

@@ -23,3 +23,7 @@ class BadInput(ArmdError):
         #: further faults of the same file, for those who want to hear all of them at once
         self.more: tuple[BadInput, ...] = ()
         super().__init__(f"{file}: {where}: found {found}, expected {expected}")
+
+
+class NoAnswer(ArmdError, TimeoutError):
+    """Nothing came of an arm within the time that was given."""

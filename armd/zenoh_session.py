@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import logging
 import time
+from pathlib import Path
 from typing import Any
 
 import zenoh
 
 from armd import keys
-from armd.errors import ArmdError
+from armd.errors import ArmdError, BadInput, NoAnswer
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 MOST_RECEIVED_BYTES = 32 << 20  # the answer that holds a calibration file of the largest kind
@@ -28,10 +29,12 @@ def open_session(endpoint: str = ENDPOINT, timeout_s: float = 10.0) -> zenoh.Ses
     try:
         session = zenoh.open(settings)
     except zenoh.ZError as error:
-        raise ArmdError(
+        _log.info("Zenoh: %s", error)
+        # Zenoh's own words name files of its sources: nobody's help in a traceback.
+        raise NoAnswer(
             f"{endpoint}: no daemon answers within {timeout_s:g} s: is it running (armd run"
             " armd.toml), and does it listen there? (armd demo prints its endpoint)"
-        ) from error
+        ) from None
     _log.info("connected to %s", endpoint)
     return session
 
@@ -50,7 +53,12 @@ def _settings(endpoint: str, timeout_s: float) -> zenoh.Config:
         "transport/link/rx/max_message_size": MOST_RECEIVED_BYTES,
     }
     if endpoint.endswith(".json5"):
-        config = zenoh.Config.from_file(endpoint)
+        try:
+            config = zenoh.Config.from_file(endpoint)
+        except (zenoh.ZError, OSError) as error:
+            found = "nothing" if not Path(endpoint).exists() else str(error).splitlines()[0][:200]
+            expected = "a Zenoh configuration (JSON5)"
+            raise BadInput(endpoint, "the file", found, expected) from None
     else:
         config = zenoh.Config()
         settings |= {
@@ -76,9 +84,9 @@ def find_arm(session: zenoh.Session, serial: str | None, endpoint: str, timeout_
             raise ArmdError(f"{endpoint}: several arms, name one: {', '.join(sorted(found))}")
         if time.monotonic() > end_s:
             if serial is None:
-                raise ArmdError(f"{endpoint}: no arm within {timeout_s:g} s")
+                raise NoAnswer(f"{endpoint}: no arm within {timeout_s:g} s")
             replies = session.liveliness().get(keys.key("*", keys.ALIVE))
             there = sorted(str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok)
             said = f"there is {', '.join(there)}" if there else "nor any other"
-            raise ArmdError(f"{endpoint}: no arm {serial} within {timeout_s:g} s; {said}")
+            raise NoAnswer(f"{endpoint}: no arm {serial} within {timeout_s:g} s; {said}")
         time.sleep(0.1)

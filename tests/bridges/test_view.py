@@ -369,6 +369,9 @@ def test_what_is_asked_is_answered_under_guard() -> None:
                     status, headers, _ = await ask(port, f"GET {path} HTTP/1.1\n{foreign}")
                     assert (status, "Content-Security-Policy" in headers) == (403, True), path
             assert (await ask(port, f"DELETE / HTTP/1.1\n{host}"))[0] == 405
+            for digits in (12, 13, 5000):
+                head = f"POST /login HTTP/1.1\n{host}\nContent-Length: {'9' * digits}"
+                assert (await ask(port, head))[0] == 413
             assert (await ask(port, f"GET / HTTP/1.1\n{host}\nA: {'x' * MOST_HEAD_BYTES}"))[
                 0
             ] == 431
@@ -434,6 +437,33 @@ def test_the_history_of_tips_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
     asyncio.run(scenario())
 
 
+def test_the_server_says_what_flags_mean_and_ends_in_silence(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """Before any arm is known; and without a traceback while a browser is connected."""
+
+    browser = socket.socket()
+    browser.setblocking(False)
+
+    async def scenario() -> None:
+        loop = asyncio.get_running_loop()
+        async with serving() as (server, port):
+            await loop.sock_connect(browser, ("127.0.0.1", port))
+            head = f"GET /events HTTP/1.1\r\nHost: localhost:{port}\r\n\r\n"
+            await loop.sock_sendall(browser, head.encode())
+            received = b""
+            while b"\n\n" not in received.partition(b"data: ")[2]:
+                received += await loop.sock_recv(browser, 1 << 16)
+            hello = json.loads(received.partition(b"data: ")[2].partition(b"\n")[0])
+            assert hello["flags"]["1"]["title"] == "Outside calibrated temperatures"
+            assert len(server.transports) == 1
+        # asyncio.run ends what is left, as SIGTERM does
+
+    with browser:
+        asyncio.run(scenario())
+    assert caplog.text == ""
+
+
 def test_nothing_writes_unless_it_is_allowed() -> None:
     async def scenario() -> None:
         json_ = "Content-Type: application/json"
@@ -445,7 +475,11 @@ def test_nothing_writes_unless_it_is_allowed() -> None:
             head = f"POST /command/tip HTTP/1.1\n{host}\n{json_}"
             status, _, body = await ask(port, head, b'{"name": ""}')
             assert (status, json.loads(body)) == (409, {"error": "the daemon is not there"})
-            assert (await ask(port, head, b"{"))[0] == 400
+            for malformed in (b"{", b"[1]", b"3", b"[" * 30_000, b'{"a":' * 10_000):
+                assert (await ask(port, head, malformed))[0] == 400
+                assert (await ask(port, head.replace("command/tip", "guided/begin"), malformed))[
+                    0
+                ] == 400
             assert (await ask(port, head, b"{}"))[0] == 400
             form = f"POST /command/tip HTTP/1.1\n{host}\nContent-Type: text/plain"
             assert (await ask(port, form, b'{"name": ""}'))[0] == 415

@@ -1,4 +1,4 @@
-"""`pip install ./client`: the subscriber's part in an environment of its own."""
+"""`pip install ./deploy/client`: the subscriber's part in an environment of its own."""
 
 from __future__ import annotations
 

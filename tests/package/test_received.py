@@ -3,50 +3,19 @@
 import json
 import threading
 import time
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
-import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
 import armd
 from armd import keys
-from armd.client import Arm
 from armd.daemon.commands.screen import Screen
 from armd.received import KEPT_S, is_sound
 from armd.terminal.printable import printable
-from support.running_daemon import free_endpoint
-
-
-def session(mode, endpoint, **more):
-    config = zenoh.Config()
-    settings = {"mode": mode, "scouting/multicast/enabled": False, "timestamping/enabled": True}
-    settings["listen/endpoints" if mode == "router" else "connect/endpoints"] = [endpoint]
-    for key, value in (settings | more).items():
-        config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)
-
-
-@contextmanager
-def careless_network():
-    """A hub that lets everybody speak, a publisher behind it, somebody else, and an `Arm`."""
-    endpoint = free_endpoint()
-    with (
-        session("router", endpoint),
-        session("client", endpoint) as publisher,
-        session("client", endpoint) as other,
-        session("client", endpoint) as own,
-    ):
-        yield publisher, other, Arm(own, "SIM-0001")
-
-
-def points(first, n=1):
-    array = np.zeros(n, armd.POINT)
-    array["seq"] = np.arange(first, first + n)
-    return [row.tobytes() for row in array]
+from support.careless_network import EVENT, HEALTH, MEASUREMENT, careless_network, points
 
 
 def put(session, what, *payloads):
@@ -56,17 +25,6 @@ def put(session, what, *payloads):
 
 
 BAD_POINTS = [b"", b"x", bytes(135), bytes(137), bytes(136 * 2)]
-HEALTH = {
-    "state": "READY", "reason": "it measures", "stamp_ns": 1, "uptime_s": 2.0,
-    "rates": {"points_hz": 500.0}, "drops": {"lost": 0}, "last_second": {"flagged": {}},
-    "temperatures": {"t1": 20.5, "t2": None}, "calibration": None, "tip": None,
-}  # fmt: skip
-MEASUREMENT = {
-    "seq": 1, "stamp_ns": 1, "position_mm": [1.0, 2.0, 3.0], "orientation": [0, 0, 0, 1],
-    "approach": None, "covariance_mm2": None, "standard_deviation_mm": None, "count": 1,
-    "flags": 0, "flag_names": [], "buttons": 1, "calibration": None, "tip": None,
-}  # fmt: skip
-EVENT = {"kind": "button", "text": "button 0 pressed", "stamp_ns": 1, "detail": {"buttons": [0]}}
 #: What a bridge or client fell over at some time, and what it could.
 MALFORMED = [
     (keys.HEALTH, HEALTH, change)

@@ -24,7 +24,7 @@ from mcap.reader import make_reader
 
 import armd
 from armd.arrays import F64
-from armd.client import Stream
+from armd.stream import Stream
 from support.audit import Audit
 from support.running_daemon import running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm

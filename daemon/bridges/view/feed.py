@@ -13,12 +13,12 @@ import numpy as np
 
 import armd
 from armd import POINT, Arm, joints_dtype, keys
-from armd.client import Stream
 from armd.daemon.bridges.process import close_soon, in_thread
 from armd.daemon.bridges.view import told
 from armd.daemon.bridges.view.board import KEPT, Board
 from armd.daemon.bridges.view.history import TemperatureHistory
 from armd.errors import ArmdError
+from armd.stream import Stream
 
 #: The page is told so often where the tip is; nobody sees more.
 LIVE_HZ = 30.0
@@ -50,6 +50,7 @@ class Feed:
         self._health: dict[str, Any] = {}
         self._heard_s = self._uptime_s = 0.0
         self._said = ""
+        self._undescribed = ""  # why the page knows no geometry, calibration and tip
         self._described: tuple[Any, ...] = ()  # what `info` was asked for
         self._asking: asyncio.Task[None] | None = None
         self._events: list[dict[str, Any]] = []
@@ -136,7 +137,7 @@ class Feed:
         self._health = json.loads(payload)
         self._board.put("health", json.dumps(self._health))
         self.history.add(self._health)
-        self._say(True, "")
+        self._say(True, self._undescribed)
         if self._health["uptime_s"] < self._uptime_s:  # started anew, maybe with another arm.toml
             self._described = ()
         self._uptime_s = self._health["uptime_s"]
@@ -151,8 +152,10 @@ class Feed:
             text = await in_thread(arm.calibration_file)
             calibration = None if text is None else json.loads(text)
             said = told.arm(info, calibration, self._health, self._since_ms())
-        except (ArmdError, ValueError, KeyError, TypeError):
+        except (ArmdError, ValueError, KeyError, TypeError) as error:
+            self._undescribed = f"the daemon does not describe the arm: {error}; asking again"
             return
+        self._undescribed = ""
         self.info, self._described = info, described
         self._board.put("arm", said)
 

@@ -102,12 +102,7 @@ class Guided:
     async def do(self, request: Request) -> dict[str, Any]:
         """`/guided/NAME`: begin, resume, delete, again, skip, artefact, finish, stop, close."""
         name = request.path.removeprefix("/guided/")
-        try:
-            content = json.loads(request.body or b"{}")
-            if not isinstance(content, dict):
-                raise ValueError("no object")
-        except ValueError as error:
-            raise NotServed(HTTPStatus.BAD_REQUEST, f"found {error}") from error
+        content = request.json()
         if name in ("begin", "resume"):
             return await self._begin(name, content)
         measuring = self._measuring

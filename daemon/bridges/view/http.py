@@ -5,14 +5,18 @@ from __future__ import annotations
 import asyncio
 import http.client
 import io
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
+from typing import Any
 from urllib.parse import parse_qsl, unquote, urlsplit
 
 MOST_HEAD_BYTES = 16 << 10
 MOST_BODY_BYTES = 64 << 10
+#: Of a length: Python reads no number of some thousand digits.
+MOST_DIGITS = 12
 #: From connecting to the last byte of the request.
 PATIENCE_S = 10.0
 
@@ -56,6 +60,17 @@ class Request:
             return None
         return None if found is None else found.value
 
+    def json(self) -> dict[str, Any]:
+        """The body's JSON object, empty without a body; raises `NotServed`."""
+        try:
+            content = json.loads(self.body or b"{}")
+        except (ValueError, RecursionError) as error:
+            found = f"found {type(error).__name__}, expected JSON"
+            raise NotServed(HTTPStatus.BAD_REQUEST, found) from error
+        if not isinstance(content, dict):
+            raise NotServed(HTTPStatus.BAD_REQUEST, "found JSON, expected a JSON object")
+        return content
+
 
 async def read_request(reader: asyncio.StreamReader) -> Request:
     """Raises `NotServed` for what is none, and what `asyncio` does for a connection that ends."""
@@ -69,8 +84,9 @@ async def read_request(reader: asyncio.StreamReader) -> Request:
         length = request.headers.get("content-length", "0")
         if "transfer-encoding" in request.headers or not (length.isascii() and length.isdigit()):
             raise NotServed(HTTPStatus.LENGTH_REQUIRED, "expected a body of known length")
-        if int(length) > MOST_BODY_BYTES:
-            raise NotServed(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"found {length} bytes")
+        if len(length) > MOST_DIGITS or int(length) > MOST_BODY_BYTES:
+            found = f"found a length of {length[:MOST_DIGITS]}, expected {MOST_BODY_BYTES} at most"
+            raise NotServed(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, found)
         body = await reader.readexactly(int(length))
     return Request(request.method, request.path, request.query, request.headers, body)
 

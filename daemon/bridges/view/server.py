@@ -16,7 +16,7 @@ from armd import Arm
 from armd.daemon.bridges.listening import Address, listen
 from armd.daemon.bridges.process import in_thread, ready
 from armd.daemon.bridges.tips import Tips
-from armd.daemon.bridges.view import sessions
+from armd.daemon.bridges.view import sessions, told
 from armd.daemon.bridges.view.access import Access
 from armd.daemon.bridges.view.board import Board
 from armd.daemon.bridges.view.feed import LIVE_HZ, Feed
@@ -135,6 +135,8 @@ class PageServer:
                 await self._reply(writer, answer(refused.status, TEXT, text))
         except (OSError, TimeoutError, EOFError):  # it went away, or says nothing
             pass
+        except asyncio.CancelledError:  # the server ends; before 3.12 asyncio prints a traceback
+            pass
         finally:
             self._connections -= 1
             writer.transport.abort()
@@ -167,8 +169,8 @@ class PageServer:
             return answer(HTTPStatus.OK, JSON, json.dumps(choices).encode())
         if path == "/tips":
             serial = self._feed.serial
-            told = [] if serial is None else await in_thread(lambda: history(serial))
-            return answer(HTTPStatus.OK, JSON, json.dumps(told[-TIPS_TOLD:]).encode())
+            tips = [] if serial is None else await in_thread(lambda: history(serial))
+            return answer(HTTPStatus.OK, JSON, json.dumps(tips[-TIPS_TOLD:]).encode())
         if path.startswith(sessions.PREFIX) and (folder := self._sessions) is not None:
             kind, data = await in_thread(lambda: sessions.read(folder, path))
             return answer(HTTPStatus.OK, kind, data, sessions.GUARDS)
@@ -254,10 +256,9 @@ class PageServer:
         if name not in COMMANDS:
             raise NotServed(HTTPStatus.NOT_FOUND, f"found {name[:40]!r}, expected {list(COMMANDS)}")
         try:
-            content = json.loads(request.body or b"{}")
-            parameters = {key: str(content[key]) for key in COMMANDS[name]}
-        except (ValueError, KeyError, TypeError) as error:
-            raise NotServed(HTTPStatus.BAD_REQUEST, f"found {error!r}") from error
+            parameters = {key: str(request.json()[key]) for key in COMMANDS[name]}
+        except KeyError as error:
+            raise NotServed(HTTPStatus.BAD_REQUEST, f"found no key {error}") from error
         arm = self._feed.arm
         if arm is None:
             raise ArmdError("the daemon is not there")
@@ -273,7 +274,9 @@ class PageServer:
         transport = writer.transport
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-        hello = {"version": self._files.version, "writing": bool(self._deeds)}
+        hello = {
+            "version": self._files.version, "writing": bool(self._deeds), "flags": told.flags(),
+        }  # fmt: skip
         writer.write(head(HTTPStatus.OK, "text/event-stream", {"Connection": "close"}))
         writer.write(f"retry: 1000\nevent: hello\ndata: {json.dumps(hello)}\n\n".encode())
         loop = asyncio.get_running_loop()

@@ -24,7 +24,7 @@ FLAGS: dict[Flag, tuple[str, str, str]] = {
         "A joint or a temperature is invalid: there is no position, and none is guessed.",
     ),
     Flag.TEMPERATURE_RANGE: (
-        "Outside calibration",
+        "Outside calibrated temperatures",
         "warning",
         "A temperature, or the time, lies outside what the calibration was identified in.",
     ),
@@ -138,17 +138,16 @@ def arm(
             "tips": list(info["configuration"]["tips"]),
             "since_ms": since_ms,
             "commands": info["commands_enabled"],
-            "flags": {
-                str(flag.bit_length() - 1): {
-                    "name": flag.name,
-                    "title": t,
-                    "severity": s,
-                    "text": w,
-                }
-                for flag, (t, s, w) in FLAGS.items()
-            },
         }
     )
+
+
+def flags() -> dict[str, dict[str, str | None]]:
+    """What each bit of a point's flags means; the same for every arm."""
+    return {
+        str(flag.bit_length() - 1): {"name": flag.name, "title": t, "severity": s, "text": w}
+        for flag, (t, s, w) in FLAGS.items()
+    }
 
 
 def geometry(info: Mapping[str, Any], calibration: Mapping[str, Any] | None) -> dict[str, Any]:

@@ -17,12 +17,13 @@ from pathlib import Path
 
 import armd
 from armd import keys
-from armd.client import Arm, Stream
+from armd.client import Arm
 from armd.daemon.files.recorder import TOPICS, Recorder, default_path
 from armd.daemon.state import State
 from armd.errors import BadInput
 from armd.files.outputs import RECORDING, add_force, check_output_folder, check_outputs
 from armd.files.writing import told
+from armd.stream import Stream
 from armd.terminal.arguments import add_arm, seconds
 from armd.terminal.counted import counted
 from armd.terminal.printable import printable
@@ -149,7 +150,7 @@ def _record_frames(args: argparse.Namespace, arm: Arm, going_on: Callable[[], bo
 
 def _warn_unless_ready(arm: Arm) -> None:
     """At the beginning, not by an empty file at the end."""
-    health = arm.health_now()
+    health = arm.state()
     if health.get("state") == State.NOT_READY:
         text = f"armd: warning: {arm.serial} is {State.NOT_READY}: {health.get('reason')}"
         print(printable(text), file=sys.stderr, flush=True)

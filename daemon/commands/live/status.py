@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     with armd.connect(args.serial, args.endpoint, timeout_s=3.0) as arm:
-        health = arm.health_now()
+        health = arm.state()
     if args.json:
         print(json.dumps(health))
     else:

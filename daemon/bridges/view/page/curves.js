@@ -62,6 +62,8 @@ export class Curves {
     const colour = (name) => style.getPropertyValue(`--${name}`).trim();
     const axis = { stroke: colour("soft"), grid: { stroke: colour("line"), width: 1 }, ticks: { show: false }, font: `${this.letter()}px system-ui` };
     this.holder = element("div");
+    this.holder.setAttribute("role", "img");
+    this.holder.setAttribute("aria-label", this.drift ? "Change of each temperature in kelvin per hour" : "Temperatures of the last hour in degrees Celsius");
     this.box.append(this.holder);
     this.plot = new uPlot(
       {

@@ -72,6 +72,7 @@ listen(
       fetch("/temperatures").then((answer) => answer.json()).then((past) => curves.begin(past)).catch(() => {});
       setTimeout(() => { page.quiet = false; }, 1500);
       showState();
+      showMeanings();
       showWriting();
     },
     link(link) { page.link = link; showState(); },
@@ -98,7 +99,7 @@ function showState() {
   let reason = "";
   if (!page.connected) { state = page.hello ? "LOST" : "NONE"; reason = page.hello ? "armd view does not answer; trying again" : ""; }
   else if (!page.link?.here) { state = "AWAY"; reason = page.link?.text ?? ""; }
-  else if (page.health) { state = page.health.state; reason = page.health.reason; }
+  else if (page.health) { state = page.health.state; reason = page.link.text || page.health.reason; }
   $("state").dataset.state = state === "LOST" ? "AWAY" : state;
   write($("state-word"), STATES[state] ?? state);
   write($("state-reason"), reason);
@@ -128,16 +129,16 @@ function showLive() {
 
 let flagsShown = -1;
 function showFlags(bits) {
-  if (bits === flagsShown || !page.arm) return;
+  if (bits === flagsShown || !page.hello) return;
   flagsShown = bits;
-  const standing = Object.entries(page.arm.flags)
+  const standing = Object.entries(page.hello.flags)
     .filter(([bit]) => (bits >>> Number(bit)) & 1)
     .map(([, flag]) => element("li", flag.title, { "data-severity": flag.severity, title: flag.text, "data-flag": flag.name }));
   $("flags").replaceChildren(...(standing.length ? standing : [element("li", "no flags", { class: "none" })]));
 }
 
 function flagWords(bits) {
-  return Object.entries(page.arm?.flags ?? {}).filter(([bit]) => (bits >>> Number(bit)) & 1).map(([, flag]) => flag.title.toLowerCase()).join(", ");
+  return Object.entries(page.hello?.flags ?? {}).filter(([bit]) => (bits >>> Number(bit)) & 1).map(([, flag]) => flag.title.toLowerCase()).join(", ");
 }
 
 /** A figure that nobody renews must not look like one that is. */
@@ -175,6 +176,15 @@ function lastCheck({ check, age_h, state, reason }) {
   return `${check}, ${age}: ${state === "changed" ? "the arm has changed" : "in control"}`;
 }
 
+function showMeanings() {
+  flagsShown = -1;
+  $("meanings").replaceChildren(...Object.values(page.hello.flags).map((flag) => {
+    const row = element("div");
+    row.append(element("dt", flag.title, { "data-severity": flag.severity }), element("dd", flag.text));
+    return row;
+  }));
+}
+
 function showArm() {
   const { arm } = page;
   scene?.build(arm.geometry);
@@ -194,11 +204,6 @@ function showArm() {
     with_($("calibration"), "none", "nominal geometry, as drawn");
     write($("range"), "–");
   }
-  $("meanings").replaceChildren(...Object.values(arm.flags).map((flag) => {
-    const row = element("div");
-    row.append(element("dt", flag.title, { "data-severity": flag.severity }), element("dd", flag.text));
-    return row;
-  }));
   $("tips").replaceChildren(element("option", "the calibration’s own tip", { value: "" }), ...arm.tips.map((name) => element("option", name, { value: name })));
   $("tips").value = arm.tip ?? "";
   if (page.health) showHealth();

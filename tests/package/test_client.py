@@ -1,0 +1,157 @@
+"""The client: iterators that end, snapshots, callbacks, and errors without foreign paths."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+import armd
+from armd import keys
+from support.careless_network import EVENT, HEALTH, MEASUREMENT, careless_network, points
+from support.running_daemon import free_endpoint
+
+
+def publish(session, what, payload, stop):
+    """Again and again until *stop*: whoever subscribes late hears it too."""
+    while not stop.wait(0.02):
+        session.put(f"armd/SIM-0001/{what}", payload)
+
+
+@contextmanager
+def answering(session, payload):
+    """Answers what asks for health."""
+    key = "armd/SIM-0001/health"
+    queryable = session.declare_queryable(key, lambda query: query.reply(key, payload))
+    yield
+    queryable.undeclare()
+
+
+def state_at_last(arm):
+    """Once the network has carried that somebody answers."""
+    end_s = time.monotonic() + 60.0
+    while True:
+        try:
+            return arm.state()
+        except armd.NoAnswer:
+            assert time.monotonic() < end_s
+            time.sleep(0.05)
+
+
+@pytest.fixture
+def repeated():
+    """A function that starts such a publisher; all end with the test."""
+    stop, threads = threading.Event(), []
+
+    def start(session, what, payload):
+        threads.append(threading.Thread(target=publish, args=(session, what, payload, stop)))
+        threads[-1].start()
+
+    yield start
+    stop.set()
+    for thread in threads:
+        thread.join()
+
+
+def test_the_latest_point_and_that_none_comes(repeated):
+    with careless_network() as (publisher, _, arm):
+        with pytest.raises(armd.NoAnswer, match=r"SIM-0001: no point within 0.1 s") as raised:
+            arm.latest(0.1)
+        assert isinstance(raised.value, TimeoutError) and isinstance(raised.value, armd.ArmdError)
+        repeated(publisher, keys.POINT, points(7)[0])
+        assert arm.latest(60.0).seq == 7
+
+
+def test_the_state_is_the_last_health_message():
+    with careless_network() as (publisher, _, arm):
+        with pytest.raises(armd.NoAnswer, match="no answer; is the daemon running"):
+            arm.state()
+        with answering(publisher, json.dumps(HEALTH).encode()):
+            assert state_at_last(arm) == HEALTH
+
+
+def test_a_malformed_answer_is_an_error_with_its_key():
+    found = "armd/SIM-0001/health: found .*state.*expected armd's message"
+    with (
+        careless_network() as (publisher, _, arm),
+        answering(publisher, b'{"state": 3}'),
+        pytest.raises(armd.ArmdError, match=found),
+    ):
+        state_at_last(arm)
+
+
+def test_callbacks_get_what_comes_until_their_handle_is_closed(repeated):
+    heard: dict[str, list[dict]] = {"measurement": [], "event": []}
+    with careless_network() as (publisher, _, arm):
+        handles = [
+            arm.on_measurement(heard["measurement"].append),
+            arm.on_event(heard["event"].append, past=True),
+        ]
+        repeated(publisher, keys.MEASUREMENT, json.dumps(MEASUREMENT).encode())
+        repeated(publisher, keys.EVENT, json.dumps(EVENT).encode())
+        end_s = time.monotonic() + 60
+        while not all(heard.values()) and time.monotonic() < end_s:
+            time.sleep(0.01)
+        for handle in handles:
+            handle.close()
+        assert heard["measurement"][0] == MEASUREMENT and heard["event"][0] == EVENT
+        time.sleep(0.1)  # what was under way
+        n = len(heard["measurement"])
+        time.sleep(0.2)
+        assert len(heard["measurement"]) == n
+
+
+def test_async_points(repeated):
+    async def read(arm):
+        seen = []
+        async for point in arm.points_async():
+            seen.append(point.seq)
+            if len(seen) == 3:
+                break
+        return seen
+
+    with careless_network() as (publisher, _, arm):
+        repeated(publisher, keys.POINT, points(7)[0])
+        assert asyncio.run(asyncio.wait_for(read(arm), 60.0)) == [7, 7, 7]
+
+
+@pytest.mark.parametrize("seconds", [None, 1000.0])
+def test_a_loop_ends_when_another_thread_closes_the_arm(seconds):
+    ended = threading.Event()
+
+    def read(arm):
+        for _ in arm.points(seconds):
+            pass
+        ended.set()
+
+    with careless_network() as (_, _, arm):
+        thread = threading.Thread(target=read, args=(arm,), daemon=True)
+        thread.start()
+        time.sleep(0.3)
+        arm.close()
+        assert ended.wait(60.0)
+        with pytest.raises(armd.ArmdError, match="is closed"):
+            arm.state()
+
+
+def test_a_wrong_endpoint_is_one_error_without_paths_of_zenoh():
+    with pytest.raises(armd.NoAnswer, match=r"no daemon answers within 0\.5 s") as raised:
+        armd.connect(endpoint=free_endpoint(), timeout_s=0.5)
+    assert raised.value.__suppress_context__ and ".rs" not in str(raised.value)
+
+
+def test_a_missing_configuration_names_its_file(tmp_path):
+    path = tmp_path / "missing.json5"
+    with pytest.raises(armd.BadInput, match=r"missing.json5: the file: found nothing"):
+        armd.connect(endpoint=str(path))
+    path.write_text("{ no json5")
+    with pytest.raises(armd.BadInput, match=r"missing.json5: the file"):
+        armd.connect(endpoint=str(path))
+
+
+def test_every_public_name_is_listed():
+    assert {*armd.__all__} <= {*dir(armd)}
