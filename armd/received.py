@@ -1,4 +1,4 @@
-"""Check what a subscriber receives: well-formed, and from the publisher that it met first.
+"""FormCheck what a subscriber receives: well-formed, and from the publisher that it met first.
 
 Whoever reaches the network, or a daemon configured to let others speak, can put anything on an
 arm's keys. This is the one door for all of it: a payload of the wrong form is dropped and counted,
@@ -29,7 +29,7 @@ LEAST_BYTES = {keys.RAW: 26, keys.JOINTS: 24}
 MOST_MM = 1e6
 MOST_DIGITS = 20
 
-Check = Callable[[Any], bool]
+FormCheck = Callable[[Any], bool]
 
 
 def _is_number(value: Any) -> bool:
@@ -40,11 +40,11 @@ def _is_text(value: Any) -> bool:
     return isinstance(value, str)
 
 
-def _is_integer(low: int, high: int) -> Check:
+def _is_integer(low: int, high: int) -> FormCheck:
     return lambda value: _is_number(value) and isinstance(value, int) and low <= value < high
 
 
-def _is_vector(n: int, most: float = math.inf) -> Check:
+def _is_vector(n: int, most: float = math.inf) -> FormCheck:
     def check(value: Any) -> bool:
         return (
             isinstance(value, list)
@@ -55,20 +55,22 @@ def _is_vector(n: int, most: float = math.inf) -> Check:
     return check
 
 
-def _is_list(check: Check) -> Check:
+def _is_list(check: FormCheck) -> FormCheck:
     return lambda value: isinstance(value, list) and all(map(check, value))
 
 
-def _is_table(check: Check) -> Check:
+def _is_table(check: FormCheck) -> FormCheck:
     """An object whose values are all of one form."""
     return lambda value: isinstance(value, dict) and all(map(check, value.values()))
 
 
-def _is_optional(check: Check) -> Check:
+def _is_optional(check: FormCheck) -> FormCheck:
     return lambda value: value is None or check(value)
 
 
-def _has(required: Mapping[str, Check], optional: Mapping[str, Check] | None = None) -> Check:
+def _has(
+    required: Mapping[str, FormCheck], optional: Mapping[str, FormCheck] | None = None
+) -> FormCheck:
     """An object with these keys and any others."""
 
     def check(value: Any) -> bool:
@@ -94,7 +96,7 @@ _is_place = _is_vector(3, MOST_MM)
 _is_tip = _has({"offset_mm": _is_place}, {"radius_mm": _is_optional(_is_number)})
 
 #: The form of each message: what every program relies on. Keys and values beside it are free.
-FORMS: dict[str, Check] = {
+FORMS: dict[str, FormCheck] = {
     keys.HEALTH: _has(
         {
             "state": _is_text,
