@@ -1,11 +1,12 @@
 # Two commands on a fresh machine with Python 3.11+, gcc and make:
 #   make demo     a simulated arm, live, corrected for temperature
 #   make test     format, lint, types, import layers, tests
+# make test-all then runs everything else.
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: install demo test test-slow test-long lint bench clean hidden hidden-sweep outsider interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-default test-all test-slow test-long lint bench clean hidden hidden-sweep outsider interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -30,25 +31,45 @@ lint: install
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# One worker for what reads wires, one for what waits, one for what computes (tests/conftest.py);
-# the few that fail for want of a processor run once more, alone (tests/twice.py).
-TWICE := $(BIN)/python tests/twice.py
-WORKERS := OPENBLAS_NUM_THREADS=1 $(TWICE) -n 3
+# Three workers for two processors, because many tests wait; then, alone, those marked serial.
+# A choice of tests (TEST_ARGS="-k wire") may leave one of the two parts empty: pytest's code 5.
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --durations=20
+WORKERS := $(PYTEST) -n 3 --dist loadfile
+EMPTY_IS_FINE := $(if $(TEST_ARGS),|| [ $$? = 5 ])
 
-test: lint
-	@echo "armd: the tests take about ten minutes on two cores"
-	$(WORKERS) -m "not slow" $(TEST_ARGS)
+test:
+	@echo "armd: lint and tests take about four minutes on two cores, once armd is installed"
+	@$(MAKE) --no-print-directory install
+	@began=$$(date +%s); $(MAKE) --no-print-directory lint test-default; code=$$?; \
+	    echo "armd: make test took $$(($$(date +%s) - began)) s"; exit $$code
 
+test-default: install
+	$(WORKERS) -m "not slow and not serial" $(TEST_ARGS) $(EMPTY_IS_FINE)
+	$(PYTEST) -m "serial and not slow" $(TEST_ARGS) $(EMPTY_IS_FINE)
+
+# What make test leaves out, save make test-long
+test-all:
+	@echo "armd: everything else takes about an hour on two cores"
+	@$(MAKE) --no-print-directory install
+	@began=$$(date +%s); \
+	    for part in paper real browser test-slow "soak MINUTES=2" system-test; do \
+	        $(MAKE) --no-print-directory $$part || exit; \
+	    done; \
+	    echo "armd: make test-all took $$(($$(date +%s) - began)) s"
+
+SLOW := slow and not long
 test-slow: install
 	@echo "armd: the slow tests take about half an hour on two cores"
-	$(WORKERS) --timeout 900 -m "slow and not crowd and not long" --ignore tests/deploy/test_system.py $(TEST_ARGS)
-	$(TWICE) -m "crowd and not long" $(TEST_ARGS)
+	$(WORKERS) --timeout 900 -m "$(SLOW) and not crowd and not serial" \
+	    --ignore tests/deploy/test_system.py $(TEST_ARGS) $(EMPTY_IS_FINE)
+	$(PYTEST) --timeout 900 -m "$(SLOW) and (crowd or serial)" \
+	    --ignore tests/deploy/test_system.py $(TEST_ARGS) $(EMPTY_IS_FINE)
 
 # Minutes each: many more cases of what the slow tests have a few of, and another processor
 test-long: install
 	@echo "armd: the long tests take about half an hour on two cores"
-	$(WORKERS) --timeout 1800 -m "long and not crowd" $(TEST_ARGS)
-	$(TWICE) -m "crowd and long" $(TEST_ARGS)
+	$(WORKERS) --timeout 1800 -m "long and not crowd and not serial" $(TEST_ARGS) $(EMPTY_IS_FINE)
+	$(PYTEST) --timeout 1800 -m "long and (crowd or serial)" $(TEST_ARGS) $(EMPTY_IS_FINE)
 
 # A fresh Monte Carlo of effects hidden by the simulator: make hidden CASES=100 SEED=7
 CASES ?= 40
@@ -92,7 +113,7 @@ deb: install
 # Installs armd on a Debian booted as a guest, under User-Mode Linux or, MACHINE=qemu, in software;
 # fails with BROKEN=1, as a broken daemon must.
 system-test: install
-	$(BIN)/python -m pytest tests/deploy/test_system.py -m slow -s
+	$(BIN)/python -m pytest --durations=20 tests/deploy/test_system.py -m slow -s
 
 # The founding paper's experiment, its tables beside ours
 paper: install

@@ -1,10 +1,10 @@
-"""For all tests: the user's home is left alone; what has deadlines runs one at a time.
+"""For all tests: the user's home stays untouched, and no test fails because a machine is slow.
 
-With ``pytest -n 3`` (``make test``) one worker runs all that reads wires, in its order, as it would
-alone; one what talks over Zenoh and waits for others most of its time, a little behind it; one
-computes, at the lowest priority, so that a live test finds the processor as free as it was. What is
-marked `crowd` needs all processors there are, and runs after the others, alone: a crowd of arms, or
-one that a busy machine of two slow processors can no longer follow.
+``make test`` runs a file's tests in one of three workers (pytest-xdist, ``--dist loadfile``), then
+the tests marked `serial` in one process with nothing beside it. A test waits until something
+happens, with a generous limit, and asserts what must never happen. Only a `serial` test may measure
+seconds, and `support.punctuality` judges them by what the machine gave. `support.budget` reports
+tests that compute longer than 10 s, and files without a test in ``make test``.
 """
 
 from __future__ import annotations
@@ -13,45 +13,17 @@ import os
 import signal
 from collections.abc import Iterator
 
+import hypothesis
 import pytest
 
-ONLY_COMPUTES = (
-    *(
-        f"tests/{room}/"
-        for room in (
-            "compensation", "diagnose", "effects", "estimate", "hidden", "identify", "interim",
-            "model", "outsider", "real", "package",
-        )
-    ),
-    "tests/simulator/test_hidden_cases.py",
-    "tests/simulator/test_sessions.py",
-)  # fmt: skip
-"""Tests that wait for nobody: no daemon, no wire, no clock."""
+pytest_plugins = ["support.punctuality", "support.budget"]
 
-WAITS = tuple(f"tests/{room}/" for room in ("bridges", "daemon", "deploy"))
-"""Folders of tests whose daemons and servers idle between messages, with deadlines of seconds."""
-WAITS_NICE = 10
-
-
-@pytest.hookimpl(optionalhook=True)  # nothing to hand out where pytest-xdist is not installed
-def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    from xdist.scheduler import LoadScopeScheduling
-
-    class OneForEachThatIsLive(LoadScopeScheduling):
-        def _split_scope(self, nodeid: str) -> str:
-            if nodeid.startswith(ONLY_COMPUTES):
-                return nodeid
-            return "waits" if nodeid.startswith(WAITS) else "live"
-
-    return OneForEachThatIsLive(config, log)
-
-
-def pytest_runtest_setup(item: pytest.Item) -> None:
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        if item.nodeid.startswith(ONLY_COMPUTES):
-            os.nice(19 - os.nice(0))
-        elif item.nodeid.startswith(WAITS):
-            os.nice(max(0, WAITS_NICE - os.nice(0)))
+hypothesis.settings.register_profile(
+    "any machine",
+    deadline=None,
+    suppress_health_check=[hypothesis.HealthCheck.too_slow],
+)
+hypothesis.settings.load_profile("any machine")
 
 
 @pytest.fixture(autouse=True, scope="session")

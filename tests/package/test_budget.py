@@ -1,0 +1,100 @@
+"""What the end of a test run reports: heavy tests, files left out, limits that were not judged."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support import punctuality as module
+from support.punctuality import Machine, read_waiting_s
+from support.selection import parametrize_default
+
+TESTS = Path(__file__).parents[1]
+FILES = {
+    "test_work.py": """\
+import pytest, time
+def test_computes():
+    end_s = time.process_time() + 0.3
+    while time.process_time() < end_s:
+        pass
+def test_waits():
+    time.sleep(0.4)
+@pytest.mark.slow
+def test_left_out():
+    assert False
+def test_is_late(punctuality, monkeypatch):
+    monkeypatch.setattr("support.punctuality.read_waiting_s", iter([5.0, 7.0]).__next__)
+    with punctuality.watch() as machine:
+        pass
+    machine.judge(2.5, 1.0, "a daemon stops")
+""",
+    "test_other.py": """\
+import pytest
+pytestmark = pytest.mark.slow
+def test_left_out():
+    assert False
+""",
+}
+
+
+def test_the_end_of_a_run_reports_what_was_heavy_left_out_and_not_judged(tmp_path: Path) -> None:
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "pyproject.toml").write_text(
+        '[tool.pytest.ini_options]\nmarkers = ["slow", "serial"]\n'
+    )
+    command = [sys.executable, "-m", "pytest", "-p", "support.punctuality", "-p", "support.budget"]
+    done = subprocess.run(
+        [*command, "-m", "not slow", "--processor-limit", "0.2"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(TESTS), "PYTEST_ADDOPTS": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    heavy, _, rest = done.stdout.partition("1 limits in seconds not judged")
+    assert "more than 0.2 s of processor time" in heavy and "::test_computes" in heavy
+    assert "::test_waits" not in heavy
+    assert "test_work.py::test_is_late: a daemon stops: took 2.50 s, limit 1 s" in rest
+    assert "files without a test in make test: test_other.py\n" in rest
+
+
+@pytest.mark.parametrize(
+    ("took_s", "waited_s", "fails"), [(0.9, 0.0, False), (1.1, 0.05, True), (1.1, 0.2, False)]
+)
+def test_a_late_test_fails_unless_the_machine_was_late(
+    request: pytest.FixtureRequest, took_s: float, waited_s: float, fails: bool
+) -> None:
+    machine = Machine(request.node)
+    machine.waited_s = waited_s
+    if fails:
+        with pytest.raises(AssertionError, match=r"it: took 1\.10 s, limit 1 s, waited 0\.05 s"):
+            machine.judge(took_s, 1.0, "it")
+    else:
+        machine.judge(took_s, 1.0, "it")
+        request.node.user_properties.clear()
+
+
+def test_waiting_is_read_from_the_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pressure = tmp_path / "cpu"
+    pressure.write_text("some avg10=1.00 avg60=1.00 avg300=1.00 total=2500000\nfull total=0\n")
+    monkeypatch.setattr(module, "PRESSURE", tmp_path / "none")
+    stolen_s = read_waiting_s()
+    monkeypatch.setattr(module, "PRESSURE", pressure)
+    assert read_waiting_s() - stolen_s == pytest.approx(2.5, abs=0.1)
+
+
+def test_all_but_the_first_cases_are_slow() -> None:
+    cases = [1, (2, 3), pytest.param(4, marks=pytest.mark.skip, id="four")]
+    mark = parametrize_default("case", cases, default=1).mark
+    first, second, third = mark.args[1]
+    assert first == 1
+    assert second.values == ((2, 3),) and [m.name for m in second.marks] == ["slow"]
+    assert third.id == "four" and [m.name for m in third.marks] == ["skip", "slow"]
+    chosen = parametrize_default("a, b", [(1, 2), (3, 4)], default=[1]).mark.args[1]
+    assert chosen[0].values == (1, 2) and chosen[1] == (3, 4)
