@@ -34,6 +34,7 @@ from armd.compensation.model.basis import basis_values, parameter_rows
 from armd.compensation.model.calibration import Calibration, constants_of
 from armd.compensation.model.kinematics import forward
 from support import synthetic
+from support.selection import parametrize_default
 
 ARM = synthetic.arm(6)
 OFFSET_K = 0.8
@@ -135,7 +136,7 @@ def tip(problem: Problem, found: Any, sensor: int, step_k: float) -> F64:
     return forward(states.q, parameter_rows(model.constants, model.terms, values))[0]
 
 
-@pytest.mark.parametrize("sensor", [2, 3, 4])
+@parametrize_default("sensor", [2, 3, 4])
 @pytest.mark.parametrize("causes", [(), (GRADIENT,), [cause for cause, _ in FOUND]])
 def test_an_offset_is_the_derivative_of_all_that_was_found(
     problem: Problem, sensor: int, causes: tuple[str, ...]

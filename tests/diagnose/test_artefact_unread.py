@@ -16,6 +16,7 @@ from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.model.calibration import ArtefactCorrection
 from support import synthetic
+from support.selection import parametrize_default
 
 ARM = synthetic.arm()
 STEEL_PER_K, REFERENCE_C = 11.5e-6, 20.0
@@ -55,7 +56,7 @@ def test_it_grows_by_the_arms_temperature_where_its_own_was_not_read() -> None:
     np.testing.assert_allclose(1e-3 * linear.artefact_column(WARMTH), -moved.ravel(), atol=1e-9)
 
 
-@pytest.mark.parametrize("read", [False, True])
+@parametrize_default("read", [False, True])
 def test_steel_is_told_as_the_artefacts_expansion(read: bool) -> None:
     """Unread, it was the expansion of five links, of three of them surely. The calibration knows
     how the links grow: one made at one temperature could not tell theirs from the artefact's."""

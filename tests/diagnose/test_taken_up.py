@@ -77,12 +77,14 @@ def test_a_disc_that_was_off_its_axis_before_is_no_knock(years: Years) -> None:
     assert set(years.told((DISC,), (DISC,))) == {ECCENTRIC}
 
 
+@pytest.mark.slow
 def test_a_knock_since_is_told_beside_an_older_disc(years: Years) -> None:
     told = years.told((DISC,), (DISC, KNOCK))
     assert set(told) == {ECCENTRIC, KNOCKED}
     assert min(told.values()) > 0.95
 
 
+@pytest.mark.slow
 def test_a_knock_and_a_disc_since_are_both_told(years: Years) -> None:
     told = years.told((), (DISC, KNOCK))
     assert set(told) == {ECCENTRIC, KNOCKED}

@@ -35,6 +35,7 @@ from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.setup.artefact_moved import moved
 from armd.compensation.estimate.robust import WINSOR_AT, huber_loss
 from support import synthetic
+from support.selection import parametrize_default
 from support.small_fit import candidate
 
 ARM = synthetic.arm()
@@ -195,7 +196,7 @@ def looked_at(sessions: list[Session]) -> ScoredCandidates:
     return Search(gather_rests(sessions, ARM), ARM, baseline).first
 
 
-@pytest.mark.parametrize("seed", range(4))
+@parametrize_default("seed", range(4), default=2)
 def test_a_session_that_scatters_more_moves_no_artefact(seed: int) -> None:
     assert find_touched(looked_at(shaken(seed))) is None
 

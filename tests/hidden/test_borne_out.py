@@ -269,6 +269,7 @@ def disturbed() -> Any:
         return arm, sessions, holdout
 
 
+@pytest.mark.slow
 def test_every_held_out_reading_counts(disturbed: Any) -> None:
     """A bad reading held out that nobody named was left out of the figure beside it."""
     arm, sessions, holdout = disturbed
@@ -301,6 +302,7 @@ def test_with_nothing_borne_out_the_file_predicts_what_the_model_under_test_does
     assert "predicts what the model under test does" in result["verdict"]
 
 
+@pytest.mark.slow
 def test_some_of_the_findings_are_fitted_as_if_there_were_no_others(disturbed: Any) -> None:
     """Taken out of sums that were made once, and made anew."""
     arm, sessions, _ = disturbed

@@ -53,6 +53,7 @@ def test_a_zero_that_relaxes_has_its_time_constant(healthy: Any) -> None:
     assert found.written == (0,)
 
 
+@pytest.mark.slow
 def test_a_joint_that_is_homed_anew_for_each_session_keeps_no_sessions_zero(healthy: Any) -> None:
     """By 9 to 20″, drawn for each: no walk, whose last value would stay."""
     arm, sessions = healthy

@@ -19,6 +19,7 @@ from armd.simulator.campaigns.hidden import DESIGNS, Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
 from support.long_case import long_case
+from support.selection import parametrize_default
 
 SMALL = Design(sessions=6, articulations=3, holdout=1)
 
@@ -67,7 +68,7 @@ def _found_where_it_was_hidden(plant: Plant, design: Design) -> None:
     assert judged.after_um < 1.15 * judged.before_um
 
 
-@pytest.mark.parametrize("plant", PLANTS, ids=_name)
+@parametrize_default("plant", PLANTS, ids=_name, default=2)
 def test_a_hidden_cause_is_named_and_located(plant: Plant) -> None:
     _found_where_it_was_hidden(plant, SMALL)
 
@@ -106,6 +107,7 @@ def test_neither_heavy_tails_nor_slow_drift_are_a_cause(noise: str, seed: int) -
     assert judged.diagnosis.outliers == ()
 
 
+@pytest.mark.slow
 def test_a_bent_shape_keeps_its_name_and_what_bends_it_is_unknown() -> None:
     plant = Plant("thermal_gradient", "link 2", 250.0, {"distortion": 0.3})
     judged = run_case(303, [plant], design=SMALL)
@@ -128,6 +130,7 @@ def test_a_cause_that_comes_and_goes_leaves_room_for_the_shape() -> None:
     assert judged.after_um < 1.1 * judged.oracle_um
 
 
+@pytest.mark.slow
 def test_a_wrong_length_is_no_sensor_tens_of_kelvin_off() -> None:
     """To the readings they are the same; only their plausible sizes tell them apart."""
     plant = Plant("geometry_shift", "joint 3", 40.0, {"parameter": "a"})
@@ -136,6 +139,7 @@ def test_a_wrong_length_is_no_sensor_tens_of_kelvin_off() -> None:
     assert judged.false_causes == 0
 
 
+@pytest.mark.slow
 def test_a_wrong_certificate_is_like_no_other_cause_and_as_large_as_it_is() -> None:
     """What certificates leave uncertain is noise: it must not swallow the target's own error."""
     judged = run_case(305, [Plant("artefact_length", "target B7", 30.0)], design=SMALL)
@@ -164,6 +168,7 @@ def test_what_no_catalogue_has_is_unknown_and_names_its_variables() -> None:
     assert any(set(variables) == {"w3", "q4"} for variables in judged.unknown)
 
 
+@pytest.mark.slow
 def test_a_strong_error_leaves_plain_expansion_in_the_model_under_test() -> None:
     """`armd calibrate` finds no use in a thermal model beside it; the links expand all the same."""
     detail = {"kind": "cable", "joint": 3, "other": 4}
@@ -172,6 +177,7 @@ def test_a_strong_error_leaves_plain_expansion_in_the_model_under_test() -> None
     assert judged.unknown == (("q3", "q4"),)
 
 
+@pytest.mark.slow
 def test_a_bent_cause_is_not_its_neighbour_that_fits_better_unbent() -> None:
     plant = Plant("joint_compliance", "joint 2", 6.0, {"distortion": 0.3})
     judged = run_case(510, [plant], design=SMALL)

@@ -16,6 +16,7 @@ from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
+from support.selection import parametrize_default
 
 ARC_SECOND = np.pi / 180 / 3600
 DESIGN = Design(sessions=5, articulations=3, holdout=0)
@@ -28,7 +29,7 @@ def diagnosed(seed: int, plant: Plant) -> Diagnosis:
         return diagnose([load_session(path, arm) for path in case.sessions], arm)
 
 
-@pytest.mark.parametrize(
+@parametrize_default(
     ("plant", "size"),
     [
         # A disc's radius is 25 mm, of which the offset is the sine of the error.
@@ -38,6 +39,7 @@ def diagnosed(seed: int, plant: Plant) -> Diagnosis:
         (Plant("stylus_sag", "tip", 20.0), 20e-3),
     ],
     ids=lambda value: f"{value.cause}-{dict(value.detail)}" if isinstance(value, Plant) else "",
+    default=1,
 )
 def test_it_is_found_named_and_sized(plant: Plant, size: float) -> None:
     found = diagnosed(31, plant)
@@ -51,7 +53,7 @@ def test_it_is_found_named_and_sized(plant: Plant, size: float) -> None:
     assert sigma < size / 5
 
 
-@pytest.mark.parametrize(
+@parametrize_default(
     ("plant", "size", "word"),
     [
         (Plant("self_heating", "joint 3", 60.0, {"time_constant_s": 300.0}), 60 * ARC_SECOND, ""),
@@ -59,6 +61,7 @@ def test_it_is_found_named_and_sized(plant: Plant, size: float) -> None:
         (Plant("artefact_sag", "artefact", 40.0, {"supports": 0.9}), None, "longest"),
     ],
     ids=lambda value: value.cause if isinstance(value, Plant) else "",
+    default=1,
 )
 def test_what_no_calibration_can_hold_is_told_and_not_written(
     plant: Plant, size: float | None, word: str

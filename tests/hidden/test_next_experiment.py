@@ -70,6 +70,7 @@ def test_a_number_of_poses_that_cannot_be_chosen_is_refused(poses: str, capsys) 
     assert f"--poses: value: found {poses}" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_one_other_temperature_leaves_a_shift_in_doubt_and_another_one_rules_it_out(
     tmp_path,
 ) -> None:

@@ -96,6 +96,7 @@ def gains_as_possible(
     assert gain.before_um**2 - gain.after_um**2 > 0.5 * (sick**2 - healthy**2)
 
 
+@pytest.mark.slow
 def test_the_third_generation_answers_like_the_first(history: History) -> None:
     """The second diagnosis finds a slip, the third, under what the second wrote, an ellipse."""
     arm, ellipse = history.arm, wave(4, 8.0, 2)
@@ -124,6 +125,7 @@ def test_an_effect_that_was_not_written_is_no_other_cause_later(history: History
     assert [f.candidate.place for f in found.found] == [("encoder_eccentricity", "joint 2")]
 
 
+@pytest.mark.slow
 def test_a_shifted_length_is_known_no_better_than_its_shift(history: History) -> None:
     """Otherwise the next diagnosis holds to a length that nobody knows so well."""
     given = history.extended

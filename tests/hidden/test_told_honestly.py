@@ -155,6 +155,7 @@ def test_without_limits_poses_stay_where_the_arm_was_seen(measured: Measured) ->
     assert frames(poses.q, constants)[0][:, :, 2].min() > lowest - 0.5
 
 
+@pytest.mark.slow
 def test_a_walk_is_not_told_where_two_causes_do_the_same(tmp_path: Path) -> None:
     """A link expands more than it did and its sensor is off: each session's mean and slope. Alone
     its walk in time explains both at once, and was sure."""

@@ -94,6 +94,7 @@ def test_calibrate_then_evaluate(measured: Path, tmp_path: Path) -> None:
     assert after["rms_um"] <= after["max_um"]
 
 
+@pytest.mark.slow
 def test_the_papers_own_way(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -87,6 +87,7 @@ def test_thermal_coefficients_return_too() -> None:
     assert residual.distance_um.max() < 1e-3
 
 
+@pytest.mark.slow
 def test_normalised_errors_have_unit_variance_over_100_seeds() -> None:
     rng = np.random.default_rng(11)
     truth = disturbed(ARM, rng, 0.1)

@@ -19,6 +19,7 @@ from armd.compensation.identify.admission.mistakes import joint_motion
 from armd.compensation.identify.calibrate import calibrate
 from armd.daemon.cli import main as armd
 from support import synthetic
+from support.selection import mark_rest_slow
 
 NAMES = ("T14", "T20", "T26", "T32", "T38")
 
@@ -136,7 +137,7 @@ PLANTED = {
 }  # fmt: skip
 
 
-@pytest.fixture(params=PLANTED)
+@pytest.fixture(params=mark_rest_slow(PLANTED, 2))
 def planted(request: pytest.FixtureRequest, measured: Path) -> Iterator[tuple[Path, str]]:
     plant, words = PLANTED[request.param]
     plant(measured / "T26")
@@ -235,6 +236,7 @@ def test_fahrenheit_is_found_among_celsius(
     assert "if its temperatures are taken as °F" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_another_arm_fits_none(
     measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -324,6 +326,7 @@ def test_nothing_is_said_of_good_sessions(
     assert not told.err and "does not fit" not in told.out
 
 
+@pytest.mark.slow
 def test_one_bad_reading_is_no_bad_session(
     measured: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

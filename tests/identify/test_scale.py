@@ -14,6 +14,7 @@ from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.fit import Identification, fit
 from support import synthetic
+from support.selection import parametrize_default
 
 ARM = synthetic.arm()
 UNKNOWNS = Unknowns(free_constants(ARM))
@@ -53,7 +54,7 @@ def size_of(found: Identification, truth: np.ndarray) -> tuple[float, float]:
     return error, float(np.sqrt(along @ found.covariance @ along))
 
 
-@pytest.mark.parametrize("encoder_rad", [5e-5, 5e-4, 1e-3])
+@parametrize_default("encoder_rad", [5e-5, 5e-4, 1e-3])
 def test_a_larger_scatter_does_not_shrink_the_arm(encoder_rad: float) -> None:
     rng = np.random.default_rng(5)
     truth = synthetic.disturbed(ARM, rng, 0.3)

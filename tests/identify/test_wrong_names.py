@@ -91,6 +91,7 @@ def test_rows_under_another_name_are_outliers_and_told(
     assert "refused: " in said and "delete them from the session or measure them again" in said
 
 
+@pytest.mark.slow
 def test_so_many_that_no_arm_fits_are_refused(
     measured: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -113,6 +114,7 @@ def test_check_tells_of_them(measured: Path, capsys: pytest.CaptureFixture[str])
     assert "T20: ok" not in said.out
 
 
+@pytest.mark.slow
 def test_a_diagnosis_names_them(measured: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A reading 100 000 noises off moves a placement by thousands: none was told as an outlier."""
     assert calibrated(measured) == 0

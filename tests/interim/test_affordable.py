@@ -65,6 +65,7 @@ def written(
     return save_calibration(path, made).content
 
 
+@pytest.mark.slow
 def test_sixty_growths_in_doubt_make_a_calibration_that_is_read(
     arm_and_calibration: tuple[Arm, Calibration], tmp_path: Path
 ) -> None:

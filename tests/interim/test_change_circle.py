@@ -21,6 +21,7 @@ from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import LIMIT, NOISE_WORD
 from armd.compensation.interim.evidence.quiet import EpochLook, Quiet
 from armd.compensation.interim.evidence.stack import Stack
+from support.selection import parametrize_default
 
 #: Of a hundred such histories seven lead round: these through two to four looks, with one change
 #: and with two.
@@ -68,7 +69,7 @@ def by_hand(of: Stack, stand: Stand, good: Sequence[int]) -> float:
     return float(density) - LIMIT * len(stand.found)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@parametrize_default("seed", SEEDS)
 def test_a_search_that_comes_back_ends_with_what_all_readings_make_likeliest(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

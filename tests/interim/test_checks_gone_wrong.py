@@ -19,6 +19,7 @@ from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import load_calibration
 from armd.errors import BadInput
 from support.plain_kinematics import tip_pose
+from support.selection import parametrize_default
 
 Rows = list[list[str]]
 Edit = Callable[[list[str], Rows], Rows]
@@ -79,8 +80,10 @@ def in_the_air(checks: Path, which: dict[int, float]) -> Edit:
     return edit
 
 
-@pytest.mark.parametrize(
-    "which", [{7: 0.3}, {7: 4.0}, {7: 70.0}, {7: 350.0}, {3: 4.0, 12: 4.0}, {3: 350.0, 12: -300.0}]
+@parametrize_default(
+    "which",
+    [{7: 0.3}, {7: 4.0}, {7: 70.0}, {7: 350.0}, {3: 4.0, 12: 4.0}, {3: 350.0, 12: -300.0}],
+    default=2,
 )
 def test_readings_in_the_air_are_named_and_their_check_does_not_count(
     checks: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], which: dict[int, float]
@@ -172,7 +175,7 @@ def test_what_is_a_check_of_this_arm_is_admitted_and_what_is_of_none_is_not(
         refuse_unfit([good, load_session(stuck, arm)], arm, calibration)
 
 
-@pytest.mark.parametrize(
+@parametrize_default(
     ("edit", "said"),
     [
         (one_name, "readings: found half of them more than .* readings of this arm on this"),
@@ -185,8 +188,7 @@ def test_what_is_a_check_of_this_arm_is_admitted_and_what_is_of_none_is_not(
         (lambda _, rows: [rows[7]] * 20, "found 20 readings at 1 rest, 0 numbers beyond"),
         (lambda _, rows: rows[:1], "found 1 reading, 0 numbers beyond placement and seats"),
         (lambda _, rows: [], "readings.csv: the file: found no readings, expected at least one"),
-    ],
-)  # fmt: skip
+    ], default=4)  # fmt: skip
 def test_what_is_no_check_is_refused(checks: Path, tmp_path: Path, edit: Edit, said: str) -> None:
     assert re.search(said, refused(checks, tmp_path, edited(checks, tmp_path, edit)))
 

@@ -31,6 +31,7 @@ from armd.simulator.sessions import add_arguments
 from armd.simulator.sessions import run as simulate
 from armd.simulator.truth.arm import Materials, TrueArm
 from armd.terminal.loudness import add_loudness
+from support.selection import parametrize_default
 
 DAYS = 8
 
@@ -234,6 +235,7 @@ def test_a_check_dated_after_now_is_refused_unless_it_is_wanted(
     assert run("add", late, *files, "--history", tmp_path / "new") == 0
 
 
+@pytest.mark.slow
 def test_a_check_dated_before_the_last_one_is_told_and_judged_by_its_date(
     checks: Path, kept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -354,6 +356,7 @@ def test_a_head_without_a_line_is_a_history_not_begun(checks: Path, tmp_path: Pa
         run("report", "--history", history)
 
 
+@pytest.mark.slow
 def test_a_writer_killed_at_any_moment_leaves_the_history_of_before_or_of_after(
     checks: Path, tmp_path: Path
 ) -> None:
@@ -407,7 +410,7 @@ def test_a_folder_without_the_right_to_write_is_named(checks: Path, kept: Path, 
     assert {p: p.read_bytes() for p in sorted(history.rglob("*")) if p.is_file()} == before
 
 
-@pytest.mark.parametrize(("file", "after"), [("statistics.json", 1), ("history.jsonl", 0)])
+@parametrize_default(("file", "after"), [("statistics.json", 1), ("history.jsonl", 0)])
 def test_a_full_disk_keeps_nothing_half(
     checks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, after: int
 ) -> None:

@@ -82,6 +82,7 @@ def test_beyond_its_time_a_term_is_held_and_that_is_said() -> None:
     assert found.flags.tolist() == [int(Flag.TEMPERATURE_RANGE), 0, int(Flag.TEMPERATURE_RANGE)]
 
 
+@pytest.mark.slow
 def test_its_uncertainty_is_the_covariance_moved_to_the_tip() -> None:
     known = {"covariance_of": ["a_2", "term 0"], "covariance": [[4e-4, 1e-6], [1e-6, 9e-6]]}
     at = states([[20, 20, 20], [20, 26, 20]])

@@ -31,6 +31,7 @@ from armd.compensation.interim.evidence.quiet import (
 from armd.compensation.interim.evidence.stack import Stack
 from armd.compensation.interim.evidence.watch import watch
 from armd.compensation.interim.told.remembered import NOTHING, WATCHED, code, recall, remember
+from support.selection import parametrize_default
 
 
 def with_a_bad_check(seed: int, bad: int) -> tuple[Stack, list[Any]]:
@@ -254,7 +255,7 @@ def weighings(monkeypatch: pytest.MonkeyPatch, search: Callable[[], ChangesFound
     return count
 
 
-@pytest.mark.parametrize("grows", [False, True])
+@parametrize_default("grows", [False, True])
 def test_after_a_change_a_check_more_is_searched_on_from_what_was_looked_at(
     grows: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

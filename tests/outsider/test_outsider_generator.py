@@ -20,6 +20,8 @@ from outsider.scene import Scene
 from outsider.seen import Seen
 from outsider.sizes import read_exchanged
 
+from support.selection import parametrize_default
+
 HERE = Path(__file__).parent
 RIGHT_ANGLE = np.pi / 2
 
@@ -136,12 +138,13 @@ def test_what_constants_and_placements_absorb_has_no_size() -> None:
     assert seen.noise_units(later) > 5
 
 
-@pytest.mark.parametrize("kind", ["disc", "settling", "sag", "offset"])
+@parametrize_default("kind", ["disc", "settling", "sag", "offset"])
 def test_a_case_is_as_large_as_wanted(kind: str) -> None:
     """Measured on what is planted, not on the small one by which it was sized."""
     assert 7.9 < draw(kind, 1).truth.noise_units < 25.3
 
 
+@pytest.mark.slow
 def test_a_rival_that_leaves_next_to_nothing_has_the_same_signal() -> None:
     """Over 222° this disc, 28 % oval, is a gain: 1.8 of its 20 noise units are none."""
     truth = draw("disc", 4711000).truth

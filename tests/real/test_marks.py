@@ -12,6 +12,7 @@ from convert import ROBOTS, VENDORED, convert
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon.catalogue.urdf import rows_and_tip
+from support.selection import parametrize_default
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +22,7 @@ def converted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("series", list(marks.UR10_MM))
+@parametrize_default("series", list(marks.UR10_MM))
 def test_ur10_reaches_its_mark(converted: Path, series: str) -> None:
     drawn, found, _, granted = marks.ur10(converted, series)
     assert granted

@@ -13,6 +13,7 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
 from support.planting import Effect, planted, rms_um, slip, wave
+from support.selection import parametrize_default
 
 VENDORED = Path(__file__).parent / "data"
 
@@ -98,7 +99,7 @@ def seated(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Calibration, 
     return arm, first.extended, whole.rows(~one)
 
 
-@pytest.mark.parametrize(
+@parametrize_default(
     ("cause", "joint", "size", "order"),
     [("encoder_eccentricity", 4, 4000.0, 1), ("encoder_ellipticity", 2, 5400.0, 2)],
 )
