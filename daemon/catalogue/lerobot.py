@@ -1,18 +1,16 @@
 """A LeRobot calibration taken over: ids, homing offsets, ranges of travel.
 
-LeRobot keeps one JSON per arm: name of a motor → id, drive mode, homing offset, and the smallest
-and the greatest raw position to which a hand has swept the joint, offset included. Its zero is
-the middle of that sweep, and its degrees are 360/4095 of a count where a count is 360/4096.
+LeRobot's zero is the middle of a joint's sweep, and its degrees are 360/4095 of a count where a
+count is 360/4096. A sweep that is not the joint's travel has no middle that is a zero.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, RootModel
-
+from armd.compensation.model.arm import Joint
 from armd.daemon.catalogue.known import (
     KNOWN,
     Bus,
@@ -21,36 +19,33 @@ from armd.daemon.catalogue.known import (
     known_arm,
     with_joint,
 )
+from armd.daemon.catalogue.lerobot_file import (
+    COUNTS,
+    DEG_PER_COUNT,
+    MIDDLE,
+    TOOLS,
+    Motor,
+    base_to_wrist,
+    motors_of_arm,
+    read_motors,
+)
 from armd.errors import BadInput
-from armd.files.schema import Strict, load_json
+from armd.terminal.suggest import few
 
-Raw = Annotated[int, Field(ge=0, le=4095)]
-DEG_PER_COUNT = 360 / 4096
-MIDDLE = 2048  # the raw position that armd counts as 0
 #: What a homing offset may be, by kind: eleven bits beside the sign in a Feetech's register 31, and
 #: what the e-Manual says of a Dynamixel's register 20.
 MOST_OFFSET = {"feetech": (2047, 31), "dynamixel": (1_044_479, 20)}
 #: A joint that nobody has swept has its zero anywhere. The least travel of a known servo arm is
 #: 124° (Koch); a tenth of that is no sweep.
 LEAST_SWEEP_COUNTS = 141
-TOOLS = ("gripper", "trigger")  # motors that are no joint of the chain
-#: LeKiwi's names: the arm's motors, and those of the wheels under it.
-ON_WHEELS, WHEELS = "arm_", "base_"
-SHADOW = "_shadow"  # the second servo of a joint that has two: the first one is read
-#: LeRobot's names of an SO-100's, SO-101's, Koch's and OMX's joints, base to wrist.
-JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
-
-
-class Motor(Strict):
-    id: Annotated[int, Field(ge=0, le=252)]
-    drive_mode: Literal[0, 1]
-    homing_offset: int
-    range_min: Raw
-    range_max: Raw
-
-
-class CalibrationFile(RootModel[dict[str, Motor]]):
-    model_config = ConfigDict(frozen=True)
+#: A sweep of less than this share of the drawing's travel was stopped early: its middle, LeRobot's
+#: zero, is off by an eighth of the travel or more. Of whole arms the least is 0.9.
+LEAST_SHARE = 0.75
+#: More than this of it: another arm, or one that the drawing does not know.
+MOST_SHARE = 1.25
+#: A joint with stops that was swept across the encoder's seam has gone round it all (LeRobot keeps
+#: the least and the greatest raw position). A joint of more travel has no stops to speak of.
+SEAM_DEG, STOPS_DEG = 330.0, 300.0
 
 
 @dataclass(frozen=True)
@@ -60,18 +55,24 @@ class TakenOver:
     text: str  # arm.toml
     bus: Bus
     motors: dict[str, Motor]  # in the order of the joints
+    said: list[str] = field(default_factory=list)
 
 
-def take_over(path: Path, name: str) -> TakenOver:
+def take_over(
+    path: Path, name: str, prefix: str | None = None, short: Sequence[str] = ()
+) -> TakenOver:
     """The known arm *name* with the zeros, limits and ids of the calibration at *path*.
 
-    Raises `BadInput` for a file that is not LeRobot's or that is another arm's.
+    *prefix*: of the arm's motors, where the file has several arms; *short*: joints that turn less
+    than the drawing says. Raises `BadInput` for a file that is not LeRobot's or is another arm's.
     """
     arm, bus = known_arm(name), _bus(name)
-    motors = _base_to_wrist(_of_the_arm(load_json(path, CalibrationFile).root))
+    motors = base_to_wrist(motors_of_arm(path, read_motors(path), prefix))
     chain = {key: motor for key, motor in motors.items() if key not in TOOLS}
     _check(path, motors, chain, arm.n_joints, name)
     _check_offsets(path, motors, bus.kind)
+    chain = {key: _within_a_turn(path, key, motor, bus.kind) for key, motor in chain.items()}
+    said = _check_sweeps(path, chain, arm.joint, short)
     text = arm_text(name)
     for k, (motor, joint) in enumerate(zip(chain.values(), arm.joint, strict=True), 1):
         # A Dynamixel turns its count round itself; LeRobot does it for a Feetech.
@@ -89,29 +90,17 @@ def take_over(path: Path, name: str) -> TakenOver:
         text = with_joint(text, k, values)
     offsets = ", ".join(f"{motor.id}: {motor.homing_offset}" for motor in motors.values())
     note = (
-        f"# Zeros, limits and directions are of the LeRobot calibration {path.name}, whose zero\n"
-        "# (the middle of the sweep) is assumed to be the drawing's. It holds while the servos\n"
-        f"# have these homing offsets: {offsets}.\n"
+        "# Zeros, limits and directions are of the LeRobot calibration "
+        f"{_commentable(path.name)},\n"
+        "# whose zero (the middle of the sweep) is assumed to be the drawing's. It holds while\n"
+        f"# the servos have these homing offsets: {offsets}.\n"
     )
     ids = [motor.id for motor in chain.values()]
-    return TakenOver(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors)
+    return TakenOver(note.join(_parted(text)), _with_ids(bus, ids, motors, chain), motors, said)
 
 
-def _of_the_arm(motors: dict[str, Motor]) -> dict[str, Motor]:
-    """Without wheels and second servos, by the names that a joint has where there are none."""
-    return {
-        key.removeprefix(ON_WHEELS): motor
-        for key, motor in motors.items()
-        if not key.startswith(WHEELS) and not key.endswith(SHADOW)
-    }
-
-
-def _base_to_wrist(motors: dict[str, Motor]) -> dict[str, Motor]:
-    """By the joints' names, whatever ids somebody gave their servos; where names are others, ids
-    have to do."""
-    if not set(motors) - set(TOOLS) <= set(JOINTS):
-        return dict(sorted(motors.items(), key=lambda motor: motor[1].id))
-    return {key: motors[key] for key in (*JOINTS, *TOOLS) if key in motors}
+def _commentable(text: str) -> str:
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def _bus(name: str) -> Bus:
@@ -134,11 +123,71 @@ def _check(
         if motor.range_min >= motor.range_max:
             expected = f"less than range_max, {motor.range_max}"
             raise BadInput(path, f"{key}.range_min", str(motor.range_min), expected)
-    for key, motor in chain.items():
+
+
+def _within_a_turn(path: Path, key: str, motor: Motor, kind: str) -> Motor:
+    """With its middle in the encoder's turn, beyond which a Dynamixel counts on."""
+    if (motor.range_min, motor.range_max) == (0, COUNTS):  # a whole turn, as some programs write it
+        return motor.model_copy(update={"range_max": COUNTS - 1})
+    if kind == "feetech":
+        if motor.range_min < 0:
+            expected = "0 or more, which a Feetech servo counts: calibrate it anew with LeRobot"
+            raise BadInput(path, f"{key}.range_min", str(motor.range_min), expected)
+        if motor.range_max >= COUNTS:
+            found = str(motor.range_max)
+            raise BadInput(path, f"{key}.range_max", found, f"less than {COUNTS}")
+        return motor
+    turns = (motor.range_min + motor.range_max) // 2 // COUNTS
+    least, most = (end - turns * COUNTS for end in (motor.range_min, motor.range_max))
+    return motor.model_copy(update={"range_min": least, "range_max": most})
+
+
+def _check_sweeps(
+    path: Path, chain: dict[str, Motor], joints: Sequence[Joint], short: Sequence[str]
+) -> list[str]:
+    """What is to be said of sweeps against the drawing's travel; raises `BadInput` for one whose
+    middle is no zero."""
+    said = []
+    for key in short:
+        if key not in chain:
+            raise BadInput(path, "--short-sweep", repr(key), f"one of {few(chain)}")
+    for (key, motor), joint in zip(chain.items(), joints, strict=True):
+        where = f"{key}.range_min … range_max"
+        swept = f"a sweep of {motor.sweep_deg:.0f}° ({motor.range_min} … {motor.range_max})"
         sweep = motor.range_max - motor.range_min
         if sweep < LEAST_SWEEP_COUNTS:
             expected = f"a sweep of {LEAST_SWEEP_COUNTS} or more, from stop to stop"
             raise BadInput(path, f"{key}.range_max - {key}.range_min", f"{sweep} counts", expected)
+        travel = _travel_deg(joint)
+        if travel is None:
+            continue
+        if motor.sweep_deg > SEAM_DEG and travel < STOPS_DEG:
+            expected = (
+                f"{travel:.0f}°, its travel: it was swept across the encoder's seam; move it to the"
+                " middle of its travel when LeRobot asks for that, and calibrate anew"
+            )
+            raise BadInput(path, where, swept, expected)
+        share = motor.sweep_deg / travel
+        if share < LEAST_SHARE and key not in short:
+            expected = (
+                f"{travel:.0f}°, its travel: calibrate anew with LeRobot from stop to stop, or say"
+                f" --short-sweep {key} if this joint of yours turns no farther"
+            )
+            raise BadInput(path, where, swept, expected)
+        if not LEAST_SHARE <= share <= MOST_SHARE:
+            said.append(
+                f"{key}: {swept}, and the drawing's travel is {travel:.0f}°;"
+                " the middle of the sweep is taken as the drawing's zero"
+            )
+    return said
+
+
+def _travel_deg(joint: Joint) -> float | None:
+    """From stop to stop as drawn; None of a joint without stops."""
+    if joint.min_deg is None or joint.max_deg is None:
+        return None
+    travel = joint.max_deg - joint.min_deg
+    return None if travel > 350.0 else travel
 
 
 def _check_offsets(path: Path, motors: dict[str, Motor], kind: str) -> None:

@@ -1,26 +1,51 @@
-"""A table with a row per joint, as a drawing or a spreadsheet has it, as an arm.toml."""
+"""A table with a row per joint, as a drawing or a spreadsheet has it, as an arm.toml.
+
+Its convention is the standard one, A = Rz(θ)·Tz(d)·Tx(a)·Rx(α), or the modified one (Craig 1986),
+Rx(α)·Tx(a)·Rz(θ)·Tz(d), whose row has α and a of the link before.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from armd.compensation.data.foreign_columns import ANGLES, LENGTHS, word_and_unit
-from armd.compensation.data.foreign_table import ForeignTable, read_table
+import numpy as np
+
+from armd.compensation.data.foreign.cells import number
+from armd.compensation.data.foreign.table import ForeignTable, read_table
+from armd.compensation.data.foreign.words import (
+    ANGLES,
+    LENGTHS,
+    NUMBERS,
+    OF_A_JOINT,
+    word_and_unit,
+)
+from armd.daemon.catalogue.chain_rows import DH, Rows, with_hayati, without_previous
 from armd.errors import BadInput
 from armd.files.toml_text import toml_text
 from armd.terminal.suggest import few, hint
 
 #: Keys of a joint that a table may have.
-ROW = (
-    "theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg", "min_deg", "max_deg", "counts_per_turn",
-    "temperature",
-)  # fmt: skip
+ROW = tuple(OF_A_JOINT)
 LENGTH_KEYS = ("d_mm", "a_mm")
-#: What a column that only counts the joints is called.
-NUMBERS = ("", "joint", "axis", "link", "no", "nr", "i", "j", "k", "row", "gelenk", "achse")
-GREEK = str.maketrans({"θ": "theta", "ϑ": "theta", "α": "alpha", "β": "beta"})
+#: The conventions, and what a row is in each.
+CONVENTIONS = {
+    "standard": "Rz(theta) Tz(d) Tx(a) Rx(alpha)",
+    "modified": "Rx(alpha) Tx(a) Rz(theta) Tz(d), alpha and a of the link before (Craig)",
+}
+#: Columns in this order are Craig's, or somebody's who has them so in the standard convention.
+CRAIGS_ORDER = ["alpha_deg", "a_mm", "d_mm", "theta_deg"]
+#: A header's index: a_{i-1}, alpha i-1.
+_PREVIOUS = re.compile(r"[ _]*[({\[]?\s*[ijkn]\s*[-−–]\s*1\s*[)}\]]?")
+_INDEX = re.compile(r"(?<=[a-zA-Zθαβ])_\{?[ijkn]\}?(?=$|[ (\[])")
+#: A last row of this name is no joint.
+_AFTER_THE_LAST = re.compile(r"flange|flansch|tcp|tool|werkzeug|ee|end.?effector|hand|tip", re.I)
+#: A joint's own angle as a drawing writes it, with what is added to it: q2, θ_2 - 90°.
+_VARIABLE = re.compile(r"(?:q|θ|theta)_?\d*\*?\s*([+-]\s*[\d.]+)?\s*°?", re.I)
 #: A length of an arm, all links together, that is a slip of the unit: the smallest arm that armd
 #: knows has 0.4 m; the largest, in m, has 4.
 SHORTEST_MM = 20.0
@@ -29,73 +54,136 @@ RIGHT_ANGLES_RAD = (math.pi / 2, math.pi)
 IN_DEGREES = {"deg": 1.0, "rad": 180.0 / math.pi}
 
 
-def from_rows(path: Path) -> tuple[str, list[str]]:
-    """The text of arm.toml, and what was assumed; raises `BadInput`."""
+@dataclass(frozen=True)
+class Columns:
+    """Where a joint's keys stand in the table, and what a number of each is multiplied by."""
+
+    at: dict[str, tuple[int, float]]
+    said: list[str]
+    previous: bool  # a header's index is i-1
+    names: int | None  # the column that names or counts the joints
+
+
+def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]]:
+    """The text of arm.toml, and what was assumed; raises `BadInput`.
+
+    *convention*: "standard" or "modified"; without it as the headers say, or the standard one.
+    """
     table = read_table(path)
-    columns, said = _columns(table)
-    if not any(name in columns for name in LENGTH_KEYS):
+    columns = _columns(table)
+    said = columns.said
+    if not any(name in columns.at for name in LENGTH_KEYS):
         expected = "a column d_mm or a_mm: an arm without lengths reaches nowhere"
         raise BadInput(path, "the header", few(table.header), expected)
-    if "alpha_deg" not in columns:
+    if "alpha_deg" not in columns.at:
         expected = "a column alpha_deg too, with 0 where an axis is parallel to the one before"
         raise BadInput(path, "the header", few(table.header), expected)
+    convention = convention or _convention(table, columns)
     for name in ("theta_deg", "d_mm", "a_mm"):
-        if name not in columns:
+        if name not in columns.at:
             said.append(f"{name}: there is no such column, it is 0 in each joint")
-    joints = [
-        {
-            name: _value(table, number, at, name, factor)
-            for name, (at, factor) in columns.items()
-            if row[at]
-        }
-        for number, row in enumerate(table.rows)
-    ]
-    for name in ("theta_deg", "d_mm", "a_mm", "alpha_deg"):
+    joints = [_joint(table, row, columns) for row in range(len(table.rows))]
+    after = _after_the_last(table, columns, joints, said)
+    for name in DH[:4]:
         empty = [
-            str(k) for k, joint in enumerate(joints, 1) if name in columns and name not in joint
+            str(k) for k, joint in enumerate(joints, 1) if name in columns.at and name not in joint
         ]
         if empty:
             said.append(f"{name}: empty for joint {', '.join(empty)}, which makes it 0")
-    said.append(_size_of(table, columns, joints))
-    sensors = dict.fromkeys(str(joint["temperature"]) for joint in joints if "temperature" in joint)
-    content = {
+    said.append(_size_of(table, columns.at, joints))
+    said.append(f"rows are read in the {convention} convention, {CONVENTIONS[convention]}")
+    rows = Rows(joints, after)
+    if convention == "modified":
+        rows = without_previous(rows, said)
+    rows = with_hayati(rows, said)
+    return _text(rows, said), said
+
+
+def _text(rows: Rows, said: list[str]) -> str:
+    """arm.toml; *said* gets where the tip is at zero angles, by which a person sees it is right."""
+    said.append(f"the tip at zero angles: {rows.tip_text()}")
+    sensors = dict.fromkeys(str(j["temperature"]) for j in rows.joints if "temperature" in j)
+    content: dict[str, Any] = {
         "schema": "armd.arm/1",
         "serial_number": "ARM-1",
+        "gravity": rows.gravity(),
         "temperature_sensor": [{"name": name} for name in sensors],
-        "joint": joints,
-        "tip": {"offset_mm": [0.0, 0.0, 0.0], "radius_mm": 0.0},
+        "joint": rows.joints,
+        "tip": {"offset_mm": rows.tip_offset(), "radius_mm": 0.0},
     }
     if not sensors:
         del content["temperature_sensor"]
-    return toml_text(content), said
+    if content["gravity"] == [0.0, 0.0, -1.0]:
+        del content["gravity"]
+    return toml_text(content)
 
 
-def _columns(table: ForeignTable) -> tuple[dict[str, tuple[int, float]], list[str]]:
-    """A joint's key → where it stands in the table, and what a number of it is multiplied by."""
+def _convention(table: ForeignTable, columns: Columns) -> str:
+    """As the headers say it; raises `BadInput` where their order is Craig's and nothing else."""
+    if columns.previous:
+        columns.said.append("alpha and a have the index i-1: the table is of the modified form")
+        return "modified"
+    order = sorted(
+        (name for name in columns.at if name in CRAIGS_ORDER), key=columns.at.__getitem__
+    )
+    if order == CRAIGS_ORDER:
+        found = "columns in the order of modified rows (alpha, a, d, theta)"
+        expected = (
+            "--modified, if alpha and a are of the link before (Craig, as Franka has them),"
+            " or --standard"
+        )
+        raise BadInput(table.path, "the header", found, expected)
+    return "standard"
+
+
+def _joint(table: ForeignTable, row: int, columns: Columns) -> dict[str, Any]:
+    return {
+        name: _value(table, row, at, name, factor)
+        for name, (at, factor) in columns.at.items()
+        if table.rows[row][at]
+    }
+
+
+def _after_the_last(
+    table: ForeignTable, columns: Columns, joints: list[dict[str, Any]], said: list[str]
+) -> dict[str, Any] | None:
+    """The last row, if it is named as no joint is: taken out of *joints*."""
+    if columns.names is None or not _AFTER_THE_LAST.fullmatch(table.rows[-1][columns.names]):
+        return None
+    said.append(f"the row {table.rows[-1][columns.names]!r} is no joint: it places the tip")
+    return joints.pop()
+
+
+def _columns(table: ForeignTable) -> Columns:
     found: dict[str, tuple[int, float]] = {}
     said = list(table.assumed)
-    by_word = {word_and_unit(name)[0]: name for name in ROW[:-2]} | {
-        name.replace("_", ""): name for name in ROW[-2:]
-    }
+    previous, names = False, None
+    by_word = {word_and_unit(name)[0]: name for name in ROW[:-2]}
+    by_word |= {word: name for name, words in OF_A_JOINT.items() for word in words}
     for at, header in enumerate(table.header):
-        word, unit = word_and_unit(header.translate(GREEK))
+        plain = _INDEX.sub("", _PREVIOUS.sub("", header))
+        word, unit = word_and_unit(plain)
         if header in ROW:
             name = header
         elif word in NUMBERS:
+            names = at if names is None else names
             continue
-        elif (told := by_word.get(word)) is None:
+        elif (meant := by_word.get(word)) is None:
             raise BadInput(
                 table.path, "the header", repr(header), f"a key of a joint{hint(header, ROW)}"
             )
         else:
-            name = told
+            name = meant
             taken = "" if unit else _taken(name)
             said.append(f"{name} is the column {header!r}{taken}")
+            if name in ("alpha_deg", "a_mm"):
+                previous = previous or _PREVIOUS.search(header) is not None
         if name in found:
             both = f"{table.header[found[name][0]]!r} and {header!r}"
             raise BadInput(table.path, name, f"two columns, {both}", "one")
         found[name] = (at, _factor(table, header, name, unit))
-    return {name: found[name] for name in ROW if name in found}, said
+    in_order = {name: found[name] for name in ROW if name in found}
+    return Columns(in_order, said, previous, names)
 
 
 def _taken(name: str) -> str:
@@ -107,7 +195,7 @@ def _taken(name: str) -> str:
 def _size_of(
     table: ForeignTable,
     columns: Mapping[str, tuple[int, float]],
-    joints: Sequence[Mapping[str, str | float]],
+    joints: Sequence[Mapping[str, Any]],
 ) -> str:
     """How long the arm is; raises `BadInput` where its units cannot be armd's."""
     for name in ("theta_deg", "alpha_deg"):
@@ -132,7 +220,11 @@ def _factor(table: ForeignTable, header: str, name: str, unit: str) -> float:
     if name.endswith("_mm"):
         units = LENGTHS
     elif name.endswith("_deg"):
-        units = {word: IN_DEGREES[meant] for word, meant in ANGLES.items() if meant in IN_DEGREES}
+        units = {
+            word: factor * IN_DEGREES[meant]
+            for word, (meant, factor) in ANGLES.items()
+            if meant in IN_DEGREES
+        }
     if not units or not unit:
         return 1.0
     if unit not in units:
@@ -145,11 +237,13 @@ def _value(table: ForeignTable, row: int, at: int, name: str, factor: float) -> 
     cell = table.rows[row][at]
     if name == "temperature":
         return cell
-    try:
-        value = float(cell)
-    except ValueError as error:
-        where = f"row {row + 1}, column {table.header[at]}"
-        raise BadInput(table.path, where, repr(cell), "a number") from error
+    value = number(cell)
+    if name == "theta_deg" and (variable := _VARIABLE.fullmatch(cell)):
+        value = float((variable[1] or "0").replace(" ", ""))
+    if value is None:
+        raise table.fault(row, at, "a number, in numerals")
+    if not math.isfinite(value):
+        return 0.0
     if name == "counts_per_turn":
         return int(value)
-    return round(factor * value, 9)  # 17.5 in are 444.5 mm, and no digits of 2⁻⁵³ after
+    return float(np.round(factor * value, 9))  # 17.5 in are 444.5 mm, no digits of 2⁻⁵³ after

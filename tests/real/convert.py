@@ -86,7 +86,7 @@ def ball_in_socket(source: Path, robot: str, out: Path) -> None:
     """A ball on the flange, seated in two sockets 50 mm apart, at several places of the table."""
     out.mkdir(parents=True, exist_ok=True)
     rows, tip = rows_and_tip(source / "urdf" / ROBOTS[robot], "ball_link")
-    _write_arm(out / "arm.toml", robot, rows, tip)
+    _write_arm(out / "arm.toml", robot, rows[:, :4], tip)  # β of printed quarter turns: 2e-4°
     angles, placements, targets = [], [], []
     for place in sorted((source / robot).iterdir()):
         for hole in (0, 1):

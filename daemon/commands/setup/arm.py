@@ -30,6 +30,7 @@ from armd.errors import BadInput
 from armd.files.outputs import ARM, add_force, check_same
 from armd.files.schema import validate
 from armd.files.writing import check_place, write_whole
+from armd.terminal.printable import printable
 
 MICROSCRIBE = "MicroScribe 3D, 3DX, 3DL, G or G2: the factory's geometry, read from the arm"
 
@@ -61,6 +62,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--arm", default="so101", metavar="NAME", help="of import-lerobot: which arm (so101)"
     )
+    parser.add_argument(
+        "--prefix", metavar="NAME_", help="of import-lerobot: of the arm's motors, as left_arm_"
+    )
+    parser.add_argument(
+        "--short-sweep", action="append", default=[], metavar="JOINT",
+        help="of import-lerobot: this joint turns no farther than it was swept",
+    )  # fmt: skip
     add_force(parser)
 
 
@@ -74,8 +82,10 @@ def run(args: argparse.Namespace) -> int:
     if args.name == "import-lerobot":
         if args.file is None:
             raise BadInput("armd arm", "import-lerobot", "no file", "CALIBRATION.json")
-        taken = take_over(args.file, args.arm)
+        taken = take_over(args.file, args.arm, args.prefix, args.short_sweep)
         text, bus = taken.text, taken.bus
+        for sentence in () if args.quiet else taken.said:
+            print(f"armd: {printable(sentence)}", file=sys.stderr)
     elif args.name == "microscribe":
         return _microscribe(args)
     else:

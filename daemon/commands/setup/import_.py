@@ -8,11 +8,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from armd.compensation.data.foreign_columns import LENGTHS, find_columns
-from armd.compensation.data.foreign_table import read_table
-from armd.compensation.data.session import load_session
+from armd.compensation.data.foreign.columns import NORMALISED, FoundColumns, Given, find_columns
+from armd.compensation.data.foreign.table import read_table
+from armd.compensation.data.foreign.words import LENGTHS
+from armd.compensation.data.session import TABLES, load_session
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.model.arm import Arm, load_arm
+from armd.daemon.catalogue.xml_tree import ROBOTS
 from armd.errors import BadInput
 from armd.files.outputs import (
     ARM,
@@ -26,8 +28,7 @@ from armd.files.outputs import (
 from armd.files.writing import write_whole
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
-
-ALL = "1"
+from armd.terminal.printable import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,11 +41,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="which column is which, where its name does not say so: q1='Joint one'",
     )  # fmt: skip
     table.add_argument("--sheet", metavar="NAME", help="of a workbook (the first)")
-    table.add_argument("--angle-unit", choices=["rad", "deg", "count"], help="(by the header)")
+    angles = table.add_mutually_exclusive_group()
+    angles.add_argument("--angle-unit", choices=["rad", "deg", "count"], help="(by the header)")
+    angles.add_argument(
+        "--lerobot", type=Path, metavar="CALIBRATION.json",
+        help="angles are LeRobot's, -100 to 100 of the sweeps in its calibration",
+    )  # fmt: skip
     table.add_argument("--length-unit", choices=list(LENGTHS), help="of x, y, z (by the header)")
     table.add_argument("--started", type=_instant, metavar="TIME", help="2026-03-01T09:00 (UTC)")
     table.add_argument(
-        "--artefact", type=Path, metavar="FILE.toml", help="its [artefact] (unknown fixed points)"
+        "--artefact",
+        type=Path,
+        metavar="FILE",
+        help="its [artefact], a .toml, or its certificate's table (unknown fixed points)",
     )
     table.add_argument("--operator", metavar="NAME", help="who measured; reports name him or her")
     urdf = parser.add_argument_group("a URDF")
@@ -69,30 +78,33 @@ def _instant(text: str) -> datetime.datetime:
 
 
 def run(args: argparse.Namespace) -> int:
-    if args.table.suffix.lower() in (".urdf", ".xml"):
+    if args.table.suffix.lower() in ROBOTS:
         return _urdf(args)
     if args.arm is None:
         raise BadInput("the command line", "--arm", "nothing", "the arm.toml measured with")
     arm = load_arm(args.arm)
+    artefact = None if args.artefact is None else _artefact(args)
     with aside(args).status("reading the table …"):
         table = read_table(args.table, args.sheet)
-    found = find_columns(table, arm, dict(args.column), args.angle_unit, args.length_unit)
-    told = [*table.assumed, *found.said]
+    given = Given(
+        dict(args.column),
+        NORMALISED if args.lerobot else args.angle_unit,
+        args.length_unit,
+        args.started,
+        [] if artefact is None else [target["name"] for target in artefact["target"]],
+    )
+    found = find_columns(table, arm, given)
+    said = [*table.assumed, *found.said]
+    if args.lerobot:
+        said.append(_from_lerobot(args.lerobot, arm, found))
     n = len(table.rows)
-    for name in ("placement", "target"):
-        if name not in found.texts:
-            found.texts[name] = [ALL] * n
-            told.append(f"there is no column for the {name}: all rows have the same")
-    if "time_s" not in found.numbers:
-        found.numbers["time_s"] = [float("nan")] * n
-        told.append("there is no column of times: when each row was read is unknown")
-    content = _content(args, arm, found.angle_unit, found.texts["target"], told)
+    content = _content(args, arm, found, artefact, said)
     names = ["time_s", "placement", "target", *arm_columns(found.numbers)]
     columns = {name: (found.numbers | found.texts)[name] for name in names}
     with aside(args).status("writing the session …"):
         _write(args, arm, content, columns)
-    for sentence in () if args.quiet else told:
-        print(f"armd: {sentence}")
+    for sentence in () if args.quiet else said:
+        print(f"armd: {printable(sentence)}")
     targets = counted(len(set(found.texts["target"])), "target")
     print(f"armd: {args.output}: {counted(n, 'reading')}, {targets}")
     return 0
@@ -104,34 +116,63 @@ def arm_columns(numbers: dict[str, list[float]]) -> list[str]:
 
 
 def _content(
-    args: argparse.Namespace, arm: Arm, angle_unit: str, targets: list[str], told: list[str]
+    args: argparse.Namespace,
+    arm: Arm,
+    found: FoundColumns,
+    artefact: dict[str, Any] | None,
+    said: list[str],
 ) -> dict[str, Any]:
-    started = args.started
+    started = found.started or args.started
     if started is None:
         modified_s = int(args.table.stat().st_mtime)
         started = datetime.datetime.fromtimestamp(modified_s, datetime.UTC)
-        told.append(
+        said.append(
             f"measured when the file was last changed: {started:%Y-%m-%d %H:%M}Z (--started)"
         )
-    if args.artefact is not None:
-        from armd.daemon.files.session_folder import load_artefact
-
-        artefact = load_artefact(args.artefact, []).model_dump(
-            mode="json", by_alias=True, exclude_none=True
-        )
-    else:
-        artefact = {
-            "name": args.table.stem,
-            "target": [{"name": t} for t in dict.fromkeys(targets)],
-        }
-        told.append("the targets are fixed points at unknown places (--artefact FILE.toml)")
+    elif args.started is None:
+        said.append(f"the first reading: {started:%Y-%m-%d %H:%M:%S}Z")
+    if artefact is None:
+        names = dict.fromkeys(found.texts["target"])
+        artefact = {"name": args.table.stem, "target": [{"name": name} for name in names]}
+        said.append("the targets are fixed points at unknown places (--artefact FILE)")
     return {
         "schema": "armd.session/1",
         "arm": arm.serial_number,
         "started": started,
-        "angle_unit": angle_unit,
+        "angle_unit": found.angle_unit,
         "artefact": artefact,
     } | ({"operator": args.operator} if args.operator else {})
+
+
+def _artefact(args: argparse.Namespace) -> dict[str, Any]:
+    """The `[artefact]` of a TOML file, or of a certificate's table."""
+    from armd.daemon.files.artefact_table import artefact_of_table
+    from armd.daemon.files.session_folder import load_artefact
+
+    if args.artefact.suffix.lower() in TABLES:
+        artefact, said = artefact_of_table(args.artefact)
+        for sentence in () if args.quiet else said:
+            print(f"armd: {printable(sentence)}")
+    else:
+        artefact = load_artefact(args.artefact, [])
+    content: dict[str, Any] = artefact.model_dump(mode="json", by_alias=True, exclude_none=True)
+    return content
+
+
+def _from_lerobot(path: Path, arm: Arm, found: FoundColumns) -> str:
+    """Angles of LeRobot's normalised positions, in place; what was done, in a sentence."""
+    from armd.daemon.catalogue.lerobot_file import Normalised
+
+    sweeps = Normalised(path, found.joints)
+    counts = all(joint.counts_per_turn == 4096 for joint in arm.joint)
+    for name in found.joints:
+        found.numbers[name] = [
+            sweeps.count(name, value) if counts else sweeps.degrees(name, value)
+            for value in found.numbers[name]
+        ]
+    found.angle_unit = "count" if counts else "deg"
+    how = "counts of its servos" if counts else "degrees from the middle of each sweep"
+    return f"-100 to 100 of the sweeps in {path.name} became {how}"
 
 
 def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns: Any) -> None:
@@ -140,7 +181,7 @@ def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns:
     if args.output.exists() and any(args.output.iterdir()) and not args.force:
         raise BadInput(args.output, "-o", "a folder that is not empty", "a new one (or --force)")
     for name in SESSION_FILES if args.output.is_dir() else ():
-        inputs = [args.table, args.arm, args.artefact]
+        inputs = [args.table, args.arm, args.artefact, args.lerobot]
         check_outputs({"-o": (args.output / name, SESSION)}, inputs, args.force)
     with tempfile.TemporaryDirectory() as scratch:
         trial = Path(scratch) / args.output.name
@@ -155,11 +196,10 @@ def _write(args: argparse.Namespace, arm: Arm, content: dict[str, Any], columns:
 def _urdf(args: argparse.Namespace) -> int:
     from armd.daemon.catalogue.urdf import arm_toml
 
-    text = arm_toml(args.table, args.tip_link)
+    text, said = arm_toml(args.table, args.tip_link)
     check_same(args.output, text, ARM, args.force, [args.table])
     write_whole(args.output, text)
-    load_arm(args.output)
-    print(
-        f"armd: {args.output}: written; its tip's radius and its encoders' counts are yours to say"
-    )
+    for sentence in () if args.quiet else said:
+        print(f"armd: {printable(sentence)}")
+    print(f"armd: {args.output}: written; add the tip's radius and the encoders' counts per turn")
     return 0

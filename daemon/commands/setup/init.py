@@ -16,7 +16,8 @@ from armd.daemon.catalogue.known import (
     with_joint,
     with_serial_number,
 )
-from armd.daemon.catalogue.rows import ROW, from_rows
+from armd.daemon.catalogue.rows import CONVENTIONS, ROW, from_rows
+from armd.daemon.catalogue.xml_tree import ROBOTS
 from armd.daemon.config import load_config
 from armd.errors import BadInput
 from armd.files.outputs import ARM, OutputKind, add_force, check_output_folder, check_same
@@ -69,6 +70,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"a known arm ({', '.join(KNOWN)}), FILE.urdf, or a table of rows: {', '.join(ROW)}",
     )  # fmt: skip
     parser.add_argument("--tip-link", metavar="LINK", help="of a URDF: the link that touches")
+    convention = parser.add_mutually_exclusive_group()
+    for name, text in CONVENTIONS.items():
+        convention.add_argument(
+            f"--{name}", dest="convention", action="store_const", const=name,
+            help=f"of a table of rows: its convention is {text}",
+        )  # fmt: skip
     parser.add_argument("--serial-number", metavar="NAME", help="what to call this arm")
     parser.add_argument("--port", help="where it is plugged in")
     parser.add_argument(
@@ -116,20 +123,21 @@ def _arm(args: argparse.Namespace) -> tuple[str, Bus | None]:
     """arm.toml's text, and the bus of an arm that is known."""
     source = Path(args.start_from)
     bus = None
-    if source.suffix.lower() == ".urdf":
+    said: list[str] = []
+    if source.suffix.lower() in ROBOTS:
         from armd.daemon.catalogue.urdf import arm_toml  # scipy, only for this
 
-        text = arm_toml(source, args.tip_link)
+        text, said = arm_toml(source, args.tip_link)
     elif source.suffix:
-        text, said = from_rows(source)
-        for sentence in () if args.quiet else said:
-            print(f"armd: {sentence}")
+        text, said = from_rows(source, args.convention)
     else:
         name = args.start_from.lower().replace("_", "-")
         if name not in KNOWN:
             expected = f"FILE.urdf, FILE.csv, or a known arm{hint(name, KNOWN)}"
             raise BadInput("the command line", "--from", args.start_from, expected)
         text, bus = arm_text(name), KNOWN[name]
+    for sentence in () if args.quiet else said:
+        print(f"armd: {sentence}")
     joints = tomllib.loads(text)["joint"]
     unsaid = [k for k, joint in enumerate(joints, 1) if "counts_per_turn" not in joint]
     for k in unsaid:

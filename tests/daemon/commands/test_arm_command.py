@@ -316,7 +316,7 @@ def test_the_second_servo_of_a_joint_is_not_read(tmp_path: Path) -> None:
     source, path = tmp_path / "viperx.json", tmp_path / "arm.toml"
     names = ["waist", "shoulder", "shoulder_shadow", "elbow", "elbow_shadow", "forearm_roll"]
     names += ["wrist_angle", "wrist_rotate", "gripper"]
-    motor = {"drive_mode": 0, "homing_offset": 70_000, "range_min": 100, "range_max": 4000}
+    motor = {"drive_mode": 0, "homing_offset": 70_000, "range_min": 900, "range_max": 3200}
     source.write_text(json.dumps({key: {"id": k, **motor} for k, key in enumerate(names, 1)}))
     command = ["arm", "import-lerobot", str(source), "-o", str(path), "--arm", "vx300s"]
     assert cli.main([*command, "--port", "/dev/ttyUSB0"]) == 0

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from armd.compensation.data.foreign_table import read_table
+from armd.compensation.data.foreign.table import read_table
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
@@ -161,7 +161,7 @@ def test_the_header_is_found_below_what_a_program_says_of_itself(bench: Bench, a
     assert code == 0
     assert bench.session().n == 2
     line = above.count("\n") + 1
-    assert (f"line {line} is the header; what stands above it is left out" in told) == bool(above)
+    assert (f"line {line} is the header; lines above it are skipped" in told) == bool(above)
 
 
 def test_an_artefact_of_which_only_a_length_is_known(bench: Bench) -> None:

@@ -1,0 +1,122 @@
+"""A table of readings as other programs write it: it is detected, and said, how it is to be read.
+
+CSV of any separator, with a decimal comma or point, in any usual encoding; Excel's .xlsx.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from armd.compensation.data.foreign.cells import (
+    Cells,
+    is_number,
+    mostly_numbers,
+    number,
+)
+from armd.compensation.data.foreign.text import read_text
+from armd.compensation.data.foreign.words import UNITLESS, UNITS, word_and_unit
+from armd.compensation.data.foreign.workbook import EXCEL, read_workbook
+from armd.errors import BadInput
+from armd.terminal.suggest import few
+
+
+@dataclass
+class ForeignTable:
+    """Cells as text; a number has a point."""
+
+    path: Path
+    header: list[str]
+    rows: list[list[str]]
+    assumed: list[str] = field(default_factory=list)
+    """How it was read: a sentence each."""
+
+    def number(self, row: int, column: int) -> float:
+        """A cell's number, NaN where it is missing; raises `BadInput`."""
+        value = number(self.rows[row][column])
+        if value is None:
+            raise self.fault(row, column, "a number")
+        return value
+
+    def fault(self, row: int, column: int, expected: str) -> BadInput:
+        """What is wrong with one cell."""
+        where = f"row {row + 1}, column {self.header[column]}"
+        return BadInput(self.path, where, repr(self.rows[row][column]), expected)
+
+
+def read_table(path: Path, sheet: str | None = None) -> ForeignTable:
+    """Raises `BadInput` for what is no table with a header."""
+    if path.suffix.lower() in EXCEL:
+        cells, assumed = read_workbook(path, sheet)
+    elif path.suffix.lower() == ".xls":
+        raise BadInput(path, "the file", "Excel's format of before 2007", "it saved as .xlsx")
+    elif sheet is not None:
+        raise BadInput(path, "--sheet", repr(sheet), "a workbook (.xlsx), which has sheets")
+    else:
+        cells, assumed = read_text(path)
+    begin = _header(cells)
+    if begin is not None and mostly_numbers(cells[begin]):
+        raise _without_header(path, begin, cells[begin])
+    if begin is None or begin + 1 == len(cells):
+        raise BadInput(path, "the table", "no rows", "a header and one row per reading")
+    header = [cell.strip() for cell in cells[begin]]
+    while header and not header[-1]:
+        header.pop()
+    if begin:
+        assumed.append(f"line {begin + 1} is the header; lines above it are skipped")
+    header, first = _with_units(path, header, cells, begin + 1, assumed)
+    rows = []
+    for line, row in enumerate(cells[first:], first + 1):
+        if not any(row):
+            continue
+        if any(row[len(header) :]):
+            raise BadInput(path, f"line {line}", f"{len(row)} columns", f"{len(header)}")
+        rows.append([*row, *[""] * (len(header) - len(row))][: len(header)])
+    if not rows:
+        raise BadInput(path, "the table", "no rows", "a header and one row per reading")
+    return ForeignTable(path, header, rows, assumed)
+
+
+def _without_header(path: Path, begin: int, row: Sequence[str]) -> BadInput:
+    names = ",".join(f"q{k}" for k in range(1, len(row) + 1))
+    expected = f"a header: write a first line with the columns' names, as {names}"
+    return BadInput(path, f"line {begin + 1}", "numbers and no header", expected)
+
+
+def _header(cells: Cells) -> int | None:
+    """The line, from 0, of the header: above the first line of numbers the one with most cells, for
+    a program may write its name or a date above it; without such a line the first of several."""
+    lines = {i: row for i, row in enumerate(cells) if sum(map(bool, row)) > 1}
+    numbers = next((i for i, row in lines.items() if sum(map(is_number, row)) > 1), None)
+    above = {i: row for i, row in lines.items() if numbers is not None and i < numbers}
+    return max(above, key=lambda i: sum(map(bool, above[i])), default=next(iter(lines), None))
+
+
+def _with_units(
+    path: Path, header: list[str], cells: Cells, first: int, assumed: list[str]
+) -> tuple[list[str], int]:
+    """The header with the units of the line below it, if that is one of units, and the first row.
+
+    Raises `BadInput` for a line there that is neither units nor a reading.
+    """
+    filled = [i for i in range(first, len(cells)) if any(cells[i])]
+    if len(filled) < 2:
+        return header, first
+    row, below = cells[filled[0]], cells[filled[1]]
+    units = [cell.strip("[]() ").lower() for cell in row]
+    known = [unit in UNITS for unit in units]
+    plain = [not unit or unit in UNITLESS for unit in units]
+    if any(known) and all(k or p for k, p in zip(known, plain, strict=True)):
+        assumed.append(f"line {filled[0] + 1} has the columns' units")
+        units += [""] * (len(header) - len(units))
+        header = [
+            f"{name} [{unit}]" if unit in UNITS and not word_and_unit(name)[1] else name
+            for name, unit in zip(header, units, strict=False)
+        ]
+        return header, filled[0] + 1
+    if not any(map(is_number, row)) and mostly_numbers(below):
+        found = f"no numbers ({few(filter(None, row))})"
+        expected = "a reading, or units that armd knows: deg, rad, mm, s, °C, …"
+        raise BadInput(path, f"line {filled[0] + 1}", found, expected)
+    return header, first

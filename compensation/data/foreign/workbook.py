@@ -1,0 +1,123 @@
+"""The cells of one sheet of an Excel workbook, all that are there, within limits.
+
+A workbook is a zip of XML that others have written: what it would unpack to is looked at first, for
+a cell of hundreds of megabytes may come in some hundred kilobytes.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from armd.compensation.data.foreign.cells import (
+    MOST_CELLS,
+    MOST_COLUMNS,
+    MOST_LETTERS,
+    Cells,
+    check_size,
+    with_points,
+)
+from armd.errors import BadInput
+from armd.files.inputs import read_input
+from armd.terminal.suggest import few, hint
+
+EXCEL = (".xlsx", ".xlsm")
+MOST_BYTES = 64 << 20
+#: Of XML, all parts together: a million readings of ten columns take some 300 MB.
+MOST_UNPACKED = 1 << 29
+MOST_PARTS = 10_000
+#: Between two brackets of XML: a cell's text, with letters of four bytes and escaped ones.
+MOST_TEXT = 8 * MOST_LETTERS
+_BLOCK = 1 << 18
+
+
+def read_workbook(path: Path, sheet: str | None) -> tuple[Cells, list[str]]:
+    """Rows of stripped cells, and what was assumed, a sentence each; raises `BadInput`."""
+    try:
+        import openpyxl
+    except ImportError as error:
+        expected = "it installed (pip install openpyxl), or the sheet saved as CSV"
+        raise BadInput(path, "the package openpyxl", "nothing", expected) from error
+    content = read_input(path, MOST_BYTES)
+    try:
+        _check_parts(path, content)
+        book = openpyxl.load_workbook(io.BytesIO(content), read_only=True, data_only=True)
+        names = [name for name in book.sheetnames if hasattr(book[name], "iter_rows")]
+    except BadInput:
+        raise
+    except Exception as error:  # zip, XML, and openpyxl's own
+        raise _no_workbook(path, error) from error
+    if not names:
+        raise BadInput(path, "the file", "no sheet with cells", "a sheet with a table")
+    if sheet is not None and sheet not in names:
+        raise BadInput(path, "--sheet", repr(sheet), f"one of its sheets{hint(sheet, names)}")
+    chosen = sheet or names[0]
+    assumed = [] if sheet or len(names) == 1 else [_which_sheet(chosen, names)]
+    try:
+        cells = list(_rows(path, book[chosen]))
+    except BadInput:
+        raise
+    except Exception as error:
+        raise _no_workbook(path, error) from error
+    check_size(path, cells)
+    return with_points(cells, assumed), assumed  # as text a cell keeps the comma it came with
+
+
+def _rows(path: Path, sheet: Any) -> Iterator[list[str]]:
+    """Whatever the sheet says of its size, of which other programs write anything."""
+    sheet.reset_dimensions()
+    count = 0
+    for row in sheet.iter_rows(values_only=True):
+        while row and row[-1] is None:
+            row = row[:-1]
+        if len(row) > MOST_COLUMNS:
+            raise BadInput(path, "the sheet", f"{len(row)} columns", f"{MOST_COLUMNS} at most")
+        count += 1 + len(row)
+        if count > MOST_CELLS:
+            raise BadInput(path, "the sheet", f"over {MOST_CELLS} cells", f"{MOST_CELLS} at most")
+        yield ["" if cell is None else str(cell).strip() for cell in row]
+
+
+def _which_sheet(chosen: str, names: list[str]) -> str:
+    rest = few(name for name in names if name != chosen)
+    return f"the readings are on the sheet {chosen!r} (--sheet; there is also {rest})"
+
+
+def _no_workbook(path: Path, error: Exception) -> BadInput:
+    what = " ".join(str(error).split()) or type(error).__name__
+    return BadInput(path, "the file", f"no workbook that can be read ({what})", "an .xlsx file")
+
+
+def _check_parts(path: Path, content: bytes) -> None:
+    """Raises `BadInput` for a workbook that unpacks to more than any person's."""
+    with zipfile.ZipFile(io.BytesIO(content)) as parts:
+        listed = parts.infolist()
+        if len(listed) > MOST_PARTS:
+            raise BadInput(path, "the file", f"{len(listed)} parts", f"{MOST_PARTS} at most")
+        unpacked = sum(part.file_size for part in listed)
+        if unpacked > MOST_UNPACKED:
+            found = f"{unpacked} bytes of XML in {len(content)} bytes"
+            raise BadInput(path, "the file", found, f"{MOST_UNPACKED} at most")
+        for part in listed:
+            if part.filename.endswith((".xml", ".rels")):
+                with parts.open(part) as xml:
+                    _check_xml(path, part.filename, xml)
+
+
+def _check_xml(path: Path, name: str, xml: Any) -> None:
+    """No declaration of entities, and no text between brackets longer than a cell's."""
+    since = 0
+    before = b""
+    while block := xml.read(_BLOCK):
+        if b"<!DOCTYPE" in before + block or b"<!ENTITY" in before + block:
+            raise BadInput(path, name, "a document type or entity", "a workbook's plain XML")
+        first, *others = block.split(b"<")
+        longest = max(since + len(first), *map(len, others)) if others else since + len(first)
+        if longest > MOST_TEXT:
+            expected = f"{MOST_LETTERS} letters at most, Excel's own limit"
+            raise BadInput(path, name, f"a cell of {longest} bytes or more", expected)
+        since = len(others[-1]) if others else since + len(first)
+        before = block[-16:]

@@ -1,0 +1,109 @@
+"""Rows of an arm's chain, changed from one form into another that places every point alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.estimate.gauge import PARALLEL_DEG
+from armd.daemon.catalogue.axes import axes_of_rows, rows_of_axes, turn
+
+#: A row's parameters in arm.toml, in the order in which armd applies them.
+DH = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
+OF_THE_LINK = DH[2:]
+#: A row longer than this, in mm, is of axes that are nearly parallel: no arm is so long.
+TOO_LONG_MM = 10_000.0
+#: Digits of a length in mm and an angle in degrees that are no more than rounding.
+PLACES = 9
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Joints as arm.toml has them, in armd's convention unless said otherwise."""
+
+    joints: list[dict[str, Any]]
+    after: Mapping[str, Any] | None = None  # a row after the last joint, without an angle
+    first: Sequence[float] = (0.0, 0.0, 0.0)  # a, α, β before the first joint
+
+    def tip_offset(self) -> list[float]:
+        """mm, in the last joint's frame: where the row after the last joint ends."""
+        if self.after is None:
+            return [0.0, 0.0, 0.0]
+        theta, d, a = (float(self.after.get(name, 0.0)) for name in DH[:3])
+        x, y = a * math.cos(math.radians(theta)), a * math.sin(math.radians(theta))
+        return [round(value, PLACES) + 0.0 for value in (x, y, d)]
+
+    def gravity(self) -> list[float]:
+        """Its direction in armd's base frame, the first axis's."""
+        down = self._turned().T @ np.array([0.0, 0.0, -1.0])
+        return [round(value, 12) + 0.0 for value in down.tolist()]
+
+    def tip_text(self) -> str:
+        """`(805, 0, 1180) mm …`: in the table's base frame, at zero angles."""
+        _, _, end = axes_of_rows(_parameters(self.joints))
+        tip = end + _last_frame(self.joints) @ np.array(self.tip_offset())
+        point = np.array([self.first[0], 0.0, 0.0]) + self._turned() @ tip
+        shown = ", ".join(f"{round(x, 3) + 0.0:.10g}" for x in point.tolist())
+        return f"({shown}) mm in the table's base frame"
+
+    def _turned(self) -> F64:
+        """The rotation (3, 3) of armd's base frame in the table's."""
+        _, alpha, beta = self.first
+        return turn(0, alpha) @ turn(1, beta)
+
+
+def without_previous(rows: Rows, said: list[str]) -> Rows:
+    """Modified rows as standard ones: a, α, β stand one row up, with the link that they shape."""
+    shifted: list[dict[str, Any]] = []
+    after = rows.after or {}
+    for joint, link in zip(rows.joints, [*rows.joints[1:], after], strict=True):
+        own = {key: value for key, value in joint.items() if key not in OF_THE_LINK}
+        shifted.append(own | {key: link[key] for key in OF_THE_LINK if key in link})
+    first = [float(rows.joints[0].get(name, 0.0)) for name in OF_THE_LINK]
+    if any(first):
+        said.append(
+            "armd's base frame stands on the first axis, after the first row's alpha and a;"
+            " gravity is turned with it"
+        )
+    rest = {key: after[key] for key in DH[:2] if key in after}
+    return Rows(shifted, rest or None, first)
+
+
+def with_hayati(rows: Rows, said: list[str]) -> Rows:
+    """Rows of nearly parallel axes, kilometres long, as Hayati's, with a β and no length d."""
+    parameters = _parameters(rows.joints)
+    nearly = [
+        0.0 < abs(math.sin(math.radians(row[3]))) < math.sin(math.radians(PARALLEL_DEG))
+        for row in parameters[:-1]
+    ]
+    if not any(nearly) or max(abs(x) for row in parameters for x in row[1:3]) < TOO_LONG_MM:
+        return rows
+    origins, axes, tip = axes_of_rows(parameters)
+    frame = _last_frame(rows.joints)
+    offset = tip + frame @ np.array(rows.tip_offset())
+    made, made_tip = rows_of_axes(origins, axes, offset, np.array([1.0, 0.0, 0.0]))
+    joints = []
+    for joint, row in zip(rows.joints, made.tolist(), strict=True):
+        values = {name: round(x, PLACES) + 0.0 for name, x in zip(DH, row, strict=True)}
+        joints.append(joint | values)
+    said.append("nearly parallel axes have Hayati's rows, with beta_deg and without a long d_mm")
+    x, y, z = (round(value, PLACES) + 0.0 for value in made_tip.tolist())
+    theta, a = math.degrees(math.atan2(y, x)), math.hypot(x, y)
+    return replace(rows, joints=joints, after={"theta_deg": theta, "d_mm": z, "a_mm": a})
+
+
+def _parameters(joints: Sequence[Mapping[str, Any]]) -> list[list[float]]:
+    return [[float(joint.get(name, 0.0)) for name in DH] for joint in joints]
+
+
+def _last_frame(joints: Sequence[Mapping[str, Any]]) -> F64:
+    """Rotation (3, 3) of the frame after the last joint, at zero angles."""
+    rotation: F64 = np.eye(3)
+    for theta, _, _, alpha, beta in _parameters(joints):
+        rotation = rotation @ turn(2, theta) @ turn(0, alpha) @ turn(1, beta)
+    return rotation

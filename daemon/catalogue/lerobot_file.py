@@ -1,0 +1,144 @@
+"""LeRobot's calibration files: the motors of one arm, and its normalised positions.
+
+LeRobot keeps one JSON per robot: name of a motor → id, drive mode, homing offset, and the smallest
+and the greatest raw position to which a hand has swept the joint, offset included.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, RootModel
+
+from armd.compensation.data.foreign.words import joint_name
+from armd.errors import BadInput
+from armd.files.inputs import MOST_JSON_BYTES, read_input
+from armd.files.schema import Strict, json_data, validate
+from armd.terminal.suggest import few
+
+COUNTS = 4096
+DEG_PER_COUNT = 360 / COUNTS
+MIDDLE = 2048  # the raw position that armd counts as 0
+TOOLS = ("gripper", "trigger")  # motors that are no joint of the chain
+WHEELS = "base_"  # LeKiwi's, under its arm
+SHADOW = "_shadow"  # the second servo of a joint that has two: the first one is read
+#: LeRobot's names of an SO-100's, SO-101's, Koch's and OMX's joints, base to wrist.
+JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+#: A ViperX's and WidowX's.
+OTHER_JOINTS = (
+    "waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate",
+)  # fmt: skip
+
+
+class Motor(Strict):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    id: Annotated[int, Field(ge=0, le=252)]
+    drive_mode: Literal[0, 1]
+    homing_offset: int
+    range_min: Annotated[int, Field(ge=-(1 << 20), le=1 << 20)]
+    range_max: Annotated[int, Field(ge=-(1 << 20), le=1 << 20)]
+
+    @property
+    def sweep_deg(self) -> float:
+        """From the least to the greatest position that it was moved to."""
+        return (self.range_max - self.range_min) * DEG_PER_COUNT
+
+
+class CalibrationFile(RootModel[dict[str, Motor]]):
+    model_config = ConfigDict(frozen=True)
+
+
+class Normalised:
+    """LeRobot's -100 to 100 of a joint's sweep, back to the servo's positions."""
+
+    def __init__(self, path: Path, headers: dict[str, str]) -> None:
+        """*headers*: q1 → the column of a log, whose name has the motor's in it.
+
+        Raises `BadInput` for a joint that the calibration does not have.
+        """
+        motors = read_motors(path)
+        self._motors = {}
+        for name, header in headers.items():
+            meant = [m for key, m in motors.items() if _named_alike(key, header)]
+            alike = [m for key, m in motors.items() if joint_name(key) == joint_name(header)]
+            if len(meant or alike) != 1:
+                raise BadInput(path, f"the motor of {header!r}", few(motors), "one of its name")
+            self._motors[name] = (meant or alike)[0]
+
+    def count(self, name: str, value: float) -> float:
+        """The position from raw 2048, as the servo counts; LeRobot negates where it turns round."""
+        motor = self._motors[name]
+        turned = -value if motor.drive_mode == 1 else value
+        sweep = motor.range_max - motor.range_min
+        return motor.range_min + (turned + 100.0) / 200.0 * sweep - MIDDLE
+
+    def degrees(self, name: str, value: float) -> float:
+        """From the middle of the sweep, signed as LeRobot has it."""
+        return value / 200.0 * self._motors[name].sweep_deg
+
+
+def _named_alike(key: str, header: str) -> bool:
+    """Whether the log's column *header* is exactly the motor *key*'s."""
+    return re.fullmatch(rf"(?:observation\.state\.)?{re.escape(key)}(?:\.pos)?", header) is not None
+
+
+def read_motors(path: Path) -> dict[str, Motor]:
+    """Every motor of a calibration; raises `BadInput` for another program's file, by its name."""
+    data = json_data(path, read_input(path, MOST_JSON_BYTES))
+    if isinstance(data, dict) and isinstance(data.get("homing_offset"), list):
+        found = "LeRobot's format of before June 2025, whose zero is another"
+        raise BadInput(path, "the file", found, "a calibration made anew by LeRobot of today")
+    if isinstance(data, dict) and any(str(key).startswith("servos_") for key in data):
+        found = "phosphobot's calibration"
+        raise BadInput(
+            path, "the file", found, "LeRobot's: calibrate the arm with lerobot-calibrate"
+        )
+    if not isinstance(data, dict) or not any(_like_a_motor(value) for value in data.values()):
+        expected = "a LeRobot calibration: motors, each with id, range_min, range_max, …"
+        raise BadInput(path, "the file", "another kind of JSON", expected)
+    return validate(path, data, CalibrationFile).root
+
+
+def _like_a_motor(value: Any) -> bool:
+    return isinstance(value, dict) and bool(
+        {"range_min", "range_max", "homing_offset"} & set(value)
+    )
+
+
+def motors_of_arm(path: Path, motors: dict[str, Motor], prefix: str | None) -> dict[str, Motor]:
+    """Without wheels, heads, second servos and other arms, by the names that a joint has alone."""
+    motors = {
+        key: motor
+        for key, motor in motors.items()
+        if not key.endswith(SHADOW) and not key.startswith(WHEELS)
+    }
+    arms: dict[str, dict[str, Motor]] = defaultdict(dict)
+    for key, motor in motors.items():
+        for name in sorted((*JOINTS, *OTHER_JOINTS, *TOOLS), key=len, reverse=True):
+            if key == name or key.endswith(f"_{name}"):
+                arms[key.removesuffix(name)][name] = motor
+                break
+    arms = {begin: arm for begin, arm in arms.items() if not set(arm) <= set(TOOLS)}
+    begins = sorted(arms)
+    if prefix is not None:
+        begins = [begin for begin in begins if begin.rstrip("_") == prefix.rstrip("_")]
+        if len(begins) != 1:
+            raise BadInput(path, "--prefix", repr(prefix), f"one of {few(sorted(arms))}")
+    if len(begins) > 1:
+        found = f"those of {len(begins)} arms ({few(begins)})"
+        expected = f"one arm: {' or '.join(f'--prefix {begin}' for begin in begins)}"
+        raise BadInput(path, "the motors", found, expected)
+    return arms[begins[0]] if begins and (begins[0] or prefix is not None) else motors
+
+
+def base_to_wrist(motors: dict[str, Motor]) -> dict[str, Motor]:
+    """By the joints' names, whatever ids somebody gave their servos; where names are others, ids
+    have to do."""
+    for joints in (JOINTS, OTHER_JOINTS):
+        if set(motors) - set(TOOLS) <= set(joints):
+            return {key: motors[key] for key in (*joints, *TOOLS) if key in motors}
+    return dict(sorted(motors.items(), key=lambda motor: motor[1].id))

@@ -1,0 +1,116 @@
+"""An artefact's certificate as a table: a row per target, or per length between two of them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from armd.compensation.data.foreign.table import ForeignTable, read_table
+from armd.compensation.data.foreign.words import LENGTHS, WORDS, word_and_unit
+from armd.compensation.data.session_format import Artefact
+from armd.errors import BadInput
+from armd.files.schema import validate
+from armd.terminal.suggest import few
+
+#: Columns of uncertainty, and the standard one's share of it: certificates state U with k = 2.
+UNCERTAINTY = {
+    **dict.fromkeys(("u", "standarduncertainty", "standarduncertaintymm", "uc", "sigma"), 1.0),
+    **dict.fromkeys(("expandeduncertainty", "uk2", "u95", "uncertaintyk2"), 0.5),
+}
+AXES = ("x", "y", "z")
+LENGTH = ("length", "distance", "laenge", "länge", "abstand", "lengthmm", "distancemm")
+FROM = ("from", "a", "first", "von", "sphere1", "ball1", "target1", "point1", "between")
+TO = ("to", "b", "second", "bis", "sphere2", "ball2", "target2", "point2", "and")
+
+
+def artefact_of_table(path: Path) -> tuple[Artefact, list[str]]:
+    """The artefact that a certificate's table describes, and what was assumed, a sentence each.
+
+    Columns: a name and x, y, z, or two names and a length; optionally an uncertainty. Raises
+    `BadInput`.
+    """
+    table = read_table(path)
+    said = list(table.assumed)
+    content: dict[str, Any] = {"name": path.stem}
+    columns: dict[str, int] = {}
+    for at, header in enumerate(table.header):
+        word = word_and_unit(header)[0]
+        for name, words in (("length", LENGTH), ("from", FROM), ("to", TO)):
+            if word in words:
+                columns.setdefault(name, at)
+        if word in AXES:
+            columns.setdefault(word, at)
+        elif WORDS.get(word) == "target" and word not in (*FROM, *TO):
+            columns.setdefault("name", at)
+        elif _uncertainty(header) is not None:
+            columns.setdefault("uncertainty", at)
+    if columns.keys() >= {"name", *AXES}:
+        content["target"] = [_target(table, i, columns) for i in range(len(table.rows))]
+    elif columns.keys() >= {"from", "to", "length"}:
+        content["distance"] = [_distance(table, i, columns) for i in range(len(table.rows))]
+    else:
+        expected = "columns name, x, y, z, or from, to, length"
+        raise BadInput(path, "the header", few(table.header), expected)
+    for name, at in columns.items():
+        said.append(f"{name} of the artefact is the column {table.header[at]!r}")
+    if "uncertainty" in columns:
+        share = _uncertainty(table.header[columns["uncertainty"]])
+        how = "standard uncertainties" if share == 1.0 else "expanded uncertainties, halved (k = 2)"
+        said.append(f"the certificate's uncertainties are read as {how}")
+    unused = [h for at, h in enumerate(table.header) if h and at not in columns.values()]
+    if unused:
+        said.append(f"left out of the artefact: {', '.join(unused)}")
+    said.append("the artefact's expansion is taken as 0: expansion_per_k in session.toml")
+    return validate(path, content, Artefact), said
+
+
+def _uncertainty(header: str) -> float | None:
+    """What a standard uncertainty is of a column's numbers, or None for another column."""
+    word, _ = word_and_unit(header)
+    if word == "u":  # a capital U is the expanded one (GUM 6.2)
+        return 0.5 if header.strip()[:1] == "U" else 1.0
+    return UNCERTAINTY.get(word)
+
+
+def _mm(table: ForeignTable, row: int, at: int) -> float:
+    unit = word_and_unit(table.header[at])[1] or "mm"
+    if unit not in LENGTHS:
+        where = f"column {table.header[at]}"
+        raise BadInput(table.path, where, f"the unit {unit!r}", f"one of {few(LENGTHS)}")
+    value = LENGTHS[unit] * table.number(row, at)
+    if not math.isfinite(value):
+        raise table.fault(row, at, "a number")
+    return round(value, 12)
+
+
+def _name(table: ForeignTable, row: int, at: int) -> str:
+    name = table.rows[row][at]
+    if not name:
+        raise table.fault(row, at, "the name of a target")
+    return name
+
+
+def _with_uncertainty(
+    table: ForeignTable, row: int, columns: dict[str, int], content: dict[str, Any]
+) -> dict[str, Any]:
+    at = columns.get("uncertainty")
+    if at is None or not table.rows[row][at]:
+        return content
+    share = _uncertainty(table.header[at]) or 1.0
+    return content | {"standard_uncertainty_mm": share * _mm(table, row, at)}
+
+
+def _target(table: ForeignTable, row: int, columns: dict[str, int]) -> dict[str, Any]:
+    cells = [table.rows[row][columns[axis]] for axis in AXES]
+    target: dict[str, Any] = {"name": _name(table, row, columns["name"])}
+    if not any(cells):
+        return target  # an unknown fixed point
+    target["position_mm"] = [_mm(table, row, columns[axis]) for axis in AXES]
+    return _with_uncertainty(table, row, columns, target)
+
+
+def _distance(table: ForeignTable, row: int, columns: dict[str, int]) -> dict[str, Any]:
+    between = [_name(table, row, columns[end]) for end in ("from", "to")]
+    length = {"between": between, "length_mm": _mm(table, row, columns["length"])}
+    return _with_uncertainty(table, row, columns, length)
