@@ -12,6 +12,7 @@ from pathlib import Path
 
 from armd.compensation.data.foreign.cells import (
     MOST_CELLS,
+    MOST_COLUMNS,
     Cells,
     check_size,
     is_number,
@@ -36,6 +37,9 @@ def read_text(path: Path) -> tuple[Cells, list[str]]:
     text, assumed = _decoded(path)
     lines = [line for line in text.splitlines() if line.strip()]
     separator = max(SEPARATORS, key=lambda mark: _how_well(lines, mark))
+    widest = 1 + max((line.count(separator) for line in lines), default=0)
+    if widest > MOST_COLUMNS:
+        raise BadInput(path, "the table", f"{widest} columns", f"{MOST_COLUMNS} at most")
     spaces = max(SPACES, key=lambda mark: _share_of_numbers(lines, mark))
     # Of two kinds of spaces alike, names of several words stay whole.
     by_spaces = _share_of_numbers(lines, spaces) > _share_of_numbers(lines, re.escape(separator))
