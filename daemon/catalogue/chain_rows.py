@@ -1,4 +1,4 @@
-"""Rows of an arm's chain, changed from one form into another that places every point alike."""
+"""ChainRows of an arm's chain, changed from one form into another that places every point alike."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PLACES = 9
 
 
 @dataclass(frozen=True)
-class Rows:
+class ChainRows:
     """Joints as arm.toml has them, in armd's convention unless said otherwise."""
 
     joints: list[dict[str, Any]]
@@ -57,7 +57,7 @@ class Rows:
         return turn(0, alpha) @ turn(1, beta)
 
 
-def without_previous(rows: Rows, said: list[str]) -> Rows:
+def without_previous(rows: ChainRows, said: list[str]) -> ChainRows:
     """Modified rows as standard ones: a, α, β stand one row up, with the link that they shape."""
     shifted: list[dict[str, Any]] = []
     after = rows.after or {}
@@ -71,11 +71,11 @@ def without_previous(rows: Rows, said: list[str]) -> Rows:
             " gravity is turned with it"
         )
     rest = {key: after[key] for key in DH[:2] if key in after}
-    return Rows(shifted, rest or None, first)
+    return ChainRows(shifted, rest or None, first)
 
 
-def with_hayati(rows: Rows, said: list[str]) -> Rows:
-    """Rows of nearly parallel axes, kilometres long, as Hayati's, with a β and no length d."""
+def with_hayati(rows: ChainRows, said: list[str]) -> ChainRows:
+    """ChainRows of nearly parallel axes, kilometres long, as Hayati's, with a β and no length d."""
     parameters = _parameters(rows.joints)
     nearly = [
         0.0 < abs(math.sin(math.radians(row[3]))) < math.sin(math.radians(PARALLEL_DEG))

@@ -24,7 +24,7 @@ from armd.compensation.data.foreign.words import (
     OF_A_JOINT,
     word_and_unit,
 )
-from armd.daemon.catalogue.chain_rows import DH, Rows, with_hayati, without_previous
+from armd.daemon.catalogue.chain_rows import DH, ChainRows, with_hayati, without_previous
 from armd.errors import BadInput
 from armd.files.toml_text import toml_text
 from armd.terminal.suggest import few, hint
@@ -92,14 +92,14 @@ def from_rows(path: Path, convention: str | None = None) -> tuple[str, list[str]
             said.append(f"{name}: empty for joint {', '.join(empty)}, which makes it 0")
     said.append(_size_of(table, columns.at, joints))
     said.append(f"rows are read in the {convention} convention, {CONVENTIONS[convention]}")
-    rows = Rows(joints, after)
+    rows = ChainRows(joints, after)
     if convention == "modified":
         rows = without_previous(rows, said)
     rows = with_hayati(rows, said)
     return _text(rows, said), said
 
 
-def _text(rows: Rows, said: list[str]) -> str:
+def _text(rows: ChainRows, said: list[str]) -> str:
     """arm.toml; *said* gets where the tip is at zero angles, by which a person sees it is right."""
     said.append(f"the tip at zero angles: {rows.tip_text()}")
     sensors = dict.fromkeys(str(j["temperature"]) for j in rows.joints if "temperature" in j)
