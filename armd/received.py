@@ -18,13 +18,15 @@ from typing import Any
 import zenoh
 
 from armd import keys
+from armd.joints import joints_dtype
 from armd.point import POINT
 
 #: Another publisher of the same arm is followed only after this silence: health comes each second.
 KEPT_S = 1.5
 MOST_JSON_BYTES = 1 << 20
-#: The shortest: a raw frame's header, a message of joints without a joint.
-LEAST_BYTES = {keys.RAW: 26, keys.JOINTS: 24}
+#: A raw frame's header.
+LEAST_RAW_BYTES = 26
+MOST_JOINTS = 20
 #: No arm reaches further, and no text of a number is longer.
 MOST_MM = 1e6
 MOST_DIGITS = 20
@@ -53,6 +55,11 @@ def _is_vector(n: int, most: float = math.inf) -> FormCheck:
         )
 
     return check
+
+
+def _is_covariance(value: Any) -> bool:
+    """xx xy xz yy yz zz, of which no variance is negative."""
+    return bool(_is_vector(6)(value)) and min(value[0], value[3], value[5]) >= 0.0
 
 
 def _is_list(check: FormCheck) -> FormCheck:
@@ -136,7 +143,7 @@ FORMS: dict[str, FormCheck] = {
             "position_mm": _is_optional(_is_place),
             "orientation": _is_optional(_is_vector(4)),
             "approach": _is_optional(_is_vector(3)),
-            "covariance_mm2": _is_optional(_is_vector(6)),
+            "covariance_mm2": _is_optional(_is_covariance),
             "standard_deviation_mm": _is_optional(_is_vector(3)),
             "count": _is_count,
             "flags": _is_bits,
@@ -208,8 +215,11 @@ def is_sound(what: str, payload: bytes) -> bool:
     """Whether *payload* has the form of what armd publishes on the key *what*."""
     if what == keys.POINT:
         return len(payload) == POINT.itemsize
-    if what in LEAST_BYTES:
-        return len(payload) >= LEAST_BYTES[what]
+    if what == keys.JOINTS:  # as many as it says, and no more than any arm has
+        n = int.from_bytes(payload[16:20], "little")
+        return 0 < n <= MOST_JOINTS and len(payload) == joints_dtype(n).itemsize
+    if what == keys.RAW:
+        return len(payload) >= LEAST_RAW_BYTES
     return json_object(what, payload) is not None
 
 

@@ -44,9 +44,10 @@ class Tips:
 
     def used_in(self, measurement: Mapping[str, Any]) -> CmmTip:
         """As it was known then, where the measurement tells it: it may be calibrated anew since."""
-        if measurement.get("tip_offset_mm") is None:
+        offset_mm, radius_mm = measurement.get("tip_offset_mm"), measurement.get("tip_radius_mm")
+        if offset_mm is None or radius_mm is None:
             return self.get(measurement["tip"])
-        return CmmTip(vector(measurement["tip_offset_mm"]), measurement["tip_radius_mm"])
+        return CmmTip(vector(offset_mm), radius_mm)
 
     def out_of_material(self, measurement: Mapping[str, Any]) -> Vector:
         """Unit vector: back along the travel before the rest, else the shaft's direction."""

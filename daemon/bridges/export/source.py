@@ -7,9 +7,9 @@ import io
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from armd import Arm, keys
 from armd.arrays import Vector
@@ -34,6 +34,18 @@ COLUMNS = (
 CLASH = "temperature_"
 
 
+def _has_variances(covariance: tuple[float, ...]) -> tuple[float, ...]:
+    if min(covariance[0], covariance[3], covariance[5]) < 0.0:
+        raise ValueError("a negative variance")
+    return covariance
+
+
+Covariance = Annotated[
+    tuple[float, float, float, float, float, float], AfterValidator(_has_variances)
+]
+"""xx xy xz yy yz zz, mm²."""
+
+
 class MeasurementLine(BaseModel):
     """One line as `armd/<serial>/measurement` has it; what later versions add is kept."""
 
@@ -43,7 +55,7 @@ class MeasurementLine(BaseModel):
     stamp_ns: int
     position_mm: Vector | None
     standard_deviation_mm: Vector | None = None
-    covariance_mm2: tuple[float, float, float, float, float, float] | None = None
+    covariance_mm2: Covariance | None = None
     orientation: tuple[float, float, float, float] | None = None
     approach: Vector | None = None
     angles_rad: list[float] | None = None

@@ -53,7 +53,7 @@ class Slots:
 
     def opens(self, stamp_ns: int) -> bool:
         slot = int(stamp_ns * self._per_ns)
-        if slot == self._last:
+        if slot == self._last or not messages.has_ros_time(stamp_ns):
             return False
         self._last = slot
         return True
@@ -93,6 +93,9 @@ class Bridge:
             points = stack.enter_context(self._arm.stream(keys.POINT))
             joints = stack.enter_context(self._arm.stream(keys.JOINTS))
             health = stack.enter_context(self._arm.stream(keys.HEALTH))
+            past = await in_thread(lambda: self._arm.past(keys.MEASUREMENT))
+            poses = map(self._as_pose, past)
+            self._measurement.put_past([pose for pose in poses if pose is not None])
             ready("ros2", self._settings.router)
             while True:
                 await asyncio.sleep(POLL_S)
@@ -148,16 +151,20 @@ class Bridge:
             self._joints.put(messages.joint_state(stamp_ns, names, angles, known))
 
     def _tell_measurement(self, measurement: dict[str, Any]) -> None:
-        if measurement["position_mm"] is None:
-            return
-        self._measurement.put(
-            messages.pose_with_covariance(
-                measurement["stamp_ns"],
-                self._settings.frame,
-                metres(measurement["position_mm"]),
-                measurement["orientation"],
-                square_metres(measurement["covariance_mm2"]),
-            )
+        if (message := self._as_pose(measurement)) is not None:
+            self._measurement.put(message)
+
+    def _as_pose(self, measurement: dict[str, Any]) -> bytes | None:
+        """None without a position, or with a time that ROS cannot write."""
+        stamp_ns = measurement["stamp_ns"]
+        if measurement["position_mm"] is None or not messages.has_ros_time(stamp_ns):
+            return None
+        return messages.pose_with_covariance(
+            stamp_ns,
+            self._settings.frame,
+            metres(measurement["position_mm"]),
+            measurement["orientation"],
+            square_metres(measurement["covariance_mm2"]),
         )
 
     def _tell_health(self, health: dict[str, Any]) -> None:
@@ -173,6 +180,9 @@ class Bridge:
         for flag, count in health["last_second"]["flagged"].items():
             values[flag] = str(count)
         text = f"{health['state']}: {health['reason']}"
+        stamp_ns = health["stamp_ns"]
+        if not messages.has_ros_time(stamp_ns):
+            stamp_ns = time.time_ns()
         self._tell_state(
             health["stamp_ns"], LEVELS.get(health["state"], messages.WARN), text, values
         )

@@ -39,6 +39,11 @@ OK, WARN, ERROR, STALE = range(4)
 HEADER = b"\x00\x01\x00\x00"
 
 
+def has_ros_time(stamp_ns: int) -> bool:
+    """Whether the seconds of a ROS time, 32 bits and signed, can hold it."""
+    return abs(stamp_ns) < 10**9 << 31
+
+
 @dataclass
 class Cdr:
     """Appends fields; alignment counts from behind the four bytes of the header."""

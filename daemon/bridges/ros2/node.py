@@ -6,6 +6,7 @@ import hashlib
 import re
 import struct
 import time
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import zenoh
@@ -45,6 +46,8 @@ class TopicPublisher:
     """One topic of a node."""
 
     def __init__(self, session: zenoh.Session, key: str, token: str, quality: Quality) -> None:
+        self._session, self._key, self._depth = session, key, quality.depth
+        self._past: ext.AdvancedPublisher | None = None
         # Never BEST_EFFORT: over one link with RELIABLE, receivers up to Zenoh 1.5.1 lose the rest.
         self._publisher: zenoh.Publisher | ext.AdvancedPublisher
         drop = zenoh.CongestionControl.DROP
@@ -66,9 +69,27 @@ class TopicPublisher:
         self._sequence = 0
 
     def put(self, message: bytes) -> None:
+        self._publisher.put(message, attachment=self._attachment())
+
+    def put_past(self, messages: Iterable[bytes]) -> None:
+        """For subscribers that want the past (transient local), now and later; no other hears it.
+
+        These come from a publisher of their own that sends to nobody and only answers, from its
+        cache, whoever asks for history.
+        """
+        self._past = ext.declare_advanced_publisher(
+            self._session,
+            self._key,
+            allowed_destination=zenoh.Locality.SESSION_LOCAL,
+            cache=ext.CacheConfig(max_samples=self._depth),
+            publisher_detection=True,
+        )
+        for message in messages:
+            self._past.put(message, attachment=self._attachment())
+
+    def _attachment(self) -> bytes:
         self._sequence += 1
-        attachment = struct.pack("<qqB16s", self._sequence, time.time_ns(), 16, self._gid)
-        self._publisher.put(message, attachment=attachment)
+        return struct.pack("<qqB16s", self._sequence, time.time_ns(), 16, self._gid)
 
 
 class RosNode:

@@ -123,16 +123,26 @@ def _own_log(serial: str | None) -> Path:
 
 
 def instant_ns(text: str) -> int:
-    """Without an offset it is UTC, as armd writes all its times."""
+    """Without an offset it is UTC, as armd writes all its times; raises `BadInput`."""
     try:
-        return round(float(text) * 1e9)
-    except ValueError:
-        pass
+        ns = round(float(text) * 1e9)
+    except (ValueError, OverflowError):
+        ns = _calendar_ns(text)
+    if abs(ns) < 1 << 63:
+        return ns
+    raise _no_instant(text)
+
+
+def _calendar_ns(text: str) -> int:
     try:
         instant = datetime.datetime.fromisoformat(text)
-    except ValueError as error:
-        expected = "a time as 2026-03-01T09:00:00Z, or Unix seconds"
-        raise BadInput("the command line", "--since", repr(text), expected) from error
-    if instant.tzinfo is None:
-        instant = instant.replace(tzinfo=datetime.UTC)
-    return round(instant.timestamp() * 1e9)
+        if instant.tzinfo is None:
+            instant = instant.replace(tzinfo=datetime.UTC)
+        return round(instant.timestamp() * 1e9)
+    except (ValueError, OverflowError) as error:
+        raise _no_instant(text) from error
+
+
+def _no_instant(text: str) -> BadInput:
+    expected = "a time as 2026-03-01T09:00:00Z, or Unix seconds"
+    return BadInput("the command line", "--since", repr(text[:40]), expected)

@@ -1,0 +1,106 @@
+"""Payloads on an arm's Zenoh keys: through the client's door into every bridge's hands."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from bridges.dme_bench import INFO, Bench
+from fuzz.doors import Door
+
+from armd import keys
+from armd.daemon.bridges import lines
+from armd.daemon.bridges.fleet import Fleet
+from armd.daemon.bridges.ros2.bridge import Bridge
+from armd.daemon.bridges.tips import Tips
+from armd.daemon.bridges.view import told
+from armd.received import is_sound, json_object
+from support.careless_network import EVENT, HEALTH, MEASUREMENT
+
+WHOLE = MEASUREMENT | {
+    "trigger": "button", "angles_rad": [0.1] * 6, "covariance_mm2": [1e-4, 0, 0, 1e-4, 0, 1e-4],
+    "standard_deviation_mm": [0.001] * 3, "tip_offset_mm": [0, 0, 100.0], "tip_radius_mm": 3.0,
+    "approach": [0, 0, -1], "temperatures_c": {"t1": 20.1, "t2": None}, "duration_s": 0.5,
+}  # fmt: skip
+TIP = {
+    "kind": "tip", "text": "now measuring with long", "stamp_ns": 1, "severity": "warning",
+    "detail": {"tip": "long", "offset_mm": [0, 0, 120.0], "radius_mm": 1.5},
+}  # fmt: skip
+
+
+class _Publisher:
+    def put(self, data: bytes) -> None:
+        assert isinstance(data, bytes)
+
+
+def ros2() -> Bridge:
+    """The bridge without its network."""
+    settings = SimpleNamespace(
+        rate_hz=100.0, namespace="arm", frame="arm_base", router="", domain=0
+    )
+    bridge = Bridge(SimpleNamespace(serial="S"), settings)  # type: ignore[arg-type]
+    for name in ("_point", "_pose", "_measurement", "_joints", "_tf", "_diagnostics"):
+        setattr(bridge, name, _Publisher())
+    return bridge
+
+
+def message_doors(folder: Path) -> Iterator[Door]:
+    tips = Tips(INFO)
+    machine = Bench(folder / "messages")
+    machine.type("00001 StartSession()", "00002 EnableUser()",
+                 "00003 OnPtMeasReport(X(),Y(),Z(),IJK(),ER(),Q())")  # fmt: skip
+    table = lines.template("{x:.3f};{sd_x_um};{u_x_um};{tip};{calibration};{count};{flag_names}")
+
+    def measurement(data: bytes) -> None:
+        content = json_object(keys.MEASUREMENT, data)
+        if content is None:
+            return
+        told.measurement(content)
+        fields = lines.of_measurement(content, tips, "S")
+        for form in (*lines.PRESETS.values(), table):
+            if fields is not None:
+                form(fields)
+        machine.session.take_measurement(content)
+        ros2()._tell_measurement(content)
+
+    def health(data: bytes) -> None:
+        content = json_object(keys.HEALTH, data)
+        if content is None:
+            return
+        fleet = Fleet()
+        fleet.note_token("S", True)
+        fleet.note_health("S", content)
+        json.dumps(fleet.rows(), allow_nan=False)
+        ros2()._tell_health(content)
+
+    def event(data: bytes) -> None:
+        content = json_object(keys.EVENT, data)
+        if content is None:
+            return
+        Fleet().note_event("S", content)
+        told.event(content)
+
+    def joints(data: bytes) -> None:
+        if is_sound(keys.JOINTS, data):
+            ros2()._tell_joints(data)
+
+    def info(data: bytes) -> None:
+        content = json_object(keys.INFO, data)
+        if content is not None:
+            Tips(content)
+
+    def seed(content: Any) -> bytes:
+        return json.dumps(content).encode()
+
+    whole = INFO | {"tip": None}
+    whole["arm"] = whole["arm"] | {"serial_number": "S", "joint": [{"a_mm": 1.0, "d_mm": 2.0}]}
+    angles = np.zeros(3).tobytes() + np.zeros(3, "<f4").tobytes()
+    yield Door("measurement", [seed(WHOLE), seed(MEASUREMENT)], measurement)
+    yield Door("health", [seed(HEALTH)], health)
+    yield Door("event", [seed(EVENT), seed(TIP)], event)
+    yield Door("joints", [bytes(16) + (3).to_bytes(4, "little") + bytes(4) + angles], joints)
+    yield Door("info", [seed(whole)], info)
