@@ -22,6 +22,7 @@ from zenoh import ext
 
 from support.running_bridge import PATIENCE_S
 from support.running_daemon import Daemon, free_endpoint, running_daemon
+from support.selection import parametrize_default
 from support.simulated_arm import simulated_arm
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -242,7 +243,7 @@ def test_the_arm_is_drawn(daemon: Daemon, tmp_path: Path) -> None:
     assert names == [f"joint_{k}" for k in range(1, 7)]
 
 
-@pytest.mark.parametrize(
+@parametrize_default(
     ("words", "said"),
     [
         ([], "--router: found nothing, expected the endpoint"),
@@ -250,6 +251,7 @@ def test_the_arm_is_drawn(daemon: Daemon, tmp_path: Path) -> None:
         (["--router", "tcp/h:1", "--namespace", "0-8"], "--namespace: found '0-8', expected"),
         (["--router", "tcp/h:1", "--rate", "0"], "--rate: found 0, expected"),
     ],
+    default=2,
 )
 def test_bad_usage(words: list[str], said: str) -> None:
     command = [sys.executable, "-m", "armd.daemon.cli", "ros2", *words]

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from armd.compensation.features.algebraic import LEAST_MM, algebraic_sphere
 from armd.compensation.features.fit import fit
 from armd.compensation.features.relate import angle, distance
+from support.selection import parametrize_default
 
 #: They tell a variance of a few unknowns within about 10 %, one sigma.
 TRIES = 80
@@ -104,7 +105,7 @@ def test_no_other_shape_is_nearer_to_the_points(shape):
         assert best.fun > own * (1 - 1e-7)
 
 
-@pytest.mark.parametrize("shape", ["point", *SHAPES])
+@parametrize_default("shape", ["point", *SHAPES], default=4)
 @pytest.mark.parametrize("known", [True, False], ids=["points", "scatter"])
 def test_the_uncertainty_is_that_of_many_repetitions(shape, known):
     """Stated covariance against the scatter of fits with fresh noise, alike or skewed."""

@@ -22,6 +22,7 @@ from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty
 from armd.compensation.verify.spheres import distances_from_sphere
 from armd.compensation.verify.verdict import judge
 from support.plain_kinematics import tip_pose
+from support.selection import parametrize_default
 
 Rows = list[list[str]]
 PLACEMENT, TARGET, Q2 = 1, 2, 4
@@ -78,7 +79,7 @@ def test_good_readings_are_not_told(good: Path, tmp_path: Path) -> None:
     assert verification.far_off == () and verification.remarks == ()
 
 
-@pytest.mark.parametrize("mm", [0.3, 4.0, 70.0, 350.0])
+@parametrize_default("mm", [0.3, 4.0, 70.0, 350.0])
 @pytest.mark.parametrize("where", READINGS)
 def test_a_reading_in_the_air_is_named_and_counts(
     good: Path, tmp_path: Path, where: str, mm: float

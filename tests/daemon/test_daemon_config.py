@@ -15,6 +15,7 @@ from armd.daemon.config import load_config
 from armd.daemon.network.session import open_session
 from armd.drivers.config import ReplayConfig
 from support.running_daemon import free_endpoint
+from support.selection import parametrize_default
 
 ARM = """
 schema = "armd.arm/1"
@@ -56,7 +57,7 @@ def test_paths_are_relative_to_the_file(tmp_path):
     assert config.driver.file == str(tmp_path / "nothing")
 
 
-@pytest.mark.parametrize(
+@parametrize_default(
     ("line", "said"),
     [
         ("colour = 1", "driver.colour: found an unknown key, expected one of the documented keys"),
@@ -78,6 +79,7 @@ def test_paths_are_relative_to_the_file(tmp_path):
         ("[tips.a]\noffset_mm = [1, 2]", "tips.a.offset_mm[3]: found nothing, expected this key"),
         ("kind = 'x'", "TOML: found Cannot overwrite a value"),
     ],
+    default=5,
 )
 def test_the_file_and_the_key_are_named(tmp_path, capsys, line, said):
     config = write(tmp_path, GOOD + line + "\n")

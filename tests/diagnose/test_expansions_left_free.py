@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -18,6 +17,7 @@ from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.pose_factors import Harmonic
 from armd.compensation.model.terms import Term
 from support import synthetic
+from support.selection import parametrize_default
 
 ARM = synthetic.arm()
 #: Less than 0.75 K in all: one temperature, no thermal model.
@@ -76,7 +76,7 @@ def found(sessions: tuple[Session, ...], order: int) -> list[tuple[str, str]]:
     return [finding.candidate.place for finding in diagnosis.found]
 
 
-@pytest.mark.parametrize(("celsius", "order"), [(ONE_C, 0), (CLOSE_C, 1)])
+@parametrize_default(("celsius", "order"), [(ONE_C, 0), (CLOSE_C, 1)])
 def test_plain_expansion_of_all_links_is_no_finding(celsius: tuple[float, ...], order: int) -> None:
     assert found(measured(2, celsius), order) == []
 

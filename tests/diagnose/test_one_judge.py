@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.diagnose.told.result import as_json
 from armd.compensation.identify.calibrate import Options, calibrate
 from support import synthetic
+from support.selection import parametrize_default
 
 ARM = synthetic.arm()
 READINGS = 240
@@ -31,7 +31,7 @@ def measured(seed: int, heavy: bool) -> tuple[Session, list[int]]:
     return replace(session, states=replace(session.states, q=q)), sorted((wrong + 1).tolist())
 
 
-@pytest.mark.parametrize("heavy", [False, True])
+@parametrize_default("heavy", [False, True])
 def test_both_name_the_same_rows(heavy: bool) -> None:
     session, wrong = measured(3, heavy)
     result = calibrate([session], ARM, Options(thermal_order=0))

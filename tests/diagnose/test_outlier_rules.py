@@ -10,6 +10,7 @@ from scipy.special import fdtri
 from armd.compensation.diagnose.fitting.outliers import find_outliers
 from armd.compensation.estimate import robust
 from armd.compensation.estimate.folds import blocks_of_time, whole_groups
+from support.selection import parametrize_default
 from support.small_fit import unit_noise
 
 N = 400
@@ -40,7 +41,7 @@ def test_one_reading_far_off_is_found_and_a_group_of_one_kind_too() -> None:
     assert found_in(left)[0] == group
 
 
-@pytest.mark.parametrize("freedom", [3.0, 4.0, 6.0, np.inf])
+@parametrize_default("freedom", [3.0, 4.0, 6.0, np.inf])
 def test_tails_alone_hold_no_outlier(freedom: float) -> None:
     """In hundred data sets, at most a few; one in a thousand is promised each look."""
     rng = np.random.default_rng(3)

@@ -72,6 +72,7 @@ def years() -> Years:
     return Years(sessions(4, 0), sessions(5, 10))
 
 
+@pytest.mark.slow
 def test_a_disc_that_was_off_its_axis_before_is_no_knock(years: Years) -> None:
     """What the constants took up of it looked like knocks of joints 3 and 5, both sure."""
     assert set(years.told((DISC,), (DISC,))) == {ECCENTRIC}

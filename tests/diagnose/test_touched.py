@@ -201,6 +201,7 @@ def test_a_session_that_scatters_more_moves_no_artefact(seed: int) -> None:
     assert find_touched(looked_at(shaken(seed))) is None
 
 
+@pytest.mark.slow
 def test_what_was_moved_is_found_beside_a_session_that_scatters_more() -> None:
     found = find_touched(looked_at(shaken(1, moved_mm=0.15)))
     assert found is not None

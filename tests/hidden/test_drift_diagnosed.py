@@ -35,6 +35,7 @@ def healthy() -> Any:
         return arm, [load_session(path, arm) for path in case.sessions]
 
 
+@pytest.mark.slow
 def test_a_zero_that_relaxes_has_its_time_constant(healthy: Any) -> None:
     arm, sessions = healthy
     start_s = sessions[0].states.time_s[0]

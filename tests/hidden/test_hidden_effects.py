@@ -151,6 +151,7 @@ def test_a_wrong_certificate_is_like_no_other_cause_and_as_large_as_it_is() -> N
     assert tip_rms_um(judged.diagnosis, 0) == pytest.approx(30.0 * np.sqrt(share), rel=0.2)
 
 
+@pytest.mark.slow
 def test_two_causes_are_told_apart() -> None:
     plants = [
         Plant("encoder_eccentricity", "joint 4", 1.5),

@@ -39,6 +39,7 @@ def run_design(case: HiddenCase, folder: Path) -> tuple[dict, list[dict[str, str
     return json.loads(out.read_text()), rows, page.read_text(), done.stdout
 
 
+@pytest.mark.slow
 def test_nothing_in_doubt_the_command_tightens_a_parameter_that_is_no_gauge(tmp_path) -> None:
     case = generate_case(tmp_path / "case", 1, [], CLEAN)
     result, rows, page, said = run_design(case, tmp_path)

@@ -28,6 +28,7 @@ from armd.simulator.campaigns.hidden import Design
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.plant import Plant
 from support.planting import planted, slip, wave
+from support.selection import parametrize_default
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def first(session: Session, n: int) -> Session:
     return session.rows(np.arange(session.n) < n)
 
 
-@pytest.mark.parametrize("n", [1, 2])
+@parametrize_default("n", [1, 2])
 def test_readings_that_their_placement_explains_are_refused(measured: Measured, n: int) -> None:
     arm, calibration = measured.arm, measured.calibration
     few = first(measured.sessions[0], n)
@@ -75,6 +76,7 @@ def test_many_copies_of_one_reading_are_one(measured: Measured) -> None:
         diagnose([copies], measured.arm, measured.calibration)
 
 
+@pytest.mark.slow
 def test_silence_of_few_readings_is_no_comfort(measured: Measured) -> None:
     few = diagnose([first(measured.sessions[0], 5)], measured.arm, measured.calibration)
     assert not few.found
@@ -106,6 +108,7 @@ def test_a_size_within_its_own_uncertainty_is_told_as_such(found: Diagnosis) -> 
     assert "The size of 1 is within its own uncertainty." in verdict(unsure)
 
 
+@pytest.mark.slow
 def test_what_has_no_name_has_no_causes_parameters(found: Diagnosis) -> None:
     (one,) = found.found
     nameless = replace(one, candidate=replace(one.candidate, cause="unknown"))
@@ -125,6 +128,7 @@ def test_a_correction_of_one_artefact_is_not_anothers(measured: Measured) -> Non
     assert stretch[session.n :] == pytest.approx(1.0, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_what_is_found_on_an_artefact_is_written_with_its_name(measured: Measured) -> None:
     sessions = [_expanding(session, 20e-6) for session in measured.sessions]
     diagnosis = diagnose(sessions, measured.arm, measured.calibration)

@@ -19,6 +19,7 @@ from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, constants_of
 from armd.errors import BadInput
+from support.selection import parametrize_default
 from support.synthetic import STARTED, disturbed, session
 from support.synthetic import arm as synthetic_arm
 
@@ -132,7 +133,7 @@ def test_out_of_the_order_of_time_with_lags(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("in_pieces")
-@pytest.mark.parametrize(
+@parametrize_default(
     ("break_it", "said"),
     [
         (lambda rows: [*rows[:1500], "0,P1,B1,zero" + rows[5][30:], *rows[1501:]], "row 1500"),
@@ -140,6 +141,7 @@ def test_out_of_the_order_of_time_with_lags(tmp_path: Path) -> None:
         (lambda rows: [*rows[:1500], rows[1500][: rows[1500].index(",")] + "\n"], "row 1500"),
         (lambda rows: rows[:1], "no readings"),
     ],
+    default=2,
 )
 def test_faults_are_told_alike(
     tmp_path: Path, break_it: Callable[[list[str]], list[str]], said: str | None

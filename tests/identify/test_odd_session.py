@@ -19,7 +19,7 @@ from armd.compensation.identify.admission.mistakes import joint_motion
 from armd.compensation.identify.calibrate import calibrate
 from armd.daemon.cli import main as armd
 from support import synthetic
-from support.selection import mark_rest_slow
+from support.selection import mark_rest_slow, parametrize_default
 
 NAMES = ("T14", "T20", "T26", "T32", "T38")
 
@@ -228,6 +228,7 @@ def test_a_lone_session_is_held_against_the_drawing(
     assert "under the drawing, and by" in told and "taken as inches" in told
 
 
+@pytest.mark.slow
 def test_fahrenheit_is_found_among_celsius(
     measured: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -295,7 +296,7 @@ def changed_once(
     return told
 
 
-@pytest.mark.parametrize("moved_mm", [(0.2, -0.3, 0.6), (4.0, 1.0, -35.0)])
+@parametrize_default("moved_mm", [(0.2, -0.3, 0.6), (4.0, 1.0, -35.0)])
 def test_another_stylus_is_told_with_its_offset(moved_mm: tuple[float, float, float]) -> None:
     told = changed_once(dict(zip(("tip_x", "tip_y", "tip_z"), moved_mm, strict=True)))
     found = re.search(r"with the tip moved by \((.*), (.*), (.*)\) mm in the last frame, by", told)

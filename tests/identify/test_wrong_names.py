@@ -81,6 +81,7 @@ def renamed(measured: Path) -> str:
     return told
 
 
+@pytest.mark.slow
 def test_rows_under_another_name_are_outliers_and_told(
     measured: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -15,6 +15,7 @@ from armd.compensation.interim.changes.growth import Growths
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.evidence.likelihood import known_errors, log_marginal
 from armd.compensation.interim.evidence.stack import Stack
+from support.selection import parametrize_default
 
 CHECKS, ROWS, FIRST = 40, 8, 8
 
@@ -37,7 +38,7 @@ def off_from(rng: np.random.Generator, first: int, until: int) -> tuple[Stack, l
     return Stack(days, residual, columns, known, targets, (slice(0, 1), slice(1, 2))), causes
 
 
-@pytest.mark.parametrize("seed", range(4))
+@parametrize_default("seed", range(4))
 def test_an_alarm_that_later_checks_refute_is_withdrawn(seed: int) -> None:
     staying, causes = off_from(np.random.default_rng(seed), FIRST, CHECKS)
     (change,) = find(staying, causes).changes

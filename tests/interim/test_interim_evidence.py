@@ -118,6 +118,7 @@ def turned(arm: Arm, constants: np.ndarray, q: np.ndarray, by: np.ndarray) -> np
     return forward(off, np.tile(constants, (len(q), 1)))[0]
 
 
+@pytest.mark.slow
 def test_tomorrows_poses_tell_a_doubtful_cause_from_its_rival(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -148,6 +148,7 @@ def test_the_order_of_adding_does_not_matter(checks: Path, kept: Path, tmp_path:
     assert (history / name).read_bytes() == (kept / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_what_is_remembered_of_earlier_checks_decides_nothing(copy: Path) -> None:
     """The report is the same with it, without it, and where it says something else."""
     told = reported(copy)
@@ -258,6 +259,7 @@ def test_a_check_dated_before_the_last_one_is_told_and_judged_by_its_date(
     assert reported(again) == reported(kept)
 
 
+@pytest.mark.slow
 def test_this_computers_clock_set_back_since_the_last_adding_is_refused(
     checks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -388,7 +390,7 @@ def test_a_file_is_no_history(checks: Path, tmp_path: Path) -> None:
         refused(tmp_path, "file: the history: found a file, expected a folder", call)
 
 
-@pytest.mark.parametrize("place", ["", "checks"])
+@parametrize_default("place", ["", "checks"])
 def test_a_folder_without_the_right_to_write_is_named(checks: Path, kept: Path, tmp_path: Path,
                                                       place: str) -> None:  # fmt: skip
     history = Path(shutil.copytree(kept, tmp_path / "history"))
@@ -466,6 +468,7 @@ def test_a_history_that_cannot_be_written_is_reported(kept: Path) -> None:
     assert "the index of joint 3 slipped" in done.stdout
 
 
+@pytest.mark.slow
 def test_two_that_add_at_once_wait_for_each_other(checks: Path, kept: Path, tmp_path: Path) -> None:
     """Different checks are both kept; the same check is kept by one, and the other is refused."""
     files = ("--arm", checks / "arm.toml", "--calibration", checks / "calibration.json")

@@ -67,6 +67,7 @@ def test_a_measurement_without_an_angle_has_no_position() -> None:
     assert np.isnan(found.uncertainty_mm[1]).all()
 
 
+@pytest.mark.slow
 def test_beyond_its_time_a_term_is_held_and_that_is_said() -> None:
     since, until = NOON + 1800.0, NOON + 3600.0 + 1800.0  # around the second of three
     growing: dict[str, Any] = {"since_unix_s": since, "until_unix_s": until}

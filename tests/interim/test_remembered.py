@@ -42,7 +42,7 @@ def with_a_bad_check(seed: int, bad: int) -> tuple[Stack, list[Any]]:
     return Stack(of.time_d, tuple(residual), of.columns, of.known, of.targets, of.blocks), causes
 
 
-@pytest.mark.parametrize("until", [1, 5, 9, 10, 11, 12, 13, 30])
+@parametrize_default("until", [1, 5, 9, 10, 11, 12, 13, 30], default=3)
 def test_watched_on_from_any_check_is_watched_from_the_first(until: int) -> None:
     of, causes = with_a_bad_check(3, 9)
     whole = watch(of, causes)
@@ -188,7 +188,7 @@ def test_any_edit_makes_another_state_of_the_code(tmp_path: Path) -> None:
     assert len({*found, code(renamed)}) == len(weighed) + 2
 
 
-@pytest.mark.parametrize("late", [0, 5, 13, 25, 38])
+@parametrize_default("late", [0, 5, 13, 25, 38])
 def test_a_check_dated_before_others_has_them_watched_again(tmp_path: Path, late: int) -> None:
     """What was remembered without it says what a search that remembers nothing says."""
     of, causes = off_from(np.random.default_rng(2), 12, 40)

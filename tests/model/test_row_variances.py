@@ -26,6 +26,7 @@ from armd.compensation.model.calibration import LoadedCalibration
 from armd.compensation.model.kinematics import jacobian
 from armd.compensation.model.parameters import ParameterLayout
 from armd.compensation.model.state import States
+from support.selection import parametrize_default
 
 N_JOINTS = 3
 NAMES = ParameterLayout(N_JOINTS).names
@@ -106,7 +107,7 @@ def celsius(kind: str, n: int) -> np.ndarray:
     return runs
 
 
-@pytest.mark.parametrize("kind", ["each row another", "constant", "in runs", "missing"])
+@parametrize_default("kind", ["each row another", "constant", "in runs", "missing"], default=2)
 @pytest.mark.parametrize(
     "terms", [TERMS, TERMS[:1], TERMS[2:3], []], ids=["all", "warm", "pose", "none"]
 )

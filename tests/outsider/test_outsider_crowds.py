@@ -18,8 +18,6 @@ from outsider.scene import Fault, Scene
 from outsider.seen import Seen
 from outsider.test_outsider_judge import finding, truth
 
-from support.selection import parametrize_default
-
 DISC = truth("", "encoder_eccentricity", "joint 3", "q3", plain_units=14.0)
 PLAY = truth("", "joint_backlash", "joint 3", "w3", "q3", "time_s", plain_units=13.0)
 WEAK = truth("", "gear_mesh", "joint 2", "q3", "q2", noise_units=7.9, plain_units=8.1)
@@ -101,6 +99,7 @@ def disc_of(phase: float, place: Scene) -> Fault:
     return Fault("", "", (), alter, "", shapes=place.waves_at(2, (q,)))
 
 
+@pytest.mark.slow
 def test_a_disc_beside_one_of_any_phase_leaves_nothing() -> None:
     """Of the other as it is, a quarter turn ahead, it leaves nearly all."""
     case = held_case()
@@ -141,7 +140,8 @@ def test_a_fault_is_where_it_alone_may_be() -> None:
         assert fault.location == "joint 2"
 
 
-@parametrize_default(("kind", "seed"), [("crowd", 100), ("one_joint", 104)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "seed"), [("crowd", 100), ("one_joint", 104)])
 def test_each_of_a_crowd_is_due_and_has_a_cause_of_its_own(kind: str, seed: int) -> None:
     """Alone on the arm, each has at least the noise units that it has beside the others."""
     case = draw(kind, seed)

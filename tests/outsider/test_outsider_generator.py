@@ -120,6 +120,7 @@ def test_friction_is_wound_up_to_the_side_of_approach_after_a_long_way() -> None
     assert not np.delete(fault.alter.encoder, joint, axis=1).any()
 
 
+@pytest.mark.slow
 def test_what_constants_and_placements_absorb_has_no_size() -> None:
     """A zero that moved and a base that moved before everything; and the first one again, beside
     sessions from before it, whose rows hold the constants."""
@@ -161,6 +162,7 @@ def test_exchanged_twice_is_as_it_was() -> None:
     assert not read_exchanged(whole, once, 1, 2).sensor.any()
 
 
+@pytest.mark.slow
 def test_a_link_that_is_late_is_so_from_each_session_on() -> None:
     case = draw("lag", 1)
     (k,) = np.flatnonzero(np.abs(case.alter.link).max(axis=0))
@@ -169,6 +171,7 @@ def test_a_link_that_is_late_is_so_from_each_session_on() -> None:
     assert not case.alter.link[begin].any()
 
 
+@pytest.mark.slow
 def test_nothing_planted_has_no_size() -> None:
     assert draw("doubled", 2).truth.noise_units == 0
 
@@ -183,6 +186,7 @@ def written(folder: Path, kind: str, seed: int) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 def test_kind_and_seed_say_all_of_a_case(tmp_path: Path) -> None:
     first = written(tmp_path / "first", "gross", 3)
     assert first == written(tmp_path / "again", "gross", 3)
@@ -190,6 +194,7 @@ def test_kind_and_seed_say_all_of_a_case(tmp_path: Path) -> None:
     assert {"arm.toml", "truth.json", "before-4/readings.csv", "further/session.toml"} <= set(first)
 
 
+@pytest.mark.slow
 def test_the_command_takes_the_files(tmp_path: Path) -> None:
     write(draw("disc", 3), tmp_path)
     folders = [path for path in tmp_path.iterdir() if path.is_dir()]
@@ -202,6 +207,7 @@ def test_the_command_takes_the_files(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_one_session_of_those_diagnosed_stood_on_a_floor_that_shook() -> None:
     case = draw("floor", 2)
     (session,) = np.unique(case.readings.session[case.seat_mm > case.machine.seat_mm])
@@ -211,6 +217,7 @@ def test_one_session_of_those_diagnosed_stood_on_a_floor_that_shook() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_artefact_is_read_once_in_each_placement(tmp_path: Path) -> None:
     write(draw("unread", 2), tmp_path)
     lines = (tmp_path / "further" / "readings.csv").read_text().splitlines()[1:]
@@ -220,6 +227,7 @@ def test_the_artefact_is_read_once_in_each_placement(tmp_path: Path) -> None:
     assert "expansion_per_k = 1.15e-05" in (tmp_path / "further" / "session.toml").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["old_disc", "old_sag"])
 def test_what_is_older_than_the_calibration_was_there_before_it(kind: str) -> None:
     case = draw(kind, 3)

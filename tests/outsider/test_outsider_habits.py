@@ -16,6 +16,8 @@ from outsider.files import write
 from outsider.judge import judge
 from outsider.made_up import four_joints, scene
 
+from support.selection import parametrize_default
+
 COLD_TO_WARM = np.arange(4.0)
 
 
@@ -83,6 +85,7 @@ def test_what_nobody_soaked_is_off_most_as_a_session_begins() -> None:
     assert not busy(case)[case.readings.session == case.plan.sessions - 1].any()
 
 
+@pytest.mark.slow
 def test_an_operator_presses_by_one_length_and_not_in_the_last_session() -> None:
     case = draw("pressed", 2)
     last = case.plan.sessions - 2
@@ -92,7 +95,7 @@ def test_an_operator_presses_by_one_length_and_not_in_the_last_session() -> None
     assert 0.01 < pressed[0] < 0.03
 
 
-@pytest.mark.parametrize("seed", [0, 2, 4])
+@parametrize_default("seed", [0, 2, 4])
 def test_targets_counted_backwards_are_the_artefacts_own(seed: int) -> None:
     """What is touched has the distances of the numbers counted backwards, grown by its warmth."""
     case = draw("numbered", seed)
@@ -104,6 +107,7 @@ def test_targets_counted_backwards_are_the_artefacts_own(seed: int) -> None:
     assert np.linalg.norm(case.alter.target[rows], axis=1).max() < 5.0
 
 
+@pytest.mark.slow
 def test_a_tracker_sees_the_points_rigidly_and_metres_away(tmp_path: Path) -> None:
     case = draw("tracker", 2)
     first = case.readings.placement == case.readings.placement[0]
@@ -147,6 +151,7 @@ def test_placements_may_be_of_5_12_and_all_other_readings_at_three_targets() -> 
     assert all(len(np.unique(first.target[first.placement == p])) == 3 for p in range(3))
 
 
+@pytest.mark.slow
 def test_a_room_is_kept_within_a_kelvin() -> None:
     case = draw("narrow", 0)
     air = [
@@ -156,7 +161,7 @@ def test_a_room_is_kept_within_a_kelvin() -> None:
     assert 0.3 < np.ptp(air) < 2.0
 
 
-@pytest.mark.parametrize("kind", ["latched", "glitch"])
+@parametrize_default("kind", ["latched", "glitch"])
 def test_few_rows_are_off_by_far(kind: str) -> None:
     case = draw(kind, 2)
     off = np.abs(case.alter.encoder).max(axis=1)
@@ -170,6 +175,7 @@ def test_a_hand_and_a_disc_at_once() -> None:
     assert case.alter.encoder.any() and busy(case).any()
 
 
+@pytest.mark.slow
 def test_what_is_true_of_a_mess_counts_for_nothing() -> None:
     said = {"cause": "tip_offset", "location": "tip", "probability": 1.0, "depends_on": ["time_s"]}
     other = said | {"cause": "encoder_slip", "location": "joint 2"}
@@ -184,6 +190,7 @@ def test_what_is_true_of_a_mess_counts_for_nothing() -> None:
     assert judge(unsoaked, {"findings": [unknown | {"depends_on": ["time_s", "q2"]}]}) != "right"
 
 
+@pytest.mark.slow
 def test_a_rest_read_four_times_has_one_posture_and_one_seat(tmp_path: Path) -> None:
     case = draw("repeats", 0)
     first = case.readings.only(case.readings.placement == 0)
@@ -199,6 +206,7 @@ def test_a_rest_read_four_times_has_one_posture_and_one_seat(tmp_path: Path) -> 
     assert np.abs(shown[4] - shown[0]).max() > 1e-2
 
 
+@pytest.mark.slow
 def test_a_room_for_calibrating_shows_no_growth_and_the_shop_floor_does() -> None:
     case = draw("shop_floor", 0)
     air = np.array(
@@ -209,6 +217,7 @@ def test_a_room_for_calibrating_shows_no_growth_and_the_shop_floor_does() -> Non
     assert np.ptp(air[:4]) < 2.0 < 4.0 < np.ptp(air[4:])
 
 
+@pytest.mark.slow
 def test_another_artefact_was_longer_before_the_calibration_only() -> None:
     case = draw("another", 0)
     before = case.readings.session < case.plan.before
@@ -219,6 +228,7 @@ def test_another_artefact_was_longer_before_the_calibration_only() -> None:
     assert 1e-5 < abs(share[0]) < 4e-5
 
 
+@pytest.mark.slow
 def test_rates_and_masses_that_nobody_wrote_down(tmp_path: Path) -> None:
     for kind in ("unsigned", "bare"):
         (tmp_path / kind).mkdir()

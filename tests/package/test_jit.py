@@ -13,6 +13,7 @@ import platformdirs
 import pytest
 
 from armd.compiled import library
+from support.selection import parametrize_default
 
 PROGRAM = """
 from armd.compiled.jit import jit
@@ -69,6 +70,7 @@ def test_what_was_compiled_is_found_again(tmp_path: Path) -> None:
     assert _run(tmp_path, str(cache)) == ("True", "0")
 
 
+@pytest.mark.slow
 def test_arms_of_other_joint_counts_share_a_cache(tmp_path: Path) -> None:
     """What one process compiled for three joints is not taken for another's of six."""
     program = tmp_path / "arms.py"
@@ -85,12 +87,13 @@ def test_arms_of_other_joint_counts_share_a_cache(tmp_path: Path) -> None:
     assert both == three + six
 
 
-@pytest.mark.parametrize("cache", ["/proc/none", "program.py"])
+@parametrize_default("cache", ["/proc/none", "program.py"])
 def test_without_a_cache_it_compiles_uncached(tmp_path: Path, cache: str) -> None:
     assert _run(tmp_path, cache) == ("False", "0")
     assert [path.name for path in tmp_path.iterdir()] == ["program.py"]
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_later_is_no_matter(tmp_path: Path) -> None:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))  # more than that: EFBIG

@@ -30,7 +30,7 @@ def test_ur10_reaches_its_mark(converted: Path, series: str) -> None:
     assert round(found, 2) <= marks.UR10_MM[series]
 
 
-@pytest.mark.parametrize("robot", list(ROBOTS))
+@parametrize_default("robot", list(ROBOTS), default=2)
 def test_seats_reach_their_mark_or_are_refused(converted: Path, robot: str) -> None:
     _, result, _, found = marks.seats(converted, robot)
     certificate = result.certificate

@@ -24,7 +24,6 @@ from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.calibration import Calibration
 from support.long_case import long_case
 from support.planting import rms_um
-from support.selection import parametrize_default
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +78,8 @@ def test_a_cause_has_sizes_that_it_can_have() -> None:
     assert possible(blow, np.array([0.5]))
 
 
-@parametrize_default(("robot", "seed"), [("panda_1", 0), ("panda_1", 2), ("kuka_14", 0)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("robot", "seed"), [("panda_1", 0), ("panda_1", 2), ("kuka_14", 0)])
 def test_no_cause_is_told_that_is_less_likely_than_another(
     folder: Path, robot: str, seed: int
 ) -> None:

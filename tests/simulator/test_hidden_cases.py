@@ -20,6 +20,7 @@ from armd.simulator.plants.draw import FOREIGN, FOREIGN_SIZE, draw_plant
 from armd.simulator.plants.plant import Plant, parse_plant
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
+from support.selection import parametrize_default
 from support.warmed_climate import warmed
 
 SMALL = Design(sessions=3, articulations=2, holdout=1)
@@ -65,8 +66,11 @@ def predicted_error(case: HiddenCase, measured: Measured, seed: int) -> np.ndarr
     return tip - certified - origins[measured.placement]
 
 
-@pytest.mark.parametrize(
-    "plant", CATALOGUE + FOREIGNERS + VARIANTS, ids=lambda p: f"{p.cause}-{dict(p.detail)}"
+@parametrize_default(
+    "plant",
+    CATALOGUE + FOREIGNERS + VARIANTS,
+    ids=lambda p: f"{p.cause}-{dict(p.detail)}",
+    default=12,
 )
 def test_what_is_planted_is_what_the_readings_err_by(plant: Plant, tmp_path: Path) -> None:
     """Read back without noise, residuals of the healthy arm's model are the stated effect."""
@@ -144,7 +148,7 @@ def test_kinds_of_noise_are_what_they_say(tmp_path: Path) -> None:
     assert neighbours(noise("wander")) > neighbours(noise("plain")) + 0.1
 
 
-@pytest.mark.parametrize("name", DESIGNS)
+@parametrize_default("name", DESIGNS, default=3)
 def test_every_design_can_be_measured(name: str, tmp_path: Path) -> None:
     design = DESIGNS[name]
     case = generate_case(tmp_path, 1, (), design)
