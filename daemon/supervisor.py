@@ -12,6 +12,7 @@ from armd.daemon.health import Second, Tally
 from armd.daemon.host.root import is_root
 from armd.daemon.interim_checks import InterimChecks, complaint
 from armd.daemon.live.arm_in_use import ArmInUse
+from armd.daemon.live.end_stops import EndStopWatch
 from armd.daemon.live.pipeline import PointArray
 from armd.daemon.state import Seen, State, assess
 from armd.drivers.sample import Driver, Event, SampleArray
@@ -39,6 +40,7 @@ class Supervisor:
         self._next_second_ns = now_ns + SECOND_NS
         self._missing: tuple[str, ...] = ()  # sensors without a value
         self._lost: dict[str, int] = {}  # those of them that are told as events, when seen last
+        self._stops = EndStopWatch(config.arm)
         self._changed = self._due = ""  # what the history of interim checks says
         self.interim: InterimChecks | None = None
         if (interim := config.file.interim) is not None:
@@ -66,6 +68,7 @@ class Supervisor:
         before = self.state
         self._tally.count()
         events = [*self._hear_interim(now_ns), *self._hear_sensors(now_ns)]
+        events += self._stops.look(self._arm.pipeline.take_beyond_stops(), now_ns)
         self.state, self.reason = assess(self._seen(now_ns))
         if self.state is not before:
             severity = "info" if self.state in (State.READY, State.WARMING) else "warning"
@@ -175,7 +178,7 @@ class Supervisor:
         return Seen(
             silent_s=self._silent_s(now_ns),
             trouble=self._trouble,
-            hindrance=self._driver.hindrance,
+            hindrance=self._driver.hindrance or self._stops.hindrance,
             points=second.points,
             flags=second.flags,
             invalid=second.invalid,

@@ -74,13 +74,16 @@ def _examine(line: Line, family: Family, ids: Sequence[int], patient: Patient) -
             text = f"servo {i} answers a ping, but not what it is"
             patient.find("unreadable", text, "check its cable, and that no id is there twice")
     _judge(servos, family, patient)
-    _rate(line, family, ids, patient)
+    readable = {i for i, servo in servos.items() if not family.refusal(servo)}
+    _rate(line, family, ids, readable, patient)
 
 
 def read(line: Line, family: Family, servo: int, address: int, length: int) -> bytes | None:
     """Registers of one servo; by a read, or by a sync read where that is not answered."""
-    build = feetech.read if family.name == "feetech" else dynamixel.read
-    for request in (build(servo, address, length), family.sync_read([servo], address, length)) * 2:
+    for request in (
+        family.read(servo, address, length),
+        family.sync_read([servo], address, length),
+    ) * 2:
         for packet in line.ask(family, request, [servo], ANSWER_S + 10 * length / line.baud):
             for status in family.statuses(packet, length):
                 if status.id == servo and _whole(family, [status], length):
@@ -149,8 +152,11 @@ def _judge(servos: dict[int, Servo], family: Family, patient: Patient) -> None:
         patient.find("return_delay", text, mend)
 
 
-def _rate(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> None:
-    """Cycles a second, of position and temperature, as the driver reads them when it is quick."""
+def _rate(
+    line: Line, family: Family, ids: Sequence[int], readable: set[int], patient: Patient
+) -> None:
+    """Cycles a second, of position and temperature, as the driver reads them when it is quick.
+    *readable*: those that have answered a read of their own."""
     length = family.warm_bytes
     request = family.sync_read(ids, family.position, length)
     bytes_each = len(feetech.status(1, 0, bytes(length)))
@@ -176,8 +182,15 @@ def _rate(line: Line, family: Family, ids: Sequence[int], patient: Patient) -> N
         f"{whole / seconds:.0f} whole cycles a second of {len(ids)} servos, position and "
         f"temperature; the line alone would allow {1 / line_s:.0f}"
     )
+    only_alone = [servo for servo in ids if servo in readable and not answered[servo]]
+    if only_alone:
+        each = "each of them" if len(only_alone) > 1 else "it"
+        text = f"{_ids(only_alone)}: no answer to a sync read, though {each} answers when asked"
+        text += " alone: not the cable, but the firmware or the adapter"
+        mend = f"update the firmware with {TOOL[family.name]}, or try another adapter"
+        patient.find("no_sync_read", text, mend)
     for servo in ids:
-        if answered[servo] < 0.95 * cycles:
+        if servo not in only_alone and answered[servo] < 0.95 * cycles:
             text = f"servo {servo} answered {answered[servo]} of {cycles} cycles"
             patient.find("lost_answers", text, "check its cable and its supply voltage")
     for servo, error in sorted(alerts.items()):

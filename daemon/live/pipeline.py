@@ -37,6 +37,8 @@ MEMORY_S = 7200.0
 MEMORY_STEP_S = 10.0
 #: Samples of a batch for which there is room at first.
 ROOM = 64
+#: No joint goes so far beyond its end stop: an encoder that says so is broken, or not this joint's.
+BEYOND_STOP_DEG = 10.0
 #: Points that an array is made for at once.
 POINTS_MADE = 256
 #: A model that depends on the date is brought up to it this often, if no temperature does it.
@@ -112,6 +114,20 @@ class Pipeline:
         if self.temperature.known and long_ago:
             self._past.append((self.temperature.held_c, self._stamp_ns))
         self._fold()
+
+    def take_beyond_stops(self) -> dict[int, float]:
+        """Joints that were invalid since the last call because they read far beyond an end stop,
+        with the farthest angle in degrees."""
+        encoders = self._encoders
+        if not encoders["excess"].any():
+            return {}
+        beyond = {
+            k: math.degrees(encoder["farthest"])
+            for k, encoder in enumerate(encoders, 1)
+            if encoder["excess"]
+        }
+        encoders["excess"] = 0.0
+        return beyond
 
     @property
     def outside_period(self) -> tuple[float, float] | None:
@@ -206,23 +222,37 @@ def _correct(
 
 @jit
 def _angles(samples: Any, encoders: Any, q: Any) -> None:
-    """Angles (n, N) rad; a joint that turns at most once is in the turn of its limits."""
+    """Angles (n, N) rad; a joint that turns at most once is in the turn of its limits. One that
+    cannot be where it says it is becomes invalid."""
     for i in range(len(samples)):
         for k in range(len(encoders)):
             encoder = encoders[k]
             angle = samples[i].count[k] * encoder.radians
             if encoder.one_turn:
                 angle -= 2 * math.pi * math.floor((angle - encoder.middle) / (2 * math.pi) + 0.5)
+                excess = max(encoder.least - angle, angle - encoder.most)
+                if excess > 0.0 and not samples[i].joint_invalid >> k & 1:
+                    samples[i].joint_invalid |= 1 << k
+                    if excess > encoder.excess:
+                        encoder.excess = excess
+                        encoder.farthest = angle
             q[i, k] = angle
 
 
 def _encoders(arm: Arm, counts_per_turn: list[int]) -> npt.NDArray[np.void]:
-    """Of each joint: rad per count, the middle of its range, whether that is at most one turn."""
-    encoders = np.zeros(arm.n_joints, [("radians", "f8"), ("middle", "f8"), ("one_turn", "?")])
+    """Of each joint: rad per count, the middle of its range, whether that is at most one turn, the
+    angles (rad) between which it can be, and by how much it was beyond since that was asked last,
+    where at the farthest."""
+    numbers = ("radians", "middle", "least", "most", "excess", "farthest")
+    encoders = np.zeros(arm.n_joints, [(name, "f8") for name in numbers] + [("one_turn", "?")])
     low = np.array([-180.0 if joint.min_deg is None else joint.min_deg for joint in arm.joint])
     high = np.array([180.0 if joint.max_deg is None else joint.max_deg for joint in arm.joint])
     direction = np.array([joint.direction for joint in arm.joint])
     encoders["radians"] = direction * 2 * math.pi / counts_per_turn
     encoders["middle"] = np.radians((low + high) / 2)
     encoders["one_turn"] = high - low <= 360
+    limits = np.array(arm.limits_rad)
+    encoders["least"], encoders["most"] = limits + np.radians(
+        [[-BEYOND_STOP_DEG], [BEYOND_STOP_DEG]]
+    )
     return encoders

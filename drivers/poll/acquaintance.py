@@ -56,9 +56,19 @@ class Acquaintance:
             return self._plan.identity(servos)
         if self._judged is not None:
             return None
-        wanted = [servo for servo in self._decoder.everyone if servo not in roster.servos]
+        wanted = self._missing
         self._tries += 1
+        beyond = self._tries - TRIES
+        if wanted and beyond > 0 and roster.servos:
+            return self._plan.identity_alone(wanted[(beyond - 1) % len(wanted)])
+        if beyond > 0 and beyond % 2:  # nobody yet: in turns
+            return self._plan.identity_alone(wanted[beyond // 2 % len(wanted)])
         return self._plan.identity(wanted)
+
+    @property
+    def _missing(self) -> list[int]:
+        roster = self._decoder.roster
+        return [servo for servo in self._decoder.everyone if servo not in roster.servos]
 
     @property
     def idle(self) -> bool:
@@ -81,9 +91,10 @@ class Acquaintance:
         if not self._adapter_asked:
             self._adapter_asked = True
             yield from self._adapter()
-        missing = [servo for servo in self._decoder.everyone if servo not in roster.servos]
+        missing = self._missing
         if self._judged is None:
-            if missing and (self._tries < TRIES or not roster.servos):
+            # Those that a sync read does not reach are asked alone, once each.
+            if missing and (self._tries < TRIES + len(missing) or not roster.servos):
                 return
             if missing:
                 yield note(note="missing", servos=missing)

@@ -18,6 +18,7 @@ from armd.drivers.poll.protocol.family import FAMILIES, Servo
 from armd.drivers.poll.protocol.packet import ReadRequest, Status
 from armd.drivers.poll.roster import Roster
 from armd.drivers.poll.sampler import ServoSampler
+from armd.drivers.poll.stuck import StuckWatch
 from armd.drivers.poll.warmth import Warmth
 from armd.drivers.sample import Event, Item, RawFrame
 from armd.drivers.unwrap import warm_up
@@ -54,6 +55,7 @@ class ServoDecoder:
             self.cycle_ids += (self._trigger.id,)
         self.everyone = tuple(dict.fromkeys((*self.cycle_ids, *sensors)))
         self.roster = Roster(family, self.joints, self.cycle_ids, self.everyone)
+        self.stuck = StuckWatch()
         self.pauses = Pauses(family, self.roster.servos)
         self.chain_broken = False  # the last cycle's answers ended early, all in one packet
         self._sampler = ServoSampler(config.ids, config.max_joint_rate_deg_s)
@@ -163,6 +165,9 @@ class ServoDecoder:
             self._splitter.flush()
             return []
         exchange.take(self._splitter.flush(), frame.monotonic_ns)
+        if exchange.request.alone:  # who answers so alone cannot be read in a cycle
+            self.roster.alone |= exchange.answers.keys()
+            return []
         if exchange.answers:
             self.last_heard_ns = exchange.heard_ns
         exchange.note()
@@ -190,7 +195,7 @@ class ServoDecoder:
 
     def _cycle(self, exchange: Exchange) -> list[Item]:
         request = exchange.request
-        self.chain_broken = request.fast and not exchange.complete
+        self.chain_broken = request.fast and not exchange.answers
         if self.chain_broken:  # it took others' answers away: the same cycle is asked once more
             return []
         now_ns = exchange.sent.monotonic_ns
@@ -226,13 +231,16 @@ class ServoDecoder:
             for servo, answer in exchange.answers.items()
             if servo not in silent
         }
+        here = [positions.get(servo) for servo in self.joints]
+        stuck = self.stuck.look(here)
+        items += self.stuck.events(now_ns)
         items += self._sampler.sample(
             self._number,
-            [positions.get(servo) for servo in self.joints],
+            here,
             at_ns[: len(self.joints)],
             exchange.late_ns(self.byte_ns, gaps_ns),
             unix_minus_monotonic_ns,
-            self.roster.unusable,
+            (1 << len(here)) - 1 if stuck else self.roster.unusable,
             warned,
             self._pressed(positions),
         )
@@ -270,6 +278,9 @@ class ServoDecoder:
                 self._splitter.flush()
                 self._sampler.pause()
                 self.roster.forget()
+                self.stuck.forget()
+                if note["note"] == "up":  # what was heard last explains a line that is closed
+                    self.roster.alone.clear()
             case "missing":
                 return [*self.roster.miss(note["servos"], self._port, now_ns)]
             case "verdict":

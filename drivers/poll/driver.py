@@ -18,6 +18,7 @@ from armd.drivers.poll.decoder import CHANNEL, OVER, ServoDecoder, note
 from armd.drivers.poll.exchange import Exchange
 from armd.drivers.poll.plan import ACCUSTOMED_NS, FIRST_BYTE_NS, Pace, RequestPlan
 from armd.drivers.poll.protocol.packet import ReadRequest
+from armd.drivers.poll.roster import NO_SYNC_READ
 from armd.drivers.ports import is_pseudo
 from armd.drivers.sample import Item, RawFrame
 from armd.drivers.shell import SerialShell
@@ -61,7 +62,8 @@ class ServoDriver(SerialShell[ServoDecoder]):
     def hindrance(self) -> str:
         if self._port is None:
             return ""
-        return self._decoder.roster.hindrance(time.monotonic_ns())
+        decoder = self._decoder
+        return decoder.stuck.hindrance or decoder.roster.hindrance(time.monotonic_ns())
 
     @property
     def _of_silence(self) -> str:
@@ -70,6 +72,11 @@ class ServoDriver(SerialShell[ServoDecoder]):
             found = f"{self._strange_bytes} bytes that are no answer (another device, or rate?)"
         if self._decoder.counted["echoes"] > self._echoes:
             found = "what was asked, which the adapter hears (are the servos switched on?)"
+        if alone := self._decoder.roster.alone:
+            servos = ", ".join(map(str, sorted(alone)))
+            found = (
+                f"answers of {servos} when asked alone, and none to a sync read ({NO_SYNC_READ})"
+            )
         ids = ", ".join(map(str, self._decoder.everyone))
         kind = self._decoder.family.name
         return f" at {self._baud} baud: found {found}, expected answers of {kind} servos {ids}"
@@ -192,9 +199,12 @@ class ServoDriver(SerialShell[ServoDecoder]):
     def _packet(self, request: ReadRequest) -> bytes:
         packet = self._packets.get(request)
         if packet is None:
-            packet = self._packets[request] = self._decoder.family.sync_read(
-                request.ids, request.address, request.length, request.fast
-            )
+            family, span = self._decoder.family, (request.address, request.length)
+            if request.alone:
+                packet = family.read(request.ids[0], *span)
+            else:
+                packet = family.sync_read(request.ids, *span, request.fast)
+            self._packets[request] = packet
         return packet
 
     def _asked(self, request: ReadRequest, sent: RawFrame) -> list[Item]:

@@ -60,6 +60,10 @@ class RequestPlan:
         """Who are you?"""
         return ReadRequest(tuple(servos), 0, self._decoder.family.identity_bytes)
 
+    def identity_alone(self, servo: int) -> ReadRequest:
+        """The same, of one that may not know sync reads."""
+        return ReadRequest((servo,), 0, self._decoder.family.identity_bytes, alone=True)
+
     def side_question(self, now_ns: int) -> ReadRequest | None:
         """What is due besides the cycles."""
         roster, family = self._decoder.roster, self._decoder.family

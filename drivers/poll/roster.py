@@ -18,6 +18,10 @@ ABSENT_AFTER_NS, ABSENT_AT_LEISURE_NS = 500_000_000, 1_600_000_000
 ASK_AGAIN_AFTER_NS = 100_000_000
 SUSPECT_EVERY_NS = 50_000_000
 GIVEN_UP_AFTER = 3
+#: What is said of servos that answer a plain read alone; LeRobot's users met it (its issue 1010).
+NO_SYNC_READ = (
+    "not the cable: their firmware is too old, or the adapter cannot; update the firmware"
+)
 
 
 class Roster:
@@ -38,6 +42,7 @@ class Roster:
         self.refused: dict[int, str] = {}  # why a servo cannot be read
         self.foreign = ""  # why this is not our arm, if it is not
         self.heard_ns: dict[int, int] = {}  # when each was heard last
+        self.alone: set[int] = set()  # who answered when asked alone, and no sync read
         self.suspects: set[int] = set()  # to be asked at once whether they are still the same
         self._suspected_ns: dict[int, int] = {}  # when they became so last
         self.doubles = Doubles(often)
@@ -125,8 +130,7 @@ class Roster:
         return [
             Event(
                 "servo_missing",
-                f"{self.name(servo)}: found {self._heard(servo)} on {port} to id {servo}, expected"
-                " one: check its cable and its id",
+                self._missing(servo, port),
                 now_ns,
                 "error",
                 {"servo": servo},
@@ -134,8 +138,15 @@ class Roster:
             for servo in servos
         ]
 
-    def _heard(self, servo: int) -> str:
-        return "two answers that differ" if servo in self.doubles else "no answer"
+    def _missing(self, servo: int, port: str) -> str:
+        if servo in self.alone:
+            return f"{self.name(servo)} {self._only_alone()}"
+        found = "two answers that differ" if servo in self.doubles else "no answer"
+        text = f"{self.name(servo)}: found {found} on {port} to id {servo}, expected one"
+        return f"{text}: check its cable and its id"
+
+    def _only_alone(self) -> str:
+        return f"answers when asked alone, and no sync read ({NO_SYNC_READ})"
 
     def judge(
         self, changed: dict[int, list[str]], first: bool, arm: str, now_ns: int
@@ -166,6 +177,7 @@ class Roster:
 
     def heard(self, servo: int, now_ns: int) -> None:
         self.heard_ns[servo] = now_ns
+        self.alone.discard(servo)
         self._misses[servo] = 0
         self.doubles.heard(servo, now_ns)
 
@@ -274,7 +286,8 @@ class Roster:
             return f"{self.name(servo)}: {self._twice(servo)}"
         for servo in self._everyone:
             if self._absent(servo, now_ns):
-                return f"{self.name(servo)} does not answer"
+                how = self._only_alone() if servo in self.alone else "does not answer"
+                return f"{self.name(servo)} {how}"
         for servo in sorted(self._torque & self.servos.keys()):
             return f"{self.name(servo)}: its torque is on"
         for servo, (_, _, words) in self._alerts.items():

@@ -153,10 +153,8 @@ class ServoBus:
             if is_cycle and any(f.name == "late_answer" and f.joint == n for f in once):
                 self._kept = status
                 continue
-            if any(f.name == "flipped_bit" and f.joint == n for f in faults):
-                spoilt = bytearray(status)
-                spoilt[-3] ^= 1 << int(self._rng.integers(8))
-                status = bytes(spoilt)
+            if _flips(n, faults):
+                status = self._flip(status, -3)
             end_ns = self._say(status, end_ns, n, last=n == ids[-1])
             if self._kept and is_cycle and not once:
                 self._port.write(self._kept)
@@ -178,10 +176,17 @@ class ServoBus:
             at_ns += (4 + length) * self._byte_ns
         there = answers[: answers.index(None)] if None in answers else answers
         whole = [a or Status(n, 0, bytes(length)) for a, n in zip(answers, ids, strict=True)]
-        blocks = dynamixel.fast_status_blocks(whole)[: len(there)]
+        blocks = dynamixel.fast_status_blocks(
+            whole, lambda n, block: self._flip(block, -1) if _flips(n, faults) else block
+        )[: len(there)]
         if blocks:
             data = b"".join(blocks)
             self._say(data, heard_ns, ids[0], last=True)
+
+    def _flip(self, data: bytes, at: int) -> bytes:
+        spoilt = bytearray(data)
+        spoilt[at] ^= 1 << int(self._rng.integers(8))
+        return bytes(spoilt)
 
     def _gap_ns(self, servo: SimulatedServo) -> float:
         return max(self._turn_round_ns, 2000 * servo.table[servo.where.return_delay])
@@ -262,6 +267,10 @@ class ServoBus:
 
     def _when(self) -> dict[str, int | float]:
         return {"at_s": self._now_s(), "monotonic_ns": time.monotonic_ns()}
+
+
+def _flips(servo: int, faults: list[Fault]) -> bool:
+    return any(fault.name == "flipped_bit" and fault.joint == servo for fault in faults)
 
 
 def _silent(servo: int, faults: list[Fault]) -> bool:

@@ -146,6 +146,7 @@ class FakeServos(PtyLink):
         self.echo = False
         self.knows_fast = knows_fast
         self.break_chain_at: int | None = None
+        self.spoils: dict[int, int] = {}  # bits that flip in a servo's position of a fast answer
         self.cycles: list[dict[int, int]] = []  # positions told, by cycle
         self.requests: list[tuple[int, int, bytes]] = []
         self.writes: list[tuple[int, int, bytes]] = []
@@ -231,9 +232,11 @@ class FakeServos(PtyLink):
         for servo in ids:
             if servo not in there or servo == self.break_chain_at:
                 break
-            data += bytes([self.errors[servo], servo])
-            data += self.registers[servo][address : address + length]
-            data += dxl_crc(data)
+            block = bytes([self.errors[servo], servo])
+            block += self.registers[servo][address : address + length]
+            check = dxl_crc(data + block)
+            # Later servos see what the line made of it, and their checksums hold for that.
+            data += block[:2] + bytes([block[2] ^ self.spoils.get(servo, 0)]) + block[3:] + check
         self.say(data)
 
     def _position(self, servo):

@@ -7,7 +7,7 @@ CRC count the stuffed form. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Sequence
 
 from fastcrc import crc16
 
@@ -18,6 +18,7 @@ BAUDS = (1_000_000, 57_600, 2_000_000, 3_000_000, 4_000_000, 115_200, 9_600, 4_5
 HEADER = b"\xff\xff\xfd\x00"
 #: header, id, length, instruction and CRC: what every packet has besides its parameters
 OVERHEAD = 10
+_FAST_HEAD = 8  # bytes before the first servo's block of a fast status
 _LONGEST = 1024
 
 PING, READ, WRITE, REG_WRITE, ACTION, REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
@@ -79,17 +80,19 @@ def status_size(length: int) -> int:
     return OVERHEAD + 1 + length
 
 
-def fast_status_blocks(answers: Sequence[Status]) -> list[bytes]:
-    """The pieces of one fast status, as the servos send them one after the other; not stuffed."""
+def fast_status_blocks(
+    answers: Sequence[Status], carry: Callable[[int, bytes], bytes] = lambda _, block: block
+) -> list[bytes]:
+    """The pieces of one fast status, as the servos send them one after the other; not stuffed.
+    *carry* (servo, its block) gives the block as the line carries it, to host and later servos."""
     length = 1 + sum(4 + len(answer.data) for answer in answers)
     head = HEADER + bytes([BROADCAST]) + length.to_bytes(2, "little") + bytes([STATUS])
     blocks, crc = [], 0
     for i, answer in enumerate(answers):
         block = (b"" if i else head) + bytes([answer.error, answer.id]) + answer.data
-        crc = _crc(block, crc)
-        check = crc.to_bytes(2, "little")
-        crc = _crc(check, crc)
-        blocks.append(block + check)
+        check = _crc(block, crc).to_bytes(2, "little")
+        blocks.append(carry(answer.id, block) + check)
+        crc = _crc(blocks[-1], crc)
     return blocks
 
 
@@ -99,14 +102,25 @@ def fast_status_size(n: int, length: int) -> int:
 
 
 def is_fast_status(data: bytes, n: int, length: int) -> bool:
-    """Whether *data* are one whole intact fast status, of that size."""
+    """Whether *data* are one whole fast status, of that size, with all servos' answers intact."""
     return (
         len(data) == fast_status_size(n, length)
         and data.startswith(HEADER)
         and data[4] == BROADCAST
         and data[7] == STATUS
-        and _crc(data[:-2]) == data[-2] | data[-1] << 8
+        and all(_intact_blocks(data, length))
     )
+
+
+def _intact_blocks(raw: bytes, length: int) -> list[bool]:
+    """Of a fast status: which servos' checksums hold. Each is over all bytes from the packet's
+    header on, as its servo saw them; a servo passes over what the others' checksums say."""
+    intact, crc, at = [], 0, 0
+    for end in range(_FAST_HEAD + 2 + length, len(raw), 4 + length):
+        crc = _crc(raw[at:end], crc)
+        intact.append(crc == raw[end] | raw[end + 1] << 8)
+        crc, at = _crc(raw[end : end + 2], crc), end + 2
+    return intact
 
 
 def splitter() -> Splitter:
@@ -134,7 +148,7 @@ def _cut(buffer: bytearray, at: int, sizes: Container[int]) -> Packet | Cut:
 
 def statuses(packet: Packet, length: int | None = None) -> list[Status]:
     """A packet read as servos' answers. A fast status can only be taken apart by one who knows
-    the *length* of the data that were asked for."""
+    the *length* of the data that were asked for; it lacks the servos whose own checksums fail."""
     if packet.code != STATUS or not packet.params:
         return []
     if packet.id != BROADCAST:
@@ -142,8 +156,12 @@ def statuses(packet: Packet, length: int | None = None) -> list[Status]:
     if length is None or (len(packet.params) + 2) % (4 + length):
         return []
     blocks = range(0, len(packet.params), 4 + length)
-    params = packet.params
-    return [Status(params[i + 1], params[i], params[i + 2 : i + 2 + length]) for i in blocks]
+    params, intact = packet.params, _intact_blocks(packet.raw, length)
+    return [
+        Status(params[i + 1], params[i], params[i + 2 : i + 2 + length])
+        for i, holds in zip(blocks, intact, strict=True)
+        if holds
+    ]
 
 
 def read_request(packet: Packet) -> ReadRequest | None:
@@ -154,7 +172,7 @@ def read_request(packet: Packet) -> ReadRequest | None:
     address, length = params[0] | params[1] << 8, params[2] | params[3] << 8
     match packet.code:
         case 0x02:  # READ
-            return ReadRequest((packet.id,), address, length)
+            return ReadRequest((packet.id,), address, length, alone=True)
         case 0x82 | 0x8A:  # SYNC_READ, FAST_SYNC_READ
             fast = packet.code == FAST_SYNC_READ
             return ReadRequest(tuple(params[4:]), address, length, fast)

@@ -86,6 +86,8 @@ class Family(Protocol):
 
     def splitter(self) -> Splitter: ...
 
+    def read(self, servo_id: int, address: int, length: int) -> bytes: ...
+
     def sync_read(
         self, ids: Sequence[int], address: int, length: int, fast: bool = False
     ) -> bytes: ...
@@ -155,6 +157,9 @@ class Feetech(Family):
 
     def splitter(self) -> Splitter:
         return feetech.splitter()
+
+    def read(self, servo_id: int, address: int, length: int) -> bytes:
+        return feetech.read(servo_id, address, length)
 
     def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
         return feetech.sync_read(ids, address, length)
@@ -231,6 +236,9 @@ class Dynamixel(Family):
 
     def splitter(self) -> Splitter:
         return dynamixel.splitter()
+
+    def read(self, servo_id: int, address: int, length: int) -> bytes:
+        return dynamixel.read(servo_id, address, length)
 
     def sync_read(self, ids: Sequence[int], address: int, length: int, fast: bool = False) -> bytes:
         build = dynamixel.fast_sync_read if fast else dynamixel.sync_read

@@ -102,7 +102,7 @@ def read_request(packet: Packet) -> ReadRequest | None:
     """A packet read as the host's; None if it asks for no registers."""
     params = packet.params
     if packet.code == READ and len(params) == 2:
-        return ReadRequest((packet.id,), params[0], params[1])
+        return ReadRequest((packet.id,), params[0], params[1], alone=True)
     if packet.code == SYNC_READ and len(params) > 2:
         return ReadRequest(tuple(params[2:]), params[0], params[1])
     return None

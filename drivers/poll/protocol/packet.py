@@ -33,6 +33,7 @@ class ReadRequest(NamedTuple):
     address: int
     length: int
     fast: bool = False  # all answers in one packet (Dynamixel's Fast Sync Read)
+    alone: bool = False  # a plain read of one servo
 
 
 class Cut(Enum):

@@ -367,6 +367,25 @@ def test_fast_sync_read_is_used_and_fallen_back_from(tmp_path):
     assert asked.count(0x8A) <= 3  # and then no more
 
 
+def test_of_a_fast_answer_each_servo_is_held_to_its_own_checksum(tmp_path):
+    """A block that is damaged before the later servos answer: their checksums, and so the whole
+    packet's, hold over what is wrong."""
+    with (
+        FakeServos(Dynamixel, tmp_path, knows_fast=True) as servos,
+        closing(open_driver(config(servos), expected())) as driver,
+    ):
+        taken = Taken(driver)
+        taken.rows(50)
+        servos.spoils = {2: 0x40}
+        taken.rows(2)
+        servos.spoils = {}
+        taken.rows(50)
+        rows = taken.samples[50:]
+    spoilt = rows["joint_invalid"] != 0
+    assert (rows["joint_invalid"][spoilt] == 0b010).all() and 1 <= spoilt.sum() < 50
+    assert (rows["count"][~spoilt] == 0).all() and (rows["count"][:, [0, 2]] == 0).all()
+
+
 @BOTH
 def test_silence_reboot_and_replug(tmp_path, family):
     with (

@@ -9,7 +9,7 @@ import armd.simulator.servobus.device as device
 
 obey = device.ServoBus._obey
 device.ServoBus._obey = lambda self, packet, heard: (
-    None if packet.code == 0x82 else obey(self, packet, heard)
+    None if packet.code in (0x82, 0x8A) else obey(self, packet, heard)
 )
 
 from armd.simulator.__main__ import main  # noqa: E402

@@ -1,0 +1,62 @@
+"""Servos that answer without having looked: all say 0 or 1, wherever their shafts are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from armd.drivers.joint_watch import GOOD_FOR_NS
+from armd.drivers.poll.protocol.family import COUNTS_PER_TURN
+from armd.drivers.sample import Event
+
+#: No joint goes so far from one cycle to the next, but by a jump.
+FAR_COUNTS = 64
+STUCK = (
+    "every servo's position: found 0 or 1, expected where its shaft is: the servos are stuck;"
+    " switch their supply off and on"
+)
+
+
+class StuckWatch:
+    """Of one line. An arm that is moved there joint by joint is not stuck."""
+
+    def __init__(self) -> None:
+        self._stuck_ns: int | None = None  # when they were it last
+        self.forget()
+
+    def forget(self) -> None:
+        """Another connection."""
+        self._before: Sequence[int | None] | None = None
+        self._were_zero = self._stuck = False
+
+    @property
+    def hindrance(self) -> str:
+        return "" if self._stuck_ns is None else STUCK
+
+    def look(self, positions: Sequence[int | None]) -> bool:
+        """Whether the joints of this cycle are stuck; None: no answer."""
+        before, self._before = self._before, positions
+        if not all(position in (0, 1) for position in positions):
+            self._were_zero = self._stuck = False
+        elif not self._were_zero:
+            self._were_zero = True
+            self._stuck = before is None or any(map(_far, before, positions))
+        return self._stuck
+
+    def events(self, now_ns: int) -> list[Event]:
+        """What the last `look` gives rise to."""
+        known = self._stuck_ns is not None
+        if self._stuck:
+            self._stuck_ns = now_ns
+            return [] if known else [Event("servos_stuck", STUCK, now_ns, "error")]
+        if self._stuck_ns is None or now_ns - self._stuck_ns < GOOD_FOR_NS:
+            return []
+        self._stuck_ns = None
+        text = "the servos' positions are no longer all 0"
+        return [Event("servos_valid", text, now_ns, "info")]
+
+
+def _far(before: int | None, now: int | None) -> bool:
+    if before is None or now is None:
+        return True
+    half = COUNTS_PER_TURN // 2
+    return abs((now - before + half) % COUNTS_PER_TURN - half) > FAR_COUNTS

@@ -1,0 +1,78 @@
+"""Servos that others met in the field (tests/field), through the doctor and the whole daemon."""
+
+import os
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from armd import Flag
+from support.running_daemon import running_daemon
+
+FIELD = Path(__file__).parents[1] / "field"
+
+
+@contextmanager
+def quirky_servos(name, folder, family, **environment):
+    command = [sys.executable, str(FIELD / name / "quirk_servo.py"), "--servo", family]
+    command += ["--arm-out", "arm.toml", "--link", "port", "--seconds", "60"]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, cwd=folder, env=os.environ | environment
+    ) as servos:
+        try:
+            assert servos.stdout.readline()
+            yield folder / "port"
+        finally:
+            servos.terminate()
+
+
+@contextmanager
+def measuring(folder, port, family):
+    with (
+        running_daemon(
+            folder, str(port), driver="ids = [1, 2, 3, 4, 5]", kind=family,
+            environment={"STATE_DIRECTORY": str(folder / "state")},
+        ) as daemon,
+        daemon.listen() as heard,
+    ):  # fmt: skip
+        yield heard
+
+
+def reason(heard):
+    told = heard.json("health")
+    return f"{told[-1]['state']}: {told[-1]['reason']}" if told else ""
+
+
+@pytest.mark.parametrize("family", ["dynamixel", "feetech"])
+def test_of_servos_that_all_say_zero_no_point_leaves(family, tmp_path):
+    now = tmp_path / "now"
+    with (
+        quirky_servos("servo-all-zero", tmp_path, family, STUCK_WHEN=str(now)) as port,
+        measuring(tmp_path, port, family) as heard,
+    ):
+        heard.wait_for(lambda: (heard.points()["flags"] & Flag.INVALID == 0).sum() > 50)
+        now.touch()
+        heard.wait_for(lambda: heard.events("servos_stuck"))
+        why = "NOT_READY: no valid point: every servo's position: found 0 or 1"
+        heard.wait_for(lambda: reason(heard).startswith(why))
+        points = heard.points()
+    (event,) = heard.events("servos_stuck")
+    valid = points[(points["flags"] & Flag.INVALID) == 0]
+    assert int(valid["monotonic_ns"][-1]) < event["monotonic_ns"]
+
+
+@pytest.mark.parametrize("family", ["feetech", "dynamixel"])
+def test_servos_that_know_no_sync_read_are_not_blamed_on_the_cable(family, tmp_path):
+    with quirky_servos("servo-no-sync-read", tmp_path, family) as port:
+        command = [sys.executable, "-m", "armd.daemon.cli", "doctor", "--port", str(port), "--json"]
+        doctor = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        with measuring(tmp_path, port, family) as heard:
+            heard.wait_for(lambda: "when asked alone" in reason(heard))
+            said = reason(heard)
+    assert doctor.returncode == 1, doctor.stderr
+    assert '"no_sync_read"' in doctor.stdout and '"lost_answers"' not in doctor.stdout
+    assert "servos 1 to 6: no answer to a sync read" in doctor.stdout
+    assert said.startswith("NOT_READY") and "none to a sync read" in said
+    assert "not the cable" in said
