@@ -6,7 +6,7 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 
-.PHONY: install demo test test-default test-all test-slow test-long lint bench clean hidden hidden-sweep outsider interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: install demo test test-default test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep outsider interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
 install: $(VENV)/.installed
 
 $(VENV)/.dependencies: requirements.txt
@@ -77,6 +77,21 @@ CASES ?= 40
 SEED ?= 1
 hidden: install
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
+
+# The frozen cases, which two revisions are compared on (CONTRIBUTING.md). hidden-freeze draws those
+# of a seed into .cache/hidden and checks their SHA-256; RECORD=1 keeps it, ANEW=1 draws again.
+# make hidden-compare BASE=f83ffbf [KIND='*thermal*,clean'] [CASES=2] [HEAD=main]
+FROZEN := PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 nice -n 15 $(BIN)/python -m hidden.frozen.
+# 421 and all cases, unless the command line says otherwise
+FROZEN_SEED = $(if $(filter file,$(origin SEED)),421,$(SEED))
+CASES_ASKED = $(if $(filter file,$(origin CASES)),,$(CASES))
+hidden-freeze: install
+	$(FROZEN)freeze --seed $(FROZEN_SEED) --kinds "$(or $(KIND),*)" \
+	    $(if $(CASES_ASKED),--cases $(CASES_ASKED)) $(if $(RECORD),--record) $(if $(ANEW),--anew)
+
+hidden-compare: install
+	$(FROZEN)compare --seed $(FROZEN_SEED) --base "$(BASE)" --head "$(or $(HEAD),HEAD)" \
+	    --kinds "$(or $(KIND),*)" $(if $(CASES_ASKED),--cases $(CASES_ASKED)) $(COMPARE_ARGS)
 
 # Cases of a generator that shares nothing with armd, n of each kind, through the commands:
 # make outsider CASES=2 SEED=7

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from armd.simulator.measured.campaign import Campaign, Rig
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import Climate, SessionPlan, rounds
 from armd.simulator.truth import nominal
-from armd.simulator.truth.arm import TrueArm
+from armd.simulator.truth.arm import Materials, TrueArm
 from armd.simulator.truth.nominal import SELF_HEATING_W
 
 #: Encoders of 1″ and balls known to 2 µm: residuals of about 7 µm RMS.
@@ -37,6 +37,8 @@ class Design:
     holdout: int = 2  # more sessions, for the gain
     before: int = 0  # sessions from before anything was wrong, for a calibration to be held
     earlier: Design | None = None  # how those were measured; None: like the others
+    levels_c: tuple[float, ...] = ()  # of each session, in order; (): evenly spaced, shuffled
+    expanding: bool = True  # False: links and stylus of a material that no temperature changes
 
 
 DESIGNS: dict[str, Design] = {
@@ -77,7 +79,10 @@ def campaigns(seed: int, design: Design, noise: Noise = NOISE) -> tuple[Campaign
     low, high = nominal.limits_rad()
     for joint, (least, most) in design.ranges_deg.items():
         low[joint - 1], high[joint - 1] = np.radians([least, most])
-    rig = Rig(TrueArm.default(seed), frame, noise, (low, high))
+    arm = TrueArm.default(seed)
+    if not design.expanding:
+        arm = replace(arm, materials=Materials.without_expansion())
+    rig = Rig(arm, frame, noise, (low, high))
     before = _plans("before", design.before, 0.0, design.earlier or design, rng)
     later = _plans("session", design.sessions, 400.0, design, rng)
     holdout = _plans("holdout", design.holdout, 400.0 + 4.0 * design.sessions, design, rng)
@@ -102,6 +107,8 @@ def _plans(
     model as the arm is used, without one.
     """
     celsius = rng.permutation(np.linspace(*design.celsius, max(count, 1)))
+    if design.levels_c and name != "holdout":
+        celsius = np.resize(design.levels_c, max(count, 1))
     order = rng.permutation(max(count, 3))
     ramped, fast, loaded = order[: design.ramps], order[-1], order[-2]
     held_out = name == "holdout"

@@ -68,9 +68,10 @@ class Readings:
         return replace(self, **{name: value[rows] for name, value in vars(self).items()})
 
 
-def draw_machine(rng: Rng) -> Machine:
-    """5 to 7 joints, long links on every other one, no axis nearly parallel to the next."""
-    joints = int(rng.integers(5, 8))
+def draw_machine(rng: Rng, joints: int = 0) -> Machine:
+    """So many joints, or 5 to 7; long links on every other one, no axis nearly parallel to the
+    next."""
+    joints = joints or int(rng.integers(5, 8))
     long = np.arange(joints) % 2 == 0
     d = np.where(long, rng.uniform(160, 380, joints), rng.uniform(-50, 50, joints))
     a = np.where(long, rng.uniform(0, 50, joints), rng.uniform(10, 70, joints))
@@ -126,6 +127,7 @@ class Plan:
     climates_c: tuple[float, float, float, float] = (16, 26, 18, 24)  # and of the further session
     kept_before: bool = False  # sessions from before were in a room that is kept within 1 K
     uneven: bool = False  # placements of 5, 12 and all other readings, with three targets each
+    levels_c: tuple[float, ...] = ()  # of each session, in order; (): drawn between the climates
 
     @property
     def sessions(self) -> int:
@@ -143,6 +145,8 @@ def measure(rng: Rng, machine: Machine, thing: Thing, plan: Plan) -> Readings:
         [rng.uniform(*plan.climates_c[2:])],
     ]  # fmt: skip
     level_c, parts, began = np.concatenate(levels), [], 0.0
+    if plan.levels_c:
+        level_c = np.array(plan.levels_c)
     for session in range(plan.sessions):
         pace = rng.uniform(15, 40)
         time_s = np.cumsum(pace * rng.uniform(0.7, 1.5, plan.rows))

@@ -1,0 +1,91 @@
+"""A frozen case: a folder of sessions as a user has them, and truth.json, which only a judge reads.
+
+arm.toml · before-*: sessions for a calibration from before (where there is one) · session-*: to
+diagnose · further-*: to judge the model by; given as `--holdout` only where the truth says so.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+Names = tuple[tuple[str, str], ...]
+#: Noise units, clear of everything that absorbs, from which on a cause should be named.
+DUE_UNITS = 8.0
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One planted cause. Its name counts at *location*, or as any of *names*."""
+
+    cause: str
+    location: str
+    units: float  # norm of its signature in noise units, clear of all that absorbs it
+    names: Names = ()  # just as true
+    same_signal: Names = ()  # names that these readings cannot separate from it
+    variables: tuple[str, ...] = ()  # a finding at its place in one of these is near
+    needs: str = ""  # a variable without which the name is not this cause's
+    placement: str = ""  # "SESSION PLACEMENT" of a moved artefact
+
+    @property
+    def due(self) -> bool:
+        return self.units >= DUE_UNITS
+
+
+@dataclass(frozen=True)
+class Truth:
+    kind: str
+    seed: int
+    words: str
+    causes: tuple[Cause, ...]
+    given: str = ""  # the model under test: "": made of the same sessions; else of before-*, by
+    # "calibrate" or by "diagnose"
+    noise_um: float | None = None  # 3-D RMS of the noise alone on further-*
+    oracle_um: float | None = None  # of a fit that is told the causes (oracle.py)
+    neutral: Names = ()  # true of how it was measured: reported or not, they do not count
+    neutral_variables: tuple[str, ...] = ()  # nor does `unknown` in nothing but these
+    holdout_given: bool = False
+    refusable: str = ""  # a session that a command may refuse, if its message names it
+    count_foreign: bool = True  # False: a real arm, of which nobody knows what else is wrong
+
+
+def write_truth(folder: Path, truth: Truth) -> None:
+    text = json.dumps(asdict(truth), indent=1, ensure_ascii=False) + "\n"
+    (folder / "truth.json").write_text(text, encoding="utf-8")
+
+
+def read_truth(folder: Path) -> Truth:
+    """Truth of a case's folder."""
+    data = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    causes = tuple(Cause(**_pairs(one, "names", "same_signal")) for one in data.pop("causes"))
+    return Truth(causes=causes, **_pairs(data, "neutral"))
+
+
+def _pairs(data: Mapping[str, Any], *keys: str) -> dict[str, Any]:
+    """JSON's lists as tuples, those of *keys* as tuples of pairs."""
+    read = {k: tuple(v) if isinstance(v, list) else v for k, v in data.items()}
+    return read | {key: tuple((c, where) for c, where in data[key]) for key in keys}
+
+
+def sessions(folder: Path, prefix: str) -> list[str]:
+    """Names of the case's sessions that begin so, in order."""
+    return sorted(path.name for path in folder.glob(f"{prefix}-*"))
+
+
+def digest(folder: Path) -> str:
+    """SHA-256 of every file of a case, names included."""
+    total = hashlib.sha256()
+    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+        total.update(path.relative_to(folder).as_posix().encode() + b"\0")
+        total.update(hashlib.sha256(path.read_bytes()).digest())
+    return total.hexdigest()
+
+
+def digest_of_all(digests: Mapping[str, str]) -> str:
+    """SHA-256 of the digests of many cases, by name."""
+    lines = [f"{name} {digests[name]}\n" for name in sorted(digests)]
+    return hashlib.sha256("".join(lines).encode()).hexdigest()

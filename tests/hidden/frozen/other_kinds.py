@@ -1,0 +1,113 @@
+"""Effects planted into the readings of four real robots; sets given with their right answers."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from hidden.frozen.case import Cause, Truth, write_truth
+from real.convert import convert
+
+ARC_SECOND = np.pi / 180 / 3600
+FIELD = Path(__file__).parents[2] / "field" / "thermal"
+SETS = ("expansion", "joint-thermal", "nonlinear", "lag")
+Rows = list[dict[str, str]]
+
+
+@dataclass(frozen=True)
+class Robot:
+    folder: str  # of convert's output
+    before: str  # the session for the model under test; with the other it is the same: half of it
+    since: str
+    joints: tuple[int, ...]
+    arcsec: float  # large beside what its model gets wrong
+
+
+ROBOTS = (
+    Robot("ur10", "B-train", "B-heldout", (1, 2, 3, 4), 40.0),
+    Robot("dinova_1", "seats", "seats", (2, 3, 4), 3600.0),
+    Robot("panda_3", "seats", "seats", (2, 3, 4), 900.0),
+    Robot("kuka_14", "seats", "seats", (2, 3, 4), 900.0),
+)
+ORDERS = {"encoder_eccentricity": 1, "encoder_ellipticity": 2, "encoder_periodic": 0}
+
+
+def write_real(folder: Path, kind: str, seed: int, rng: np.random.Generator, number: int) -> Truth:
+    """Plant a wave of one encoder into half of a robot's readings. Nobody knows what else is wrong
+    with it: other findings do not count, noise units are not computed, the cause is due."""
+    robot = ROBOTS[number % len(ROBOTS)]
+    cause = list(ORDERS)[(number // len(ROBOTS)) % len(ORDERS)]
+    joint, phase = int(rng.choice(robot.joints)), float(rng.uniform(0, 2 * np.pi))
+    order = ORDERS[cause] or int(rng.integers(3, 9))
+    size = robot.arcsec * float(np.exp(rng.normal(0.0, 0.3)))
+
+    def plant(rows: Rows) -> Rows:
+        angles = np.array([float(row[f"q{joint}"]) for row in rows])
+        shown = angles + size * ARC_SECOND * np.sin(order * angles - phase)
+        return [row | {f"q{joint}": f"{q:.9f}"} for row, q in zip(rows, shown, strict=True)]
+
+    with tempfile.TemporaryDirectory() as made:
+        convert(Path(made))
+        source = Path(made) / robot.folder
+        shutil.copy(source / "arm.toml", folder / "arm.toml")
+        first, since = _read(source / robot.before), _read(source / robot.since)
+        if robot.before == robot.since:
+            half = rng.permutation(len(first)) < len(first) // 2
+            first, since = _picked(first, half), _picked(first, ~half)
+        shown = rng.permutation(len(since)) < len(since) * 2 // 3
+        _write(folder / "before-1", source / robot.before, first)
+        _write(folder / "session-1", source / robot.since, plant(_picked(since, shown)))
+        _write(folder / "further-1", source / robot.since, plant(_picked(since, ~shown)))
+    where = f"joint {joint}"
+    truth = Truth(
+        kind, seed, f"{robot.folder}: {cause} {where} {size:.0f}″, {order} a turn",
+        (Cause(cause, where, 20.0, variables=(f"q{joint}",)),), "diagnose", count_foreign=False,
+    )  # fmt: skip
+    write_truth(folder, truth)
+    return truth
+
+
+def _read(session: Path) -> Rows:
+    with (session / "readings.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _picked(rows: Rows, which: np.ndarray) -> Rows:
+    return [row for row, take in zip(rows, which, strict=True) if take]
+
+
+def _write(folder: Path, like: Path, rows: Rows) -> None:
+    folder.mkdir()
+    shutil.copy(like / "session.toml", folder / "session.toml")
+    with (folder / "readings.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+
+
+def write_field(folder: Path, kind: str, seed: int, _: np.random.Generator, number: int) -> Truth:
+    """One of the sets of tests/field/thermal."""
+    source = FIELD / SETS[number % len(SETS)]
+    told = json.loads((source / "answer.json").read_text(encoding="utf-8"))
+    shutil.copy(source / "arm.toml", folder / "arm.toml")
+    for part, name in (("calib", "before"), ("train", "session"), ("holdout", "further")):
+        for number_, session in enumerate(sorted((source / part).glob("*")), 1):
+            shutil.copytree(session, folder / f"{name}-{number_}")
+    names = tuple((c, where) for c, where in told["names"])
+    cause = Cause(told["cause"], told["location"], 20.0, names, variables=tuple(told["variables"]))
+    truth = Truth(
+        kind, seed, source.name, (cause,), "calibrate" if (source / "calib").exists() else "",
+        told["noise_um"], told["oracle_um"], holdout_given=True,
+    )  # fmt: skip
+    write_truth(folder, truth)
+    return truth
+
+
+Write = Callable[[Path, str, int, np.random.Generator, int], Truth]
+KINDS: dict[str, tuple[Write, int]] = {"real": (write_real, 12), "field": (write_field, 4)}

@@ -1,0 +1,117 @@
+"""The frozen cases are drawn alike each time, and what is reported of them is scored by rule."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hidden.frozen.case import Cause, Truth, digest, read_truth, sessions
+from hidden.frozen.freeze import CHECKSUMS, COUNTS, Wanted, draw_case, wanted_cases
+from hidden.frozen.oracle import BEFORE, DIAGNOSED, FURTHER, Problem
+from hidden.frozen.run import Ran
+from hidden.frozen.score import compare, score
+
+TRUTH = Truth("single", 1, "", (Cause("encoder_scale", "joint 3", 12.0, variables=("q3",)),),
+              oracle_um=5.0)  # fmt: skip
+
+
+def finding(cause: str, location: str, probability: float, *variables: str) -> dict[str, object]:
+    return {
+        "cause": cause, "location": location, "probability": probability,
+        "depends_on": list(variables), "alternatives": [],
+    }  # fmt: skip
+
+
+def test_there_are_three_hundred_cases_of_every_kind() -> None:
+    assert sum(COUNTS.values()) >= 300
+    first = wanted_cases("thermal-*,field", 1)
+    assert [case.name for case in first] == [
+        "thermal-1-00", "thermal-2-00", "thermal-4-00", "field-00"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["thermal-1", "o-thermal-2", "real", "field"])
+def test_a_case_is_drawn_alike_each_time(kind: str, tmp_path: Path) -> None:
+    for place in ("one", "two"):
+        draw_case(Wanted(kind, 0), 5, tmp_path / place)
+    assert digest(tmp_path / "one") == digest(tmp_path / "two")
+    truth = read_truth(tmp_path / "one")
+    assert truth.causes[0].due or truth.causes[0].units > 3
+    assert sessions(tmp_path / "one", "session") and sessions(tmp_path / "one", "further")
+    assert bool(sessions(tmp_path / "one", "before")) == bool(truth.given)
+
+
+def test_what_is_recorded_is_of_cases_that_there_are() -> None:
+    for entry in json.loads(CHECKSUMS.read_text()).values():
+        assert entry["cases"] == len(entry["by_case"])
+        assert set(entry["by_case"]) <= {case.name for case in wanted_cases()}
+
+
+def problem(effects: list[np.ndarray], noise: np.ndarray) -> Problem:
+    """Forty readings, ten of them from before and ten held out; one constant, along x."""
+    n = 40
+    part = np.repeat([BEFORE, DIAGNOSED, DIAGNOSED, FURTHER], 10)
+    constants = np.zeros((n, 3, 1))
+    constants[:, 0, 0] = np.cos(np.arange(n))
+    lever = np.random.default_rng(3).normal(0, 100, (n, 3))
+    return Problem(constants, effects, noise, lever, part, part, np.full(n, 0.01))
+
+
+def test_noise_units_are_clear_of_constants_and_poses() -> None:
+    n = 40
+    absorbed, seen = np.zeros((n, 3)), np.zeros((n, 3))
+    absorbed[:, 0] = 0.3 * np.cos(np.arange(n)) + 0.2
+    seen[10:30, 2] = 0.1 * np.resize([1.0, -1.0], 20)
+    quiet = np.zeros((n, 3))
+    assert problem([absorbed], quiet).noise_units()[0] < 1e-6
+    assert 30 < problem([seen], quiet).noise_units()[0] < 0.1 / 0.01 * np.sqrt(20)
+
+
+def test_a_fit_that_is_told_the_cause_takes_it_out() -> None:
+    rng = np.random.default_rng(1)
+    noise, effect = 0.01 * rng.standard_normal((40, 3)), np.zeros((40, 3))
+    effect[10:, 1] = rng.standard_normal(30)
+    exact = problem([effect], noise + 0.05 * effect)
+    assert problem([], noise + 0.05 * effect).oracle_um() > 1.5 * exact.oracle_um()
+    # 10 µm on each of 30 figures, six of which the placement's pose takes
+    assert exact.oracle_um() == pytest.approx(10 * np.sqrt(3 * 24 / 30), rel=0.3)
+
+
+def test_findings_are_own_near_or_foreign() -> None:
+    ran = Ran((finding("encoder_scale", "joint 3", 0.99, "q3"),), 10.0, 6.0)
+    told = score(TRUTH, ran)
+    assert (told.due, told.named, told.first, told.foreign) == (1, 1, True, 0)
+    assert told.gain == pytest.approx((4.0, 5.0))
+    near = replace(ran, findings=(finding("encoder_eccentricity", "joint 3", 0.99, "q3"),))
+    assert (score(TRUTH, near).named, score(TRUTH, near).foreign) == (0, 0)
+    wrong = replace(ran, findings=(finding("encoder_scale", "joint 4", 0.99, "q4"),), after_um=11)
+    told = score(TRUTH, wrong)
+    assert (told.named, told.foreign, told.sure_and_wrong, told.worse) == (0, 1, True, True)
+    assert score(replace(TRUTH, causes=()), wrong).clean
+
+
+def test_what_is_true_of_how_it_was_measured_does_not_count() -> None:
+    truth = replace(TRUTH, causes=(), neutral=(("outliers", "rows"),), neutral_variables=("t1",))
+    ran = Ran((finding("outliers", "rows", 1.0), finding("unknown", "-", 0.99, "t1")), 5.0, 5.0)
+    assert score(truth, ran).foreign == 0
+    assert score(replace(truth, neutral=()), ran).foreign == 1
+
+
+def test_a_session_may_be_refused_by_its_name() -> None:
+    truth = replace(TRUTH, refusable="session-2")
+    assert not score(truth, Ran(refused="armd: session-2: found another arm's")).failed
+    assert score(truth, Ran(refused="armd: session-1: found another arm's")).failed
+    assert score(truth, Ran(refused="session-2: Traceback", failed=True)).failed
+
+
+def test_two_revisions_are_compared_case_by_case() -> None:
+    good = score(TRUTH, Ran((finding("encoder_scale", "joint 3", 0.99, "q3"),), 10.0, 5.0, 2.0))
+    silent = score(TRUTH, Ran((), 10.0, 10.0, 4.0))
+    lines = {line.name: line for line in compare([(silent, good)] * 8, np.random.default_rng(0))}
+    named, gain = lines["named and located"], lines["gain, of the oracle's"]
+    assert (named.before, named.after, named.interval) == ("0/8", "8/8", "+1.00 to +1.00")
+    assert (gain.before, gain.after) == ("0/40", "40/40")
+    assert "false alarms, clean" not in lines
