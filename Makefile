@@ -7,25 +7,63 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 
 .PHONY: install demo test test-default test-all test-slow test-long lint bench clean hidden hidden-freeze hidden-compare hidden-sweep outsider interim interim-reliability soak fuzz system-test deb paper real so101 so101-live circle page browser picture
+.PHONY: develop
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+# A command, and after it what it did and the seconds it took: $(call timed,WHAT,COMMAND)
+timed = @from=$$(date +%s); $(2) && echo "armd: $(1): $$(($$(date +%s) - from)) s"
+
 install: $(VENV)/.installed
 
-$(VENV)/.dependencies: requirements.txt
-	@echo "armd: installing into $(VENV): 1.2 GB on disk, some 350 MB to fetch"
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.txt
-	touch $@
+$(VENV)/.made:
+	$(call timed,virtual environment,$(PYTHON) -m venv $(VENV))
+	@touch $@
 
-$(VENV)/.installed: $(VENV)/.dependencies pyproject.toml
+# All that runs, development tools not among it
+$(VENV)/.installed: requirements.txt pyproject.toml | $(VENV)/.made
 	rm -rf build
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
-	@echo "armd: compiling the kernel for this machine: a minute, once"
-	$(BIN)/python -I -m armd.daemon.ahead
-	touch $@
+	@echo "armd: installing into $(VENV): 0.7 GB on disk, some 200 MB to fetch"
+	$(call timed,packages,$(PIP) install -r requirements.txt)
+	$(call timed,armd itself,$(PIP) install --no-build-isolation --no-deps --editable .)
+	@echo "armd: compiling the kernel for this machine and any arm: a minute, once"
+	$(call timed,kernel,$(BIN)/python -I -m armd.daemon.ahead --anew)
+	@touch $@
 
-demo: install
+# Development tools, beside them
+develop: $(VENV)/.dependencies
+$(VENV)/.dependencies: requirements-dev.txt | $(VENV)/.installed
+	@echo "armd: development tools into $(VENV): 0.5 GB on disk, some 150 MB to fetch"
+	$(call timed,development tools,$(PIP) install -r requirements.txt -r requirements-dev.txt)
+	@touch $@
+
+# A demo starts within a minute: its packages are installed without the compiler (0.2 GB), which
+# meanwhile compiles, from a folder of its own, for the demo's arm alone. Where no C++ compiler links
+# that, the daemon compiles when it starts. Other arms want all of `make install`.
+COMPILES := numba llvmlite
+IMPORTS := annotated-types cobs fastcrc numpy platformdirs pydantic pydantic_core pyserial setuptools \
+           typing-inspection typing_extensions
+COMPILER := $(VENV)/compiler
+demo: $(if $(wildcard $(VENV)/.installed)$(filter --can --servo% --joints%,$(DEMO_ARGS)),install,$(VENV)/.demo)
 	$(BIN)/armd demo $(DEMO_ARGS)
 
-lint: install
+$(VENV)/.demo: requirements.txt pyproject.toml | $(VENV)/.made
+	@echo "armd: installing into $(VENV) what the demo needs: 0.5 GB on disk, some 200 MB to fetch"
+	@$(MAKE) --no-print-directory -j2 demo-packages demo-kernel
+	@rm -rf $(COMPILER)
+	@touch $@
+
+.PHONY: demo-packages demo-kernel
+demo-packages:
+	$(call timed,packages,grep -v $(COMPILES:%=-e '^%=') requirements.txt > $(VENV)/demo.txt && \
+	    $(PIP) install --no-compile --no-deps -r $(VENV)/demo.txt)
+	$(call timed,armd itself,$(PIP) install --no-build-isolation --no-deps --editable .)
+
+demo-kernel:
+	$(call timed,compiler,$(PIP) install --no-compile --no-deps -c requirements.txt --upgrade \
+	    --target $(COMPILER) $(COMPILES) $(IMPORTS))
+	$(call timed,kernel for the demo's arm,PYTHONPATH=$(COMPILER) $(BIN)/python -m armd.daemon.ahead \
+	    --demo --into $(VENV)/share/armd || $(PIP) install --no-deps -c requirements.txt $(COMPILES))
+
+lint: develop
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -39,18 +77,18 @@ EMPTY_IS_FINE := $(if $(TEST_ARGS),|| [ $$? = 5 ])
 
 test:
 	@echo "armd: lint and tests take about four minutes on two cores, once armd is installed"
-	@$(MAKE) --no-print-directory install
+	@$(MAKE) --no-print-directory develop
 	@began=$$(date +%s); $(MAKE) --no-print-directory lint test-default; code=$$?; \
 	    echo "armd: make test took $$(($$(date +%s) - began)) s"; exit $$code
 
-test-default: install
+test-default: develop
 	$(WORKERS) -m "not slow and not serial" $(TEST_ARGS) $(EMPTY_IS_FINE)
 	$(PYTEST) -m "serial and not slow" $(TEST_ARGS) $(EMPTY_IS_FINE)
 
 # What make test leaves out, save make test-long
 test-all:
 	@echo "armd: everything else takes about an hour on two cores"
-	@$(MAKE) --no-print-directory install
+	@$(MAKE) --no-print-directory develop
 	@began=$$(date +%s); \
 	    for part in paper real browser test-slow "soak MINUTES=2" \
 	        "fuzz MINUTES=10" system-test; do \
@@ -59,7 +97,7 @@ test-all:
 	    echo "armd: make test-all took $$(($$(date +%s) - began)) s"
 
 SLOW := slow and not long
-test-slow: install
+test-slow: develop
 	@echo "armd: the slow tests take about half an hour on two cores"
 	$(WORKERS) --timeout 900 -m "$(SLOW) and not crowd and not serial" \
 	    --ignore tests/deploy/test_system.py $(TEST_ARGS) $(EMPTY_IS_FINE)
@@ -67,7 +105,7 @@ test-slow: install
 	    --ignore tests/deploy/test_system.py $(TEST_ARGS) $(EMPTY_IS_FINE)
 
 # Minutes each: many more cases of what the slow tests have a few of, and another processor
-test-long: install
+test-long: develop
 	@echo "armd: the long tests take about half an hour on two cores"
 	$(WORKERS) --timeout 1800 -m "long and not crowd and not serial" $(TEST_ARGS) $(EMPTY_IS_FINE)
 	$(PYTEST) --timeout 1800 -m "long and (crowd or serial)" $(TEST_ARGS) $(EMPTY_IS_FINE)
@@ -75,7 +113,7 @@ test-long: install
 # A fresh Monte Carlo of effects hidden by the simulator: make hidden CASES=100 SEED=7
 CASES ?= 40
 SEED ?= 1
-hidden: install
+hidden: develop
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/montecarlo.py --cases $(CASES) --seed $(SEED) $(HIDDEN_ARGS)
 
 # The frozen cases, which two revisions are compared on (CONTRIBUTING.md). hidden-freeze draws those
@@ -95,31 +133,31 @@ hidden-compare: install
 
 # Cases of a generator that shares nothing with armd, n of each kind, through the commands:
 # make outsider CASES=2 SEED=7
-outsider: install
+outsider: develop
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/outsider/run.py --cases $(CASES) --seed $(SEED) $(OUTSIDER_ARGS)
 
 # Interim checks against an oracle, the table of docs/interim.md: make interim CASES=40 SEED=2
-interim: install
+interim: develop
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/interim/montecarlo.py --cases $(CASES) --seed $(SEED)
 
 # Whether the probabilities of interim checks hold: make interim-reliability CASES=200 SEED=2
-interim-reliability: install
+interim-reliability: develop
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/interim/reliability.py --changes $(CASES) --seed $(SEED)
 
 # How the marks move when each constant of the search is halved and doubled:
 # make hidden-sweep CASES=4 SEED=7 SWEEP_ARGS="--only OFF ALPHA"
-hidden-sweep: install
+hidden-sweep: develop
 	PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/hidden/sweep.py --cases $(CASES) --seed $(SEED) $(SWEEP_ARGS)
 
 # Simulator, daemon and subscribers under random faults, every point accounted for:
 # make soak MINUTES=60 SEED=3
 MINUTES ?= 2
-soak: install
+soak: develop
 	PYTHONPATH=tests $(BIN)/python tests/scenarios/soak.py --minutes $(MINUTES) --seed $(SEED)
 
 # Damaged input at every door: files, wires, page, I++, messages. What breaks one is kept in
 # out/fuzz: make fuzz MINUTES=60 SEED=3
-fuzz: install
+fuzz: develop
 	PYTHONPATH=tests $(BIN)/python tests/fuzz/run.py --minutes $(MINUTES) --seed $(SEED) $(FUZZ_ARGS)
 
 # A Debian package for controllers with this Python or another: make deb FOR=3.13
@@ -129,7 +167,7 @@ deb: install
 
 # Installs armd on a Debian booted as a guest, under User-Mode Linux or, MACHINE=qemu, in software;
 # fails with BROKEN=1, as a broken daemon must.
-system-test: install
+system-test: develop
 	$(BIN)/python -m pytest --durations=20 tests/deploy/test_system.py -m slow -s
 
 # The founding paper's experiment, its tables beside ours
@@ -149,7 +187,7 @@ circle: install
 	$(BIN)/python tests/scenarios/circle.py --seed 5
 
 # Real measured data; DATA=../shared/data for copies of your own
-real: install
+real: develop
 	$(BIN)/python tests/real/marks.py $(DATA)
 	$(BIN)/python tests/real/diagnosis_marks.py $(DATA)
 
@@ -167,11 +205,11 @@ browser:
 	    || echo "no Chromium: the browser tests of the page will be skipped"
 
 # The picture of the page anew, on a machine that does nothing else
-picture: install browser
+picture: develop browser
 	PYTHONPATH=tests $(BIN)/python tests/bridges/picture.py out/view.png && cp out/view.png docs/view.png
 
 # Figures and ratios measured in one run, as text and as out/bench.json; BENCH="kernel wire"
-bench: install
+bench: develop
 	PYTHONPATH=tests $(BIN)/python tests/benchmarks/run.py $(BENCH)
 
 clean:

@@ -1,11 +1,11 @@
 """The library of compiled functions, made before the daemon starts: `python -m armd.daemon.ahead`.
 
 A daemon's every compiled call is made once, on made-up samples, for the arms of the armd.toml files
-given, or for any of 3 to 9 joints; then those of the commands that work on sessions. What was
-called is exported by numba's ahead-of-time compiler and linked: into the virtual environment, or,
-where that cannot be written to, into the cache. Where there is a library already, or no C++
-compiler, the calls are made all the same, and numba compiles what is missing into its cache. A file
-that is no good is told of and left: `armd run` will say it again.
+given, or for any of 3 to 9 joints, or for that of `armd demo`; then those of the commands that work
+on sessions. What was called is exported by numba's ahead-of-time compiler and linked: into the
+virtual environment, or, where that cannot be written to, into the cache. Where there is a library
+already, or no C++ compiler, the calls are made all the same, and numba compiles what is missing
+into its cache. A bad file is reported and skipped: `armd run` reports it again.
 """
 
 from __future__ import annotations
@@ -41,6 +41,9 @@ SERIAL, MICROSCRIBE = (
     CONFIGURATION.format(kind=kind) + 'port = "none"\n' for kind in ("serial", "microscribe")
 )
 
+#: Of `armd demo` without options.
+DEMO_JOINTS = 6
+
 #: What armd names after a state of its sources: a folder for numba, a library.
 OF_A_VERSION = re.compile(r"[0-9a-f]{12}|kernel_[0-9a-f]{12}\..*")
 
@@ -75,12 +78,14 @@ def made_up(folder: Path, joints: int, configuration: str = SERIAL) -> Path:
     return path
 
 
-def call(files: Iterable[Path], numbers: Sequence[int]) -> None:
+def call(files: Iterable[Path], numbers: Sequence[int], only_serial: bool = False) -> None:
     """As the daemons of these files do, and those of arms with these numbers of joints."""
     with tempfile.TemporaryDirectory() as folder:
         for joints in numbers:
             call_everything(made_up(Path(folder), joints))
-        if numbers:  # what all wires but the serial one share is the same for any of them
+        if (
+            numbers and not only_serial
+        ):  # what all wires but the serial one share is the same for any of them
             call_everything(made_up(Path(folder), N_JOINTS, MICROSCRIBE))
     for path in files:
         try:
@@ -114,11 +119,12 @@ def keep_in_environment() -> None:
 
 
 def can_link() -> bool:
+    """Whether a library can be made here."""
     try:
-        from armd.compiled import link
-    except ImportError:  # numba, or setuptools, which finds its compiler
+        from armd.compiled import numba_inside
+    except ImportError:  # numba, or what armd uses of it
         return False
-    return link.can_link()
+    return numba_inside.can_link()
 
 
 def made() -> bool:
@@ -131,33 +137,50 @@ def made() -> bool:
     return subprocess.run(command).returncode == 0
 
 
+def make_library(args: argparse.Namespace, numbers: Sequence[int]) -> int:
+    """Make it in the folder that *args* name; the exit code."""
+    if not can_link():
+        print(
+            "armd: found no C++ compiler, numba and setuptools to make a library", file=sys.stderr
+        )
+        return 2
+    from armd.compiled import compiler, numba_inside
+
+    library.do_without()
+    compiler.keep_nothing()
+    call(args.files, numbers, only_serial=args.demo)
+    args.into.mkdir(parents=True, exist_ok=True)
+    try:
+        numba_inside.export(args.into / library.file_name())
+    except ArmdError as error:
+        print(f"armd: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
 def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("files", nargs="*", type=Path)
-    parser.add_argument("--joints", nargs="+", type=int, help="for arms with so many")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--joints", nargs="+", type=int, help="for arms with so many")
+    which.add_argument("--demo", action="store_true", help="for the arm of `armd demo` alone")
     parser.add_argument("--into", type=Path, metavar="FOLDER", help="make the library there, anew")
+    parser.add_argument(
+        "--anew", action="store_true", help="make the library although there is one"
+    )
     parser.add_argument("--tidy", action="store_true", help="remove other versions'; nothing else")
     args = parser.parse_args()
     if args.tidy:
         tidy()
         return 0
-    numbers = args.joints or (() if args.files else range(3, 10))
+    numbers = (DEMO_JOINTS,) if args.demo else args.joints
+    numbers = numbers or (() if args.files else range(3, 10))
     if args.into is not None:
-        from armd.compiled import compiler, link
-
-        library.do_without()
-        compiler.keep_nothing()
-        call(args.files, numbers)
-        try:
-            link.export(args.into / library.file_name())
-        except ArmdError as error:
-            print(f"armd: {error}", file=sys.stderr)
-            return 2
-        return 0
+        return make_library(args, numbers)
     keep_in_environment()
-    if library.loaded() is None and can_link() and made():
+    if (args.anew or library.loaded() is None) and can_link() and made():
         return 0
-    call(args.files, numbers)
+    call(args.files, numbers, only_serial=args.demo)
     return 0
 
 

@@ -70,7 +70,7 @@ ROOMS = {
 COMMANDS = {name: line for room in ROOMS.values() for name, line in room.items()}
 
 
-#: Packages of the extra "offline": what a daemon and its subscribers never need.
+#: Packages that a controller goes without: what a daemon and its subscribers never need.
 OFFLINE = frozenset({"llvmlite", "matplotlib", "numba", "pyarrow", "scipy", "threadpoolctl"})
 #: Exit code where nobody reads what is written: that of a program which SIGPIPE has ended.
 CUT_OFF = 141
@@ -93,12 +93,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"armd: {said}", file=sys.stderr)
         return 2
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in OFFLINE:
+        package = (error.name or "").partition(".")[0]
+        if package not in OFFLINE:
             return own_fault(error)
-        install = f"{sys.executable} -m pip install 'armd[offline]'"
-        print(
-            f"armd: {error.name}: found no such package; this needs it: {install}", file=sys.stderr
-        )
+        from armd.daemon.missing import how_to_install
+
+        needs = f"this needs it: {how_to_install(OFFLINE, package)}"
+        print(f"armd: {error.name}: found no such package; {needs}", file=sys.stderr)
         return 2
     except BrokenPipeError:
         hush()
@@ -170,8 +171,8 @@ def _work(chosen: str, namespace: argparse.Namespace) -> int:
 
 
 def installed() -> set[str]:
-    """Names of the commands of this program whose packages are here: without the extra "offline"
-    those of a controller."""
+    """Names of the commands of this program whose packages are here; on a controller some are
+    not. Raises `ModuleNotFoundError` for a package that every installation has."""
     found = set()
     for name in COMMANDS.keys() - {"simulate"}:  # a program of its own
         try:

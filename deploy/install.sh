@@ -93,40 +93,31 @@ build() {
     if [ -n "$wheelhouse" ]; then
         # armd itself always anew: its version number need not have changed.
         pip install --no-index --find-links "$wheelhouse" --force-reinstall --no-deps armd
-        # A wheel for any processor has no compiled functions in it: numba compiles them, an extra.
+        # A wheel for any processor has no compiled functions in it: numba compiles them.
         set -- "$wheelhouse"/armd-*-none-any.whl
-        if [ -e "$1" ]; then all='armd[offline]'; else all=armd; fi
-        pip install --no-index --find-links "$wheelhouse" --constraint "$pins" "$all"
+        if [ -e "$1" ]; then
+            pip install --no-index --find-links "$wheelhouse" --constraint "$pins" armd
+        else
+            pip install --no-index --find-links "$wheelhouse" --constraint "$pins" --no-deps \
+                --requirement "$here/controller.txt"
+        fi
     else
         # From a copy: a build leaves files behind, which shall not lie in somebody's repository.
         copy=$(mktemp -d)
         tar -C "$here/.." --exclude='./.*' --exclude=./build -cf - . | tar -C "$copy" -xf -
-        pip install --force-reinstall --no-deps "$copy"
-        pip install --constraint "$pins" 'armd[offline]' setuptools # which links a library
+        # Its build makes the library of compiled functions, where there is a C++ compiler: into the
+        # environment, where the service can neither change nor lose it.
+        pip install --constraint "$pins" "$copy"
     fi
-    pip check || fail "$new: found packages that do not fit each other; the old stay"
     # What it would compile for root stays out of root's home.
-    NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -c 'import armd.daemon.commands.service.run' ||
-        fail "$new: found a program that does not load; the old one stays"
-    if [ -z "$wheelhouse" ]; then make_library; fi
+    NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -m armd.daemon.start_check ||
+        fail "$new: found commands that do not start; the old version stays"
     rm -rf "$new/help" && mkdir "$new/help"
     say_help armd completion bash
     say_help _armd completion zsh
     say_help armd.fish completion fish
     say_help armd.1 man
     rm -rf "$new/check"
-}
-
-# Of compiled functions, into the environment, where the service can neither change nor lose it. As
-# a wheel has it, for arms that nobody has; what it lacks for those here is compiled for the service.
-make_library() {
-    if NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -c \
-        'import sys; from armd.daemon.ahead import can_link; sys.exit(not can_link())'
-    then
-        mkdir -p "$new/share/armd"
-        NUMBA_CACHE_DIR=$new/check "$new/bin/python" -I -m armd.daemon.ahead \
-            --into "$new/share/armd" || say "no library of compiled functions: a cache has them" >&2
-    fi
 }
 
 # What a shell completes and `man armd` shows: written to the file $1. armd is as good without it.

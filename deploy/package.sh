@@ -31,8 +31,9 @@ trap 'rm -rf "$tree"' EXIT
 chmod 755 "$tree"
 install -d "$tree/DEBIAN" "$tree/usr/lib/armd/wheelhouse"
 cp -R "$here" "$here/../requirements.txt" "$tree/usr/lib/armd/"
-rm -r "$tree/usr/lib/armd/deploy/debian" "$tree/usr/lib/armd/deploy/package.sh" \
-    "$tree/usr/lib/armd/deploy/wheelhouse.sh"
+for name in client debian packaging package.sh wheelhouse.sh; do
+    rm -r "$tree/usr/lib/armd/deploy/$name"
+done
 "$here/wheelhouse.sh" --python "$wanted" "$tree/usr/lib/armd/wheelhouse"
 # Of a version in the making, the tilde sorts before the release.
 version=$(ls "$tree/usr/lib/armd/wheelhouse" | sed -n 's/^armd-\([^-]*\)-.*/\1/p' | sed 's/\.dev/~dev/')

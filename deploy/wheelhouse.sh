@@ -33,19 +33,12 @@ trap 'rm -rf "$copy"' EXIT
 tar -C "$here/.." --exclude='./.*' --exclude=./build --exclude=./tests --exclude=./wheelhouse \
     -cf - . | tar -C "$copy" -xf -
 rm -f "$folder"/armd-*.whl
-pip wheel --no-deps --wheel-dir "$folder" "$copy"
-# With numba, setuptools and a C++ compiler here, the compiled functions go into the wheel, by this
-# very source: then a controller needs no compiler. Without, it needs numba, an extra of armd.
-extra='[offline]'
+# Its build puts the library of compiled functions into the wheel where there is a C++ compiler here:
+# then a controller needs none. It is for one Python; without it a controller needs numba.
 if [ "$wanted" = "$own" ]; then
-    "$python" -I -m pip --quiet --disable-pip-version-check install --no-deps --target "$copy/as" \
-        "$folder"/armd-*.whl
-    if PYTHONPATH=$copy/as "$python" -m armd.daemon.ahead --into "$copy/armd"; then
-        rm "$folder"/armd-*.whl
-        pip wheel --no-deps --wheel-dir "$folder" "$copy"
-        extra=''
-    fi
-    rm -rf "$copy/as"
+    pip wheel --no-deps --wheel-dir "$folder" "$copy"
+else
+    ARMD_WITHOUT_LIBRARY=1 pip wheel --no-deps --wheel-dir "$folder" "$copy"
 fi
 # cobs comes as source alone. For another Python it is built without a compiler: that gives its
 # version in pure Python, which runs on all of them.
@@ -54,5 +47,7 @@ if [ "$wanted" = "$own" ]; then
 else
     CC=false pip wheel --no-deps --no-cache-dir --wheel-dir "$folder" --constraint "$pins" cobs
 fi
+set -- "$folder"/armd-*-none-any.whl
+if [ ! -e "$1" ]; then set -- --no-deps --requirement "$here/controller.txt"; fi
 pip download --dest "$folder" --find-links "$folder" --only-binary :all: --python-version "$wanted" \
-    --constraint "$pins" "$(echo "$folder"/armd-*.whl)$extra"
+    --constraint "$pins" "$@"

@@ -135,4 +135,4 @@ def inlined(function: F) -> F:
 
     A call passes each array as seven words, which takes as long as a loop over 64 samples does.
     """
-    return cast(F, Compiled(function, {"forceinline": True, "no_cpython_wrapper": True}))
+    return cast(F, Compiled(function, {"forceinline": True}))

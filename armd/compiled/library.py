@@ -69,7 +69,8 @@ def sources() -> str:
     library is made for, two of the daemon's files say.
     """
     rooms = Path(__file__).parents[1]
-    files = {Path(__file__).with_name("compiler.py"), *rooms.glob("*.py")}
+    files = {Path(__file__).with_name(name) for name in ("compiler.py", "numba_inside.py")}
+    files |= set(rooms.glob("*.py"))
     files |= {*rooms.glob("daemon/ahead.py"), *rooms.glob("daemon/rehearsal.py")}
     for room in ("drivers", "compensation", "daemon"):
         for file in (rooms / room).rglob("*.py"):

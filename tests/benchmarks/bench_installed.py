@@ -1,4 +1,4 @@
-"""How much a daemon and its clients take on a disk: armd, its library, what it requires; no extras.
+"""How much a controller takes on a disk: armd, its library, the packages of deploy/controller.txt.
 
 Files as they are installed here, by the lists that pip keeps; compiled Python (`.pyc`) with
 them. Python itself is the system's and not counted.
@@ -6,23 +6,20 @@ them. Python itself is the system's and not counted.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
 from importlib.metadata import distribution
 from pathlib import Path
-
-from packaging.requirements import Requirement
 
 import armd
 from armd.compiled import library
 
+PROJECT = Path(__file__).resolve().parents[2]
 #: Of these alone nobody would expect to be without.
 FLOOR = ("numpy", "eclipse-zenoh")
 
 
 def run() -> dict[str, float]:
     """MB; of armd itself, and of what it requires."""
-    required = {name: _size_mb(name) for name in sorted(_closure("armd") - {"armd"})}
+    required = {name: _size_mb(name) for name in _packages()}
     root = Path(armd.__file__).parent
     own_mb = sum(path.stat().st_size for path in root.rglob("*") if path.is_file()) / 1e6
     made = [path for path in library.places() if path.exists()]
@@ -36,23 +33,9 @@ def run() -> dict[str, float]:
     }
 
 
-def _closure(name: str) -> set[str]:
-    """A distribution and all that it requires on this machine, without extras."""
-    known: set[str] = set()
-    waiting = [name]
-    while waiting:
-        name = waiting.pop()
-        if name not in known:
-            known.add(name)
-            waiting += _required(distribution(name).requires or ())
-    return known
-
-
-def _required(lines: Iterable[str]) -> Iterable[str]:
-    for line in lines:
-        requirement = Requirement(line)
-        if requirement.marker is None or requirement.marker.evaluate({"extra": ""}):
-            yield re.sub(r"[-_.]+", "-", requirement.name).lower()
+def _packages() -> list[str]:
+    lines = (PROJECT / "deploy/controller.txt").read_text(encoding="utf-8").splitlines()
+    return sorted(line for line in lines if line and not line.startswith("#"))
 
 
 def _size_mb(name: str) -> float:

@@ -198,11 +198,11 @@ def test_without_a_file_it_is_for_every_number_of_joints(
     asked: list[list[int]] = []
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(program, "can_link", lambda: False)
-    monkeypatch.setattr(program, "call", lambda files, numbers: asked.append(list(numbers)))
-    for arguments in ([], ["some.toml"], ["--joints", "7"]):
+    monkeypatch.setattr(program, "call", lambda files, numbers, **_: asked.append([*numbers]))
+    for arguments in ([], ["some.toml"], ["--joints", "7"], ["--demo"]):
         monkeypatch.setattr(sys, "argv", ["ahead", *arguments])
         assert program.main() == 0
-    assert asked == [[3, 4, 5, 6, 7, 8, 9], [], [7]]
+    assert asked == [[3, 4, 5, 6, 7, 8, 9], [], [7], [6]]
 
 
 def test_every_made_up_arm_is_one_that_a_daemon_takes(monkeypatch: pytest.MonkeyPatch) -> None:

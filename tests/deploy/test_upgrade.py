@@ -30,7 +30,7 @@ case "$*" in
     "-I -m venv "*) mkdir -p "$4/bin"; cp "$0" "$4/bin/python"; : >"$4/bin/armd" ;;
     "-I -m pip "*"--constraint"*)
         [ ! -e {folder}/fail-pip ] && cp {folder}/version "${{0%/bin/*}}/" ;;
-    "-I -c import armd"*) [ ! -e {folder}/fail-load ] ;;
+    "-I -m armd.daemon.start_check") [ ! -e {folder}/fail-load ] ;;
     "-I -c import importlib.util as i, sys; sys.exit(not i.find_spec("*numba*)
         [ -e {folder}/has-numba ] ;;
     "-I -m armd "*)

@@ -122,10 +122,9 @@ def test_without_library_and_numba_it_says_what_to_install(tmp_path: Path) -> No
         capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr == (
-        "armd: scipy: found no such package; this needs it: "
-        f"{sys.executable} -m pip install 'armd[offline]'\n"
-    )
+    install = f"armd: scipy: found no such package; this needs it: {sys.executable} -m pip install "
+    assert done.stderr.startswith(install) and "scipy" in done.stderr.removeprefix(install)
+    assert "armd" not in done.stderr.removeprefix(install)  # no index has it
 
 
 def test_a_damaged_library_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

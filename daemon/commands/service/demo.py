@@ -62,15 +62,18 @@ def run(args: argparse.Namespace) -> int:
         wire = CAN if args.can else SERIAL
     calibrated = not args.servo and args.joints in (None, JOINTS)
     warm_up_s = args.seconds or WARM_UP_S
+    steps = Steps(console)
     with Stage(wire, args.seed, WARM_UP_K, warm_up_s, args.joints) as stage:
         if calibrated:
             with console.status("measuring a simulated arm at five temperatures, calibrating it…"):
                 stage.calibrate()
+            steps.done("measured at five temperatures and calibrated")
         with console.status(
             f"starting the arm on {wire.name}, and the daemon "
             "(the first time on a machine it compiles for half a minute)…"
         ):
             stage.start()
+        steps.done("arm and daemon started")
         console.print(
             f"endpoint  {stage.endpoint}   in another terminal: armd watch --endpoint "
             f"{stage.endpoint}, or the subscriber of the README: python subscriber.py "
@@ -89,6 +92,18 @@ def run(args: argparse.Namespace) -> int:
         errors = compare(meter.kept, truth)
     console.print(_summary(meter, arm.lost, errors, calibrated), highlight=False)
     return 1 if arm.lost.total else 0
+
+
+class Steps:
+    """Prints how long each step before the first live point took."""
+
+    def __init__(self, console: Console) -> None:
+        self._console, self._last_s = console, time.monotonic()
+
+    def done(self, what: str) -> None:
+        now_s = time.monotonic()
+        self._console.print(f"{now_s - self._last_s:5.1f} s  {what}", highlight=False)
+        self._last_s = now_s
 
 
 class Meter:

@@ -35,7 +35,9 @@ def page() -> str:
             parts.append("See armd simulate \\-\\-help.")
             continue
         if name not in here:
-            parts.append("Needs packages that are not installed here: armd[offline].")
+            parts.append(
+                "Needs packages that are not installed here; it says which when it is run."
+            )
             continue
         # The description stands above already; usage, options and examples follow as they are.
         command.description = None

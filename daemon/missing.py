@@ -1,0 +1,30 @@
+"""Packages that are not installed here, and the command that installs them."""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Collection
+from importlib.metadata import PackageNotFoundError, requires
+from importlib.util import find_spec
+
+
+def how_to_install(packages: Collection[str], package: str) -> str:
+    """The command that brings *package*, and what else of *packages* is missing, in versions that
+    armd needs."""
+    missing = sorted(name for name in packages if name == package or find_spec(name) is None)
+    versions = {re.split(r"[^\w.-]", text)[0]: text.split(";")[0].strip() for text in _required()}
+    # What no version is known of comes with another: llvmlite with numba.
+    wanted = [versions[name] for name in missing if name in versions] or missing
+    return f"{sys.executable} -m pip install {' '.join(map(_quoted, wanted))}"
+
+
+def _required() -> list[str]:
+    try:
+        return requires("armd") or []
+    except PackageNotFoundError:  # imported from sources
+        return []
+
+
+def _quoted(requirement: str) -> str:
+    return f"'{requirement}'" if re.search("[<>~!*]", requirement) else requirement

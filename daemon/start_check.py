@@ -1,0 +1,47 @@
+"""Check that the commands of this installation start: `python -I -m armd.daemon.start_check`.
+
+Those that a controller has must all be here; of the others, those whose packages are installed.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from armd.daemon.cli import OFFLINE, parsers
+
+#: Commands that need none of the packages in `armd.daemon.cli.OFFLINE`.
+CONTROLLER = (
+    "accept", "arm", "check", "completion", "doctor", "export", "fleet", "init", "ippdme", "man",
+    "record", "reload", "replay", "ros2", "run", "schema", "status", "stream", "tip", "view",
+    "watch",
+)  # fmt: skip
+OTHERS = (
+    "calibrate", "correct", "demo", "design", "diagnose", "evaluate", "feature", "import",
+    "interim", "measure", "recorrect", "verify",
+)  # fmt: skip
+
+
+def find_faults() -> dict[str, str]:
+    """The commands that do not start, and why."""
+    faults = {}
+    for name in (*CONTROLLER, *OTHERS):
+        try:
+            _, commands = parsers([name])
+            commands[name].format_help()
+        except Exception as error:
+            absent = error.name if isinstance(error, ModuleNotFoundError) else None
+            if name in CONTROLLER or (absent or "").partition(".")[0] not in OFFLINE:
+                faults[name] = f"{type(error).__name__}: {error}"
+    return faults
+
+
+def main() -> int:
+    """2 where a command does not start."""
+    faults = find_faults()
+    for name, fault in faults.items():
+        print(f"armd: {name}: found {fault}, expected a command that starts", file=sys.stderr)
+    return 2 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
