@@ -124,8 +124,13 @@ class SerialShell(Shell[D]):
     def __init__(self, decoder: D, port: str, channel: str = "serial") -> None:
         super().__init__(decoder, port, self.RENEW_NS, channel)
         self._path = port
+        self._unsent = 0  # requests that the line did not take whole
         self._port: serial.Serial | None = None
         self._poll = select.poll()
+
+    @property
+    def counters(self) -> dict[str, int]:
+        return {**super().counters, "unsent": self._unsent}
 
     def close(self) -> None:
         if self._port is not None:
@@ -184,9 +189,15 @@ class SerialShell(Shell[D]):
             return self._unplugged(str(error))
         return self._received(port, data) if data else self._unplugged("end of file")
 
-    def _write(self, port: serial.Serial, data: bytes) -> RawFrame:
-        """*data* goes out; the decoder is to be told by the frame returned."""
+    def _write(self, port: serial.Serial, data: bytes) -> RawFrame | None:
+        """*data* goes out; the decoder is to be told by the frame returned. None where the line
+        did not take it whole: nothing of it counts as sent, and nobody answers it."""
         frame = self._frame("tx", data)
-        with suppress(OSError):  # a full or broken line shows itself when reading
-            os.write(port.fileno(), data)
+        try:
+            written = os.write(port.fileno(), data)
+        except OSError:  # a full or broken line shows itself when reading
+            written = 0
+        if written < len(data):
+            self._unsent += 1
+            return None
         return frame

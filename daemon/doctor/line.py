@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import select
 import time
 from collections.abc import Collection
 
@@ -12,6 +11,7 @@ from armd.closing import Closing
 from armd.drivers.poll.protocol.family import Family
 from armd.drivers.poll.protocol.packet import Packet
 from armd.drivers.ports import is_pseudo
+from armd.drivers.waiting import has_bytes
 
 BYTES = 4096
 ECHO_S = 0.1  # an adapter gives bytes back within 16 ms, on a busy host later
@@ -45,7 +45,7 @@ class Line(Closing):
 
     def hear(self, seconds: float) -> bytes:
         """What comes first within *seconds*; empty if nothing does."""
-        if not select.select([self._port.fileno()], [], [], max(0.0, seconds))[0]:
+        if not has_bytes(self._port.fileno(), max(0.0, seconds)):
             return b""
         heard = bytes(self._port.read(BYTES))
         self.heard_bytes += len(heard)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import select
 import sys
 import threading
 import time
@@ -23,6 +22,7 @@ from armd.daemon.measure.ending import Done
 from armd.daemon.measure.hearing import SILENT_S, Hearing
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.so_far.estimate import identified
+from armd.drivers.waiting import has_bytes
 from armd.errors import ArmdError
 from armd.terminal.counted import counted
 from armd.terminal.printable import printable
@@ -147,7 +147,7 @@ class Terminal:
         if not self._stdin_open:
             return []
         try:
-            while select.select([sys.stdin], [], [], 0)[0]:
+            while has_bytes(sys.stdin.fileno(), 0):
                 piece = os.read(sys.stdin.fileno(), 4096)
                 if not piece:
                     self._stdin_open = False

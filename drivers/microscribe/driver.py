@@ -3,7 +3,6 @@ one reading after the other. Everything that the bytes mean is in the decoder.""
 
 from __future__ import annotations
 
-import select
 import termios
 import time
 from contextlib import suppress
@@ -18,6 +17,7 @@ from armd.drivers.microscribe.decoder import PUT_IT_TO_REST, UP, MicroScribeDeco
 from armd.drivers.microscribe.timer import TICK_NS
 from armd.drivers.sample import Item
 from armd.drivers.shell import SerialShell
+from armd.drivers.waiting import has_bytes
 
 AFTER_END_S = 0.015
 SYNC_EVERY_NS = 30_000_000
@@ -87,7 +87,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
             wait_s = max(0, min(deadline_ns, due_ns) - time.monotonic_ns()) / 1e9
             if self._port is None:
                 time.sleep(wait_s)
-            elif select.select([self._port.fileno()], [], [], wait_s)[0]:
+            elif has_bytes(self._port.fileno(), wait_s):
                 items += self._receive(self._port)
             if time.monotonic_ns() >= deadline_ns:
                 break
@@ -104,7 +104,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
             self._hang_up()
             return self._try_open(now_ns)
         streaming = conversation.phase is Phase.STREAM and now_ns < self._timing_ns
-        if streaming and select.select([port.fileno()], [], [], 0)[0]:
+        if streaming and has_bytes(port.fileno(), 0):
             return []  # it is this process that was late
         stopping = conversation.phase is Phase.STOPPING and conversation.stops
         if stopping or conversation.phase in (Phase.STREAM, Phase.STARTING):
@@ -206,5 +206,7 @@ class MicroScribeDriver(SerialShell[MicroScribeDecoder]):
 
     def _send(self, port: serial.Serial, data: bytes) -> list[Item]:
         frame = self._write(port, data)
+        if frame is None:  # asked for again when it is due
+            return []
         self._sent_ns = frame.monotonic_ns
         return self._take(frame)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import select
 import termios
 import time
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from dataclasses import dataclass
 import serial
 
 from armd.drivers.microscribe import wire
+from armd.drivers.waiting import has_bytes
 from armd.errors import BadInput
 
 SYNC_S, REPLY_S, TRIES = 0.03, 0.3, 3
@@ -122,7 +122,7 @@ class _Talk:
         """What comes within *seconds*, or up to one of *until*; without, up to the first bytes."""
         heard, deadline = b"", time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0:
-            if not select.select([self._line.fileno()], [], [], left)[0]:
+            if not has_bytes(self._line.fileno(), left):
                 break
             heard += self._line.read(4096)
             if not until or any(word in heard for word in until):

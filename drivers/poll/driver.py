@@ -6,7 +6,6 @@ next request is on the line before anybody looks at what the last one brought.
 
 from __future__ import annotations
 
-import select
 import time
 
 import serial
@@ -22,6 +21,7 @@ from armd.drivers.poll.roster import NO_SYNC_READ
 from armd.drivers.ports import is_pseudo
 from armd.drivers.sample import Item, RawFrame
 from armd.drivers.shell import SerialShell
+from armd.drivers.waiting import has_bytes
 
 WRITE_NS = 10_000_000  # what a servo needs to keep a register, and to say so
 #: On a pseudo-terminal after a request: a kernel thread without any priority carries it, and would
@@ -114,8 +114,8 @@ class ServoDriver(SerialShell[ServoDecoder]):
             end_ns = max(self._due_ns, self._hold_ns)
         wait_ns = min(end_ns, deadline_ns) - time.monotonic_ns()
         try:
-            ready, _, _ = select.select([port.fileno()], [], [], max(0.0, wait_ns / 1e9))
-        except (OSError, ValueError) as error:
+            ready = has_bytes(port.fileno(), max(0.0, wait_ns / 1e9))
+        except OSError as error:
             return self._unplugged(str(error))
         if ready:
             return self._receive(port)
@@ -166,7 +166,8 @@ class ServoDriver(SerialShell[ServoDecoder]):
         write = self._known.write_due()
         if write is not None:
             self._hold_ns = now_ns + WRITE_NS
-            return items + self._take(self._write(port, write))
+            written = self._write(port, write)
+            return items if written is None else items + self._take(written)
         request = self._known.question(now_ns) or self._side or self._plan.side_question(now_ns)
         self._side = None
         self._is_cycle = request is None
@@ -194,7 +195,11 @@ class ServoDriver(SerialShell[ServoDecoder]):
             self._due_ns = max(self._due_ns, now_ns - late) + self._period_ns
 
     def _ask(self, port: serial.Serial, request: ReadRequest) -> list[Item]:
-        return self._asked(request, self._write(port, self._packet(request)))
+        sent = self._write(port, self._packet(request))
+        if sent is None:
+            self._hold_ns = time.monotonic_ns() + WRITE_NS
+            return []
+        return self._asked(request, sent)
 
     def _packet(self, request: ReadRequest) -> bytes:
         packet = self._packets.get(request)
@@ -269,7 +274,7 @@ class ServoDriver(SerialShell[ServoDecoder]):
         items: list[Item] = []
         if request is not None:
             self._next = None
-            items += self._asked(request, sent or self._write(port, self._packet(request)))
+            items += self._asked(request, sent) if sent else self._ask(port, request)
         self._pace.took(now_ns - sent_ns - needs_ns)
         self._ended(exchange.complete, now_ns)
         if request is not None:

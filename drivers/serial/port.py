@@ -67,19 +67,24 @@ class SerialDriver(SerialShell[SerialDecoder]):
             self._nonce = (self._nonce + 1) & 0xFFFFFFFF
             # Out of step with the arm's own beat, so that some PING finds it idle.
             self._stretch = 0.75 + 0.5 * (self._nonce * GOLDEN_RATIO % 1)
-            self._take(self._write(self._port, wire.encode_ping(self._nonce)))
+            self._send(self._port, wire.encode_ping(self._nonce))
         if not self._decoder.wants_identity:
             self._asked = 0
             return []
         if now_ns < self._identify_due_ns:
             return []
         self._identify_due_ns = now_ns + IDENTIFY_INTERVAL_NS
-        self._take(self._write(self._port, wire.encode_identify()))
+        self._send(self._port, wire.encode_identify())
         self._asked += 1
         if self._asked != IDENTIFY_PATIENCE or self._decoder.last_sample_ns is None:
             return []
         text = "samples arrive, but the arm does not answer IDENTIFY: whose are they?"
         return [Event("unidentified", text, now_ns, "error")]
+
+    def _send(self, port: serial.Serial, data: bytes) -> None:
+        frame = self._write(port, data)
+        if frame is not None:
+            self._take(frame)
 
     # --- the port --------------------------------------------------------------------------
 

@@ -1,0 +1,120 @@
+"""Descriptors over 1023, and lines that take nothing more: what no driver may trip over."""
+
+import os
+import resource
+import time
+import tty
+from contextlib import closing, contextmanager
+
+import numpy as np
+import pytest
+
+from armd.drivers.config import MicroScribeConfig, SerialConfig, ServoConfig
+from armd.drivers.identity import Expectation
+from armd.drivers.sample import Event
+from armd.drivers.table import open_driver
+from armd.drivers.waiting import has_bytes
+from support.fake_servos import Dynamixel, FakeServos, Feetech
+
+EXPECTED = Expectation("SERVO-1", 3, 3, (4096,) * 3)
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path, monkeypatch):
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "state"))
+
+
+@contextmanager
+def many_open_files():
+    """Whatever is opened next has a number over 1023."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if hard != resource.RLIM_INFINITY and hard < 1400:
+        pytest.skip("this machine lets nobody have more than 1024 files open")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (1400, hard))
+    taken = []
+    try:
+        while not taken or taken[-1] < 1100:
+            taken.append(os.open(os.devnull, os.O_RDONLY))
+        yield
+    finally:
+        for descriptor in taken:
+            os.close(descriptor)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
+def test_servos_are_read_on_a_descriptor_over_1023(tmp_path, family):
+    with FakeServos(family, tmp_path) as servos, many_open_files():
+        config = ServoConfig(kind=family.kind, port=str(servos.link), ids=[1, 2, 3])
+        with closing(open_driver(config, EXPECTED)) as driver:
+            items, end_s = [], time.monotonic() + 10.0
+            while time.monotonic() < end_s and not any(isinstance(i, np.ndarray) for i in items):
+                items += driver.read(0.05)
+    assert any(isinstance(item, np.ndarray) for item in items)
+    assert "unplugged" not in [item.kind for item in items if isinstance(item, Event)]
+
+
+def test_a_microscribe_is_waited_for_on_a_descriptor_over_1023():
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    with many_open_files():
+        config = MicroScribeConfig(kind="microscribe", port=os.ttyname(slave), baud=115200)
+        with closing(open_driver(config, EXPECTED)) as driver:
+            driver.read(0.2)
+            asked = os.read(master, 100)
+    os.close(master)
+    os.close(slave)
+    assert asked
+
+
+def test_waiting_ends_when_bytes_come_or_the_time_is_over():
+    reading, writing = os.pipe()
+    began = time.monotonic()
+    assert not has_bytes(reading, 0.0024)
+    assert time.monotonic() - began >= 0.0024
+    os.write(writing, b"x")
+    assert has_bytes(reading, 5.0)
+    os.read(reading, 1)
+    os.close(writing)
+    assert has_bytes(reading, 5.0)  # its end is something to be read
+    os.close(reading)
+
+
+def drain(descriptor):
+    while has_bytes(descriptor, 0.01):
+        os.read(descriptor, 1 << 16)
+
+
+@pytest.mark.parametrize("kind", ["serial", "feetech", "dynamixel", "microscribe"])
+def test_what_the_line_does_not_take_is_not_recorded_as_sent(kind):
+    """Nobody reads the other end until it is full; then somebody does."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    port = os.ttyname(slave)
+    configs = {
+        "serial": lambda: SerialConfig(kind="serial", port=port),
+        "microscribe": lambda: MicroScribeConfig(kind="microscribe", port=port, baud=115200),
+    }
+    config = configs.get(kind, lambda: ServoConfig(kind=kind, port=port, ids=[1, 2, 3]))()
+    with closing(open_driver(config, EXPECTED)) as driver:
+        driver.read(0.05)
+        os.set_blocking(slave, False)
+        with pytest.raises(BlockingIOError):
+            while True:
+                os.write(slave, b"\0")
+        driver.take_raw()
+        end_s = time.monotonic() + 0.3
+        while time.monotonic() < end_s:
+            driver.read(0.05)
+        sent = [frame for frame in driver.take_raw() if frame.direction == "tx"]
+        assert not sent and driver.counters["unsent"] > 0
+        drain(master)
+        heard, end_s = b"", time.monotonic() + 5.0
+        while not sent and time.monotonic() < end_s:
+            driver.read(0.05)
+            sent = [frame for frame in driver.take_raw() if frame.direction == "tx"]
+            while has_bytes(master, 0.0):
+                heard += os.read(master, 1 << 16)
+        assert sent and b"".join(frame.data for frame in sent) in heard
+    os.close(master)
+    os.close(slave)
