@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from armd.compensation.interim.checks.chain import HEAD, HISTORY, HistoryChain, read_chain
-from armd.errors import BadInput
 from armd.files.inputs import read_input
 from armd.files.schema import json_data
 
@@ -25,8 +24,6 @@ HOUR_S = 3600.0
 #: A check dated farther ahead than this was dated by a clock that is wrong, or ours is.
 CLOCKS_APART_H = 1.0
 REPORT = "report.json"
-#: What a file that is no result of `armd interim` may end in: the thread goes on.
-UNREADABLE = (BadInput, OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError)
 #: A history of ten years is a few megabytes.
 MOST_BYTES = 1 << 26
 
@@ -120,7 +117,7 @@ class InterimChecks:
             path = self.folder / HISTORY
             fault = self._told.fault or self._chain.fault(self._told.checks)
             self.last = LastCheck(fault=fault) if fault else self._told
-        except UNREADABLE as error:
+        except Exception as error:  # whatever a foreign file holds, the next look comes
             self._stamp = None
             self.last = LastCheck(fault=f"{path} cannot be read: {' '.join(str(error).split())}")
 

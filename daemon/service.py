@@ -15,6 +15,7 @@ import zenoh
 
 from armd import keys
 from armd.daemon.config import Config
+from armd.daemon.event_groups import EventGroups
 from armd.daemon.files.kept_tips import asked_tip
 from armd.daemon.files.measurement_log import MeasurementLog, log_folder
 from armd.daemon.host import root
@@ -32,6 +33,7 @@ from armd.daemon.network.publisher import Publisher
 from armd.daemon.network.queries import Queries
 from armd.daemon.network.rival import RivalWatch
 from armd.daemon.supervisor import Supervisor
+from armd.daemon.unexpected import Unexpected
 from armd.drivers.sample import Driver, Event, SampleArray, Temperatures
 from armd.errors import ArmdError
 
@@ -62,6 +64,8 @@ class Service:
         self._arm = arm
         serial = config.arm.serial_number
         self._publisher = Publisher(session, serial)
+        self._unexpected = unexpected = Unexpected()
+        self._groups = EventGroups()
         self._changes = changes = Changes(arm, self._tell_now)
         self._queries = Queries(
             session,
@@ -79,6 +83,7 @@ class Service:
             }
             if config.file.commands.enabled
             else None,
+            unexpected,
         )
         self._rival = RivalWatch(session, serial)
         self._averager = Averager(config.file.measurement.average_s, config.arm.n_joints)
@@ -90,7 +95,7 @@ class Service:
         self._systemd = Systemd()
         self._awake = Awake()
         now_ns = time.monotonic_ns()
-        self._supervisor = Supervisor(config, driver, arm, now_ns)
+        self._supervisor = Supervisor(config, driver, arm, now_ns, unexpected)
         self._publisher.put_health(self._supervisor.health(now_ns))  # "starting"
         if self._supervisor.interim is not None:
             self._supervisor.interim.start()
@@ -204,7 +209,11 @@ class Service:
             raise ForeignArm(event.text)
 
     def _tell(self, event: Event) -> None:
-        """Publish and log something a person wants explained."""
+        """Publish and log something a person wants explained; of a flood, that it is one."""
+        if self._groups.pass_on(event, time.monotonic_ns()):
+            self._tell_each(event)
+
+    def _tell_each(self, event: Event) -> None:
         self._log.write(event)
         stamp_ns = time.time_ns() - time.monotonic_ns() + event.monotonic_ns
         self._publisher.events.put(asdict(event) | {"stamp_ns": stamp_ns})
@@ -217,24 +226,34 @@ class Service:
     # --- between two reads ---------------------------------------------------------------
 
     def _tick(self, now_ns: int) -> None:
-        self._queries.answer()
-        self._publisher.look_for_listeners()
-        self._awake.keep(self._driver.connected)
-        if self._reload_asked:
-            self._reload_asked = False
-            self._systemd.reloading()
-            self._changes.reload(lambda *_: self._systemd.ready())  # it is told as an event
-        self._changes.take()
-        second_over = self._supervisor.close_second(now_ns)
-        for event in [*self._supervisor.assess(now_ns), *self._rival.look(now_ns)]:
-            self._tell(event)
-        if self._measured is not None:
-            for event in self._measured.take_events():
-                self._tell(event)
-        if second_over:
-            self._log.tell_rest()
-            self._sender_settled = self._sender_settled or sender_goes_first()
-            self._publisher.put_health(self._supervisor.health(now_ns))
-            self._systemd.status(f"{self._supervisor.state}: {self._supervisor.reason}")
+        survive = self._unexpected.survive
+        with survive("questions"):
+            self._queries.answer()
+            self._publisher.look_for_listeners()
+        with survive("processor"):
+            self._awake.keep(self._driver.connected)
+        with survive("changes"):
+            if self._reload_asked:
+                self._reload_asked = False
+                self._systemd.reloading()
+                self._changes.reload(lambda *_: self._systemd.ready())  # it is told as an event
+            self._changes.take()
+        with survive("events"):
+            self._tell_new(now_ns)
+        with survive("health"):
+            if self._supervisor.close_second(now_ns):
+                self._log.tell_rest()
+                self._sender_settled = self._sender_settled or sender_goes_first()
+                self._publisher.put_health(self._supervisor.health(now_ns))
+                self._systemd.status(f"{self._supervisor.state}: {self._supervisor.reason}")
         # This thread runs, and the supervisor has a reason for every silence.
         self._systemd.feed_watchdog(now_ns * 1e-9)
+
+    def _tell_new(self, now_ns: int) -> None:
+        events = [*self._supervisor.assess(now_ns), *self._rival.look(now_ns)]
+        if self._measured is not None:
+            events += self._measured.take_events()
+        for event in [*events, *self._unexpected.take_events()]:
+            self._tell(event)
+        for event in self._groups.due(now_ns):
+            self._tell_each(event)

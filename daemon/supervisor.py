@@ -15,6 +15,7 @@ from armd.daemon.live.arm_in_use import ArmInUse
 from armd.daemon.live.end_stops import EndStopWatch
 from armd.daemon.live.pipeline import PointArray
 from armd.daemon.state import Seen, State, assess
+from armd.daemon.unexpected import Unexpected
 from armd.drivers.sample import Driver, Event, SampleArray
 
 SECOND_NS = 1_000_000_000
@@ -27,10 +28,13 @@ BACK_AFTER_NS = 500_000_000
 class Supervisor:
     """Told of every batch and every event; asked for the state at any time."""
 
-    def __init__(self, config: Config, driver: Driver, arm: ArmInUse, now_ns: int) -> None:
+    def __init__(
+        self, config: Config, driver: Driver, arm: ArmInUse, now_ns: int, unexpected: Unexpected
+    ) -> None:
         self._config = config
         self._driver = driver
         self._arm = arm
+        self._unexpected = unexpected
         self._started_ns = now_ns
         self._replays = config.driver.kind == "replay"  # of the past: stamps are the recording's
         self._came_ns: int | None = None  # when the last sample came, not when it was latched
@@ -165,6 +169,7 @@ class Supervisor:
             "calibration": None if calibration is None else calibration.sha256[:16],
             "tip": self._arm.tip,
             "as_root": is_root(),
+            "unexpected": self._unexpected.as_json(),
             "interim": self._interim_health(),
         }
 

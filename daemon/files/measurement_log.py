@@ -78,7 +78,7 @@ class MeasurementLog:
                 continue
             try:
                 self._write()
-            except OSError as error:
+            except Exception as error:  # whatever it is, the lines wait for the next attempt
                 self._tell_failure(error)
             else:
                 self._tell_success()
@@ -116,10 +116,10 @@ class MeasurementLog:
         for _ in lines:
             self._waiting.popleft()
 
-    def _tell_failure(self, error: OSError) -> None:
+    def _tell_failure(self, error: Exception) -> None:
         if self._failed:
             return
-        self._failed = f"{self._folder}: {error.strerror}"
+        self._failed = f"{self._folder}: {getattr(error, 'strerror', None) or error}"
         text = f"measurements cannot be written to {self._failed}; they are kept in memory"
         self._told.append(Event("log_failed", text, time.monotonic_ns(), "error"))
 

@@ -8,6 +8,7 @@ server has a thread for each connection and waits for each without end.)
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -21,6 +22,10 @@ MOST_OPEN = 8
 #: From connecting to the last byte of the answer.
 PATIENCE_S = 3.0
 MOST_REQUEST_BYTES = 8192
+
+#: What ends a request that is nobody's fault but the other side's.
+BROKEN_OFF = (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError)
+_log = logging.getLogger(__name__)
 
 HealthRecord = dict[str, Any]
 
@@ -68,7 +73,9 @@ class MetricsServer:
                 await writer.drain()
                 writer.close()
                 await writer.wait_closed()
-        except (OSError, TimeoutError, asyncio.IncompleteReadError, asyncio.LimitOverrunError):
+        except Exception as error:
+            if not isinstance(error, BROKEN_OFF):
+                _log.exception("metrics")
             writer.transport.abort()
         finally:
             self._open -= 1

@@ -22,6 +22,7 @@ from zenoh import handlers
 from armd import keys
 from armd.daemon.live.answer import Respond
 from armd.daemon.network.publisher import JSON, KeptStream, Publisher
+from armd.daemon.unexpected import Unexpected
 from armd.drivers.replay import raw
 from armd.drivers.sample import RawFrame
 
@@ -53,10 +54,12 @@ class Queries:
         told: Mapping[str, Callable[[], str]],
         preamble: Callable[[], list[RawFrame]],
         commands: Mapping[str, QueryHandler] | None,
+        unexpected: Unexpected,
     ) -> None:
         """*told*: by key, what is asked for in another thread; *commands* None: every command is
         refused."""
         self._publisher = publisher
+        self._unexpected = unexpected
         self._preamble = preamble
         self._commands = commands
         self._command_prefix = keys.key(serial, keys.COMMAND) + "/"
@@ -69,13 +72,16 @@ class Queries:
             _declare(session, self._command_prefix + "**", self._obey),
         ]
         self._tellers = [
-            _Teller([_declare(session, key, _tell(key, text)) for key, text in texts.items()]),
-            _Teller([_declare(session, stream.key, _tell_past(stream)) for stream in streams]),
+            _Teller(queryables, unexpected)
+            for queryables in (
+                [_declare(session, key, _tell(key, text)) for key, text in texts.items()],
+                [_declare(session, stream.key, _tell_past(stream)) for stream in streams],
+            )
         ]
 
     def answer(self) -> None:
         """Answer a few of the questions that only the measuring thread can answer."""
-        _answer_some(self._own)
+        _answer_some(self._own, self._unexpected)
 
     def close(self) -> None:
         for teller in self._tellers:
@@ -112,8 +118,11 @@ class Queries:
 class _Teller:
     """A thread that answers questions which everybody may ask."""
 
-    def __init__(self, queryables: Iterable[tuple[_Queryable, _Tell]]) -> None:
+    def __init__(
+        self, queryables: Iterable[tuple[_Queryable, _Tell]], unexpected: Unexpected
+    ) -> None:
         self._queryables = list(queryables)
+        self._unexpected = unexpected
         self._stopped = threading.Event()
         threading.Thread(target=self._run, name="teller", daemon=True).start()
 
@@ -124,8 +133,7 @@ class _Teller:
         pause_s = LOOK_S
         while not self._stopped.wait(pause_s):
             began_s = time.thread_time()
-            with suppress(zenoh.ZError):  # whoever asked is gone, or the session is closed
-                _answer_some(self._queryables)
+            _answer_some(self._queryables, self._unexpected)
             pause_s = max(LOOK_S, REST * (time.thread_time() - began_s))
 
 
@@ -133,13 +141,16 @@ def _declare(session: zenoh.Session, key: str, tell: _Tell) -> tuple[_Queryable,
     return session.declare_queryable(key, handlers.RingChannel(RING)), tell
 
 
-def _answer_some(queryables: Iterable[tuple[_Queryable, _Tell]]) -> None:
+def _answer_some(queryables: Iterable[tuple[_Queryable, _Tell]], unexpected: Unexpected) -> None:
+    """One question that cannot be answered does not keep the others from their answers."""
     for queryable, tell in queryables:
         for _ in range(AT_ONCE):
-            query = queryable.try_recv()
-            if query is None:
-                break
-            tell(query)
+            with unexpected.survive("questions"), suppress(zenoh.ZError):
+                # ZError: whoever asked is gone, or the session is closed
+                query = queryable.try_recv()
+                if query is None:
+                    break
+                tell(query)
 
 
 def _reply(

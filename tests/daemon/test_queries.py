@@ -9,6 +9,7 @@ import zenoh
 
 from armd.daemon.network.publisher import Publisher
 from armd.daemon.network.queries import AT_ONCE, RING, Queries
+from armd.daemon.unexpected import Unexpected
 from support.running_daemon import free_endpoint, session_with
 
 
@@ -32,7 +33,7 @@ def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsew
         publisher = Publisher(ours, "T")
         for i in range(200):
             publisher.events.put({"i": i})
-        queries = Queries(ours, "T", publisher, {}, list, {"dance": dance})
+        queries = Queries(ours, "T", publisher, {}, list, {"dance": dance}, Unexpected())
         time.sleep(0.3)  # for the declarations
         for _ in range(3 * RING):
             theirs.get("armd/T/command/dance", lambda _: None, timeout=20.0)
@@ -52,3 +53,46 @@ def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsew
         assert len(replies) == RING // 4 * 200
         queries.close()
         publisher.close()
+
+
+def test_a_question_that_raises_does_not_end_the_answers_to_others():
+    endpoint = free_endpoint()
+    settings = zenoh.Config()
+    for key, value in {
+        "listen/endpoints": [endpoint],
+        "scouting/multicast/enabled": False,
+        "timestamping/enabled": True,
+    }.items():
+        settings.insert_json5(key, json.dumps(value))
+    unexpected = Unexpected()
+    broken = {"now": True}
+
+    def info():
+        if broken["now"]:
+            raise RuntimeError("nobody expected this")
+        return "{}"
+
+    def dance(parameters, answer):
+        raise KeyError("dance")
+
+    with zenoh.open(settings) as ours, session_with(endpoint) as theirs:
+        publisher = Publisher(ours, "T")
+        queries = Queries(ours, "T", publisher, {"info": info}, list, {"dance": dance}, unexpected)
+        time.sleep(0.3)  # for the declarations
+        assert not [r for r in theirs.get("armd/T/info", timeout=1.0) if r.ok]
+        theirs.get("armd/T/command/dance", lambda _: None, timeout=1.0)
+        end_s = time.monotonic() + 10.0
+        while unexpected.as_json() != {"questions": 2} and time.monotonic() < end_s:
+            queries.answer()
+            time.sleep(0.02)
+        broken["now"] = False
+        replies = [r for r in theirs.get("armd/T/info", timeout=10.0) if r.ok]
+        queries.close()
+        publisher.close()
+    assert len(replies) == 1
+    assert unexpected.as_json() == {"questions": 2}
+    texts = [event.text for event in unexpected.take_events()]
+    assert [text.split(";")[0] for text in texts] == [
+        "questions: RuntimeError: nobody expected this",
+        "questions: KeyError: 'dance'",
+    ]

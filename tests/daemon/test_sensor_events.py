@@ -5,6 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from armd.daemon.supervisor import BACK_AFTER_NS, Supervisor
+from armd.daemon.unexpected import Unexpected
+from support.small_arm import small_arm
 
 TICK_NS = 50_000_000
 
@@ -30,8 +32,8 @@ def sensors():
 def supervisor(sensors):
     arm = SimpleNamespace(pipeline=SimpleNamespace(temperature=sensors))
     file = SimpleNamespace(interim=None)
-    config = SimpleNamespace(driver=SimpleNamespace(kind="feetech"), file=file)
-    return Supervisor(config, None, arm, 0)
+    config = SimpleNamespace(driver=SimpleNamespace(kind="feetech"), file=file, arm=small_arm())
+    return Supervisor(config, None, arm, 0, Unexpected())
 
 
 def test_a_flickering_sensor_is_told_once(supervisor, sensors):

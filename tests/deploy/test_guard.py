@@ -21,6 +21,7 @@ from armd.daemon.config import load_config
 from armd.daemon.network.publisher import Publisher
 from armd.daemon.network.queries import Queries
 from armd.daemon.network.session import open_session
+from armd.daemon.unexpected import Unexpected
 from armd.drivers.sample import RawFrame
 from armd.simulator.truth.nominal import arm_toml
 
@@ -76,7 +77,7 @@ class Floor:
         info = json.dumps({"arm": SERIAL})
         frame = RawFrame(1, 2, "rx", b"bytes")
         told = {keys.INFO: lambda: info}
-        queries = Queries(session, SERIAL, publisher, told, lambda: [frame], commands)
+        queries = Queries(session, SERIAL, publisher, told, lambda: [frame], commands, Unexpected())
         cleanup.callback(queries.close)
         over = threading.Event()
 

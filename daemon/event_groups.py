@@ -1,0 +1,72 @@
+"""A flood of events of one kind as a few: the first of them, then how many more there were."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from armd.drivers.sample import Event
+
+#: So many of a kind at once are told one by one, and so many a second for ever.
+BURST, PER_SECOND = 20.0, 0.25
+#: How often the rest is summed up: at first, and at the most seldom.
+FIRST_NS, SELDOM_NS = 10_000_000_000, 60_000_000_000
+#: With no more in such a while the flood is over.
+CALM = 2
+#: Each of these is told: what a person does, and what follows from all others.
+NEVER_GROUPED = frozenset({"button", "state"})
+
+
+@dataclass
+class _Flood:
+    since_ns: int
+    window_ns: int = FIRST_NS
+    count: int = 0
+    last: Event | None = None
+
+
+class EventGroups:
+    """Of one daemon. `pass_on` each event; `due` on a tick."""
+
+    def __init__(self) -> None:
+        self._allowed: dict[str, tuple[float, int]] = {}  # by kind: events, as of an instant
+        self._floods: dict[str, _Flood] = {}
+
+    def pass_on(self, event: Event, now_ns: int) -> bool:
+        """Whether *event* is to be told by itself; else `due` sums it up later."""
+        kind = event.kind
+        if kind in NEVER_GROUPED:
+            return True
+        if flood := self._floods.get(kind):
+            flood.count += 1
+            flood.last = event
+            return False
+        allowed, since_ns = self._allowed.get(kind, (BURST, now_ns))
+        allowed = min(BURST, allowed + (now_ns - since_ns) * 1e-9 * PER_SECOND)
+        if allowed >= 1.0:
+            self._allowed[kind] = allowed - 1.0, now_ns
+            return True
+        self._floods[kind] = _Flood(now_ns, count=1, last=event)
+        return False
+
+    def due(self, now_ns: int) -> list[Event]:
+        """What floods amount to, each now and then."""
+        events = []
+        for kind, flood in list(self._floods.items()):
+            waited_ns = now_ns - flood.since_ns
+            if waited_ns < flood.window_ns:
+                continue
+            if flood.last is not None:
+                events.append(_summary(flood.last, flood.count, waited_ns))
+            if flood.count <= CALM:
+                del self._floods[kind]
+                self._allowed[kind] = BURST, now_ns
+            else:
+                self._floods[kind] = _Flood(now_ns, min(2 * flood.window_ns, SELDOM_NS))
+        return events
+
+
+def _summary(last: Event, count: int, waited_ns: int) -> Event:
+    seconds = waited_ns * 1e-9
+    text = f"{count} more {last.kind} events in {seconds:.0f} s, the last: {last.text}"
+    detail = {"grouped": count, "seconds": round(seconds, 1), "last": last.detail}
+    return replace(last, text=text, detail=detail)

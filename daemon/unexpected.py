@@ -1,0 +1,59 @@
+"""Exceptions that nobody expected, beside the stream: logged, counted, and survived."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from armd.drivers.sample import Event
+
+_log = logging.getLogger(__name__)
+EVENTS_KEPT = 16
+
+
+class Unexpected:
+    """Of one daemon; used from any of its threads."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._counted: Counter[str] = Counter()
+        self._known: set[tuple[str, str]] = set()
+        self._events: deque[Event] = deque(maxlen=EVENTS_KEPT)
+
+    @contextmanager
+    def survive(self, where: str) -> Iterator[None]:
+        """Whatever is raised within ends what is within, and no more."""
+        try:
+            yield
+        except Exception as error:
+            self._note(where, error)
+
+    def as_json(self) -> dict[str, int]:
+        """How many there were since the start, by where."""
+        with self._lock:
+            return dict(self._counted)
+
+    def take_events(self) -> list[Event]:
+        """What is new: one event for each kind at each place."""
+        with self._lock:
+            events = list(self._events)
+            self._events.clear()
+        return events
+
+    def _note(self, where: str, error: Exception) -> None:
+        kind = type(error).__name__
+        text = f"{where}: {kind}: {' '.join(str(error).split())[:200]}"
+        with self._lock:
+            self._counted[where] += 1
+            if (where, kind) in self._known:
+                return
+            self._known.add((where, kind))
+            text += "; this is a fault of armd, which goes on: please report it"
+            detail = {"where": where, "error": kind}
+            now_ns = time.monotonic_ns()
+            self._events.append(Event("unexpected", text, now_ns, "error", detail))
+        _log.error("%s", text, exc_info=error)
