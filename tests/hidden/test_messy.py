@@ -8,7 +8,6 @@ from messy import run_mess
 from armd.simulator.measured.mess import KINDS
 
 
-@pytest.mark.slow
 def test_a_touched_artefact_is_no_step_of_the_arm() -> None:
     outcome = run_mess("touched", 4406)
     assert [cause for cause, _, _ in outcome.found] == ["artefact_moved"]

@@ -23,6 +23,7 @@ from armd.compensation.model.arm import load_arm
 from armd.simulator.campaigns.hidden import DESIGNS
 from armd.simulator.hidden import generate_case
 from armd.simulator.plants.draw import draw_plant
+from support.selection import parametrize_default
 
 MOST_WORSE = 1.02
 
@@ -58,8 +59,7 @@ def before_and_after(seed: int) -> tuple[bool, float, float]:
     return bool(found.written), 1e3 * float(np.sqrt(old.mean())), 1e3 * float(np.sqrt(new.mean()))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@parametrize_default("seed", [1, 2, 3])
 def test_an_extended_calibration_is_never_worse(seed: int) -> None:
     _, before_um, after_um = before_and_after(seed)
     assert after_um <= MOST_WORSE * before_um
