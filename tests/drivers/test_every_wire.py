@@ -299,6 +299,7 @@ class TestSocketcand(EveryCan):
         )  # fmt: skip
 
 
+@pytest.mark.slow  # the same driver as on socketcand; its adapter has tests of its own
 class TestSlcan(EveryCan):
     wire = ("--can", "slcan")
     rate_hz = 100

@@ -25,6 +25,7 @@ from armd.simulator.live.truth_log import FaultLog, TruthFile
 from armd.simulator.microscribe import arm
 from armd.simulator.microscribe.device import MicroScribeDevice
 from support.microscribe import EXPECTED, TURNS, events_of, nominal, rows_of
+from support.selection import parametrize_default
 
 S = 1_000_000_000
 HOME = arm.HOME_COUNTS / arm.COUNTS_PER_TURN * 2 * np.pi
@@ -108,7 +109,7 @@ def farthest_mm(rows: np.ndarray, hand: ScriptedHand, began_ns: int) -> float:
     return max(near)
 
 
-@pytest.mark.parametrize("fault", ["unplug", "reboot"])
+@parametrize_default("fault", ["unplug", "reboot"])
 def test_a_press_away_from_the_rest_gives_no_wrong_point(tmp_path: Path, fault: str) -> None:
     """Somebody measures on who has not seen that the plug came out, or the power."""
     MicroScribeDecoder(EXPECTED).warm_up()

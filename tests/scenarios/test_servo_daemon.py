@@ -13,8 +13,9 @@ import zenoh
 from armd import Flag
 from support.fake_servos import Dynamixel, FakeServos, Feetech
 from support.running_daemon import running_daemon
+from support.selection import parametrize_default
 
-BOTH = pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
+BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 INVALID, WARNING, LOST = int(Flag.INVALID), int(Flag.JOINT_WARNING), int(Flag.SAMPLES_LOST)
 
 

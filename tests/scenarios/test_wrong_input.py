@@ -19,6 +19,7 @@ from armd.compensation.model.arm import load_arm
 from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
 from armd.daemon.cli import COMMANDS, main
 from armd.simulator.__main__ import main as simulate
+from support.selection import parametrize_default
 
 ARM = """
 schema = "armd.arm/1"
@@ -194,7 +195,7 @@ WRONG: dict[str, bytes | Callable[[Path], object]] = {
 }
 
 
-@pytest.mark.parametrize("name", RIGHT)
+@parametrize_default("name", RIGHT, default=6)
 def test_a_wrong_file_in_place_of_each_input(
     folder: Path, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.model.kinematics import forward
@@ -15,8 +14,9 @@ from armd.simulator.servobus import arm as servo_arm
 from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import Materials, TrueArm
 from armd.simulator.truth.effects.effect import Conditions, Masses
+from support.selection import parametrize_default
 
-JOINTS = pytest.mark.parametrize("n", range(3, 10))
+JOINTS = parametrize_default("n", range(3, 10), default=[0, 6])
 
 
 def loaded(path: Path, text: str) -> Arm:

@@ -11,9 +11,10 @@ from test_servo_driver import Taken, config, expected, state
 from armd.drivers.poll.doubles import Doubles
 from armd.drivers.table import open_driver
 from support.fake_servos import Dynamixel, FakeServos, Feetech
+from support.selection import parametrize_default
 
 __all__ = ["state"]  # the fixture: what is remembered of servos is each test's own
-BOTH = pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
+BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 #: Which second answers are too late for their own cycle.
 WHEN = pytest.mark.parametrize(
     "is_late",
@@ -50,7 +51,7 @@ class Second:
 
 @BOTH
 @WHEN
-@pytest.mark.parametrize("servo", [1, 3], ids=["first", "last"])
+@parametrize_default("servo", [1, 3], ids=["first", "last"])
 def test_two_servos_of_one_id_are_told_and_none_of_them_is_believed(
     tmp_path, family, is_late, servo
 ):

@@ -20,8 +20,9 @@ from armd.drivers.ports import is_pseudo
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
 from support.fake_servos import Dynamixel, FakeServos, Feetech
+from support.selection import parametrize_default
 
-BOTH = pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
+BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 S = 1_000_000_000
 
 

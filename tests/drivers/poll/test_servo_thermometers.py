@@ -14,9 +14,10 @@ from armd.drivers.poll.warmth import Warmth
 from armd.drivers.sample import Event, Temperatures
 from armd.drivers.table import open_driver
 from support.fake_servos import Dynamixel, FakeServos, Feetech
+from support.selection import parametrize_default
 
 __all__ = ["state"]  # the fixture: what is remembered of servos is each test's own
-BOTH = pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
+BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 S = 1_000_000_000
 REGISTER = {"feetech": 63, "dynamixel": 146}
 

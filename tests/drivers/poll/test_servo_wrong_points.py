@@ -10,9 +10,10 @@ from test_servo_driver import Taken, config, expected, state
 from armd.drivers.poll.protocol.family import FAMILIES, Servo, differences
 from armd.drivers.table import open_driver
 from support.fake_servos import Dynamixel, FakeServos, Feetech
+from support.selection import parametrize_default
 
 __all__ = ["state"]  # the fixture: what is remembered of servos is each test's own
-BOTH = pytest.mark.parametrize("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
+BOTH = parametrize_default("family", [Feetech, Dynamixel], ids=lambda family: family.kind)
 
 
 def put_off(family, registers, counts):
