@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from support.punctuality import Punctuality
 from support.running_daemon import PATIENCE_S, Daemon, free_endpoint, write_config
 from support.simulated_arm import SimulatedArm, simulated_arm
 
@@ -57,13 +58,14 @@ def full_pipe() -> tuple[int, int]:
     return read, write
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(
     "redirect",
     ["1>&- 2>&-", "", pytest.param(">/dev/full 2>/dev/full", marks=pytest.mark.slow)],
     ids=["closed", "not read", "full"],
 )
 def test_a_log_that_cannot_be_written_stops_nothing(
-    arm: SimulatedArm, tmp_path: Path, redirect: str
+    arm: SimulatedArm, tmp_path: Path, redirect: str, punctuality: Punctuality
 ) -> None:
     read, write = full_pipe()
     try:
@@ -77,8 +79,9 @@ def test_a_log_that_cannot_be_written_stops_nothing(
                 heard.wait_for(lambda: len(heard.points()) > seen + 100)
                 points = heard.points()[first:]
                 assert (np.diff(points["seq"].astype(np.int64)) == 1).all()
-                code, seconds = daemon.stop()
-                assert code == 0 and seconds < 3.0
+                with punctuality.limit(3.0, "armd run ends after SIGTERM"):
+                    code, _ = daemon.stop()
+                assert code == 0
     finally:
         os.close(read)
         os.close(write)

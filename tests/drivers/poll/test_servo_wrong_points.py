@@ -66,8 +66,9 @@ def test_a_servo_that_comes_back_with_another_offset_is_never_believed(tmp_path,
     assert (rows["joint_invalid"] & 0b10 != 0).all()
 
 
+@pytest.mark.serial
 @BOTH
-def test_a_servo_that_was_away_shortly_is_soon_valid_again(tmp_path, family):
+def test_a_servo_that_was_away_shortly_is_soon_valid_again(tmp_path, family, punctuality):
     with (
         FakeServos(family, tmp_path) as servos,
         closing(open_driver(config(servos), expected())) as driver,
@@ -78,9 +79,11 @@ def test_a_servo_that_was_away_shortly_is_soon_valid_again(tmp_path, family):
         taken.take(0.25)
         servos.silent.clear()
         back_ns = time.monotonic_ns()
-        taken.take(2.0, lambda: taken.samples["joint_invalid"][-1] == 0)
+        with punctuality.watch() as machine:
+            taken.take(60.0, lambda: taken.samples["joint_invalid"][-1] == 0)
         took_ns = int(taken.samples["monotonic_ns"][-1]) - back_ns
-    assert taken.samples["joint_invalid"][-1] == 0 and took_ns < 200_000_000
+    assert taken.samples["joint_invalid"][-1] == 0
+    machine.judge(took_ns * 1e-9, 0.2, "a servo that was away is valid again")
     assert not taken.told("offsets_changed")
 
 
