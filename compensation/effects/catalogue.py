@@ -13,6 +13,7 @@ from importlib import import_module
 
 from armd.compensation.effects import encoder, mechanical, setup, thermal, unknown
 from armd.compensation.effects.effect import Acting, Candidate, Effect, SessionFacts
+from armd.compensation.effects.older import beyond_calibration
 from armd.compensation.model.arm import Arm
 from armd.compensation.wording import ARC_SECOND
 
@@ -45,7 +46,11 @@ CATALOGUE: dict[str, Effect] = {effect.cause: effect for effect in _found()}
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     """Every candidate that this arm and these sessions allow, the general basis included."""
     for effect in CATALOGUE.values():
-        yield from _of(effect, facts)
+        for candidate in _of(effect, facts):
+            yield candidate
+            older = beyond_calibration(candidate, facts) if effect.by_temperature else None
+            if older is not None:
+                yield older
 
 
 def _of(effect: Effect, facts: SessionFacts) -> Iterator[Candidate]:

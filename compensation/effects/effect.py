@@ -7,7 +7,7 @@ An `Effect` lists the candidates an arm and its sessions allow, and reads amplit
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -210,6 +210,8 @@ class SessionFacts:
     all_instants_unix_s: F64
     #: what a reading scattered by under the calibration under test, as an angle; 0: not known
     scatter_rad: float = 0.0
+    #: by sensor, the temperatures that a given calibration was made at; empty: none is given
+    calibrated_c: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     @cached_property
     def joints(self) -> range:

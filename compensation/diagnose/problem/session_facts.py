@@ -66,7 +66,18 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         instants_unix_s=_grid(moments),
         all_instants_unix_s=moments,
         scatter_rad=_scatter_rad(baseline),
+        calibrated_c=_calibrated_c(baseline) if baseline.held else {},
     )
+
+
+def _calibrated_c(baseline: Baseline) -> dict[str, tuple[float, ...]]:
+    """By sensor, temperatures that a calibration was made at: its sessions, evenly spread."""
+    sessions = baseline.calibration.provenance.get("sessions")
+    count = max(len(sessions) if isinstance(sessions, list) else 0, 2)
+    return {
+        name: tuple(map(float, np.linspace(low, high, count)))
+        for name, (low, high) in baseline.calibration.temperature_range_c.items()
+    }
 
 
 def _scatter_rad(baseline: Baseline) -> float:
