@@ -114,7 +114,8 @@ def _diagnose(
         searched = without
     sessions, rests, baseline = searched.sessions, searched.rests, searched.baseline
     result, touched = searched.result, searched.touched
-    told += told_of_growth(baseline, arm)
+    if len(result.last.findings) == len(result.searched.findings):
+        told += told_of_growth(baseline)
     told += told_of_misnamed(
         sessions,
         gather(sessions, arm, baseline.calibration.artefact),
@@ -255,7 +256,7 @@ def _search(
         found = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
         if found is None:
             result = search.run()
-            older = beside_what_it_took_up(result.last, arm)
+            older = beside_what_it_took_up(result.searched, arm)
             if older is not None:
                 another = Search(rests, arm, older, progress, partial(better_by, arm=arm))
                 again = another.run()
@@ -263,7 +264,7 @@ def _search(
                     baseline, search, result = older, another, again
                 else:
                     result = replace(result, found=no_surer(result.found, again))
-            stepped = beside(result.last, result.signatures, arm)
+            stepped = beside(result.searched, result.signatures, arm)
             if stepped is not None and len(touched) < MOST_TOUCHED:
                 found = find_touched(stepped)
         if found is None:

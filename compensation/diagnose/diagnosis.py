@@ -90,7 +90,8 @@ class SearchResult:
 
     facts: SessionFacts
     first: Fit  # without findings
-    last: Fit  # with all
+    searched: Fit  # with those that the search found, growth that is not known absorbing
+    last: Fit  # with all, the growth that the readings show among them
     #: makes fits with none, the first, the first two … of the findings; each takes its time
     steps: Callable[[], Sequence[Fit]]
     found: tuple[Finding, ...]

@@ -47,8 +47,9 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     """Every candidate that this arm and these sessions allow, the general basis included."""
     for effect in CATALOGUE.values():
         for candidate in _of(effect, facts):
-            yield candidate
             older = beyond_calibration(candidate, facts) if effect.by_temperature else None
+            if not candidate.expected:  # what is expected was there before the calibration
+                yield candidate
             if older is not None:
                 yield older
 

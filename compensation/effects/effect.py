@@ -117,6 +117,8 @@ class Candidate:
     #: of what acts through all the model's terms: the findings whose terms it knows of; of what
     #: goes by the other of two exchanged sensors: their exchange
     through: tuple[Acting, ...] | None = field(default=None, compare=False)
+    #: the calibration under test could not know it, and it is as likely there as not
+    expected: bool = False
 
     @property
     def told_only(self) -> bool:
@@ -212,6 +214,8 @@ class SessionFacts:
     scatter_rad: float = 0.0
     #: by sensor, the temperatures that a given calibration was made at; empty: none is given
     calibrated_c: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    #: parameters whose growth that calibration could not know
+    open_growth: frozenset[str] = frozenset()
 
     @cached_property
     def joints(self) -> range:

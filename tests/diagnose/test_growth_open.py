@@ -4,16 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_expansions_left_free import ARM, ECCENTRIC, ONE_C, measured
+from test_expansions_left_free import ARM, ECCENTRIC, MATERIALS, ONE_C, measured
 
 from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.diagnosis import Diagnosis, Finding
 from armd.compensation.diagnose.fitting.expansions import EXPANSION_PER_K
-from armd.compensation.diagnose.fitting.growth_open import told_of_growth, with_growth_open
+from armd.compensation.diagnose.fitting.growth_open import (
+    told_of_growth,
+    with_growth_open,
+    without_growth,
+)
 from armd.compensation.diagnose.problem.baseline import from_calibration
+from armd.compensation.diagnose.told.verdict import verdict
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
+from support import synthetic
 
 SEED = 2
 SHOP_C = (15.0, 18.0, 23.0, 26.0)
@@ -26,53 +35,87 @@ def kept() -> Calibration:
     return calibrate(measured(SEED, ONE_C), ARM).calibration
 
 
-def test_what_all_links_grow_is_no_cause(kept: Calibration) -> None:
+def grows_per_k() -> dict[str, float]:
+    """By link, what its material grows by, as `measured` draws it."""
+    rng = np.random.default_rng(SEED)
+    synthetic.disturbed(ARM, rng, 0.1)
+    drawn = rng.choice(MATERIALS, ARM.n_joints)
+    return {f"link {k}": float(per_k) for k, per_k in enumerate(drawn, 1)}
+
+
+def check_growth(diagnosis: Diagnosis) -> list[Finding]:
+    """Each growth that is named is right, each of a metal is named, all come first; the rest."""
+    named = [f for f in diagnosis.found if f.candidate.cause == "link_expansion"]
+    assert list(diagnosis.found[: len(named)]) == named
+    true_per_k = grows_per_k()
+    for finding, values, variances in zip(
+        named, diagnosis.search.last.amplitudes, diagnosis.search.last.covariances, strict=False
+    ):
+        assert finding.probability > 0.9
+        true = true_per_k[str(finding.candidate.location)]
+        assert values == pytest.approx(true, abs=4.0 * float(np.sqrt(np.diag(variances).max())))
+    links = {str(f.candidate.location) for f in named}
+    assert {link for link, per_k in true_per_k.items() if per_k > 10e-6} - {"link 1"} <= links
+    assert set(range(len(named))) <= set(diagnosis.written)
+    return list(diagnosis.found[len(named) :])
+
+
+def errors_um(*models: Calibration, terms: tuple[Term, ...] = ()) -> list[float]:
+    further = measured(SEED, ELSEWHERE_C, *terms)
+    return [
+        float(np.sqrt((evaluate(further, ARM, model).distance_um ** 2).mean())) for model in models
+    ]
+
+
+def test_what_links_grow_is_reported_and_written(kept: Calibration) -> None:
     diagnosis = diagnose(measured(SEED, SHOP_C), ARM, kept)
-    assert [finding.candidate.place for finding in diagnosis.found] == []
-    assert any("does not know how the links grow" in text for text in diagnosis.told)
+    assert check_growth(diagnosis) == []
+    before, after = errors_um(kept, diagnosis.extended)
+    assert after < 0.2 * before
+    assert "has no thermal model" in verdict(diagnosis)
 
 
-def test_a_disc_is_found_beside_it_and_the_growth_is_written(kept: Calibration) -> None:
+def test_a_disc_is_found_beside_it_and_both_are_written(kept: Calibration) -> None:
     diagnosis = diagnose(measured(SEED, SHOP_C, ECCENTRIC), ARM, kept)
-    assert [f.candidate.place for f in diagnosis.found] == [("encoder_eccentricity", "joint 3")]
-    further = measured(SEED, ELSEWHERE_C, ECCENTRIC)
-    before, after = (
-        float(np.sqrt((evaluate(further, ARM, model).distance_um ** 2).mean()))
-        for model in (kept, diagnosis.extended)
-    )
+    others = check_growth(diagnosis)
+    assert [f.candidate.place for f in others] == [("encoder_eccentricity", "joint 3")]
+    before, after = errors_um(kept, diagnosis.extended, terms=(ECCENTRIC,))
     assert after < 0.2 * before
 
 
-def test_where_it_was_made_its_lengths_are_as_certain_as_before(kept: Calibration) -> None:
-    """And 10 K warmer by 10 × 20e-6 of each length less."""
+def test_at_its_temperature_its_lengths_are_as_certain_as_before(kept: Calibration) -> None:
+    """And 10 K warmer by 10 × 20e-6 of each length less, whichever constants were identified."""
     plain = from_calibration(kept, ARM, held=True)
     opened = with_growth_open(plain, ARM)
-    n, terms = len(plain.parameters), length_terms(ARM, [1])
-    assert len(opened.root) == n + len(terms)
-    for j, term in enumerate(terms):
-        (name,) = term.basis[0].weights  # type: ignore[union-attr]
-        made_k = sum(kept.temperature_range_c[name]) / 2 - kept.reference_temperature_c
-        at = plain.parameters.index(ARM.layout.index(term.parameter))
-        for warmer_k in (0.0, 10.0):
-            row = opened.root[at] + (made_k + warmer_k) * opened.root[n + j]
-            length_mm = max(abs(kept.constants[term.parameter]), 1.0)
-            grown = warmer_k * EXPANSION_PER_K * length_mm
-            certain = np.hypot(np.linalg.norm(plain.root[at]), grown)
-            if abs(kept.constants[term.parameter]) > 10.0:
-                np.testing.assert_allclose(np.linalg.norm(row), certain, rtol=1e-6)
+    n = len(plain.parameters)
+    np.testing.assert_array_equal(opened.root[:n, : plain.root.shape[1]], plain.root)
+    assert not opened.root[:n, plain.root.shape[1] :].any()
+    assert len(opened.growth) == len(length_terms(ARM, [1]))
+    for j, number in enumerate(opened.growth):
+        term = opened.model.terms[number]
+        (factor,) = term.basis
+        assert isinstance(factor, Temperature) and term.coefficient == 0.0
+        (name,) = factor.weights
+        assert factor.reference_c == pytest.approx(sum(kept.temperature_range_c[name]) / 2)
+        length_mm = max(abs(kept.constants[term.parameter]), 1.0)
+        grown = np.linalg.norm(opened.root[n + j])
+        assert grown == pytest.approx(EXPANSION_PER_K * length_mm, rel=1e-6) or length_mm < 10.0
+    still = without_growth(opened)
+    np.testing.assert_allclose(still.root @ still.root.T, plain.root @ plain.root.T, rtol=1e-6)
+    assert (still.terms, still.growth, still.model.terms) == (plain.terms, (), plain.model.terms)
 
 
 def test_one_of_several_temperatures_stays_as_it_is() -> None:
     known = from_calibration(calibrate(measured(SEED, SHOP_C), ARM).calibration, ARM, held=True)
     assert known.terms
     assert with_growth_open(known, ARM) is known
-    assert told_of_growth(known, ARM) == []
+    assert told_of_growth(with_growth_open(known, ARM)) == []
     silent = known.calibration.model_copy(
         update={"terms": [], "covariance": [], "covariance_of": []}
     )
     without = from_calibration(silent, ARM, held=True)  # it saw 11 K, and no growth
     assert with_growth_open(without, ARM) is without
-    assert told_of_growth(without, ARM) == []
+    assert told_of_growth(with_growth_open(without, ARM)) == []
 
 
 def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
@@ -87,6 +130,6 @@ def test_one_whose_errors_hide_what_its_temperatures_make_is_open() -> None:
         baseline = from_calibration(missed, ARM, held=True)
         opened = with_growth_open(baseline, ARM)
         assert (opened is not baseline) == is_open
-        assert bool(told_of_growth(baseline, ARM)) == is_open
+        assert bool(told_of_growth(opened)) == is_open
     assert len(opened.terms) == len(length_terms(ARM, [1]))
-    assert "missed its own readings by 60 µm" in told_of_growth(baseline, ARM)[0]
+    assert "missed its own readings by 60 µm" in told_of_growth(opened)[0]

@@ -163,7 +163,7 @@ def searched(rests: Rests, baseline: Baseline, *found: Candidate) -> Any:
         rests, ARM, baseline, baseline.model, found, [np.zeros(len(c.columns)) for c in found]
     )
     return SimpleNamespace(
-        last=last, found=[SimpleNamespace(candidate=c) for c in found], tests=3000
+        last=last, searched=last, found=[SimpleNamespace(candidate=c) for c in found], tests=3000
     )
 
 

@@ -1,15 +1,24 @@
-"""What a calibration of one temperature, or of large errors, does not know: how lengths grow."""
+"""Growth that a given calibration could not know: every length without a thermal term of its own.
+
+Each link does grow. A calibration made at one temperature has no term of that, nor has one whose
+own errors hid it. So each such length grows by 0 ± 20·10⁻⁶ per kelvin about the middle of the
+temperatures that the calibration was made at. This is one more way in which the calibration may be
+wrong, like its covariance, and counts against every cause alike; what the readings show of it is
+named once all else is found.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from armd.arrays import F64
-from armd.compensation.diagnose.fitting.expansions import goes_with_temperature, growth_mm_per_k
+from armd.compensation.diagnose.fitting.expansions import growth_mm_per_k
+from armd.compensation.diagnose.problem.baseline import root_of
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.identify.thermal.temperatures import MOST_SPAN_K
 from armd.compensation.identify.thermal.terms import length_terms
@@ -24,88 +33,112 @@ LEFT_UM = "heldout_without_outliers_um"
 #: off its axis 22 µm were left, growth would have made 22, and what there was of it, 13, was not
 #: worth a term.
 STANDS_OUT = 2.0
+#: Standard deviation of what is spread evenly over a range of one.
+EVENLY = 1.0 / math.sqrt(12.0)
 
 
 def with_growth_open(baseline: Baseline, arm: Arm) -> Baseline:
-    """A given calibration whose every length grows by 0 ± `growth_mm_per_k`, about the
-    middle of the temperatures that it was made at, if it could not tell any growth; otherwise as
-    it is.
-
-    Each link does grow. What of that a warmer or colder session shows is what the calibration
-    leaves open, as uncertain constants are, and no cause (docs/decisions/0133).
-    """
-    if not could_not_tell_growth(baseline, arm):
+    """A given calibration whose lengths without a thermal term grow as materials do, if it could
+    not know that; as it is where there are none, or a sensor's temperatures are not in it."""
+    terms = _without_a_term(baseline, arm) if baseline.held else []
+    if not terms:
         return baseline
     model = baseline.model
-    terms = [t.model_copy(update={"coefficient": 0.0}) for t in length_terms(arm, [1])]
-    places = _places(terms, arm)
-    growth = growth_mm_per_k(model.constants, places)
-    identified = len(baseline.parameters)
-    n, root = identified + len(baseline.terms), baseline.root
-    moves: F64 = np.zeros((n + len(terms), len(terms)))
-    for j, (term, place, per_k) in enumerate(zip(terms, places, growth, strict=True)):
-        made_k = sum(
-            weight * (sum(range_c) / 2 - model.reference_c)
-            for weight, range_c in _weighted(baseline, term)
-        )
-        moves[n + j, j] = per_k
-        if place in baseline.parameters:  # so long it was where it was calibrated
-            moves[baseline.parameters.index(place), j] = -per_k * made_k
-    padded = np.vstack([root, np.zeros((len(terms), root.shape[1]))])
+    places = arm.layout.indices(term.parameter for term in terms)
+    may_grow = growth_mm_per_k(model.constants, places)
+    if not _could_not_know(baseline, terms, may_grow):
+        return baseline
+    terms = [_from_where_it_was_made(baseline, term) for term in terms]
     first = len(model.terms)
+    growth = tuple(range(first, first + len(terms)))
     return replace(
         baseline,
         model=replace(model, terms=(*model.terms, *terms)),
-        terms=(*baseline.terms, *range(first, first + len(terms))),
-        root=np.hstack([padded, moves]),
+        terms=(*baseline.terms, *growth),
+        root=block_diag(baseline.root, np.diag(may_grow)),
+        growth=growth,
     )
 
 
-def could_not_tell_growth(baseline: Baseline, arm: Arm) -> bool:
-    """Whether a given calibration has no thermal term, and could not have: all its temperatures lay
-    as close as one, or what was left of its readings hides what they make."""
-    known = goes_with_temperature(baseline.calibration.terms)
-    if not baseline.held or not arm.used_sensors or known:
-        return False
-    if not set(arm.used_sensors) <= set(baseline.calibration.temperature_range_c):
-        return False
-    return _widest_k(baseline) <= MOST_SPAN_K or _hidden(baseline, arm)
+def without_growth(baseline: Baseline, parameters: Collection[str] | None = None) -> Baseline:
+    """The same with no growth of these *parameters* beyond the calibration's terms, or of any: all
+    else as uncertain as it is if that is known to be nothing."""
+    terms = baseline.model.terms
+    still = {i for i in baseline.growth if parameters is None or terms[i].parameter in parameters}
+    if not still:
+        return baseline
+    first = len(baseline.parameters)
+    rows = [first + k for k, i in enumerate(baseline.terms) if i in still]
+    kept = np.setdiff1d(np.arange(len(baseline.root)), rows)
+    # Directions of the root in which they do not grow.
+    _, sizes, directions = np.linalg.svd(baseline.root[rows])
+    own = baseline.root[kept] @ directions[int((sizes > 0.0).sum()) :].T
+    left = [i for i in range(len(terms)) if i not in still]
+    return replace(
+        baseline,
+        model=replace(baseline.model, terms=tuple(terms[i] for i in left)),
+        terms=tuple(left.index(i) for i in baseline.terms if i not in still),
+        root=root_of(own @ own.T),
+        growth=tuple(left.index(i) for i in baseline.growth if i not in still),
+    )
 
 
-def told_of_growth(baseline: Baseline, arm: Arm) -> list[str]:
-    """What a person should know of such a calibration; nothing of another."""
-    if not could_not_tell_growth(baseline, arm):
+def _from_where_it_was_made(baseline: Baseline, term: Term) -> Term:
+    """The term about the middle of the temperatures of the calibration: there all lengths are what
+    it says."""
+    (factor,) = term.basis
+    made_c = sum(weight * sum(range_c) / 2 for weight, range_c in _weighted(baseline, term))
+    about = factor.model_copy(update={"reference_c": made_c})
+    return term.model_copy(update={"coefficient": 0.0, "basis": [about]})
+
+
+def told_of_growth(baseline: Baseline) -> list[str]:
+    """What a person should know of such a calibration where the readings show no growth."""
+    if not baseline.growth:
         return []
-    open_now = "does not know how the links grow: what they may do by other temperatures is left"
-    if _widest_k(baseline) <= MOST_SPAN_K:
-        return [
-            f"The calibration was made within {plain(_widest_k(baseline))} K and {open_now} open. "
-            f"Calibrate with sessions more than {MOST_SPAN_K:g} K apart."
-        ]
-    left_um = baseline.calibration.provenance[LEFT_UM]
     return [
-        f"The calibration missed its own readings by {plain(left_um)} µm and {open_now} open. "
-        "Calibrate again when what is found has been mended."
+        f"{of_what(baseline)} No growth of a link stands out of these readings; what stays within "
+        f"their noise is left open. Calibrate with sessions more than {MOST_SPAN_K:g} K apart."
     ]
 
 
-def _hidden(baseline: Baseline, arm: Arm) -> bool:
-    """Whether growth would not have stood out of what a calibration left of its readings."""
+def of_what(baseline: Baseline) -> str:
+    """Why a calibration has no term for growth that it could not know, in a sentence."""
+    within = _widest_k(baseline)
+    if within <= MOST_SPAN_K:
+        made = f"was made within {plain(within)} K"
+    else:
+        made = f"missed its own readings by {plain(baseline.calibration.provenance[LEFT_UM])} µm"
+    return f"The calibration {made} and has no thermal model of all links."
+
+
+def _without_a_term(baseline: Baseline, arm: Arm) -> list[Term]:
+    """Of the terms by which lengths may grow, those that the calibration has none for."""
+    known = {
+        term.parameter
+        for term in baseline.model.terms
+        if any(isinstance(factor, Temperature) for factor in term.basis)
+    }
+    ranges = baseline.calibration.temperature_range_c
+    if not arm.used_sensors or not set(arm.used_sensors) <= set(ranges):
+        return []
+    return [term for term in length_terms(arm, [1]) if term.parameter not in known]
+
+
+def _could_not_know(baseline: Baseline, terms: Sequence[Term], may_grow: F64) -> bool:
+    """Whether all temperatures of a calibration lay as close as one, or what its readings missed by
+    hides what they make."""
+    if _widest_k(baseline) <= MOST_SPAN_K:
+        return True
     left_um = baseline.calibration.provenance.get(LEFT_UM)
     if not isinstance(left_um, int | float):
         return False
-    terms = length_terms(arm, [1])
-    growth = growth_mm_per_k(baseline.model.constants, _places(terms, arm))
     spans = [
         sum(weight * (high - low) for weight, (low, high) in _weighted(baseline, term))
         for term in terms
     ]
-    makes_mm = math.hypot(*(growth * np.array(spans))) / math.sqrt(12.0)  # spread evenly
+    makes_mm = EVENLY * math.hypot(*(may_grow * np.array(spans)))
     return makes_mm < STANDS_OUT * 1e-3 * left_um
-
-
-def _places(terms: Sequence[Term], arm: Arm) -> list[int]:
-    return arm.layout.indices(term.parameter for term in terms)
 
 
 def _weighted(baseline: Baseline, term: Term) -> list[tuple[float, tuple[float, float]]]:

@@ -39,7 +39,7 @@ def from_calibration(calibration: Calibration, arm: Arm, held: bool) -> Baseline
         held,
         tuple(constants),
         tuple(terms),
-        _root(covariance),
+        root_of(covariance),
     )
 
 
@@ -56,7 +56,7 @@ def _left_open(calibration: Calibration) -> list[F64]:
     return [np.array([way["moves"].get(n, 0.0) for n in calibration.covariance_of]) for way in ways]
 
 
-def _root(covariance: F64) -> F64:
+def root_of(covariance: F64) -> F64:
     """R (n, r) with R Rᵀ the covariance; tiny negative eigenvalues of rounding are dropped."""
     if covariance.size == 0:
         return np.zeros((len(covariance), 0))

@@ -208,6 +208,8 @@ class Baseline:
     parameters: tuple[int, ...]  # identified constants, by index
     terms: tuple[int, ...]  # identified terms, by index
     root: F64  # (identified, r): root of their covariance, parameters first; held only
+    #: of the terms, those of growth that a given calibration could not know
+    growth: tuple[int, ...] = ()
 
     def columns(self, linear: Linear, arm: Arm) -> F64:
         """Columns (N, identified) of the identified constants and terms."""

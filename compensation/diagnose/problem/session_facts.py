@@ -67,6 +67,7 @@ def gather_facts(rests: Rests, arm: Arm, baseline: Baseline) -> SessionFacts:
         all_instants_unix_s=moments,
         scatter_rad=_scatter_rad(baseline),
         calibrated_c=_calibrated_c(baseline) if baseline.held else {},
+        open_growth=frozenset(baseline.model.terms[i].parameter for i in baseline.growth),
     )
 
 

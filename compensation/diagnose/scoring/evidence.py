@@ -30,6 +30,8 @@ MOST_COUNTED = 12
 LEAST_SHARE = 0.25
 #: What the catalogue does not know gets this prior share.
 UNKNOWN_PRIOR = 0.05
+#: What a calibration could not know, and every arm may have, is there as likely as not.
+EXPECTED_PRIOR = 0.5
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,7 @@ def score(sums: Sums, without: Iterable[int] = ()) -> Scores:
         square = (np.einsum("cii->ci", gram) * typical**2).mean(axis=1)
         typical_snr[members] = np.where(kept.any(axis=1), np.sqrt(np.maximum(square, 0.0)), 0.0)
         evidence[members] = log_bayes_factors(gram, u[which] / size, typical, reach)
-    log_p = np.where(freedom > 0, _log_tail(statistic, np.maximum(freedom, 1)), 0.0)
+    log_p = np.where(freedom > 0, log_tail(statistic, np.maximum(freedom, 1)), 0.0)
     evidence[freedom == 0] = -np.inf
     log_p = np.where(sums.signatures.count > MOST_COUNTED, np.minimum(log_p, -evidence), log_p)
     return Scores(sums.signatures, statistic, freedom, log_p, evidence, typical_snr)
@@ -202,7 +204,7 @@ def _clear(sums: Sums, model: LinearModel, kept: I64) -> tuple[F64, F64]:
     return t, sums.xr - t @ model.project(sums.br[kept])
 
 
-def _log_tail(statistic: F64, freedom: I64) -> F64:
+def log_tail(statistic: F64, freedom: I64) -> F64:
     """Log of the probability that χ² of so many degrees of freedom is larger."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(chdtrc(freedom, statistic)), dtype=np.float64)
@@ -231,7 +233,8 @@ def _log_prior(scores: Scores) -> F64:
     grid must not make its place's plain kinds improbable.
     """
     alive = np.flatnonzero(scores.freedom > 0)
-    kinds = [scores.signatures.kinds[i] for i in alive]
+    kinds_of = scores.signatures.kinds
+    kinds = [kinds_of[i] for i in alive]
     grid = Counter(kinds)
     of_place = Counter((cause, location) for cause, location, *_ in grid)
     places = Counter(cause for cause, _ in of_place)
@@ -243,4 +246,8 @@ def _log_prior(scores: Scores) -> F64:
         known = (1 - UNKNOWN_PRIOR) * common.get(cause, 0.0) / named
         share = UNKNOWN_PRIOR if cause == "unknown" else known
         prior[i] = np.log(share / (places[cause] * of_place[cause, location] * grid[own]))
+    expected = [i for i in alive if scores.signatures.candidates[i].expected]
+    ways = Counter(kinds_of[i][:2] for i in expected) if expected else Counter()
+    for i in expected:
+        prior[i] = np.log(EXPECTED_PRIOR / ways[kinds_of[i][:2]])
     return prior

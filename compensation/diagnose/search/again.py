@@ -38,13 +38,13 @@ def loses_a_cause(again: SearchResult, before: SearchResult, arm: Arm) -> bool:
     cause that is not told it took up nothing: the calibration is asked here that is wrong only by
     what it took up of those told *again*, which are in the model.
     """
-    told = {of.candidate.place for of in again.found}
-    named = [of.candidate for of in before.found if of.candidate.cause != "unknown"]
+    last = again.searched
+    told = {candidate.place for candidate in last.findings}
+    named = [c for c in before.searched.findings if c.cause != "unknown"]
     gone = [candidate for candidate in named if candidate.place not in told]
     if not gone:
         return False
-    last = again.last
-    baseline = wrong_only_by(before.last.baseline, last, arm)
+    baseline = wrong_only_by(before.searched.baseline, last, arm)
     about = fit(
         last.linear.rests, arm, baseline, last.model, last.findings, last.amplitudes,
         noise=last.noise,

@@ -41,6 +41,7 @@ from armd.compensation.diagnose.search.findings import (
     likelier_rival,
     weighed,
 )
+from armd.compensation.diagnose.search.growth import with_growth
 from armd.compensation.diagnose.search.refusals import Refusals
 from armd.compensation.diagnose.search.replacing import CONTRADICTED, required_of
 from armd.compensation.diagnose.search.revisit import (
@@ -145,12 +146,18 @@ class Search:
         left, log_p = strongest_left(scored, self._tests)
         told = beside_lasting_noise(judge(scored, own, self._tests), scored, self._tests)
         found = self._beside_rival_sets(told, current, scored)
-        last = as_told(current, found)
+        searched = as_told(current, found)
+        last = searched
+        if grown := with_growth(searched, self._refusals.candidates, self.arm):
+            growth, last = grown
+            found = (*self._growth_told(growth)[: -len(found) or None], *found)
+            self._survey(last)
         return SearchResult(
             self.facts,
             first,
+            searched,
             last,
-            partial(self._steps, first, current, last),
+            partial(self._steps, first, last),
             found,
             scored.scores.signatures,
             self._tests,
@@ -161,13 +168,20 @@ class Search:
             tuple(self._refusals.told),
         )
 
-    def _steps(self, first: Fit, current: Fit, last: Fit) -> list[Fit]:
-        """With none, the first, the first two … of the *current* findings: with none the *first*,
-        with all the *last*."""
-        if not current.findings:
+    def _growth_told(self, grown: Fit) -> Sequence[Finding]:
+        """What is told of a fit's findings, growth among them, each beside all the others."""
+        scored = self._survey(grown)
+        told = judge(scored, weighed(scored, self._tests), self._tests)
+        return beside_lasting_noise(told, scored, self._tests)
+
+    def _steps(self, first: Fit, last: Fit) -> list[Fit]:
+        """With none, the first, the first two … of the *last* fit's findings: with none the
+        *first*, with all the *last*."""
+        if not last.findings:
             return [last]
-        between = range(1, len(current.findings))
-        return [first, *(self._fit(current.findings[:i], current) for i in between), last]
+        self.baseline = last.baseline
+        between = range(1, len(last.findings))
+        return [first, *(self._fit(last.findings[:i], last) for i in between), last]
 
     def _as_likely(
         self, current: Fit, scored: ScoredCandidates, seen: set[str]

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from armd.compensation.diagnose.diagnosis import MOST_FINDINGS, Diagnosis, Touched
+from armd.compensation.diagnose.fitting.growth_open import of_what
 from armd.compensation.diagnose.fitting.target_steps import steps, target_steps
 from armd.compensation.diagnose.problem.rests import spare_rows
 from armd.compensation.diagnose.told.sizes import size_known
@@ -50,6 +51,7 @@ def verdict(diagnosis: Diagnosis) -> str:
                 f"{count}; with the extended model{which} held-out readings err by "
                 f"{um(after)} µm instead of {um(before)} µm (3-D RMS{how})."
             )
+            sentences += _of_growth(diagnosis)
         if doubtful:
             sentences.append(f"Held-out readings do not confirm {doubtful}: leads, not facts.")
         if unforeseen:
@@ -109,6 +111,22 @@ def verdict(diagnosis: Diagnosis) -> str:
         ]
         if text
     )
+
+
+def _of_growth(diagnosis: Diagnosis) -> list[str]:
+    """What the calibration could not know and the readings show, where it is written."""
+    count = len(diagnosis.search.last.findings) - len(diagnosis.search.searched.findings)
+    grown = [i for i in diagnosis.written if i < count]
+    if not grown:
+        return []
+    if len(grown) == len(diagnosis.written):
+        before, after = diagnosis.written_clear_um or diagnosis.written_rms_um
+    else:
+        before, after = diagnosis.gains[grown[0]].before_um, diagnosis.gains[grown[-1]].after_um
+    return [
+        f"{of_what(diagnosis.baseline)} With the growth of {_numbers(grown)}, held-out readings "
+        f"err by {um(after)} µm instead of {um(before)} µm."
+    ]
 
 
 def _numbers(of: Iterable[int]) -> str:

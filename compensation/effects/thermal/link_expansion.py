@@ -1,6 +1,6 @@
 """A link's coefficient of expansion is wrong or missing."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from armd.arrays import F64
 from armd.compensation.effects import location
@@ -25,19 +25,40 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         sensors = [own] if own else [{name: 1.0} for name in facts.sensors]
         both = lengths(facts, k)
         choices = [both] if len(both) == 1 else [both, *([one] for one in both)] if both else []
+        pieces = [[one] for one in both]
         if k == facts.arm.n_joints:  # the stylus is a body of its own
             choices.append(stylus(facts))
+            pieces.append(stylus(facts))
+        expected = not facts.open_growth.isdisjoint(name for one in pieces for name, _ in one)
+        if expected and both and k == facts.arm.n_joints:
+            choices.append([*both, *stylus(facts)])
         for weights in sensors:
+            factor, depends = temperature(weights), tuple(weights)
             for lengths_mm in choices:
-                factor = temperature(weights)
                 column = Column("per kelvin", "1/K", TYPICAL_PER_K, tie(lengths_mm, factor))
-                depends = tuple(weights)
-                yield Candidate("link_expansion", location.link(k), (column,), depends)
+                yield Candidate(
+                    "link_expansion", location.link(k), (column,), depends, expected=expected
+                )
+            if expected and len(pieces) > 1:  # of several materials
+                columns = tuple(
+                    Column(f"{_name(one)} per kelvin", "1/K", TYPICAL_PER_K, tie(one, factor))
+                    for one in pieces
+                )
+                yield Candidate("link_expansion", location.link(k), columns, depends, expected=True)
+
+
+def _name(lengths_mm: Sequence[tuple[str, float]]) -> str:
+    """Of a piece of a link, as its amplitude is called."""
+    return "stylus" if len(lengths_mm) > 1 else lengths_mm[0][0].split("_")[0]
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    more = plain(amplitudes[0] * 1e6, sign="+")
-    return f"{candidate.location} expands by {more} µm per metre and kelvin more"
+    values = [f"{plain(value * 1e6, sign='+')} µm" for value in amplitudes]
+    names = [f" ({column.name.split()[0]})" for column in candidate.columns]
+    each = " and ".join(
+        value + (name if len(values) > 1 else "") for value, name in zip(values, names, strict=True)
+    )
+    return f"{candidate.location} expands by {each} per metre and kelvin more"
 
 
 EFFECT = Effect(

@@ -35,20 +35,23 @@ def _lagging(
     lag_s: float,
     finest: bool,
     found: Sequence[Term] = (),
+    by_length: bool = False,
 ) -> Candidate:
     """Every link on these sensors follows them with one time constant; so does what was *found*
-    to go by these."""
+    to go by these. *by_length*: only lengths, each in proportion to itself."""
     links = [k for k in facts.joints if facts.weights(k) == weights and lengths(facts, k)]
-    share = _delayed_terms((*facts.terms, *found), weights, lag_s)
+    share = None if by_length else _delayed_terms((*facts.terms, *found), weights, lag_s)
     column = share or _delayed_lengths(
         [pair for k in links for pair in lengths(facts, k)], weights, lag_s
     )
     # Where one link has the sensor to itself, the link is the place; otherwise the sensor.
     where = location.link(links[0]) if len(links) == 1 else location.sensors(*weights)
 
+    def at(value: float) -> Candidate:
+        return _lagging(facts, weights, value, True, found, by_length)
+
     def refine() -> list[Candidate]:
-        finer = (lag_s * factor for factor in (0.7, 0.8, 0.9, 1.1, 1.25, 1.4))
-        return [_lagging(facts, weights, value, True, found) for value in finer]
+        return [at(lag_s * factor) for factor in (0.7, 0.8, 0.9, 1.1, 1.25, 1.4)]
 
     return Candidate(
         "thermal_lag",
@@ -57,7 +60,7 @@ def _lagging(
         (*weights, "time_s"),
         (("time constant", lag_s, "s"),),
         None if finest else refine,
-        lambda value: _lagging(facts, weights, value, True, found),
+        at,
         () if share else None,
     )
 
@@ -106,8 +109,12 @@ def candidates(facts: SessionFacts, found: Sequence[Term] = ()) -> Iterator[Cand
         weights = facts.weights(k)
         if weights and lengths(facts, k) and weights not in seen:
             seen.append(weights)
-            for lag_s in TIME_CONSTANTS_S:
-                yield _lagging(facts, weights, lag_s, False, found)
+            every = [_lagging(facts, weights, lag_s, False, found) for lag_s in TIME_CONSTANTS_S]
+            yield from every
+            if not facts.held and every[0].through is not None:
+                # What the same readings identified of each length beside a lag is wrong by it.
+                for lag_s in TIME_CONSTANTS_S:
+                    yield _lagging(facts, weights, lag_s, False, by_length=True)
 
 
 def through_terms(facts: SessionFacts, found: Sequence[Term]) -> Iterator[Candidate]:

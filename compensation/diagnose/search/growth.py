@@ -1,0 +1,154 @@
+"""Which growth of links, that a calibration could not know, the readings distinguish from zero.
+
+While the search looks for causes, what the calibration could not know absorbs: what all links grow
+together looks like one cause or two that nobody has. Once all else is found, the growth is asked
+for by itself, link by link: none, one coefficient for the whole link, or one for each of its
+pieces. Each link is as likely to grow as not. Links change one at a time, from none and from all,
+until no change is likelier; what is not significant beside the others is given up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.growth_open import without_growth
+from armd.compensation.diagnose.fitting.neighbourhood import refused
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Baseline
+from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.scoring.evidence import (
+    EXPECTED_PRIOR,
+    log_bayes_factors,
+    log_tail,
+)
+from armd.compensation.diagnose.scoring.projection import make_projection
+from armd.compensation.diagnose.scoring.threshold import significant
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.older import OLDER
+from armd.compensation.model.arm import Arm
+
+#: Rounds over all links; three settle.
+MOST_ROUNDS = 10
+
+
+def with_growth(current: Fit, candidates: Iterable[Candidate], arm: Arm) -> tuple[Fit, Fit] | None:
+    """The fit with the growth that its readings show as findings before its own; None where they
+    show none. First with nothing else growing, by which it is weighed; then with what the
+    calibration could not know of the other lengths, by which its sizes and all else are known."""
+    links = _ways_to_grow(candidates) if current.baseline.growth else []
+    if not links:
+        return None
+    closed = without_growth(current.baseline)
+    about = _fitted(current, closed, current.findings, current.amplitudes, arm)
+    grown = _grown(about, links, arm)
+    if not grown:
+        return None
+    nothing = [np.zeros(len(c.columns)) for c in grown]
+    findings, start = [*grown, *current.findings], [*nothing, *current.amplitudes]
+    weighed = _fitted(current, closed, findings, start, arm)
+    named = {t.parameter for c in grown for column in c.columns for t in column.terms}
+    others = without_growth(current.baseline, named)
+    last = _fitted(current, others, findings, weighed.amplitudes, arm)
+    return None if refused(last, about, arm) else (weighed, last)
+
+
+def _ways_to_grow(candidates: Iterable[Candidate]) -> list[list[Candidate]]:
+    """Of each link, the candidates by which it may grow beyond what the calibration absorbed."""
+    by_link: dict[str, list[Candidate]] = {}
+    for candidate in candidates:
+        if candidate.expected and OLDER in candidate.columns[0].name:
+            by_link.setdefault(str(candidate.location), []).append(candidate)
+    return list(by_link.values())
+
+
+def _fitted(
+    current: Fit, baseline: Baseline, findings: Sequence[Candidate], start: Sequence[F64], arm: Arm
+) -> Fit:
+    rests = current.linear.rests
+    return fit(rests, arm, baseline, baseline.model, findings, start, noise=current.noise)
+
+
+class _Growth:
+    """The links' ways to grow against what a fit leaves, clear of all that absorbs."""
+
+    def __init__(self, about: Fit, links: Sequence[Sequence[Candidate]], arm: Arm) -> None:
+        self.links = [list(ways) for ways in links]
+        every = [candidate for ways in self.links for candidate in ways]
+        blocks = finding_columns(about.linear, every, arm)
+        projection = make_projection(about, arm)
+        white, clear = projection.clear_of_all(np.hstack(blocks))
+        residual = about.noise.whiten(about.residual[:, None])
+        self._gram, self._side = white.T @ clear, (clear.T @ residual)[:, 0]
+        self._typical = np.array([column.typical for c in every for column in c.columns])
+        edges = np.cumsum([0, *(block.shape[1] for block in blocks)])
+        numbers = iter(range(len(every)))
+        self._columns = [
+            [np.arange(edges[i], edges[i + 1]) for i in (next(numbers) for _ in ways)]
+            for ways in self.links
+        ]
+
+    def log_weight(self, chosen: Sequence[int | None]) -> float:
+        """Log evidence and prior of a way to grow (or none) for each link."""
+        prior = sum(
+            np.log((1.0 - EXPECTED_PRIOR) if way is None else EXPECTED_PRIOR / len(ways))
+            for way, ways in zip(chosen, self.links, strict=True)
+        )
+        at = self._of(chosen)
+        if not at.size:
+            return float(prior)
+        evidence = log_bayes_factors(
+            self._gram[np.ix_(at, at)][None],
+            self._side[at][None],
+            self._typical[at][None],
+            np.full((1, len(at)), np.inf),
+        )
+        return float(prior + evidence[0])
+
+    def likeliest(self, start: Sequence[int | None]) -> list[int | None]:
+        """The ways to grow from *start* on, one link changed at a time while that is likelier."""
+        chosen, weight = list(start), self.log_weight(start)
+        for _ in range(MOST_ROUNDS):
+            before = list(chosen)
+            for link, ways in enumerate(self.links):
+                for way in (None, *range(len(ways))):
+                    other = [*chosen[:link], way, *chosen[link + 1 :]]
+                    if (likelier := self.log_weight(other)) > weight:
+                        chosen, weight = other, likelier
+            if chosen == before:
+                break
+        return chosen
+
+    def log_p(self, link: int, chosen: Sequence[int | None]) -> float:
+        """Log p value of a link's growth beside the others chosen."""
+        others = self._of([*chosen[:link], None, *chosen[link + 1 :]])
+        at = self._of([None if i != link else way for i, way in enumerate(chosen)])
+        taken = np.linalg.pinv(self._gram[np.ix_(others, others)], hermitian=True)
+        across = self._gram[np.ix_(at, others)] @ taken
+        gram = self._gram[np.ix_(at, at)] - across @ self._gram[np.ix_(others, at)]
+        side = self._side[at] - across @ self._side[others]
+        statistic = float(side @ np.linalg.pinv(gram, hermitian=True) @ side)
+        return float(log_tail(np.array([statistic]), np.array([len(at)]))[0])
+
+    def _of(self, chosen: Sequence[int | None]) -> I64:
+        own = [self._columns[link][way] for link, way in enumerate(chosen) if way is not None]
+        return np.concatenate([np.empty(0, dtype=np.int64), *own])
+
+
+def _grown(about: Fit, links: Sequence[Sequence[Candidate]], arm: Arm) -> list[Candidate]:
+    """The growth that is likeliest, each of it significant beside the rest."""
+    growth = _Growth(about, links, arm)
+    starts: list[list[int | None]] = [[None] * len(links), [0] * len(links)]
+    chosen = max(map(growth.likeliest, starts), key=growth.log_weight)
+    while True:
+        log_p = {
+            link: growth.log_p(link, chosen) for link, way in enumerate(chosen) if way is not None
+        }
+        weakest = max(log_p, key=lambda link: log_p[link], default=None)
+        if weakest is None or significant(log_p[weakest], len(links)):
+            break
+        chosen[weakest] = None
+    return [links[link][way] for link, way in enumerate(chosen) if way is not None]
