@@ -9,6 +9,7 @@ import numpy as np
 from armd.compensation.diagnose.diagnosis import MOST_FINDINGS, Diagnosis, Touched
 from armd.compensation.diagnose.fitting.growth_open import of_what
 from armd.compensation.diagnose.fitting.target_steps import steps, target_steps
+from armd.compensation.diagnose.problem.layout import EXPANSIONS
 from armd.compensation.diagnose.problem.rests import spare_rows
 from armd.compensation.diagnose.told.sizes import size_known
 from armd.compensation.effects.catalogue import CATALOGUE
@@ -148,6 +149,13 @@ def _what_stays(diagnosis: Diagnosis) -> str:
 def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
     """What residuals without a finding are, *but* for what the verdict says else."""
     left, floor = diagnosis.rms_um, diagnosis.noise_floor_um
+    absorbing = _absorbing(diagnosis)
+    remain = 1e3 * float(np.sqrt((diagnosis.search.last.left_mm**2).sum(axis=1).mean()))
+    if absorbing and left > BEYOND_NOISE * floor >= remain:
+        return (
+            f"The residuals, {um(left)} µm, are more than noise of {um(floor)} µm makes: they are "
+            f"explained by {absorbing}; {um(remain)} µm remain beside that."
+        )
     if left > BEYOND_NOISE * floor:
         return (
             f"Yet the residuals, {um(left)} µm, are not what noise of {um(floor)} µm makes: "
@@ -156,6 +164,17 @@ def _nothing_found(diagnosis: Diagnosis, but: Sequence[str]) -> str:
     if but:
         return ""
     return f"The residuals are what the noise makes of them. {_could_show(diagnosis)}"
+
+
+def _absorbing(diagnosis: Diagnosis) -> str:
+    """What may absorb residuals and is no finding, in words."""
+    last = diagnosis.search.last
+    if last.baseline.growth:
+        return "the calibration's uncertainty and growth of links that it could not know"
+    if last.baseline.held:
+        return "the calibration's uncertainty"
+    expansions = last.layout.blocks[EXPANSIONS]
+    return "the links' plain expansion" if expansions.stop > expansions.start else ""
 
 
 def _few(diagnosis: Diagnosis) -> str:
