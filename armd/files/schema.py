@@ -30,6 +30,7 @@ Content = TypeVar("Content", bound=BaseModel)
 MOST_VALUES = 100_000
 MOST_FAULTS = 100
 MOST_DOTS = 1000
+INTEGER_BITS = 63
 #: Letters of what was found.
 MOST_SHOWN = 80
 #: What people call a file that says of itself that it is …
@@ -78,11 +79,27 @@ def toml_data(path: str | Path, content: bytes) -> dict[str, Any]:
     if dots > MOST_DOTS:  # a key of n parts takes tomllib n² steps
         raise BadInput(path, "TOML", f"a line with {dots} dots", f"{MOST_DOTS} at most")
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
+        _refuse_long_integers(path, "", data)
+        return data
     except tomllib.TOMLDecodeError as error:
         raise BadInput(path, "TOML", str(error), "a valid TOML file") from error
     except (RecursionError, ValueError) as error:
         raise _hostile(path, error) from error
+
+
+def _refuse_long_integers(path: str | Path, where: str, value: Any) -> None:
+    """TOML's integers have 64 bits; Python's parser takes any number of hexadecimal digits, which
+    nothing after it can write as decimal ones."""
+    if isinstance(value, dict):
+        for key, below in value.items():
+            _refuse_long_integers(path, f"{where}.{key}" if where else key, below)
+    elif isinstance(value, list):
+        for i, below in enumerate(value, 1):
+            _refuse_long_integers(path, f"{where}[{i}]", below)
+    elif isinstance(value, int) and value.bit_length() > INTEGER_BITS:
+        found = f"an integer of {value.bit_length()} bits"
+        raise BadInput(path, where, found, "at most 63 bits and a sign, as TOML has it")
 
 
 def json_data(path: str | Path, content: bytes) -> Any:

@@ -169,3 +169,11 @@ def test_a_damaged_parquet_file_is_refused(tmp_path: Path) -> None:
     path.write_bytes(whole[:4] + bytes(len(whole) // 2) + whole[4 + len(whole) // 2 :])
     with pytest.raises(BadInput, match="a Parquet table"):
         load_readings(path, ["q1"], [])
+
+
+@pytest.mark.parametrize("digits", ["0x" + "f" * 5000, "0b" + "1" * 64, "9" * 19])
+def test_an_integer_beyond_64_bits_is_refused_at_its_key(tmp_path: Path, digits: str) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(f"[[joint]]\nd_mm = 1.0\na_mm = {digits}\n")
+    with pytest.raises(BadInput, match=r"arm.toml: joint\[1\].a_mm: found an integer of \d+ bits"):
+        load_toml(path, Arm)
