@@ -20,7 +20,7 @@ from armd.compensation.model.terms import Term
 from armd.compiled.jit import jit
 
 #: Share of the variance that may be left out of the low-rank factor.
-NEGLECTED = 1e-6
+NEGLECTED = 1e-14
 
 
 class Parts(NamedTuple):
@@ -178,7 +178,7 @@ def pivoted_cholesky(matrix: F64, left: F64, columns: F64) -> int:
     """Columns of L, one per row of *columns*, so that L·L' is *matrix* (n, n) but for a rest.
 
     The rest is positive semidefinite and its trace at most NEGLECTED of the matrix's. Returns the
-    number of columns: hardly more than of the eigenvectors that would do, at a tenth of the time.
+    number of columns: no more than the rank.
     *left* (n,) is scratch.
     """
     n = len(matrix)

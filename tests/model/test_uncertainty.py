@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_model import POSE_FACTORS, WARM, an_arm, calibrated, term
 
+from armd import POINT
 from armd.compensation.kernel.covariance import NEGLECTED, pivoted_cholesky
 from armd.compensation.kernel.model import Model
 from armd.compensation.model import parameters
+from armd.compensation.model.kinematics import forward
 from armd.compensation.model.parameters import ParameterLayout
 
 N_JOINTS = 3
@@ -95,3 +97,44 @@ def test_everything_uncertain_is_in_it(seed: int, noise_c: float) -> None:
     assert np.trace(whole - kept) <= NEGLECTED * total * 1.001
     assert kept == pytest.approx(whole, abs=NEGLECTED * total)
     assert factor.shape[1] <= np.linalg.matrix_rank(whole, tol=1e-13 * total)
+
+
+def test_what_only_the_prior_knows_takes_nothing_from_a_points_own_covariance() -> None:
+    """Parameters that move no point together have variances of many mm²; a point's is of µm²."""
+    arm = an_arm(N_JOINTS)
+    # The constants of `calibrated`: what moves no point depends on them.
+    constants = arm.nominal() + np.random.default_rng(8).normal(0, 1e-3, arm.layout.count)
+    of = [name for name in NAMES if not name.startswith("artefact")]
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-2.0, 2.0, (60, N_JOINTS))
+
+    def tip(row: np.ndarray, at: np.ndarray) -> np.ndarray:
+        return forward(at, row)[0]
+
+    def jacobian(at: np.ndarray) -> np.ndarray:
+        columns = []
+        for name in of:
+            step = 1e-4
+            there, back = constants.copy(), constants.copy()
+            there[NAMES.index(name)] += step
+            back[NAMES.index(name)] -= step
+            columns.append((tip(there, at) - tip(back, at)) / (2 * step))
+        return np.stack(columns, axis=-1)  # (n, 3, K)
+
+    measured = jacobian(q).reshape(-1, len(of)) / 0.005
+    prior = [1 / 3.0 if parameters.unit(name) == "mm" else 1 / 0.02 for name in of]
+    _, known, directions = np.linalg.svd(np.vstack([measured, np.diag(prior)]), full_matrices=False)
+    covariance = directions.T / known**2 @ directions
+    noise = {"encoder_rad": [0.0] * N_JOINTS, "temperature_c": 0.0, "reading_mm": 1e-4}
+    model = Model(
+        arm, calibrated(arm, [], noise=noise, covariance_of=of, covariance=covariance.tolist())
+    )
+    model.fold(np.full(2, 20.0), 0.0)
+    elsewhere = rng.uniform(-2.0, 2.0, (50, N_JOINTS))
+    points = np.zeros(50, POINT)
+    model.correct(elsewhere, np.zeros((50, N_JOINTS)), np.zeros((50, 3)), points)
+    derivatives = jacobian(elsewhere)
+    expected = np.einsum("nia,ab,nib->ni", derivatives, covariance, derivatives) + 1e-8
+    assert np.sqrt(covariance.diagonal().max()) > 100 * np.sqrt(expected.max())
+    found = points["covariance_mm2"][:, [0, 3, 5]]
+    assert np.sqrt(found) == pytest.approx(np.sqrt(expected), rel=0.01)
