@@ -92,6 +92,9 @@ port = {_quoted(port)}
 baud = {bus.baud}
 ids = {list(bus.ids)}
 temperature_ids = {list(bus.temperature_ids)}
+
+[measurement]
+trigger = "rest"                       # such an arm has no button: hold the tip still for a second
 """
 
 

@@ -22,6 +22,7 @@ from armd.daemon.measure.ending import Done
 from armd.daemon.measure.hearing import SILENT_S, Hearing
 from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.so_far.estimate import identified
+from armd.daemon.measure.waiting import Waiting
 from armd.drivers.waiting import has_bytes
 from armd.errors import ArmdError
 from armd.terminal.counted import counted
@@ -42,6 +43,7 @@ class Terminal:
         self._arm = arm
         self._measuring = measuring
         self._trigger = trigger
+        self._waiting = Waiting(trigger)
         self._json = as_json
         self._heard: deque[bytes] = deque()
         self._typed = b""
@@ -70,7 +72,10 @@ class Terminal:
                 while self._heard and not self._over():
                     self._take(self._heard.popleft(), hearing)
                 if hearing.changed():
+                    self._waiting.over()
                     self._tell_of(hearing)
+                if not hearing.silent and (text := self._waiting.due()):
+                    self._say({"event": "waiting", "text": text})
                 for word in self._words():
                     self._obey(word)
                 now_s = time.monotonic()
@@ -137,6 +142,7 @@ class Terminal:
     def _offer(self, measurement: Mapping[str, Any]) -> None:
         if measurement.get("trigger") != self._trigger:
             return  # a press in a rest that counts by itself: not a second reading
+        self._waiting.over()
         told = self._measuring.offer(measurement)
         self._say(told)
         if told["event"] == "reading" and told["taken"] % ESTIMATE_EVERY == 0:
@@ -199,7 +205,7 @@ class Terminal:
             case _:
                 text = f"   {told['text']}"
         print(printable(text), flush=True)
-        if not self._measuring.complete and told["event"] not in ("refused", "silent"):
+        if not self._measuring.complete and told["event"] not in ("refused", "silent", "waiting"):
             self._print_next(self._measuring.state()["next"])
 
     def _print_next(self, following: Mapping[str, Any] | None) -> None:

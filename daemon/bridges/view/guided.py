@@ -25,12 +25,15 @@ from armd.daemon.measure.measuring import Measuring
 from armd.daemon.measure.plan.kinds import plan_of
 from armd.daemon.measure.plan.stations import KINDS, MOST_STATIONS, PlanKind, Wishes
 from armd.daemon.measure.so_far.estimate import identified
+from armd.daemon.measure.waiting import Waiting
 from armd.errors import ArmdError, BadInput
 from armd.files.schema import load_toml
 
 TOPIC = "guided"
 #: Every so many readings it is asked what `armd calibrate` would make of them.
 ESTIMATE_EVERY = 10
+#: How often it is looked whether a person has waited for long.
+LOOK_S = 1.0
 #: Kinds that a calibration can be made of.
 IDENTIFYING = ("seats", "artefact", "poses")
 
@@ -51,6 +54,7 @@ class Guided:
         self._measuring: Measuring | None = None
         self._options = EndOptions()
         self._trigger = ""
+        self._patience = Waiting("")
         self._since_ns = 0
         self._waiting: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         self._outcome: dict[str, Any] | None = None
@@ -63,11 +67,20 @@ class Guided:
     async def run(self) -> None:
         """Offers what is measured, one after another; for ever."""
         while True:
-            measurement = await self._waiting.get()
+            coming = asyncio.ensure_future(self._waiting.get())
             try:
-                await self._offer(measurement)
+                while not (await asyncio.wait({coming}, timeout=LOOK_S))[0]:
+                    self._tell_waiting()
+            finally:
+                coming.cancel()  # of no effect where it has come
+            try:
+                await self._offer(coming.result())
             finally:
                 self._waiting.task_done()
+
+    def _tell_waiting(self) -> None:
+        if self._phase == "measuring" and (text := self._patience.due()):
+            self._became({"event": "waiting", "text": text})
 
     async def _offer(self, measurement: dict[str, Any]) -> None:
         measuring = self._measuring
@@ -82,6 +95,7 @@ class Guided:
         """A measurement that arrived; what was pressed before the beginning does not count."""
         wanted = measurement.get("trigger") == self._trigger
         if self._phase == "measuring" and wanted and measurement["stamp_ns"] > self._since_ns:
+            self._patience.over()
             self._waiting.put_nowait(measurement)
 
     def choices(self) -> dict[str, Any]:
@@ -173,6 +187,7 @@ class Guided:
             return Measuring(folder, plan, in_use), trigger
 
         measuring, self._trigger = await in_thread(begun)
+        self._patience = Waiting(self._trigger)
         if measuring.plan.kind == "interim" and measuring.in_use.calibration is not None:
             options = replace(options, history=self._folder / HISTORY)
         try:
