@@ -98,6 +98,12 @@ class Supervisor:
         for sensor in sorted(told ^ {*self._lost}):
             if sensor in self._lost:
                 text = f"sensor {sensor} is invalid or silent; its last value is held"
+                if sensor in temperature.impossible:
+                    read_c, held_c = temperature.impossible[sensor]
+                    text = (
+                        f"sensor {sensor} reads {read_c:g} °C: no link comes from {held_c:.1f} °C"
+                        " to that so fast; its last value is held"
+                    )
                 kind, severity = "temperature_missing", "warning"
             else:
                 text, kind, severity = f"sensor {sensor} is back", "temperature_back", "info"

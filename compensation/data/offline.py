@@ -35,10 +35,11 @@ from armd.compensation.data.session_columns import (
     approaches,
     number_columns,
     rates,
-    temperatures,
 )
 from armd.compensation.data.session_format import AngleUnit
 from armd.compensation.data.table_writing import table_writer, write_group
+from armd.compensation.data.temperatures import Temperatures
+from armd.compensation.data.turns import AngleRange, describe_turns, fold_turns, report_open_turns
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration, used_sensors
@@ -100,14 +101,23 @@ class Corrector:
         self._low, self._high = arm.limits_rad
         reference_c = content.reference_temperature_c if content else arm.reference_temperature_c
         self._held_c = np.full(len(arm.sensors), reference_c)
+        self._temperatures = Temperatures(arm)
+        self._lowest = self._highest = np.full(arm.n_joints, np.nan)
+        #: sentences: what was read and does not count as it stands
+        self.remarks: list[str] = []
 
     def take(self, readings: Readings) -> Taken:
         """The next readings of the file, checked."""
         arm = self._arm
         q = angles(readings, arm, self._unit, missing_allowed=True)
         self._like_radians.take(readings, q)
+        q, turns = fold_turns(q, arm)
         rate = rates(readings, arm.n_joints)
-        measured_c = temperatures(readings, arm.sensors)
+        time_s = readings.optional("time_s")
+        measured_c, _, remarks = self._temperatures.take(readings, time_s, "")
+        self.remarks += [*remarks, *describe_turns(str(readings.path), turns)]
+        self._lowest = np.fmin(self._lowest, np.fmin.reduce(q))
+        self._highest = np.fmax(self._highest, np.fmax.reduce(q))
         states = States(
             q=q,
             rate=rate,
@@ -120,9 +130,12 @@ class Corrector:
         stale: Mask = np.logical_or.reduce(np.isnan(measured_c[:, self._used]), axis=1)
         return Taken(states, slow, stale)
 
-    def ended(self) -> None:
-        """The file has no more readings; raises `BadInput` if their unit cannot be right."""
+    def ended(self, source: Path) -> None:
+        """*source* has no more readings; raises `BadInput` if their unit cannot be right."""
         self._like_radians.judge()
+        middle = (self._lowest + self._highest) / 2
+        turned = AngleRange(str(source), self._lowest, self._highest, middle)
+        self.remarks += report_open_turns([turned], self._arm)[0]
 
     def correct(self, taken: Taken) -> tuple[F64, npt.NDArray[np.uint32]]:
         """Positions and their standard uncertainties (n, 6) mm, and flags (n,).
@@ -194,7 +207,7 @@ def correct_file(
             pieces = _parquet_pieces(source, part, target.suffix, wanted, corrector)
         for n, share in pieces:  # noqa: B007 (the last one counts)
             progress(share)
-        corrector.ended()
+        corrector.ended(source)
         if n == 0:
             raise BadInput(source, "the file", "no readings", "at least one row")
     return n

@@ -23,11 +23,17 @@ from armd.compensation.data.session_columns import (
     approaches,
     number_columns,
     rates,
-    temperatures,
     times,
     truths,
 )
 from armd.compensation.data.session_format import Artefact, SessionFile
+from armd.compensation.data.temperatures import Temperatures
+from armd.compensation.data.turns import (
+    AngleRange,
+    describe_turns,
+    fold_turns,
+    report_open_turns,
+)
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
 from armd.errors import BadInput
@@ -63,6 +69,7 @@ class Session:
     lost_links: tuple[int, ...] = ()  # links (from 1) that such a sensor spoke for
     operator: str | None = None
     artefact_before_c: float = np.nan  # of a piece: the last artefact_c in those before it
+    remarks: tuple[str, ...] = ()  # sentences: what was read and does not count as it stands
 
     @property
     def n(self) -> int:
@@ -133,7 +140,18 @@ def load_sessions(
     prove nothing. Raises `BadInput`.
     """
     check_once(paths, besides)
-    return [load_session(path, arm) for path in paths]
+    return report_turns([load_session(path, arm) for path in paths], arm, besides)
+
+
+def report_turns(
+    sessions: Sequence[Session], arm: Arm, besides: Sequence[Session] = ()
+) -> list[Session]:
+    """The sessions, with remarks on joints whose turn no limit decides."""
+    known = [AngleRange.of(session.name, session.states.q) for session in (*sessions, *besides)]
+    return [
+        replace(session, remarks=(*session.remarks, *remarks))
+        for session, remarks in zip(sessions, report_open_turns(known, arm), strict=False)
+    ]
 
 
 def check_once(paths: Sequence[str | Path], besides: Sequence[Session] = ()) -> None:
@@ -155,7 +173,7 @@ def load_session(path: str | Path, arm: Arm) -> Session:
     file = _session_file(folder, arm)
     like_radians = LikeRadians(arm, file.angle_unit)
     readings = load_readings(readings_path(folder), number_columns(arm), TEXTS)
-    session = _session(folder, file, arm, readings, {})
+    session = _session(folder, file, arm, readings, {}, Temperatures(arm))
     like_radians.take(readings, session.states.q)
     like_radians.judge()
     return session
@@ -172,8 +190,9 @@ def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
     placements: dict[str, int] = {}
     dated: bool | None = None
     artefact_c = np.nan
+    celsius = Temperatures(arm)
     for readings in reading_pieces(readings_path(folder), number_columns(arm), TEXTS):
-        piece = _session(folder, file, arm, readings, placements)
+        piece = _session(folder, file, arm, readings, placements, celsius)
         piece = replace(piece, artefact_before_c=artefact_c)
         artefact_c = next(filter(np.isfinite, piece.artefact_c[::-1]), artefact_c)
         like_radians.take(readings, piece.states.q)
@@ -196,26 +215,34 @@ def _session_file(folder: Path, arm: Arm) -> SessionFile:
 
 
 def _session(
-    folder: Path, file: SessionFile, arm: Arm, readings: Readings, placements: dict[str, int]
+    folder: Path,
+    file: SessionFile,
+    arm: Arm,
+    readings: Readings,
+    placements: dict[str, int],
+    celsius: Temperatures,
 ) -> Session:
-    """*placements*: names of earlier rows and their numbers; new ones are added to it."""
+    """*placements*: names of earlier rows and their numbers; new ones are added to it. *celsius*:
+    what the sensors read in earlier rows."""
     numbers = number_columns(arm)
     own, names = readings.names("placement")
     numbered = [placements.setdefault(name, len(placements)) for name in names]
     placement = np.array(numbered, dtype=np.int64)[own]
     time_s = times(readings)
-    q = angles(readings, arm, file.angle_unit)
+    q, turns = fold_turns(angles(readings, arm, file.angle_unit), arm)
     rate = rates(readings, arm.n_joints)
+    name = folder.resolve().name
+    temperature_c, artefact_c, remarks = celsius.take(readings, time_s, name)
     return Session(
         path=folder,
-        name=folder.resolve().name,
+        name=name,
         arm=file.arm,
         started_unix_s=file.started.timestamp(),
         artefact=file.artefact,
         states=States(
             q=q,
             rate=rate,
-            temperature_c=temperatures(readings, arm.sensors),
+            temperature_c=temperature_c,
             time_s=file.started.timestamp() + time_s,
             approach=approaches(readings, arm, q, rate),
             series=np.zeros(readings.n, dtype=np.int64),
@@ -224,10 +251,11 @@ def _session(
         placement_names=list(placements),
         target=_targets(readings, file.artefact),
         truth_mm=truths(readings),
-        artefact_c=temperatures(readings, ["artefact_c"])[:, 0],
+        artefact_c=artefact_c,
         unused_columns=[name for name in readings.header if name not in (*numbers, *TEXTS)],
         row=readings.first_row + np.arange(readings.n),
         operator=file.operator,
+        remarks=(*remarks, *describe_turns(name, turns)),
     )
 
 

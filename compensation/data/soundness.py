@@ -50,7 +50,7 @@ def make_sound(sessions: Sequence[Session], arm: Arm) -> Sound:
     The arm is another one only where a channel shows nothing in any session: its links then follow
     the mean of the other sensors.
     """
-    told: list[str] = []
+    told = [remark for session in sessions for remark in session.remarks]
     mended = [_clock_on(_once(session, told), told) for session in sessions]
     told += _clocks(mended)
     told += told_of_artefact(mended, arm)
@@ -70,7 +70,7 @@ def fit_to_identify(sessions: Sequence[Session], arm: Arm) -> Sound:
         for name in columns
     }
     live = [name for name in columns if not any(why[name])]
-    told: list[str] = []
+    told = [remark for session in sessions for remark in session.remarks]
     mended = [_once(session, told) for session in sessions]
     told += told_of_artefact(mended, arm)
     for name in columns if live else ():

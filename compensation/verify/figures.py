@@ -84,7 +84,7 @@ def figures_of(session: Session, arm: Arm, position: F64, test: TestUncertainty)
             figures += evaluate(readings)
         except (NotSupported, ArithmeticError) as reason:
             left_out |= dict.fromkeys(keys, str(reason))
-    remarks = [*readings.without_position(), *dict.fromkeys(readings.told)]
+    remarks = [*session.remarks, *readings.without_position(), *dict.fromkeys(readings.told)]
     remarks += [
         f"{name}: {celsius:g} °C in every row, far from all other temperatures: does it show any?"
         for name, celsius in still_and_far(session, arm)

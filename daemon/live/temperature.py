@@ -8,6 +8,7 @@ import numpy as np
 
 from armd import Flag
 from armd.arrays import F64
+from armd.compensation.data.heat_flow import LiveSensor
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration, used_sensors
 from armd.daemon.config import Limits
@@ -34,6 +35,9 @@ class TemperatureWatch:
         self._current_c = [math.nan] * n
         self._heard_c = [math.nan] * n  # the last good value, NaN before the first
         self._good_ns = [-1] * n
+        self._heat = [LiveSensor(arm.reference_temperature_c) for _ in self.sensors]
+        #: °C by sensor name: what it reads now that no link can have, and the value held instead
+        self.impossible: dict[str, tuple[float, float]] = {}
         self._begun_ns: int | None = None
         self._history: RecentReadings | CoarseHistory = RecentReadings(self.sensors)
         self._allowed, self._allowed_ns = IN_A_ROW, 0  # readings, as of an instant
@@ -79,7 +83,7 @@ class TemperatureWatch:
             for new, old in zip(current_c, self._current_c, strict=True)
         ):
             return False
-        self._current_c = current_c
+        self._current_c = self._possible(current_c, monotonic_ns * 1e-9)
         self.held_c = self.held_c.copy()
         for i, value in enumerate(self._current_c):
             if math.isfinite(value):
@@ -88,6 +92,16 @@ class TemperatureWatch:
         self._history.append(self._heard_c, monotonic_ns)
         self._judge()
         return True
+
+    def _possible(self, read_c: list[float], time_s: float) -> list[float]:
+        """The values that a link can have; NaN, as of an invalid channel, for the others."""
+        possible_c = list(read_c)
+        self.impossible = {}
+        for i, value in enumerate(read_c):
+            if math.isfinite(value) and not self._heat[i].believe(value, time_s):
+                possible_c[i] = math.nan
+                self.impossible[self.sensors[i]] = value, float(self.held_c[i])
+        return possible_c
 
     @property
     def known(self) -> bool:
@@ -141,7 +155,10 @@ class TemperatureWatch:
         self.slow_flags = Flag(0)
         if self.outside:
             self.slow_flags |= Flag.TEMPERATURE_RANGE
-        if self.drift is not None and self.drift.exceeds(self._rate_limit):
+        used = (self.sensors[i] for i in self._used)
+        if (self.drift is not None and self.drift.exceeds(self._rate_limit)) or any(
+            name in self.impossible for name in used
+        ):
             self.slow_flags |= Flag.TEMPERATURE_RATE
 
     def _judge_age(self) -> None:

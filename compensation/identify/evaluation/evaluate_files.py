@@ -23,6 +23,7 @@ from armd.compensation.data.session import (
     load_sessions,
     session_pieces,
 )
+from armd.compensation.data.turns import AngleRange, report_open_turns
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
 from armd.compensation.identify.evaluation.condensed import PointMoments, moments_by
@@ -57,8 +58,10 @@ def evaluate_files(
             return _Passes(paths, arm, calibration, progress).evaluation()
         except _BackInTime:
             progress("the readings are not in the order of time: reading all at once …")
-    found = evaluate(load_sessions(paths, arm), arm, calibration, progress)
-    return found.as_json(), found.lengths
+    sessions = load_sessions(paths, arm)
+    found = evaluate(sessions, arm, calibration, progress)
+    remarks = [remark for session in sessions for remark in session.remarks]
+    return {**found.as_json(), "remarks": remarks}, found.lengths
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,8 @@ class _Passes:
         self._last: dict[int, Session] = {}  # piece of each session, which names all placements
         self._n = 0
         self._missing = np.zeros(len(arm.sensors), np.int64)
+        self._remarks: list[str] = []
+        self._turned: dict[int, AngleRange] = {}  # each session's joints
 
     def evaluation(self) -> tuple[dict[str, Any], list[Length]]:
         moments: dict[_Key, PointMoments] = {}
@@ -117,11 +122,13 @@ class _Passes:
             "n_unused": self._n - together.n,
             "by_session": {n: t.as_json() for n, t in zip(names, by_session, strict=True)},
             "distances": [length.as_json() for length in lengths],
+            "remarks": [*self._remarks, *self._open_turns()],
         }
         return result, lengths
 
     def _pieces(self, doing: str) -> Iterator[_Piece]:
         self._n, self._missing[:] = 0, 0
+        self._remarks.clear()
         for i, path in enumerate(self._paths):
             lags = _Lags()
             for session in session_pieces(path, self._arm):
@@ -132,9 +139,17 @@ class _Passes:
                 )  # fmt: skip
                 self._last[i] = session
                 self._n += session.n
+                self._remarks += session.remarks
+                self._turned[i] = AngleRange.of(session.name, session.states.q).with_rest(
+                    self._turned.get(i)
+                )
                 self._missing += np.isnan(session.states.temperature_c).sum(axis=0)
                 self._progress(f"{doing}: {self._n} readings")
                 yield _Piece(i, observations, basis)
+
+    def _open_turns(self) -> list[str]:
+        remarks = report_open_turns(list(self._turned.values()), self._arm)
+        return [remark for session in remarks for remark in session]
 
     def _tips(self, piece: _Piece) -> tuple[Observations, F64]:
         """The readings that have every temperature they need, and their tips (n, 3)."""

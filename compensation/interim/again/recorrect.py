@@ -6,13 +6,15 @@ short a stretch. Lags follow the temperatures from one measurement to the next.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from armd import Flag
 from armd.arrays import F64
+from armd.compensation.data.heat_flow import SensorHeat
+from armd.compensation.data.turns import fold_turns
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration, used_sensors
@@ -32,6 +34,11 @@ def recorrect(arm: Arm, calibration: LoadedCalibration, states: States) -> Recor
     """Positions of *states* under *calibration*, with what must be said of each."""
     content = calibration.content
     model = Model(arm, calibration)
+    possible_c = states.temperature_c.copy()
+    for column in possible_c.T:
+        heat = SensorHeat(arm.reference_temperature_c)
+        column[heat.impossible(column, states.time_s)] = np.nan
+    states = replace(states, q=fold_turns(states.q, arm)[0], temperature_c=possible_c)
     slow = model.slow_values(states)
     position, _ = model.correct_rows(states, slow)
     invalid = np.isnan(position).any(axis=1)

@@ -29,7 +29,8 @@ def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration
 
     Returns what a person should know of those that are.
     """
-    model, told = AssumedModel.under(arm, calibration), []
+    model = AssumedModel.under(arm, calibration)
+    told: list[str] = []
     for session in sessions:
         observations = gather([session], arm, calibration.artefact)
         _refuse_temperatures(session, observations, model)
@@ -37,6 +38,7 @@ def refuse_unfit(sessions: Sequence[Session], arm: Arm, calibration: Calibration
         refuse_misnamed([session], observations, model)
         position = model.tip_mm(observations)
         _refuse_absurd(session, distances_mm(observations, position))
+        told += session.remarks
         told += without_temperature(session, np.isfinite(position[:, 0]))
     return told
 

@@ -18,6 +18,9 @@ from armd.terminal.aside import aside, bar
 from armd.terminal.counted import counted
 from armd.terminal.suggest import within
 
+#: What more there is to remark is counted.
+MOST_REMARKS = 10
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("readings", type=Path, help="a .csv or .parquet file with columns q1 … qN")
@@ -53,6 +56,10 @@ def run(args: argparse.Namespace) -> int:
         print(f"armd: {readings}: has {names} already; the last of each is new", file=sys.stderr)
     with bar(aside(args), "correcting") as told:
         n = correct_file(readings, args.output, corrector, lambda share: told("correcting", share))
+    for remark in corrector.remarks[:MOST_REMARKS]:
+        print(f"armd: {remark}", file=sys.stderr)
+    if (rest := len(corrector.remarks) - MOST_REMARKS) > 0:
+        print(f"armd: {counted(rest, 'more remark')} of the same kind", file=sys.stderr)
     print(f"{args.output}: {counted(n, 'point')}")
     return 0
 

@@ -80,6 +80,9 @@ def run(args: argparse.Namespace) -> int:
         write_whole(args.json, json.dumps(result, indent=1) + "\n")
     write_pages(args, lambda: _page(args, experiment, arm, sessions, rows))
     _print(experiment, rows, next_experiment(diagnosis))
+    for session in sessions:
+        for remark in session.remarks:
+            plain_console().print(remark)
     return 0
 
 

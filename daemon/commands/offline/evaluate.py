@@ -55,6 +55,8 @@ def run(args: argparse.Namespace) -> int:
     console.print(table)
     for length in lengths:
         console.print(f"certified length {length.in_words()}")
+    for remark in result["remarks"]:
+        console.print(remark)
     if result["rms_um"] > 1e3 * ABSURD_RMS_MM:
         console.print(_why(args, arm, calibration, result))
     if result["n_unused"]:

@@ -60,7 +60,7 @@ def _sessions_beside_each_other(
     ]
     if not folders:
         return {}, []
-    from armd.compensation.data.session import Session, load_session
+    from armd.compensation.data.session import Session, load_session, report_turns
     from armd.compensation.data.session_format import SessionFile
     from armd.compensation.estimate.observations import gather
     from armd.compensation.identify.admission.odd_session import remark
@@ -76,6 +76,8 @@ def _sessions_beside_each_other(
     faults: dict[Path, list[BadInput]] = {}
     doubts = []
     for serial, sessions in of_arm.items():
+        read = report_turns(sessions, arms[serial])
+        doubts += [remark for session in read for remark in session.remarks]
         with console.status("holding the sessions against each other …"):
             try:
                 doubts.append(remark(sessions, gather(sessions, arms[serial])))

@@ -1,0 +1,135 @@
+"""Which temperatures a link cannot have had: they leave and return faster than heat flows.
+
+A sensor's power-on value (85 °C of a DS18B20), a dead conversion or a loose plug stand for one
+reading or a few among others that agree. A link between such readings would have had to warm and
+cool at a rate that no air, sun or hand gives it. They are no temperatures: they count as missing.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, Mask
+
+#: A link drifts to its surroundings with this time constant at the fastest: a carbon tube of 1.5 mm
+#: (1.9 kJ/m²K) in a draught (20 W/m²K) takes 95 s; 3 mm of aluminium take minutes.
+FASTEST_S = 90.0
+#: The surroundings are at most so much warmer or colder than a link: sun, a chamber, winter air.
+#: Together with `FASTEST_S`, 0.44 K/s at first: full sun (1 kW/m²) on that tube gives 0.5 K/s.
+MOST_DRIVING_K = 40.0
+#: Less than this is never called impossible: a servo's whole degrees, clocks that are off, noise.
+LEAST_K = 3.0
+#: A live sensor that stays where it jumped to is believed after this time: it may have been moved.
+SETTLED_S = 5.0
+#: So many histories of one sensor are followed at once, each consistent in itself.
+MOST_HISTORIES = 8
+
+
+def reachable_k(seconds: F64) -> F64:
+    """How far (n,) K a link's temperature moves in *seconds* (n,) at most; NaN: not known."""
+    reach = MOST_DRIVING_K * -np.expm1(-np.abs(seconds) / FASTEST_S)
+    return np.maximum(np.where(np.isnan(reach), MOST_DRIVING_K, reach), LEAST_K)
+
+
+@dataclass
+class History:
+    """A course of one sensor's readings that a link can have had: its end and its length."""
+
+    last_c: float
+    last_s: float
+    n: int = 0
+
+    def reaches(self, celsius: float, time_s: float) -> bool:
+        """Whether heat can have led from its end to there."""
+        return abs(celsius - self.last_c) <= float(reachable_k(np.array(time_s - self.last_s)))
+
+
+class SensorHeat:
+    """What one sensor read so far, for readings that come in pieces."""
+
+    def __init__(self, usual_c: float) -> None:
+        """*usual_c*: of two courses of equal length the one that ends nearer to it is believed."""
+        self._usual_c = usual_c
+        self._histories: list[History] = []
+
+    def impossible(self, celsius: F64, time_s: F64) -> Mask:
+        """Which of the next readings (n,) °C, at (n,) s, are no temperature of a link.
+
+        They stand as in the table: readings in any order are compared by the time between them.
+        The longest course that a link can have had is believed, the readings beside it are not.
+        """
+        bad = np.zeros(len(celsius), dtype=bool)
+        known = np.flatnonzero(np.isfinite(celsius))
+        if not len(known):
+            return bad
+        value, time = celsius[known], time_s[known]
+        jumps = np.abs(np.diff(value)) > reachable_k(np.diff(time))
+        edges = np.concatenate([[0], np.flatnonzero(jumps) + 1, [len(known)]])
+        owners = [self._extend(value[a:b], time[a:b]) for a, b in itertools.pairwise(edges)]
+        believed = max(self._histories, key=lambda h: (h.n, -abs(h.last_c - self._usual_c)))
+        bad[known] = np.repeat([owner is not believed for owner in owners], np.diff(edges))
+        return bad
+
+    def _extend(self, value: F64, time: F64) -> History:
+        """Add readings that follow each other to the longest history that leads to them."""
+        first_c, first_s = float(value[0]), float(time[0])
+        before = [history for history in self._histories if history.reaches(first_c, first_s)]
+        history = max(before, key=lambda h: h.n) if before else History(first_c, first_s)
+        history.last_c, history.last_s = float(value[-1]), float(time[-1])
+        history.n += len(value)
+        rest = sorted((h for h in self._histories if h is not history), key=lambda h: -h.n)
+        self._histories = [*rest[: MOST_HISTORIES - 1], history]
+        return history
+
+
+class LiveSensor:
+    """The streaming form: each reading is judged as it comes, from those before it."""
+
+    def __init__(self, usual_c: float) -> None:
+        """*usual_c*: where a link is taken to be before its first reading."""
+        self._usual_c = usual_c
+        self._believed: tuple[float, float] = usual_c, -math.inf  # °C, s
+        self._since_s = math.nan  # of the believed course
+        self._doubted: tuple[float, float, float] | None = None  # °C, s, since s
+
+    def believe(self, celsius: float, time_s: float) -> bool:
+        """Whether a reading in °C is a temperature that a link can have.
+
+        What jumps is not believed, unless it stays for `SETTLED_S`. A jump of more than
+        `MOST_DRIVING_K` is believed then only if what was before it lasted no longer. A first
+        value is given up at once for one nearer to the usual temperature.
+        """
+        if self._leads_to(*self._believed, celsius, time_s):
+            self._since_s = time_s if math.isnan(self._since_s) else self._since_s
+        elif (since_s := self._jumped(celsius, time_s)) is not None:
+            self._since_s = since_s
+        else:
+            return False
+        self._believed, self._doubted = (celsius, time_s), None
+        return True
+
+    def _jumped(self, celsius: float, time_s: float) -> float | None:
+        """Since when (s) a jump is believed; None while it is not."""
+        believed_c, last_s = self._believed
+        apart_k = abs(celsius - believed_c)
+        is_short = not last_s - self._since_s > SETTLED_S
+        is_first = is_short and not math.isnan(self._since_s)
+        if is_first and abs(celsius - self._usual_c) < abs(believed_c - self._usual_c):
+            return time_s
+        doubted = self._doubted
+        if doubted is None or not self._leads_to(*doubted[:2], celsius, time_s):
+            doubted = celsius, time_s, time_s
+        self._doubted = celsius, time_s, doubted[2]
+        may_stay = is_short or apart_k <= MOST_DRIVING_K
+        return doubted[2] if may_stay and time_s - doubted[2] >= SETTLED_S else None
+
+    @staticmethod
+    def _leads_to(from_c: float, from_s: float, to_c: float, to_s: float) -> bool:
+        apart_k = abs(to_c - from_c)
+        if apart_k <= LEAST_K:
+            return True
+        return apart_k <= MOST_DRIVING_K * -math.expm1(-abs(to_s - from_s) / FASTEST_S)

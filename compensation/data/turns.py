@@ -1,0 +1,110 @@
+"""Which turn an encoder means: the one inside the joint's limits, as the daemon takes it.
+
+After a power cycle an encoder may count a whole turn off, and logs of 0 to 360° are another turn
+than arm.toml's half of the time. Geometry does not see that, but an error that grows with the
+angle does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64
+from armd.compensation.model.arm import Arm
+
+
+def whole_turns(q: F64, arm: Arm) -> I64:
+    """Whole turns (n, N) by which angles (n, N) rad stand outside their joints' limits.
+
+    Limits at most a turn apart decide always. Wider ones decide where the angle is outside and
+    just one turn leads inside; one limit alone, or none, never does. NaN is 0 turns off.
+    """
+    low, high = arm.limits_rad
+    turns = np.zeros(q.shape, dtype=np.int64)
+    for k, (least, most) in enumerate(zip(low, high, strict=True)):
+        if not (math.isfinite(least) and math.isfinite(most)):
+            continue
+        if most - least <= math.tau * (1 + 1e-9):
+            off = np.floor((q[:, k] - (least + most) / 2) / math.tau + 0.5)
+        else:
+            fewest = np.ceil((q[:, k] - most) / math.tau)  # so many turns back are inside …
+            largest = np.floor((q[:, k] - least) / math.tau)  # … up to so many
+            outside = (q[:, k] < least) | (q[:, k] > most)
+            off = np.where(outside & (fewest == largest), fewest, 0.0)
+        turns[:, k] = np.nan_to_num(off)
+    return turns
+
+
+def fold_turns(q: F64, arm: Arm) -> tuple[F64, I64]:
+    """Angles (n, N) rad within the limits that decide the turn, and the turns taken off."""
+    turns = whole_turns(q, arm)
+    return np.where(turns == 0, q, q - math.tau * turns), turns
+
+
+def describe_turns(name: str, turns: I64) -> list[str]:
+    """A sentence for each joint of session *name* that stood whole turns off in some rows."""
+    return [
+        f"{name}: q{k + 1} is a whole turn or more off in {int(rows)} of {len(turns)} rows; its"
+        " limits in arm.toml say which turn is meant."
+        for k, rows in enumerate((turns != 0).sum(axis=0))
+        if rows
+    ]
+
+
+@dataclass(frozen=True)
+class AngleRange:
+    """How far the joints turned in one session: (N,) rad, and the middle reading of each."""
+
+    name: str
+    low: F64
+    high: F64
+    middle: F64
+
+    @classmethod
+    def of(cls, name: str, q: F64) -> AngleRange:
+        """Of angles (n, N) rad, n > 0."""
+        return cls(name, q.min(axis=0), q.max(axis=0), np.median(q, axis=0))
+
+    def with_rest(self, rest: AngleRange | None) -> AngleRange:
+        """Of this piece and the *rest* of one session; the middle is the earlier one's."""
+        if rest is None:
+            return self
+        low, high = np.minimum(self.low, rest.low), np.maximum(self.high, rest.high)
+        return AngleRange(self.name, low, high, rest.middle)
+
+
+def report_open_turns(ranges: Sequence[AngleRange], arm: Arm) -> list[list[str]]:
+    """For each session sentences on joints that may be a turn off, where no limit decides it.
+
+    That is so where all sessions together turn a joint by more than a turn, and a session lies at
+    least half a turn from the middle one, or the joint has no limits.
+    """
+    remarks: list[list[str]] = [[] for _ in ranges]
+    if not ranges:
+        return remarks
+    least, most = arm.limits_rad
+    for k in range(arm.n_joints):
+        if most[k] - least[k] <= math.tau * (1 + 1e-9):
+            continue
+        low, high = min(r.low[k] for r in ranges), max(r.high[k] for r in ranges)
+        if high - low <= math.tau:
+            continue
+        usual = float(np.median([r.middle[k] for r in ranges]))
+        apart = [i for i, r in enumerate(ranges) if abs(r.middle[k] - usual) >= math.pi]
+        if not apart and math.isfinite(most[k] - least[k]):
+            continue
+        for i in apart or [0]:
+            r = ranges[i]
+            span = (
+                f"{math.degrees(r.low[k]):.0f} to {math.degrees(r.high[k]):.0f}°"
+                f" (all sessions: {math.degrees(low):.0f} to {math.degrees(high):.0f}°)"
+            )
+            remarks[i].append(
+                f"{r.name}: q{k + 1} stands at {span}, and no limit in arm.toml says which turn is"
+                " meant: min_deg and max_deg at most 360° apart would."
+            )
+    return remarks
