@@ -10,6 +10,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.simulator.measured.artefact import Artefact
+from armd.simulator.measured.electronics import BrownOuts, Restarts
 from armd.simulator.measured.noise import Noise
 from armd.simulator.measured.plan import SessionPlan
 from armd.simulator.truth import nominal
@@ -45,6 +46,8 @@ class Rig:
     read_sensors: Callable[[F64], F64] = lambda celsius: celsius  # (n, S) felt → (n, S) told
     spoil: Callable[[np.random.Generator, int], F64] | None = None  # tip displacement (n, 3) mm
     touched: Touched | None = None
+    brown_outs: BrownOuts | None = None
+    restarts: Restarts | None = None
 
 
 @dataclass(frozen=True)

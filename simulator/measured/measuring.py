@@ -151,14 +151,20 @@ def take_readings(
     phi = settle_on(arm, phi, goal + moved, conditions)
     encoder_noise = rig.noise.encoders(rng, phi.shape)
     jacobian = tip_jacobian(arm.posture(phi, conditions))
+    encoder = arm.encoder_angles(phi, conditions) + encoder_noise
+    sensor_c = rig.noise.sensors(rng, rig.read_sensors(felt_c))
+    if rig.restarts is not None:
+        encoder = rig.restarts.read(plan.name, encoder)
+    if rig.brown_outs is not None:
+        sensor_c = rig.brown_outs.read(plan.name, sensor_c)
     return Measured(
         plan=plan,
         artefact=rig.artefact,
         placements=placements,
         placement=placement,
         target=target,
-        encoder=arm.encoder_angles(phi, conditions) + encoder_noise,
-        sensor_c=rig.noise.sensors(rng, rig.read_sensors(felt_c)),
+        encoder=encoder,
+        sensor_c=sensor_c,
         artefact_c=rig.noise.sensors(rng, artefact_c),
         felt_c=felt_c,
         conditions=conditions,

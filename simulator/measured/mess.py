@@ -17,6 +17,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.simulator.measured.campaign import Campaign, Touched
+from armd.simulator.measured.electronics import draw_brown_outs, draw_restarts
 from armd.simulator.truth.nominal import sensor_names
 from armd.simulator.truth.rotations import random_unit
 
@@ -26,12 +27,24 @@ TableRows = list[dict[str, str]]
 
 #: 100 times the noise of a reading (7 µm, 3-D).
 GROSS_UM, GROSS_SHARE = 700.0, 0.03
-KINDS = ("gross", "t3", "correlated", "touched", "doubled", "dead", "coarse", "clocks")
+KINDS = (
+    "gross",
+    "t3",
+    "correlated",
+    "touched",
+    "doubled",
+    "dead",
+    "coarse",
+    "clocks",
+    "power_on",
+    "restarted",
+)
 
 
 def in_the_workshop(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
     """The campaign with a mess that happens while measuring; others leave it as it is."""
     rig = campaign.rig
+    names = [plan.name for plan, _ in campaign.sessions if not plan.held_out]
     match kind:
         case "gross":
 
@@ -46,8 +59,11 @@ def in_the_workshop(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
             rig = replace(rig, noise=replace(rig.noise, correlation=float(rng.uniform(0.4, 0.8))))
         case "coarse":
             rig = replace(rig, noise=replace(rig.noise, sensor_step_c=0.0625))
+        case "power_on":
+            rig = replace(rig, brown_outs=draw_brown_outs(rng, names, len(sensor_names())))
+        case "restarted":
+            rig = replace(rig, restarts=draw_restarts(rng, names, len(rig.limits_rad[0])))
         case "touched":
-            names = [plan.name for plan, _ in campaign.sessions if not plan.held_out]
             far = 1e-3 * float(np.exp(rng.uniform(np.log(100.0), np.log(600.0))))
             turn = 1e-3 * rng.uniform(0.0, 1.0) * random_unit(rng, 1)[0]
             shift = far * random_unit(rng, 1)[0]

@@ -70,7 +70,10 @@ class MessOutcome:
         if self.truth is not None and self.snr < SEEN:
             named = True
         told = self.kind != "touched" or any(f[0] == "artefact_moved" for f in self.found)
-        told = told and (self.kind not in ("doubled", "dead", "clocks") or bool(self.told))
+        told = told and (
+            self.kind not in ("doubled", "dead", "clocks", "power_on", "restarted")
+            or bool(self.told)
+        )
         return named and told and not self.foreign
 
     @property
