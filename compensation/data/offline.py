@@ -38,7 +38,7 @@ from armd.compensation.data.session_columns import (
 )
 from armd.compensation.data.session_format import AngleUnit
 from armd.compensation.data.table_writing import table_writer, write_group
-from armd.compensation.data.temperatures import Temperatures
+from armd.compensation.data.temperature_columns import TemperatureColumns
 from armd.compensation.data.turns import AngleRange, describe_turns, fold_turns, report_open_turns
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
@@ -101,7 +101,7 @@ class Corrector:
         self._low, self._high = arm.limits_rad
         reference_c = content.reference_temperature_c if content else arm.reference_temperature_c
         self._held_c = np.full(len(arm.sensors), reference_c)
-        self._temperatures = Temperatures(arm)
+        self._temperature_columns = TemperatureColumns(arm)
         self._lowest = self._highest = np.full(arm.n_joints, np.nan)
         #: sentences: what was read and does not count as it stands
         self.remarks: list[str] = []
@@ -114,7 +114,7 @@ class Corrector:
         q, turns = fold_turns(q, arm)
         rate = rates(readings, arm.n_joints)
         time_s = readings.optional("time_s")
-        measured_c, _, remarks = self._temperatures.take(readings, time_s, "")
+        measured_c, _, remarks = self._temperature_columns.take(readings, time_s, "")
         self.remarks += [*remarks, *describe_turns(str(readings.path), turns)]
         self._lowest = np.fmin(self._lowest, np.fmin.reduce(q))
         self._highest = np.fmax(self._highest, np.fmax.reduce(q))

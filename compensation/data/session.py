@@ -27,7 +27,7 @@ from armd.compensation.data.session_columns import (
     truths,
 )
 from armd.compensation.data.session_format import Artefact, SessionFile
-from armd.compensation.data.temperatures import Temperatures
+from armd.compensation.data.temperature_columns import TemperatureColumns
 from armd.compensation.data.turns import (
     AngleRange,
     describe_turns,
@@ -173,7 +173,7 @@ def load_session(path: str | Path, arm: Arm) -> Session:
     file = _session_file(folder, arm)
     like_radians = LikeRadians(arm, file.angle_unit)
     readings = load_readings(readings_path(folder), number_columns(arm), TEXTS)
-    session = _session(folder, file, arm, readings, {}, Temperatures(arm))
+    session = _session(folder, file, arm, readings, {}, TemperatureColumns(arm))
     like_radians.take(readings, session.states.q)
     like_radians.judge()
     return session
@@ -190,7 +190,7 @@ def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
     placements: dict[str, int] = {}
     dated: bool | None = None
     artefact_c = np.nan
-    celsius = Temperatures(arm)
+    celsius = TemperatureColumns(arm)
     for readings in reading_pieces(readings_path(folder), number_columns(arm), TEXTS):
         piece = _session(folder, file, arm, readings, placements, celsius)
         piece = replace(piece, artefact_before_c=artefact_c)
@@ -220,7 +220,7 @@ def _session(
     arm: Arm,
     readings: Readings,
     placements: dict[str, int],
-    celsius: Temperatures,
+    celsius: TemperatureColumns,
 ) -> Session:
     """*placements*: names of earlier rows and their numbers; new ones are added to it. *celsius*:
     what the sensors read in earlier rows."""

@@ -82,7 +82,7 @@ def test_pieces_give_what_the_whole_gives(piece: int) -> None:
 
 
 def test_a_loose_plug_is_no_channel() -> None:
-    """More than a tenth is missing then, which drops a channel; in a time that rows do not square."""
+    """More than a tenth is missing then, which drops a channel."""
     rng = np.random.default_rng(1)
     n = 5_000
     celsius = np.where(rng.uniform(size=n) < 0.3, rng.uniform(-50.0, 140.0, n), 22.0)

@@ -16,7 +16,7 @@ from armd.compensation.model.arm import Arm
 MOST_ROWS = 5
 
 
-class Temperatures:
+class TemperatureColumns:
     """Reads the temperatures of one table, piece by piece."""
 
     def __init__(self, arm: Arm) -> None:
