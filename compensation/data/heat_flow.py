@@ -21,8 +21,9 @@ FASTEST_S = 90.0
 #: The surroundings are at most so much warmer or colder than a link: sun, a chamber, winter air.
 #: Together with `FASTEST_S`, 0.44 K/s at first: full sun (1 kW/m²) on that tube gives 0.5 K/s.
 MOST_DRIVING_K = 40.0
-#: Less than this is never called impossible: a servo's whole degrees, clocks that are off, noise.
-LEAST_K = 3.0
+#: Less than this is never called impossible: a servo's whole degrees, clocks that are off, a finger
+#: on the sensor. Live, flag 3 reports such a step.
+LEAST_K = 6.0
 #: A live sensor that stays where it jumped to is believed after this time: it may have been moved.
 SETTLED_S = 5.0
 #: So many histories of one sensor are followed at once, each consistent in itself.

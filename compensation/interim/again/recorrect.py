@@ -34,7 +34,7 @@ def recorrect(arm: Arm, calibration: LoadedCalibration, states: States) -> Recor
     """Positions of *states* under *calibration*, with what must be said of each."""
     content = calibration.content
     model = Model(arm, calibration)
-    possible_c = states.temperature_c.copy()
+    possible_c = states.temperature_c.astype(np.float64)
     for column in possible_c.T:
         heat = SensorHeat(arm.reference_temperature_c)
         column[heat.impossible(column, states.time_s)] = np.nan
