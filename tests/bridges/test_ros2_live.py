@@ -173,7 +173,7 @@ def test_topics_through_a_router(daemon: Daemon) -> None:
                 assert len(tokens) == 1 + len(TOPICS)
                 again.close()
                 process.terminate()
-                assert process.wait(20) == 0
+                assert process.wait(60) == 0
         finally:
             process.kill()
 

@@ -218,4 +218,4 @@ def test_ended_while_it_waits_for_its_daemon() -> None:
         assert process.stderr is not None
         assert "connecting to tcp/127.0.0.1:9" in process.stderr.readline()  # and nobody answers
         process.terminate()
-        assert process.wait(20) == 0
+        assert process.wait(60) == 0

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from support import punctuality as module
-from support.punctuality import Machine, read_waiting_s
+from support.punctuality import Machine, read_waiting_s, take_unjudged
 from support.selection import parametrize_default
 
 TESTS = Path(__file__).parents[1]
@@ -57,7 +57,7 @@ def test_the_end_of_a_run_reports_what_was_heavy_left_out_and_not_judged(tmp_pat
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-    heavy, _, rest = done.stdout.partition("1 limits in seconds not judged")
+    heavy, _, rest = done.stdout.partition("1 limits not judged")
     assert "more than 0.2 s of processor time" in heavy and "::test_computes" in heavy
     assert "::test_waits" not in heavy
     assert "test_work.py::test_is_late: a daemon stops: took 2.50 s, limit 1 s" in rest
@@ -68,16 +68,32 @@ def test_the_end_of_a_run_reports_what_was_heavy_left_out_and_not_judged(tmp_pat
     ("took_s", "waited_s", "fails"), [(0.9, 0.0, False), (1.1, 0.05, True), (1.1, 0.2, False)]
 )
 def test_a_late_test_fails_unless_the_machine_was_late(
-    request: pytest.FixtureRequest, took_s: float, waited_s: float, fails: bool
+    took_s: float, waited_s: float, fails: bool
 ) -> None:
-    machine = Machine(request.node)
+    machine = Machine()
     machine.waited_s = waited_s
     if fails:
         with pytest.raises(AssertionError, match=r"it: took 1\.10 s, limit 1 s, waited 0\.05 s"):
             machine.judge(took_s, 1.0, "it")
     else:
         machine.judge(took_s, 1.0, "it")
-        request.node.user_properties.clear()
+    assert bool(take_unjudged()) == (took_s > 1.0 and not fails)
+
+
+@pytest.mark.parametrize(
+    ("lost", "waited_s", "fails"), [(0, 0.0, False), (3, 2.0, True), (3, 4.0, False)]
+)
+def test_a_loss_fails_unless_the_machine_starved_the_test(
+    lost: int, waited_s: float, fails: bool
+) -> None:
+    machine = Machine()
+    machine.waited_s, machine.watched_s = waited_s, 10.0
+    if fails:
+        with pytest.raises(AssertionError, match=r"points: lost 3, waited 2\.00 of 10\.00 s"):
+            machine.judge_lost(lost, "points")
+    else:
+        machine.judge_lost(lost, "points")
+    assert bool(take_unjudged()) == (lost > 0 and not fails)
 
 
 def test_waiting_is_read_from_the_kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,4 +24,4 @@ def program(command: Sequence[str], log: Path, ready: str = "") -> Iterator[subp
             yield running
         finally:
             running.terminate()
-            running.wait(30)
+            running.wait(60)

@@ -9,9 +9,11 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 
 from support.long_case import long_case
+from support.punctuality import Machine, Punctuality
 
 SUBSCRIBER = Path(__file__).parents[2] / "docs/examples/subscriber.py"
 
@@ -20,13 +22,20 @@ class Ran(NamedTuple):
     code: int
     printed: str
     heard: list[str]  # the subscriber's lines
+    machine: Machine
 
 
+pytestmark = pytest.mark.serial  # it counts losses
 COMMAND = [sys.executable, "-m", "armd.daemon.cli", "demo", "--seconds", "12"]
 
 
 @pytest.fixture(scope="module")
-def demo() -> Ran:
+def demo(punctuality: Punctuality) -> Ran:
+    with punctuality.watch() as machine:
+        return run_demo(machine)
+
+
+def run_demo(machine: Machine) -> Ran:
     process = subprocess.Popen(
         COMMAND, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
@@ -42,7 +51,7 @@ def demo() -> Ran:
         ).stdout.splitlines()  # fmt: skip
     finally:
         printed = process.communicate()[0]
-    return Ran(process.returncode, printed, heard)
+    return Ran(process.returncode, printed, heard, machine)
 
 
 def figures_of(printed: str) -> dict[str, str]:
@@ -50,10 +59,10 @@ def figures_of(printed: str) -> dict[str, str]:
 
 
 def test_it_loses_nothing_and_improves_fivefold(demo: Ran) -> None:
-    assert demo.code == 0, demo.printed
     figures = figures_of(demo.printed)
-    assert int(figures["samples"]) > 10_000
-    assert figures["lost"] == "0"
+    assert demo.code == (figures["lost"] != "0"), demo.printed
+    assert int(figures["samples"]) > 1000
+    demo.machine.judge_lost(int(figures["lost"]), "the demo")
     assert 0 < float(figures["latency p50"]) <= float(figures["latency p99"])
     assert float(figures["improvement"]) >= 5.0
     assert float(figures["error before"]) > 40.0  # the arm did warm up
@@ -66,7 +75,10 @@ def test_the_panel_says_what_a_person_asks_first(demo: Ran) -> None:
 
 def test_the_subscriber_in_ten_lines_hears_it(demo: Ran) -> None:
     points = [line for line in demo.heard if re.match(r"\d+  +-?\d+\.\d{3}", line)]
-    assert len(points) > 500 and demo.heard[-1] == "lost: 0"
+    seq = np.array([int(line.split()[0]) for line in points])
+    lost = int((np.diff(seq) - 1).sum())
+    assert len(points) > 500 and demo.heard[-1] == f"lost: {lost}"
+    demo.machine.judge_lost(lost, "the demo's subscriber")
 
 
 @pytest.mark.slow
@@ -81,15 +93,14 @@ def test_the_subscriber_in_ten_lines_hears_it(demo: Ran) -> None:
         ("--servo=dynamixel", 9),
     ],
 )
-def test_arms_of_few_and_of_many_joints(wire: str, joints: int) -> None:
+def test_arms_of_few_and_of_many_joints(wire: str, joints: int, punctuality: Punctuality) -> None:
     options = [*([wire] if wire else []), "--joints", str(joints)]
-    for _ in range(3):  # a machine that stands still for long loses samples, and the demo says so
+    with punctuality.watch() as machine:
         done = subprocess.run([*COMMAND, *options], capture_output=True, text=True, timeout=200)
-        figures = figures_of(done.stdout)
-        assert int(figures["samples"]) > 1000, done.stdout + done.stderr
-        if figures["lost"] == "0":
-            break
+    figures = figures_of(done.stdout)
+    assert int(figures["samples"]) > 1000, done.stdout + done.stderr
     assert done.returncode == (figures["lost"] != "0")
-    assert wire.startswith("--servo") or figures["lost"] == "0"
+    if not wire.startswith("--servo"):
+        machine.judge_lost(int(figures["lost"]), "the demo")
     # Off its drawing by tenths of a millimetre and of a degree, and by play on servos.
     assert 5.0 < float(figures["error"]) < 5000.0

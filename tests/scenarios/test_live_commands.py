@@ -110,7 +110,7 @@ def test_a_reader_that_has_seen_enough_ends_the_read_out(
         assert watch.stdout.readline().startswith(b"{")
         watch.stdout.close()
         assert watch.stderr.read() == b""
-        assert watch.wait(30) == 0
+        assert watch.wait(60) == 0
 
 
 def test_the_read_out_outlives_silence(live: tuple[SimulatedArm, Daemon]) -> None:

@@ -59,7 +59,7 @@ def told(daemon, kind):
     with daemon.session() as session:
         time.sleep(0.1)
         all_of_them = zenoh.ConsolidationMode.NONE
-        replies = list(session.get("armd/SERVO-1/event", timeout=10.0, consolidation=all_of_them))
+        replies = list(session.get("armd/SERVO-1/event", timeout=60.0, consolidation=all_of_them))
     events = [json.loads(reply.ok.payload.to_bytes()) for reply in replies if reply.ok]
     return " | ".join(event["text"] for event in events if event["kind"] == kind)
 

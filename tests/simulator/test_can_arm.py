@@ -56,7 +56,7 @@ def write(bus: can.BusABC, node: int, index: int, sub_index: int, data: bytes) -
     command = {1: 0x2F, 2: 0x2B, 4: 0x23}[len(data)]
     request = bytes([command]) + index.to_bytes(2, "little") + bytes([sub_index])
     send(bus, objects.SDO_REQUEST_BASE + node, request + data.ljust(4, b"\0"))
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline:
         reply = bus.recv(0.1)
         if reply is not None and reply.arbitration_id == objects.SDO_REPLY_BASE + node:

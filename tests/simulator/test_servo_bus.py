@@ -32,7 +32,7 @@ def armd_counts(kind, port):
     )  # fmt: skip
     rows = []
     with closing(open_driver(config, Expectation("SERVO", 5, 5, (4096,) * 5))) as driver:
-        end = time.monotonic() + 20.0
+        end = time.monotonic() + 60.0
         while time.monotonic() < end and len(rows) < 300:
             rows += [item for item in driver.read(0.05) if isinstance(item, np.ndarray)]
     rows = np.concatenate(rows)

@@ -11,10 +11,11 @@ from collections.abc import Iterator, Sequence
 
 import pytest
 
-from support.punctuality import UNJUDGED
+from support.punctuality import take_unjudged
 
 LIMIT_S = 10.0
 PROPERTY = "processor_s"
+UNJUDGED = "unjudged"
 STARTED = pytest.StashKey[float]()
 WITHOUT_DEFAULT = pytest.StashKey[list[str]]()
 
@@ -50,7 +51,10 @@ def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) -> None:
-    if call.when == "teardown" and item.get_closest_marker("slow") is None:
+    if call.when != "teardown":
+        return
+    item.user_properties += [(UNJUDGED, text) for text in take_unjudged()]
+    if item.get_closest_marker("slow") is None:
         used_s = measure_processor_s() - item.stash.get(STARTED, measure_processor_s())
         item.user_properties.append((PROPERTY, used_s))
 
@@ -86,7 +90,7 @@ def pytest_terminal_summary(
         if name == UNJUDGED
     ]
     if unjudged:
-        terminalreporter.section(f"{len(unjudged)} limits in seconds not judged: a busy machine")
+        terminalreporter.section(f"{len(unjudged)} limits not judged: a busy machine")
         for line in unjudged:
             terminalreporter.write_line(line)
     without = config.stash.get(WITHOUT_DEFAULT, [])

@@ -7,8 +7,8 @@
         machine.judge(seconds, 3.0, "armd run ends after SIGTERM")
 
 A limit that is missed counts only without the time in which some process waited for a processor.
-Otherwise it was not judged; the end of the run counts and lists such limits. What a test asserts of
-values it asserts in any case.
+Otherwise it was not judged; the end of the run counts and lists such limits. The same holds for
+samples that were lost, and reported as lost. What a test asserts of values it asserts in any case.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ import pytest
 
 from support.standstill import Standstill
 
-UNJUDGED = "unjudged"
 PRESSURE = Path("/proc/pressure/cpu")
+STARVED = 0.3  # of the time; a live test alone on two processors waits for less
 TICKS_PER_S = 100  # USER_HZ, of /proc/stat on every Linux
+
+_unjudged: list[str] = []
 
 
 def read_waiting_s() -> float:
@@ -44,9 +46,9 @@ def read_waiting_s() -> float:
 class Machine:
     """What one machine withheld during one `watch`."""
 
-    def __init__(self, node: pytest.Item) -> None:
+    def __init__(self) -> None:
         self.waited_s = 0.0
-        self._node = node
+        self.watched_s = 0.0
 
     def judge(self, took_s: float, limit_s: float, what: str) -> None:
         """Fails if *what* took longer than *limit_s*, and the machine does not explain that."""
@@ -54,25 +56,34 @@ class Machine:
             return
         text = f"{what}: took {took_s:.2f} s, limit {limit_s:g} s, waited {self.waited_s:.2f} s"
         assert took_s - self.waited_s <= limit_s, text
-        self._node.user_properties.append((UNJUDGED, text))
+        _unjudged.append(text)
+
+    def judge_lost(self, lost: int, what: str) -> None:
+        """Fails if *lost* is not 0, unless processes waited for a good part of the time.
+
+        It takes a loss that was reported. That none goes unreported is the test's to assert.
+        """
+        if lost == 0:
+            return
+        text = f"{what}: lost {lost}, waited {self.waited_s:.2f} of {self.watched_s:.2f} s"
+        assert self.waited_s > STARVED * self.watched_s, text
+        _unjudged.append(text)
 
 
 class Punctuality:
-    """A test's own judge of limits in seconds."""
-
-    def __init__(self, node: pytest.Item) -> None:
-        self._node = node
+    """Watches the machine, for tests and for fixtures of a whole module."""
 
     @contextmanager
     def watch(self) -> Iterator[Machine]:
         """Yields a machine whose `waited_s` is known after the block."""
-        machine = Machine(self._node)
-        before_s = read_waiting_s()
+        machine = Machine()
+        before_s, began_s = read_waiting_s(), time.monotonic()
         with Standstill() as standstill:
             try:
                 yield machine
             finally:
                 machine.waited_s = read_waiting_s() - before_s
+                machine.watched_s = time.monotonic() - began_s
         machine.waited_s += standstill.longest_s
 
     @contextmanager
@@ -85,6 +96,13 @@ class Punctuality:
         machine.judge(took_s, limit_s, what)
 
 
-@pytest.fixture
-def punctuality(request: pytest.FixtureRequest) -> Punctuality:
-    return Punctuality(request.node)
+@pytest.fixture(scope="session")
+def punctuality() -> Punctuality:
+    return Punctuality()
+
+
+def take_unjudged() -> list[str]:
+    """Returns what was not judged since the last call."""
+    texts = list(_unjudged)
+    _unjudged.clear()
+    return texts

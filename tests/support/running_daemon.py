@@ -78,7 +78,7 @@ class Daemon:
         heard = Heard()
         with self.session() as session:
             session.declare_subscriber(f"armd/{self.serial}/**", heard.take)
-            heard.wait_for(lambda: heard.payloads, 10.0)  # health comes every second
+            heard.wait_for(lambda: heard.payloads)  # health comes every second
             yield heard
 
     def get(self, what: str) -> tuple[bool, Any]:

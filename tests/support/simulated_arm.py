@@ -40,7 +40,7 @@ class SimulatedArm:
     def stop(self) -> int:
         """End it as systemd would; its exit code."""
         self.process.terminate()
-        return self.process.wait(20.0)
+        return self.process.wait(60.0)
 
     def truth(self) -> np.ndarray:
         """Records of `TRUTH`: the true tip of each latch, by seq as published."""
@@ -88,7 +88,7 @@ def simulated_arm(
             assert process.stdout is not None
             printed = process.stdout.readline().strip()
             if not printed:
-                pytest.fail(f"the simulator ended with {process.wait(10)} before it began")
+                pytest.fail(f"the simulator ended with {process.wait(60)} before it began")
             port = str(folder / "port") if link else printed
             yield SimulatedArm(process, port, folder / "arm.toml", folder)
         finally:

@@ -16,7 +16,7 @@ from armd.daemon.files.measurement_log import MeasurementLog, log_files
 from support.running_daemon import running_daemon
 from support.simulated_arm import simulated_arm
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 def lines(folder: Path) -> list[str]:

@@ -346,7 +346,7 @@ def test_a_visit_that_outlives_its_bus_leaves_no_node_to_the_next(monkeypatch):
 
     def slowly(number):
         building.set()
-        released.wait(5.0)
+        released.wait(60.0)
         return configure.remote_node(number)
 
     monkeypatch.setattr("armd.drivers.can.setup.node_setup.remote_node", slowly)
@@ -355,10 +355,10 @@ def test_a_visit_that_outlives_its_bus_leaves_no_node_to_the_next(monkeypatch):
     old._nodes = {}
     setup.step(old, [1], time.monotonic_ns())
     _, job = setup._running
-    assert building.wait(5.0)
+    assert building.wait(60.0)
     setup.restart()  # another bus
     released.set()
-    job.wait(5.0)
+    job.wait(60.0)
     assert old.added and setup._nodes == {}
 
 
