@@ -271,13 +271,9 @@ def _belongs(path: str | Path, calibration: Calibration, arm: Arm) -> None:
     missing = sorted(known - set(calibration.constants))
     if missing:
         raise BadInput(path, f"constants.{missing[0]}", "nothing", "a value for every parameter")
+    numbered = {f"term {i}" for i in range(len(calibration.terms))}
     for name in calibration.covariance_of:
-        term_number = name.removeprefix("term ")
-        if name not in known and not (
-            name.startswith("term ")
-            and term_number.isdecimal()
-            and int(term_number) < len(calibration.terms)
-        ):
+        if name not in known | numbered:
             expected = 'a parameter of the arm or "term I", I counting `terms` from 0'
             raise BadInput(path, "covariance_of", repr(name), expected)
     for i, term in enumerate(calibration.terms, 1):

@@ -11,6 +11,7 @@ import numpy as np
 from fuzz.doors import Door, command
 from fuzz.messages import WHOLE
 
+from armd.compensation.model.calibration import content_hash
 from armd.files.toml_text import toml_text
 from support.small_arm_toml import ARM, CALIBRATION
 
@@ -76,6 +77,17 @@ def parquet(rows: bytes) -> bytes:
     return data.getvalue()
 
 
+def sealed(data: bytes) -> bytes:
+    """A damaged calibration with the hash of what it has become, as whoever edits one on purpose
+    would write it; what is no JSON stays as it is."""
+    try:
+        content = json.loads(data)
+        content["content_sha256"] = content_hash(content)
+        return json.dumps(content).encode()
+    except (ValueError, TypeError, RecursionError, AttributeError):
+        return data
+
+
 def file_doors(folder: Path) -> Iterator[Door]:
     """The folder is filled with one sound file of each kind."""
     session = folder / "s"
@@ -124,6 +136,21 @@ def file_doors(folder: Path) -> Iterator[Door]:
                "-o", "@out.toml", "--arm", "so101")  # fmt: skip
     yield door("init", "rows.csv", "init", "arm", "--from", "@rows.csv", "--serial-number", "M",
                "-o", "@out.toml")  # fmt: skip
+    term = {"parameter": "theta_2", "coefficient": 1e-5,
+            "basis": [{"kind": "sin", "joint": 2, "order": 1}]}  # fmt: skip
+    extended = CALIBRATION | {
+        "terms": [term], "covariance_of": ["theta_1", "term 0"],
+        "covariance": [[1e-12, 0.0], [0.0, 1e-14]], "temperature_range_c": {"t1": [15.0, 30.0]},
+    }  # fmt: skip
+    seed = sealed(json.dumps(extended).encode())
+    for words in (
+        ("check", "@arm.toml", "@cal.json"),
+        ("correct", "@table.csv", "--arm", "@arm.toml", "--calibration", "@cal.json",
+         "-o", "@out.csv"),
+        ("evaluate", "@s", "--arm", "@arm.toml", "--calibration", "@cal.json"),
+    ):  # fmt: skip
+        plain = command(folder, f"{words[0]}, sealed", "cal.json", contents["cal.json"], *words)
+        yield Door(plain.name, [seed], lambda data, enter=plain.enter: enter(sealed(data)))
     for suffix in ("csv", "qif", "ply"):
         yield door(f"export to {suffix}", "m.jsonl", "export", "@m.jsonl", "-o", f"@out.{suffix}")
     yield door("recorrect", "m.jsonl", "recorrect", "@m.jsonl", "--arm", "@arm.toml",
