@@ -4,9 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
+#: Letters of each part of a message: all together they fit a screen.
+MOST_LETTERS = 400
+
 
 class ArmdError(Exception):
     """Base of every error armd raises on purpose; the command line prints no traceback for it."""
+
+
+def cut(text: str) -> str:
+    """*text*, or where it is too long to be read, its begin and end."""
+    if len(text) <= MOST_LETTERS:
+        return text
+    return f"{text[: MOST_LETTERS - 100]} … {text[-90:]}"
 
 
 class BadInput(ArmdError):
@@ -22,7 +32,8 @@ class BadInput(ArmdError):
         self.expected = expected
         #: further faults of the same file, for those who want to hear all of them at once
         self.more: tuple[BadInput, ...] = ()
-        super().__init__(f"{file}: {where}: found {found}, expected {expected}")
+        said = f"{cut(where)}: found {cut(found)}, expected {cut(expected)}"
+        super().__init__(f"{file}: {said}")
 
 
 class NoAnswer(ArmdError, TimeoutError):

@@ -6,7 +6,7 @@ import codecs
 import json
 import tomllib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,7 +14,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from armd.errors import BadInput
 from armd.files.inputs import MOST_JSON_BYTES, MOST_TOML_BYTES, read_input
-from armd.terminal.suggest import hint, keys_at, nearest
+from armd.terminal.printable import invisible
+from armd.terminal.suggest import few, hint, keys_at, nearest
 
 
 class Strict(BaseModel):
@@ -149,6 +150,7 @@ def validate(
     *first*: the number from 0, in the file, of the first element of a list that is a part of it.
     """
     try:
+        _refuse_invisible(path, data)
         # As JSON, because there strict means: "5" is not a number, but a list may be a tuple.
         text = json.dumps(data, default=str)
         return model.model_validate_json(text, strict=True)
@@ -225,8 +227,43 @@ def _key(
 
 
 def _shown(value: object) -> str:
-    shown = repr(value)
+    """A value as its file has it; text in quotation marks."""
+    match value:
+        case None:
+            shown = "nothing"
+        case bool():
+            shown = str(value).lower()
+        case dict():
+            shown = f"a table with {few(map(str, value))}" if value else "an empty table"
+        case list():
+            shown = f"[{', '.join(map(_shown, value[: MOST_SHOWN // 2]))}]"
+        case _:
+            shown = repr(value)
     return shown if len(shown) <= MOST_SHOWN else shown[: MOST_SHOWN - 3] + "..."
+
+
+def _refuse_invisible(path: str | Path, data: object) -> None:
+    """Raise `BadInput` for text that a terminal would obey, or that turns the writing round: no
+    name has any, and names go into messages and reports."""
+    for key, value in _texts(data, ""):
+        for text in (key, value):
+            if hidden := invisible(text):
+                expected = "text without control characters and marks that turn the writing"
+                raise BadInput(path, key or "the file", f"the character {hidden}", expected)
+
+
+def _texts(data: object, key: str) -> Iterator[tuple[str, str]]:
+    """Each text of parsed *data*, and every key, with the key that it stands at."""
+    if isinstance(data, str):
+        yield key, data
+    elif isinstance(data, dict):
+        for name, value in data.items():
+            below = f"{key}.{name}" if key else str(name)
+            yield below, ""
+            yield from _texts(value, below)
+    elif isinstance(data, list):
+        for i, value in enumerate(data, 1):
+            yield from _texts(value, f"{key}[{i}]")
 
 
 def _schema(quoted: str) -> str:
@@ -254,6 +291,10 @@ def _found_expected(fault: Any, model: type[BaseModel]) -> tuple[str, str]:
             return repr(tag), f"one of {fault['ctx']['expected_tags']}"
     found = _shown(fault["input"])
     match fault["type"]:
+        case "value_error" if isinstance(fault["input"], dict):
+            return "values that do not fit together", fault["msg"].removeprefix("Value error, ")
+        case "model_type" | "dict_type" | "model_attributes_type":
+            return found, "a table"
         case "too_short" | "too_long" if isinstance(fault["input"], list):
             least = "at least" if fault["type"] == "too_short" else "at most"
             bound = fault["ctx"]["min_length" if fault["type"] == "too_short" else "max_length"]

@@ -16,6 +16,23 @@ def printable(text: object) -> str:
     return "".join(_shown(letter) for letter in said)
 
 
+#: What turns the direction of the writing round, beside single marks within a word.
+_TURNING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
+_LINES = frozenset("\n\r\t")
+
+
+def invisible(text: str) -> str:
+    """The first character, as an escape, that a terminal obeys or that turns the writing round; or
+    nothing. Lines and tabs are none, nor marks that words of some languages have."""
+    if text.isprintable():
+        return ""
+    for letter in text:
+        bad = unicodedata.category(letter) in ("Cc", "Cs", "Zl", "Zp") and letter not in _LINES
+        if bad or letter in _TURNING:
+            return _shown(letter)
+    return ""
+
+
 def _shown(letter: str) -> str:
     if unicodedata.category(letter) not in _CATEGORIES:
         return letter

@@ -23,6 +23,7 @@ import pyarrow.parquet
 from armd.arrays import F64, I64, Mask
 from armd.errors import BadInput
 from armd.files.inputs import check_input, open_input
+from armd.terminal.printable import invisible
 from armd.terminal.suggest import did_you_mean, few
 
 MISSING = ("", "nan", "NaN", "NAN")
@@ -72,12 +73,17 @@ class Readings:
         """A column of names as indices (n,) into the list of distinct names, in their order."""
         self._must_have(name)
         column = self.table[name].combine_chunks()
-        missing = pc.fill_null(pc.is_in(column, pa.array(MISSING)), True)
+        missing = pc.or_(pc.is_null(column), pc.is_in(column, pa.array(MISSING)))
         if row := _first(missing.to_numpy(zero_copy_only=False)):
             raise self.fault(row - 1, name, "nothing", f"the name of a {name}")
         encoded = column.dictionary_encode()
         indices: I64 = np.asarray(encoded.indices.to_numpy(), dtype=np.int64)
-        return indices, [str(text) for text in encoded.dictionary.to_pylist()]
+        names = [str(text) for text in encoded.dictionary.to_pylist()]
+        for code, text in enumerate(names):
+            if hidden := invisible(text):
+                row = int(np.argmax(indices == code))
+                raise self.fault(row, name, f"the character {hidden}", "a name that can be read")
+        return indices, names
 
     def fault(self, row: int, column: str, found: str, expected: str) -> BadInput:
         """What is wrong with one cell; *row* counts from 0, people count from 1."""
@@ -135,6 +141,8 @@ def read_header(path: Path) -> list[str]:
     for name, count in Counter(header).items():
         if count > 1:
             raise BadInput(path, f"column {name}", f"{count} of it", "one")
+        if hidden := invisible(name):
+            raise BadInput(path, "the header", f"the character {hidden}", "names that can be read")
     return header
 
 

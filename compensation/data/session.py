@@ -40,6 +40,7 @@ from armd.errors import BadInput
 from armd.files.inputs import open_input
 from armd.files.schema import load_toml
 from armd.terminal.counted import counted
+from armd.terminal.printable import printable
 from armd.terminal.suggest import few, hint, near, within
 
 TEXTS = ["placement", "target"]
@@ -193,6 +194,7 @@ def session_pieces(path: str | Path, arm: Arm) -> Iterator[Session]:
     celsius = TemperatureColumns(arm)
     for readings in reading_pieces(readings_path(folder), number_columns(arm), TEXTS):
         piece = _session(folder, file, arm, readings, placements, celsius)
+        file = file.model_copy(update={"artefact": piece.artefact})
         piece = replace(piece, artefact_before_c=artefact_c)
         artefact_c = next(filter(np.isfinite, piece.artefact_c[::-1]), artefact_c)
         like_radians.take(readings, piece.states.q)
@@ -228,17 +230,18 @@ def _session(
     own, names = readings.names("placement")
     numbered = [placements.setdefault(name, len(placements)) for name in names]
     placement = np.array(numbered, dtype=np.int64)[own]
+    artefact = file.artefact.with_documented(readings.names("target")[1])
     time_s = times(readings)
     q, turns = fold_turns(angles(readings, arm, file.angle_unit), arm)
     rate = rates(readings, arm.n_joints)
-    name = folder.resolve().name
+    name = printable(folder.resolve().name)
     temperature_c, artefact_c, remarks = celsius.take(readings, time_s, name)
     return Session(
         path=folder,
         name=name,
         arm=file.arm,
         started_unix_s=file.started.timestamp(),
-        artefact=file.artefact,
+        artefact=artefact,
         states=States(
             q=q,
             rate=rate,
@@ -249,7 +252,7 @@ def _session(
         ),
         placement=placement,
         placement_names=list(placements),
-        target=_targets(readings, file.artefact),
+        target=_targets(readings, artefact),
         truth_mm=truths(readings),
         artefact_c=artefact_c,
         unused_columns=[name for name in readings.header if name not in (*numbers, *TEXTS)],
@@ -303,5 +306,7 @@ def _targets(readings: Readings, artefact: Artefact) -> I64:
         if name not in known:
             row = int(np.argmax(codes == code))
             expected = f"a target of the artefact{hint(name, known)}"
+            if not known:
+                expected = "a [[artefact.target]] of this name in session.toml"
             raise readings.fault(row, "target", repr(name), expected)
     return np.array([known[name] for name in names], dtype=np.int64)[codes]

@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import datetime
 import math
+import re
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, AwareDatetime, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Vector3
@@ -20,6 +29,12 @@ CONTRADICTION_MM = 1.0
 #: Beyond these an instant is no measurement's, and years from then on have no calendar here.
 FIRST_YEAR, LAST_YEAR = 1970, 2200
 
+#: Targets whose names say which test of `armd verify` they belong to (docs/verify.md): what is
+#: touched there needs no entry of its own, for nothing is known of it.
+OF_A_VERIFICATION = re.compile(
+    r"SPHERE[12]\..+|SPHERE\.[ab]|LDIA\.[1-5]\..+|L[0-5]|EFFDIA\.[1-3]\..+|SPAT[123]|BAR[SL]\.[ab]"
+)
+
 AngleUnit = Literal["rad", "deg", "count"]
 Name = Annotated[str, Field(min_length=1)]
 
@@ -29,6 +44,11 @@ def measured_at(instant: datetime.datetime) -> datetime.datetime:
     if not FIRST_YEAR <= instant.year <= LAST_YEAR:
         raise ValueError(f"an instant of the years {FIRST_YEAR} to {LAST_YEAR}")
     return instant
+
+
+def is_documented(name: str) -> bool:
+    """Whether it is a name that `armd verify` knows."""
+    return OF_A_VERIFICATION.fullmatch(name) is not None
 
 
 class Target(Strict):
@@ -64,14 +84,18 @@ class Artefact(Strict):
     distances: Annotated[list[Distance], Field(alias="distance")] = []
     targets: Annotated[list[Target], Field(alias="target", default_factory=_of_distances)]
 
+    @field_validator("targets", mode="after")
+    @classmethod
+    def _with_ends(cls, targets: list[Target], info: ValidationInfo) -> list[Target]:
+        """With the ends of distances that a verification's names are, where the list lacks them."""
+        listed = {target.name for target in targets}
+        ends = [target.name for target in _of_distances(info.data)]
+        new = [name for name in ends if name not in listed and is_documented(name)]
+        return [*targets, *(Target(name=name) for name in new)]
+
     @model_validator(mode="after")
     def _consistent(self) -> Artefact:
         names = self.target_names
-        if not names:
-            raise ValueError(
-                "the points that were touched: a [[artefact.target]] with name (and position_mm,"
-                " where it is certified) for each, or [[artefact.distance]] between two of them"
-            )
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"target names that differ from each other, not two {name!r}")
@@ -103,17 +127,32 @@ class Artefact(Strict):
     def target_names(self) -> list[str]:
         return [target.name for target in self.targets]
 
+    def with_documented(self, names: Iterable[str]) -> Artefact:
+        """Itself, and those of *names* that a verification's readings have, as unknown points."""
+        listed = set(self.target_names)
+        new = [Target(name=name) for name in names if name not in listed and is_documented(name)]
+        return self.model_copy(update={"targets": [*self.targets, *new]}) if new else self
+
     def positions_mm(self) -> F64:
         """Certified positions (K, 3) mm; NaN where a target is an unknown seat."""
         unknown = (np.nan, np.nan, np.nan)
         return np.array([target.position_mm or unknown for target in self.targets], dtype=float)
 
 
+def _with_targets(artefact: Artefact) -> Artefact:
+    if not artefact.targets:
+        raise ValueError(
+            "the points that were touched: a [[artefact.target]] with name (and position_mm,"
+            " where it is certified) for each, or [[artefact.distance]] between two of them"
+        )
+    return artefact
+
+
 class ArtefactFile(Strict):
     """The content of an artefact's file: the table `[artefact]` of session.toml, alone."""
 
     schema_: Annotated[Literal["armd.artefact/1"], Field(alias="schema")] = "armd.artefact/1"
-    artefact: Artefact
+    artefact: Annotated[Artefact, AfterValidator(_with_targets)]
 
 
 class SessionFile(Strict):

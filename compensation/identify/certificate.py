@@ -10,6 +10,7 @@ import numpy as np
 from armd.compensation.estimate.gauge import PLAUSIBLE, scale_is_free
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, LEAST_TIMES
 from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
@@ -29,10 +30,6 @@ MOST_LEFT = 0.5
 MOST_HELDOUT_MM = PLAUSIBLE["mm"] / LEAST_KNOWN
 #: Least rank, as a share of what ideal readings would give, to vouch for other postures.
 LEAST_RANK = 0.75
-#: One placement left out must leave two to tell where the arm is wrong and where the artefact lay.
-LEAST_PLACEMENTS = 3
-#: Readings, as a multiple of those without which the unknowns have no answer at all.
-LEAST_TIMES = 3
 #: No room that people measure in is colder or warmer.
 POSSIBLE_C = (-10.0, 60.0)
 #: Nor do one arm's readings, or one reading's sensors, lie farther apart: 20 °C and 68 °F do.

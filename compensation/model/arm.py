@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from armd.arrays import F64
 from armd.compensation.model.parameters import ParameterLayout
 from armd.files.schema import Strict, load_toml
+from armd.terminal.suggest import few
 
 Vector3 = Annotated[tuple[float, float, float], Field(description="three numbers")]
 #: No arm is longer than 100 m, and no angle of it more than ten turns.
@@ -85,7 +86,8 @@ class Arm(Strict):
             for name in joint.weights:
                 if name not in sensors:
                     raise ValueError(
-                        f"joint[{k}].temperature to name one of the sensors {sensors}, not {name!r}"
+                        f"joint[{k}].temperature to name one of the sensors"
+                        f" ({few(sensors) or 'none'}), not {name!r}"
                     )
             if joint.temperature is not None and not joint.weights:
                 raise ValueError(f"joint[{k}].temperature with at least one weight")
@@ -98,7 +100,7 @@ class Arm(Strict):
             if low is not None and high is not None and low >= high:
                 raise ValueError(f"joint[{k}].min_deg below max_deg, not {low} and {high}")
         if not math.isclose(float(np.linalg.norm(self.gravity)), 1.0, abs_tol=1e-6):
-            raise ValueError(f"gravity of length 1, not {self.gravity}")
+            raise ValueError(f"gravity of length 1, not {list(self.gravity)}")
         return self
 
     @property

@@ -1,4 +1,4 @@
-"""ChainRows of an arm's chain, changed from one form into another that places every point alike."""
+"""Rows of an arm's chain, changed from one form into another that places every point alike."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def without_previous(rows: ChainRows, said: list[str]) -> ChainRows:
 
 
 def with_hayati(rows: ChainRows, said: list[str]) -> ChainRows:
-    """ChainRows of nearly parallel axes, kilometres long, as Hayati's, with a β and no length d."""
+    """Rows of nearly parallel axes, kilometres long, as Hayati's, with a β and no length d."""
     parameters = _parameters(rows.joints)
     nearly = [
         0.0 < abs(math.sin(math.radians(row[3]))) < math.sin(math.radians(PARALLEL_DEG))

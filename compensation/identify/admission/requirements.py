@@ -9,6 +9,7 @@ import numpy as np
 from armd.arrays import Mask
 from armd.compensation.estimate.gauge import unidentifiable
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.identify.admission.needed import least_readings
 from armd.compensation.identify.fit import Identification, rms_um
 from armd.compensation.identify.thermal.temperatures import temperature_groups
 from armd.errors import BadInput
@@ -118,9 +119,8 @@ def require_enough(observations: Observations, unknown: Sequence[str], files: st
 
 def readings_needed(observations: Observations) -> int:
     """Readings below which the unknowns have no one answer, whatever their poses."""
-    identifiable = 4 * observations.arm.n_joints - 3
-    unknown = identifiable + 6 * _placements(observations) + 3 * _seats(observations)
-    return -(-unknown // 3) + 1
+    n_joints = observations.arm.n_joints
+    return least_readings(n_joints, _placements(observations), _seats(observations))
 
 
 def _placements(observations: Observations) -> int:

@@ -17,6 +17,7 @@ from armd.files.inputs import read_input
 from armd.files.schema import json_data, load_toml, toml_data
 from armd.terminal.aside import aside
 from armd.terminal.counted import counted
+from armd.terminal.printable import printable
 from armd.terminal.suggest import did_you_mean, near
 
 
@@ -42,9 +43,9 @@ def run(args: argparse.Namespace) -> int:
         faults, remark = _check(path, arms)
         faults = [*faults, *beside.get(_folder(path), [])]
         for fault in faults:
-            print(f"armd: {fault}", file=sys.stderr)
+            print(f"armd: {printable(fault)}", file=sys.stderr)
         if not faults:
-            print(f"{path}: ok{remark}")
+            print(printable(f"{path}: ok{remark}"))
         wrong = wrong or bool(faults)
     for doubt in doubts:
         print(doubt)

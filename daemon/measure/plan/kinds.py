@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 
 from armd.compensation.data.session_format import Artefact
+from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, certificate_readings
 from armd.compensation.model.arm import Arm
 from armd.daemon.measure.plan.poses import Pose, read_poses, stations_of
 from armd.daemon.measure.plan.proposed import proposed_check
@@ -25,9 +26,8 @@ from armd.terminal.counted import counted
 COMMAND_LINE = "the command line"
 #: Readings of a seat, each in another posture: as ASME B89.4.22 wants of a single point.
 SEAT_READINGS = 10
-#: Rounds over an artefact in each of its placements, and how many of these: what whole placements
-#: can be left out of, and three times the unknowns of a six-axis arm on ten balls.
-ARTEFACT_ROUNDS, ARTEFACT_PLACEMENTS = 3, 3
+#: Rounds over an artefact in each of its placements, or as many more as a certificate wants.
+ARTEFACT_ROUNDS = 3
 TIP_SEAT_READINGS, TIP_SPHERE_READINGS = 12, 25
 #: A tip that is to be calibrated may be anywhere: only another seat is farther off than this.
 TIP_NEAR_MM = 100.0
@@ -95,11 +95,15 @@ def _seats(_arm: Arm, _artefact: Artefact | None, wishes: Wishes) -> Made:
     return seats_artefact(targets), rounds(wishes.placements or ["1"], targets, repeats, SEAT_HOW)
 
 
-def _artefact(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
+def _artefact(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
     assert artefact is not None  # asked for
-    placements = wishes.placements or [f"P{i + 1}" for i in range(ARTEFACT_PLACEMENTS)]
+    placements = wishes.placements or [f"P{i + 1}" for i in range(LEAST_PLACEMENTS)]
     targets = wishes.targets or artefact.target_names
-    return artefact, rounds(placements, targets, wishes.repeats or ARTEFACT_ROUNDS, BALL_HOW)
+    positions = {target.name: target.position_mm for target in artefact.targets}
+    seats = sum(positions.get(name) is None for name in targets)
+    needed = certificate_readings(arm.n_joints, len(placements), seats)
+    enough = max(ARTEFACT_ROUNDS, -(-needed // (len(placements) * len(targets))))
+    return artefact, rounds(placements, targets, wishes.repeats or enough, BALL_HOW)
 
 
 def _verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:

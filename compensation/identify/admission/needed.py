@@ -1,0 +1,22 @@
+"""How much must be measured: for an answer at all, and for a certificate."""
+
+from __future__ import annotations
+
+#: One placement left out must leave two to tell where the arm is wrong and where the artefact lay.
+LEAST_PLACEMENTS = 3
+#: Readings, as a multiple of those without which the unknowns have no answer at all.
+LEAST_TIMES = 3
+
+
+def least_readings(n_joints: int, placements: int, seats: int) -> int:
+    """Readings below which the unknowns have no one answer, whatever their poses.
+
+    *seats*: targets whose position nobody has certified.
+    """
+    unknown = 4 * n_joints - 3 + 6 * placements + 3 * seats
+    return -(-unknown // 3) + 1
+
+
+def certificate_readings(n_joints: int, placements: int, seats: int) -> int:
+    """Readings below which no certificate is granted."""
+    return LEAST_TIMES * least_readings(n_joints, placements, seats)
