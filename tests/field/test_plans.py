@@ -1,0 +1,42 @@
+"""A default plan of a guided measurement yields what its certificate and its tests want."""
+
+from __future__ import annotations
+
+import pytest
+
+from armd.compensation.data.session_format import Artefact
+from armd.compensation.model.arm import Arm
+from armd.daemon.measure.plan.kinds import plan_of
+from armd.daemon.measure.plan.stations import Wishes
+
+
+def arm(joints: int) -> Arm:
+    return Arm.model_validate(
+        {"schema": "armd.arm/1", "serial_number": "A", "joint": [{"a_mm": 300.0}] * joints}
+    )
+
+
+def balls(certified: int, unknown: int = 0) -> Artefact:
+    targets: list[dict[str, object]] = [
+        {"name": f"B{k}", "position_mm": [100.0 * k, 0.0, 0.0]} for k in range(certified)
+    ]
+    targets += [{"name": f"S{k}"} for k in range(unknown)]
+    return Artefact.model_validate({"name": "bar", "target": targets})
+
+
+@pytest.mark.parametrize(
+    ("joints", "artefact", "wishes", "readings"),
+    [
+        # 21 constants, 18 of three placements: 39 unknowns, 13 readings and one more, three times
+        (6, balls(3), Wishes(), 45),
+        # and 9 of three unknown points: 48, 17 readings, 51: 6 rounds of 9
+        (6, balls(0, 3), Wishes(), 54),
+        (6, balls(10), Wishes(), 90),
+        (5, balls(2), Wishes(), 42),
+        (6, balls(3), Wishes(repeats=3), 27),
+    ],
+)
+def test_an_artefacts_default_plan_is_enough_for_a_certificate(
+    joints: int, artefact: Artefact, wishes: Wishes, readings: int
+) -> None:
+    assert len(plan_of("artefact", arm(joints), artefact, wishes).stations) == readings
