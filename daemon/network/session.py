@@ -21,23 +21,54 @@ CLOSE_S = 1.5
 WAITING_BATCHES = 16
 #: Nobody sends the daemon more than a question; Zenoh itself would take in a gigabyte.
 MOST_RECEIVED_BYTES = 1 << 16
-#: The daemon alone speaks: whatever is put, answered, offered or declared alive by others is
-#: dropped where it comes in, on every key, as `**` would reach the arm's too. `**` matches no
-#: chunk that begins with @, so those are named, all but the one for rivals (rival.py).
+#: All keys on which anything passes. `**` matches no chunk that begins with @, and nothing matches
+#: all that do: so those in use are named, and others are neither heard nor passed on.
+KEYS = ["**", "**/@raw", "**/@raw/**", "**/@daemon", "**/@adv/**", "@/**"]
+#: The daemon alone speaks: others may ask and listen. Whatever else comes in is dropped there, on
+#: every key, as `**` would reach the arm's too; but for the key for rivals (rival.py).
 ONLY_THE_DAEMON_SPEAKS = {
     "enabled": True,
-    "default_permission": "allow",
+    "default_permission": "deny",
     "rules": [
         {
-            "id": "speak",
-            "permission": "deny",
+            "id": "listen",
+            "permission": "allow",
             "flows": ["ingress"],
-            "messages": ["put", "delete", "reply", "declare_queryable", "liveliness_token"],
-            "key_exprs": ["**", "**/@raw", "**/@raw/**", "**/@adv/**", "@/**"],
-        }
+            "messages": [
+                "query",
+                "declare_subscriber",
+                "liveliness_query",
+                "declare_liveliness_subscriber",
+            ],
+            "key_exprs": KEYS,
+        },
+        {
+            "id": "rival",
+            "permission": "allow",
+            "flows": ["ingress"],
+            "messages": ["put"],
+            "key_exprs": ["**/@daemon"],
+        },
+        {
+            "id": "speak",
+            "permission": "allow",
+            "flows": ["egress"],
+            "messages": [
+                "put",
+                "delete",
+                "query",
+                "reply",
+                "declare_subscriber",
+                "declare_queryable",
+                "liveliness_token",
+                "liveliness_query",
+                "declare_liveliness_subscriber",
+            ],
+            "key_exprs": KEYS,
+        },
     ],
     "subjects": [{"id": "everybody"}],
-    "policies": [{"rules": ["speak"], "subjects": ["everybody"]}],
+    "policies": [{"rules": ["listen", "rival", "speak"], "subjects": ["everybody"]}],
 }
 UNIX_SOCKET = "unixsock-stream/"
 SOCKET_MODE = 0o660  # the daemon's user and group: who may connect

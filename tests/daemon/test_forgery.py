@@ -40,6 +40,8 @@ with zenoh.open(config) as session:
         session.delete(arm + "event")
         session.put(arm + "event/@adv/pub/x/1/_", health)
         session.put(arm + "@daemon", health)
+        for key in (arm + "@x", arm + "@x/y", "@armd/x", "armd/TWIN/@other/@x", "armd/@x/**"):
+            session.put(key, health)
         time.sleep(0.02)
 """
 
@@ -84,6 +86,37 @@ def test_whatever_another_program_says_reaches_nobody(daemon, mode):
             assert forger.poll() is None
         finally:
             forger.kill()
+
+
+def test_no_key_is_relayed_between_others(daemon):
+    """Not those either that no wildcard matches; the daemon is nobody's hub."""
+    keys = ["armd/SIM-0001/@x", "armd/SIM-0001/@x/y", "@armd/x", "armd/TWIN/@other/@x", "armd/@x/z"]
+    keys += ["other/program", "armd/TWIN/point", "armd/SIM-0001/@raw", "@/x"]
+    heard = []
+    command = [sys.executable, "-c", FORGER, daemon.endpoint, "client"]
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as forger,
+        session_with(daemon.endpoint) as listener,
+        session_with(daemon.endpoint) as speaker,
+    ):
+        try:
+            assert forger.stdout.readline() == "forging\n"
+            for key in keys:
+                listener.declare_subscriber(key, lambda sample: heard.append(str(sample.key_expr)))
+            offers = [
+                speaker.declare_queryable(key, lambda query: heard.append("asked")) for key in keys
+            ]
+            time.sleep(0.3)
+            for _ in range(20):
+                for key in keys:
+                    speaker.put(key, b"x")
+                time.sleep(0.02)
+            for key in set(keys) - {"armd/SIM-0001/@raw"}:  # the daemon's own answer
+                assert not [reply for reply in listener.get(key, timeout=0.3) if reply.ok]
+            assert len(offers) == len(keys)
+        finally:
+            forger.kill()
+    assert heard == []
 
 
 def test_a_message_of_200_mb_takes_no_memory(daemon):
