@@ -15,7 +15,9 @@ from armd.compensation.effects.effect import (
 )
 from armd.compensation.wording import plain
 
-TYPICAL = {2: 8e-8, 3: 8e-9}
+TYPICAL = {2: 8e-8, 3: 8e-9, 4: 8e-10}
+#: One order alone, or all: a coefficient that rises from one value to another is no single power.
+ORDERS = ((2,), (3,), (2, 3, 4))
 
 
 def candidates(facts: SessionFacts) -> Iterator[Candidate]:
@@ -23,19 +25,27 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
         weights, lengths_mm = facts.weights(k), lengths(facts, k)
         if not (weights and lengths_mm):
             continue
-        for order, typical in TYPICAL.items():
-            terms = tie(lengths_mm, temperature(weights, order=order))
-            column = Column("per kelvin to the order", f"1/K^{order}", typical, terms)
-            setting = (("order", float(order), "1"),)
+        for orders in ORDERS:
+            columns = tuple(
+                Column(
+                    "per kelvin to the order",
+                    f"1/K^{order}",
+                    TYPICAL[order],
+                    tie(lengths_mm, temperature(weights, order=order)),
+                )
+                for order in orders
+            )
+            setting = (("order", float(max(orders)), "1"),)
             where = location.link(k)
-            yield Candidate("nonlinear_expansion", where, (column,), tuple(weights), setting)
+            yield Candidate("nonlinear_expansion", where, columns, tuple(weights), setting)
 
 
 def reading(candidate: Candidate, amplitudes: F64) -> str:
-    order = int(candidate.setting[0][1])
+    orders = [int(column.unit.rpartition("^")[2]) for column in candidate.columns]
+    off = sum(value * 5.0**order for value, order in zip(amplitudes, orders, strict=True))
     return (
         f"{candidate.location} at 5 K from the reference is "
-        f"{plain(abs(amplitudes[0]) * 5.0**order * 1e6)} µm per metre off the straight line"
+        f"{plain(abs(off) * 1e6)} µm per metre off the straight line"
     )
 
 
