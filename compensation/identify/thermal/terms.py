@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from armd.arrays import F64
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model import parameters
 from armd.compensation.model.arm import Arm
@@ -82,6 +83,14 @@ def component_terms(arm: Arm, observations: Observations) -> list[Term]:
     return terms
 
 
+def last_lever_mm(arm: Arm) -> F64:
+    """(3,) from the last joint to the tip in the last frame: link and stylus, which grow as one."""
+    last = arm.joint[-1]
+    link = Rotation.from_euler("XY", [last.alpha_deg, last.beta_deg], degrees=True)
+    lever: F64 = link.inv().apply([last.a_mm, 0.0, last.d_mm]) + arm.tip.offset_mm
+    return lever
+
+
 def _lengths(arm: Arm) -> list[tuple[str, dict[str, float]]]:
     """Lengths that matter, with the weights of their temperature.
 
@@ -93,9 +102,7 @@ def _lengths(arm: Arm) -> list[tuple[str, dict[str, float]]]:
         for k, joint in enumerate(arm.joint[:-1], 1)
         for stem, length in (("d", joint.d_mm), ("a", joint.a_mm))
     ]
-    last = arm.joint[-1]
-    link = Rotation.from_euler("XY", [last.alpha_deg, last.beta_deg], degrees=True)
-    lever = link.inv().apply([last.a_mm, 0.0, last.d_mm]) + arm.tip.offset_mm
+    last, lever = arm.joint[-1], last_lever_mm(arm)
     lengths += [
         (name, last.weights, float(length))
         for name, length in zip(parameters.TIP_PARAMETERS, lever, strict=True)

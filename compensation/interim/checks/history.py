@@ -20,6 +20,7 @@ from pathlib import Path
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.interim.checks.chain import HistoryLine, read_chain
 from armd.compensation.interim.checks.columns import Cause, causes_of, digest
+from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.statistics import from_json
@@ -74,7 +75,8 @@ def load(folder: Path, before: Sequence[Check] = ()) -> list[Check]:
         epoch = line.arm_file, line.calibration
         if epoch not in catalogues:
             causes = causes_of(arm, calibration.content)
-            catalogues[epoch] = causes, digest(causes)
+            growth = open_growth(arm, calibration.content)
+            catalogues[epoch] = causes, digest(causes, growth)
         causes, catalogue = catalogues[epoch]
         if (same := loaded.get(line.check)) is not None and same.line == line:
             checks.append(same)

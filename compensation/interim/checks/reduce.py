@@ -19,6 +19,7 @@ from armd.compensation.estimate.poses import (
     target_columns,
 )
 from armd.compensation.interim.checks.columns import Cause, digest
+from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.model.arm import Arm
@@ -52,7 +53,8 @@ def reduce(
         return (whitener @ columns).reshape(3 * observations.n, columns.shape[2])
 
     cause_columns = seen.of([column for cause in causes for column in cause.candidate.columns])
-    known = seen.calibrated()
+    growth = open_growth(arm, calibration)
+    known = np.concatenate([seen.calibrated(), seen.grown(growth)], axis=2)
     shifts, touched = _target_shifts(observations, poses)
     extra = _distances(observations, poses, touched)
     nuisance = np.concatenate([_placements(observations, placed), shifts], axis=2)
@@ -91,7 +93,8 @@ def reduce(
         causes=clear.T @ below(whitened(cause_columns)),
         known=clear.T @ np.concatenate([below(whitened(known)), errors, wrong_lengths], axis=1),
         known_names=(
-            *(f"calibrated {i}" for i in range(known.shape[2])),
+            *(f"calibrated {i}" for i in range(known.shape[2] - len(growth))),
+            *(one.name for one in growth),
             *error_names,
             *(f"{session.artefact.name} distance {i}" for i in extra.numbers),
         ),
@@ -103,7 +106,8 @@ def reduce(
         last_unix_s=float(states.time_s.max()),
         readings=observations.n,
         rms_um=1e3 * float(np.sqrt(np.mean(np.sum((position - placed) ** 2, axis=1)))),
-        catalogue=digest(causes),
+        catalogue=digest(causes, growth),
+        temperature_c=_temperatures(observations, arm),
     )
 
 
@@ -130,6 +134,16 @@ def _usable(
         found = "no reading with all temperatures that the calibration needs"
         raise BadInput(session.path, "the readings", found, "some")
     return observations.rows(good)
+
+
+def _temperatures(observations: Observations, arm: Arm) -> dict[str, tuple[float, float]]:
+    """The lowest and highest of each sensor that read anything."""
+    found = {}
+    for name, celsius in zip(arm.sensors, observations.states.temperature_c.T, strict=True):
+        known = celsius[np.isfinite(celsius)]
+        if len(known):
+            found[name] = float(known.min()), float(known.max())
+    return found
 
 
 def _rest_share(observations: Observations) -> F64:

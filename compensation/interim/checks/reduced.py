@@ -7,7 +7,7 @@ where its seats are) is projected out, so two checks may stand anywhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from armd.arrays import F64
 
@@ -29,3 +29,5 @@ class Reduced:
     readings: int
     rms_um: float  # of the residuals after placements and seats, per reading, 3-D
     catalogue: str  # `digest` of the causes that the columns are of
+    #: the lowest and highest of each sensor
+    temperature_c: dict[str, tuple[float, float]] = field(default_factory=dict)

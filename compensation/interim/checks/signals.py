@@ -8,6 +8,7 @@ import numpy as np
 
 from armd.arrays import F64
 from armd.compensation.effects.effect import Column
+from armd.compensation.interim.checks.open_growth import OpenGrowth, rises_k
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows, tip_motion
 from armd.compensation.model.calibration import Calibration
@@ -57,6 +58,14 @@ class Signals:
             return np.zeros((self.states.n, 3, 0))
         covariance = np.array(self.calibration.covariance).reshape((len(columns),) * 2)
         return np.stack(columns, axis=2) @ _root(covariance)
+
+    def grown(self, growth: Sequence[OpenGrowth]) -> F64:
+        """(n, 3, m) how far each growth moves the tip, mm per standard deviation of it."""
+        places = self.arm.layout.indices(one.term.parameter for one in growth)
+        rise = rises_k(growth, self.states, self.arm, self.calibration)
+        size = np.array([one.size for one in growth])
+        moved: F64 = self._moved[:, :, places] * (rise * size)[:, None, :]
+        return moved
 
     def whitener(self) -> F64:
         """(n, 3, 3) per mm, from the calibration's word on the noise."""

@@ -25,6 +25,7 @@ class StatisticsFile(Strict):
     first_unix_s: float
     last_unix_s: float
     catalogue: str = ""  # of versions before it was written: unknown
+    temperature_c: dict[str, tuple[float, float]] = {}
     residual: list[float]
     cause_columns: int
     causes: list[list[float]]
@@ -45,6 +46,7 @@ def to_json(reduced: Reduced) -> str:
         "first_unix_s": reduced.first_unix_s,
         "last_unix_s": reduced.last_unix_s,
         "catalogue": reduced.catalogue,
+        "temperature_c": reduced.temperature_c,
         "residual": _numbers(reduced.residual),
         "cause_columns": reduced.causes.shape[1],
         "known_names": list(reduced.known_names),
@@ -80,6 +82,7 @@ def from_json(path: Path, content: bytes) -> Reduced:
         readings=file.readings,
         rms_um=file.rms_um,
         catalogue=file.catalogue,
+        temperature_c=file.temperature_c,
     )
 
 

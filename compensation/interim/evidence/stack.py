@@ -15,6 +15,7 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.checks.open_growth import GROWTH
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.evidence.cleared import CheckSums, Cleared, cleared
 from armd.compensation.model.slow_factors import DAY_S
@@ -157,7 +158,9 @@ def _aligned(checks: Sequence[Reduced]) -> list[F64]:
     found = []
     for check in checks:
         wide = np.zeros((len(check.residual), len(names)))
-        wide[:, [place[name] for name in check.known_names]] = TRUST * check.known
+        # a growth's size is the materials', not the calibration's word
+        trust = [1.0 if name.startswith(GROWTH) else TRUST for name in check.known_names]
+        wide[:, [place[name] for name in check.known_names]] = np.array(trust) * check.known
         found.append(wide)
     return found
 

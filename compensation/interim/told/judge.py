@@ -19,9 +19,11 @@ from armd.compensation.interim.evidence.quiet import Looked
 from armd.compensation.interim.evidence.stack import Stack, stack
 from armd.compensation.interim.told.amend import Amplitudes, amended, at_the_end, fit
 from armd.compensation.interim.told.averaged import Averaged, affordable, averaged
+from armd.compensation.interim.told.growth import find_growth
 from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
 from armd.compensation.interim.told.reach import tip_rms_um
 from armd.compensation.interim.told.remembered import NOTHING, Remembered
+from armd.compensation.model.calibration import Calibration
 
 
 def judge(checks: Sequence[Check], remembered: Remembered = NOTHING) -> Judgement:
@@ -48,13 +50,15 @@ def _epoch(checks: tuple[Check, ...], before: Looked) -> Epoch:
     amplitudes = fit(stacked, causes, found.changes, found.bad)
     instants = [instant(reduced, stacked, change, found.bad) for change in found.changes]
     possible = ways(stacked, causes, found.changes, found.bad)
-    rows = len(calibration.content.covariance_of)
+    grown = find_growth(checks, stacked, causes, found.changes, found.bad)
+    under = calibration.content if grown is None else grown.calibration
+    rows = len(under.covariance_of)
     every = averaged(stacked, causes, affordable(possible, causes, rows), found.bad)
     told = tuple(
-        _told(checks, stacked, causes, found, amplitudes, instants, every, index)
+        _told(checks, stacked, causes, found, amplitudes, instants, every, index, under)
         for index in range(len(found.changes))
     )
-    return Epoch(checks, stacked, tuple(causes), found, told, tuple(possible))
+    return Epoch(checks, stacked, tuple(causes), found, told, tuple(possible), grown)
 
 
 def _told(
@@ -66,7 +70,9 @@ def _told(
     instants: Sequence[float],
     every: Averaged,
     index: int,
+    under: Calibration,
 ) -> Told:
+    """*under*: the calibration that a change is written into, with the growth of the links."""
     change = found.changes[index]
     reduced = [check.reduced for check in checks]
     interval = between(reduced, of, change, found.bad)
@@ -85,7 +91,7 @@ def _told(
     last = checks[-1]
     possible = every.changes[: every.until(index)]
     calibration = amended(
-        last.calibration.content,
+        under,
         reduced[0].mean_unix_s,
         causes,
         possible,

@@ -9,6 +9,7 @@ from armd.compensation.interim.changes.change import Change, ChangesFound, Way
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check
 from armd.compensation.interim.evidence.stack import Stack
+from armd.compensation.interim.told.growth import Grown
 from armd.compensation.model.calibration import Calibration
 
 
@@ -38,6 +39,7 @@ class Epoch:
     found: ChangesFound
     told: tuple[Told, ...]
     ways: tuple[Way, ...]  # in which all changes may have been
+    grown: Grown | None = None  # how the links grow, where the calibration could not know it
 
     def verdict(self, index: int) -> str:
         if index in self.found.bad:

@@ -12,6 +12,7 @@ from armd.arrays import F64, I64
 from armd.compensation.design.clearance import from_the_column_mm, height_mm
 from armd.compensation.estimate.adjustment import adjusted
 from armd.compensation.interim.checks.columns import Cause, digest
+from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals
 from armd.compensation.interim.told.reach import poses
@@ -87,14 +88,18 @@ def as_check(plan: Planned, arm: Arm, calibration: Calibration, causes: Sequence
     def rows(of: F64) -> F64:
         return (whitener @ of).reshape(3 * plan.states.n, -1)
 
-    known = rows(seen.calibrated())
+    growth = open_growth(arm, calibration)
+    known = rows(np.concatenate([seen.calibrated(), seen.grown(growth)], axis=2))
     at = float(plan.states.time_s[0])
     count = len(plan.seats_mm)
     return Reduced(
         residual=np.zeros(3 * plan.states.n),
         causes=rows(seen.of(columns)),
         known=known,
-        known_names=tuple(f"calibrated {i}" for i in range(known.shape[1])),
+        known_names=(
+            *(f"calibrated {i}" for i in range(known.shape[1] - len(growth))),
+            *(one.name for one in growth),
+        ),
         targets=block_diag(*whitener.reshape(count, -1, 3)),
         target_names=tuple(f"seat {i}" for i in range(count)),
         certified=(False,) * count,
@@ -103,7 +108,7 @@ def as_check(plan: Planned, arm: Arm, calibration: Calibration, causes: Sequence
         last_unix_s=at,
         readings=plan.states.n,
         rms_um=0.0,
-        catalogue=digest(causes),
+        catalogue=digest(causes, growth),
     )
 
 

@@ -11,6 +11,7 @@ from armd.compensation.effects.catalogue import CATALOGUE
 from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.history import Check, iso
 from armd.compensation.interim.evidence.likelihood import LIMIT, RUN_LENGTH
+from armd.compensation.interim.told.growth import SURE, Grown
 from armd.compensation.interim.told.judgement import Epoch, Judgement, Told
 from armd.compensation.wording import ARC_SECOND, plain
 from armd.terminal.counted import counted
@@ -23,8 +24,10 @@ def as_json(
     judgement: Judgement,
     calibrations: Sequence[tuple[str, str] | None],
     tomorrow: dict[str, Any] | None,
+    with_growth: tuple[str, str] | None = None,
 ) -> dict[str, Any]:
-    """The whole result as plain data; *calibrations*: file and SHA-256 of each change, in order."""
+    """The whole result as plain data; *calibrations*: file and SHA-256 of each change, in order;
+    *with_growth*: of the calibration that has the growth of the links."""
     changes = [(told, epoch) for epoch in judgement.epochs for told in epoch.told]
     checks = [(one, epoch, i) for epoch in judgement.epochs for i, one in enumerate(epoch.checks)]
     checks.sort(key=lambda row: row[0].line.first_unix_s)
@@ -41,6 +44,7 @@ def as_json(
             _change(told, epoch, *(file or (None, None)))
             for (told, epoch), file in zip(changes, calibrations, strict=True)
         ],
+        "growth": _growth(judgement.latest.grown, *(with_growth or (None, None))),
         "far_off": list(judgement.far_off),
         "next_check": tomorrow,
     }
@@ -58,6 +62,52 @@ def _check(check: Check, epoch: Epoch, index: int) -> dict[str, Any]:
         "rms_um": check.reduced.rms_um,
         "calibration": check.line.calibration,
     }
+
+
+def _growth(grown: Grown | None, path: str | None, sha256: str | None) -> dict[str, Any] | None:
+    if grown is None:
+        return None
+    before_um, after_um = grown.heldout_um
+    return {
+        "links": [
+            {
+                "cause": "link_expansion",
+                "location": link.location,
+                "parameters": [
+                    {
+                        "name": "per kelvin",
+                        "value": link.per_k,
+                        "unit": "1/K",
+                        "standard_uncertainty": link.standard_uncertainty,
+                    }
+                ],
+            }
+            for link in grown.links
+        ],
+        "separable": grown.separable,
+        "heldout_rms_um_before": before_um,
+        "heldout_rms_um_after": after_um,
+        "calibration_from": path,
+        "calibration_sha256": sha256,
+        "reading": growth_in_words(grown),
+    }
+
+
+def growth_in_words(grown: Grown) -> str:
+    """The growth in a few sentences, for the console and the page."""
+    before_um, after_um = grown.heldout_um
+    each = ", ".join(
+        f"{link.location} by {plain(1e6 * link.per_k, sign='+')} ± "
+        f"{plain(1e6 * SURE * link.standard_uncertainty)}"
+        for link in grown.links
+    )
+    which = "" if grown.separable else "together (these checks cannot separate them) "
+    return (
+        f"The calibration was made within {plain(grown.made_within_k)} K and contains no thermal "
+        f"expansion. The checks show it: the links expand {which}in µm per metre and kelvin (95 %):"
+        f" {each}. This is no change of the arm. With it, checks held out in turn err by "
+        f"{plain(after_um)} µm instead of {plain(before_um)} µm."
+    )
 
 
 def _change(told: Told, epoch: Epoch, path: str | None, sha256: str | None) -> dict[str, Any]:
@@ -159,6 +209,8 @@ def in_words(judgement: Judgement) -> list[str]:
             f"Bad by {'itself' if len(bad) == 1 else 'themselves'}, and no change: {', '.join(bad)}"
             " (dirt in a seat, or another artefact)."
         )
+    if latest.grown is not None:
+        lines.append(growth_in_words(latest.grown))
     lines += [f"Far off: {line}." for line in judgement.far_off]
     if judgement.far_off:
         lines.append("In the air, or beside its seat? Then measure that check again.")

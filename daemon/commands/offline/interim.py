@@ -36,8 +36,9 @@ from armd.files.outputs import POSES, RESULT, add_force, check_outputs
 from armd.files.writing import write_changed, write_whole
 from armd.terminal.aside import aside, bar
 
-#: In a history's folder: the last result, for the daemon and for programs.
-REPORT = "report.json"
+#: In a history's folder: the last result, for the daemon and for programs; and the calibration with
+#: the growth of the links, where the one in use could not know it.
+REPORT, GROWTH = "report.json", "calibration-growth.json"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -160,7 +161,11 @@ def _judged(
         saved = save_calibration(folder / name, told.calibration, write_changed)
         files.append((name, saved.sha256))
     after = tomorrow(judgement)
-    result = as_json(judgement, files, after.as_json())
+    with_growth = None
+    if (grown := judgement.latest.grown) is not None:
+        saved = save_calibration(folder / GROWTH, grown.calibration, write_changed)
+        with_growth = GROWTH, saved.sha256
+    result = as_json(judgement, files, after.as_json(), with_growth)
     write_changed(folder / REPORT, json.dumps(result, indent=1, allow_nan=False) + "\n")
     remember(folder, judgement)
     return judgement, result, after
@@ -189,6 +194,8 @@ def _say(folder: Path, judgement: Judgement, result: dict[str, Any], to: str | N
         return
     for line in in_words(judgement):
         print(line)
+    if result["growth"]:
+        print(f"calibration with the growth: {GROWTH} (in the history's folder)")
     for change in result["changes"]:
         if change["calibration_from"]:
             print(f"corrected calibration: {change['calibration_from']} (in the history's folder)")

@@ -1,0 +1,78 @@
+"""What a calibration of one temperature could not know: how much each length grows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.diagnose.fitting.expansions import goes_with_temperature, growth_mm_per_k
+from armd.compensation.identify.thermal.temperatures import MOST_SPAN_K
+from armd.compensation.identify.thermal.terms import growth_terms, length_terms
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.state import States
+from armd.compensation.model.terms import Term
+
+#: The known errors' names of growths begin so (`Reduced.known_names`).
+GROWTH = "growth "
+
+
+@dataclass(frozen=True)
+class OpenGrowth:
+    """A length whose growth with temperature is unknown."""
+
+    term: Term  # of coefficient 0
+    made_k: float  # the middle of the temperatures that it was calibrated at, above the reference
+    size: float  # standard deviation beforehand, mm per kelvin
+
+    @property
+    def name(self) -> str:
+        return f"{GROWTH}{self.term.parameter}"
+
+
+def open_growth(arm: Arm, calibration: Calibration) -> tuple[OpenGrowth, ...]:
+    """The growth of every length, if *calibration* has no thermal term and was made at what counts
+    as one temperature; none otherwise."""
+    ranges = calibration.temperature_range_c
+    if goes_with_temperature(calibration.terms) or not arm.used_sensors:
+        return ()
+    if not set(arm.used_sensors) <= set(ranges):
+        return ()
+    if max(high - low for low, high in ranges.values()) > MOST_SPAN_K:
+        return ()
+    terms = [t.model_copy(update={"coefficient": 0.0})
+             for t in (*growth_terms(arm), *length_terms(arm, [1]))]  # fmt: skip
+    places = arm.layout.indices(term.parameter for term in terms)
+    sizes = growth_mm_per_k(calibration.vector(arm.n_joints), places)
+    return tuple(
+        OpenGrowth(term, _made_k(term, calibration), float(size))
+        for term, size in zip(terms, sizes, strict=True)
+    )
+
+
+def _made_k(term: Term, calibration: Calibration) -> float:
+    (factor,) = term.basis
+    assert isinstance(factor, Temperature)
+    return sum(
+        weight * (sum(calibration.temperature_range_c[name]) / 2)
+        for name, weight in factor.weights.items()
+    ) - calibration.reference_temperature_c * sum(factor.weights.values())
+
+
+def rises_k(
+    growth: Sequence[OpenGrowth], states: States, arm: Arm, calibration: Calibration
+) -> F64:
+    """(n, m) how much warmer each length was than when it was calibrated; where a temperature is
+    missing, the mean of the others."""
+    constants = calibration.vector(arm.n_joints)
+    reference_c = calibration.reference_temperature_c
+    warm = basis_values([one.term for one in growth], states, arm, reference_c, constants)
+    rise: F64 = warm - np.array([one.made_k for one in growth])
+    known = np.isfinite(rise)
+    mean = np.where(known, rise, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    return np.where(known, rise, mean)
