@@ -98,7 +98,7 @@ def write_changed(path: str | Path, content: bytes | str) -> None:
     data = content.encode() if isinstance(content, str) else content
     target = Path(path)
     with suppress(OSError):
-        if not target.is_symlink() and target.read_bytes() == data:
+        if target.is_file() and not target.is_symlink() and target.read_bytes() == data:
             return
     write_whole(target, data)
 

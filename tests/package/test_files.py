@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from armd import BadInput
-from armd.files.writing import check_place, whole_file, write_whole
+from armd.files.writing import check_place, whole_file, write_changed, write_whole
 
 
 def mode(path: Path) -> int:
@@ -184,3 +184,9 @@ def test_a_read_only_place_is_told_before(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="no permission to write in it"):
         check_place(tmp_path / "new")
     tmp_path.chmod(0o755)
+
+
+def test_a_pipe_where_a_file_is_kept_is_never_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(BadInput):
+        write_changed(tmp_path / "pipe", "x")

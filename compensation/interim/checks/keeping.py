@@ -185,12 +185,12 @@ def keep(
 def _taken_back_unless_told_of(places: Sequence[Path], history: Path) -> Iterator[None]:
     """What fails within this `with` (a full disk) leaves no check's folder, whole or in part, that
     no new line of *history* tells of: there it would keep the disk full."""
-    before = history.read_bytes() if history.exists() else b""
+    before = history.read_bytes() if history.is_file() else b""
     try:
         yield
     except BaseException:
         with suppress(OSError):
-            if (history.read_bytes() if history.exists() else b"") == before:
+            if (history.read_bytes() if history.is_file() else b"") == before:
                 for place in places:
                     shutil.rmtree(_part_of(place), ignore_errors=True)
                     shutil.rmtree(place, ignore_errors=True)

@@ -65,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
             if getattr(args, option) is not None:
                 raise BadInput("the command line", f"--{option}", "no --session", "it as well")
         check_outputs({"-o": (args.output, RECORDING)}, [], args.force)
+        if args.output is not None and (args.output.is_fifo() or args.output.is_socket()):
+            raise BadInput(args.output, "-o", "a pipe, which may keep us waiting", "a file")
     else:
         check_output_folder(args.session)
     stopping = False

@@ -94,6 +94,7 @@ def _config(recording: Recording, args: argparse.Namespace, folder: Path) -> Con
         },
         "zenoh": {"listen": [args.listen]},
         "metrics": None,
+        "commands": {"enabled": False},  # what is played has been measured, whatever was allowed
     }
     file = validate(recording.path, content, DaemonFile)
     arm = validate(recording.path, recording.info["arm"], Arm)

@@ -1,5 +1,6 @@
 """`armd record` and `armd replay`: what was published comes back, bit by bit."""
 
+import argparse
 import io
 import json
 import os
@@ -7,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ import zstandard
 from mcap.writer import CompressionType, Writer
 
 from armd.daemon.cli import main
+from armd.daemon.commands.service import replay
 from armd.daemon.files.recorder import Recorder
 from armd.drivers.replay import raw
 from armd.drivers.replay.mcap_file import MOST_BYTES
@@ -287,3 +290,26 @@ def test_an_arm_that_says_nothing_is_told_at_once_and_at_the_end(tmp_path):
     assert "warning: SIM-0001 is NOT_READY: " in told.stderr and str(silent) in told.stderr
     assert f"armd: {out}: raw frames: found none, expected some" in told.stderr
     assert "/health" in topics(out)
+
+
+def test_a_replay_obeys_no_command_that_the_recorded_daemon_would(tmp_path):
+    arm = {"schema": "armd.arm/1", "serial_number": "A", "joint": [{"a_mm": 100.0}] * 3}
+    arm |= {"tip": {"offset_mm": [0.0, 0.0, 100.0]}}
+    configuration = {"schema": "armd.daemon/1", "arm": "arm.toml", "commands": {"enabled": True}}
+    info = {"configuration": configuration, "arm": arm}
+    recording = SimpleNamespace(path=tmp_path / "r.mcap", attachments={}, info=info)
+    asked = ["--speed", "1", "--listen", "tcp/127.0.0.1:0"]
+    parser = argparse.ArgumentParser()
+    replay.add_arguments(parser)
+    config = replay._config(recording, parser.parse_args(["r.mcap", *asked]), tmp_path)
+    assert config.file.driver.kind == "replay" and not config.file.commands.enabled
+
+
+def test_a_recorder_is_never_kept_by_a_pipe(tmp_path):
+    """It would wait for somebody to read it, deaf to every signal."""
+    os.mkfifo(tmp_path / "pipe.mcap")
+    command = [sys.executable, "-m", "armd.daemon.cli", "record", "-o", "pipe.mcap"]
+    command += ["--endpoint", "tcp/127.0.0.1:9"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith("armd: pipe.mcap: -o: found a pipe")
