@@ -21,6 +21,9 @@ KEEPALIVE = {
     socket.TCP_USER_TIMEOUT: 25_000,  # ms
 }
 
+#: A connection that begins no TLS is hung up on after this; asyncio's own patience is a minute.
+HANDSHAKE_S = 5.0
+
 Address = tuple[str, int]
 
 
@@ -90,7 +93,9 @@ async def listen(
     """A server, and where it listens; raises `BadInput` if it cannot."""
     host, port = address
     try:
-        server = await asyncio.get_running_loop().create_server(client, host, port, ssl=tls)
+        server = await asyncio.get_running_loop().create_server(
+            client, host, port, ssl=tls, ssl_handshake_timeout=HANDSHAKE_S if tls else None
+        )
     except OSError as error:
         found = f"{host}:{port}: {error.strerror}"
         raise BadInput("the command line", "--listen", found, "an address to listen on") from error

@@ -17,7 +17,8 @@ from typing import Any
 from armd.daemon.state import State
 
 CONTENT_TYPE = "application/openmetrics-text; version=1.0.0; charset=utf-8"
-#: Connections served together; more are hung up on. A scraper needs one.
+#: Connections served together; of more, the one that has been silent for longest is hung up on.
+#: A scraper needs one.
 MOST_OPEN = 8
 #: From connecting to the last byte of the answer.
 PATIENCE_S = 3.0
@@ -39,6 +40,7 @@ class MetricsServer:
         """Raises `OSError` if the port is taken. 0 takes a free one."""
         self._healths = healths
         self._open = 0
+        self._silent: dict[asyncio.StreamWriter, None] = {}  # have asked nothing, oldest first
         listener = socket.create_server((host, port), backlog=MOST_OPEN)
         self.port: int = listener.getsockname()[1]
         self._loop = asyncio.new_event_loop()
@@ -63,12 +65,18 @@ class MetricsServer:
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if self._open >= MOST_OPEN:
-            writer.transport.abort()
-            return
+            if not self._silent:
+                writer.transport.abort()
+                return
+            oldest = next(iter(self._silent))
+            del self._silent[oldest]
+            oldest.transport.abort()
         self._open += 1
+        self._silent[writer] = None
         try:
             async with asyncio.timeout(PATIENCE_S):
                 request = await reader.readuntil(b"\r\n\r\n")
+                self._silent.pop(writer, None)
                 writer.write(self._reply(request))
                 await writer.drain()
                 writer.close()
@@ -79,6 +87,7 @@ class MetricsServer:
             writer.transport.abort()
         finally:
             self._open -= 1
+            self._silent.pop(writer, None)
 
     def _reply(self, request: bytes) -> bytes:
         method, path, *_ = [*request.split(b"\r\n", 1)[0].split(b" "), b"", b""]

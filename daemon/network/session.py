@@ -21,6 +21,9 @@ CLOSE_S = 1.5
 WAITING_BATCHES = 16
 #: Nobody sends the daemon more than a question; Zenoh itself would take in a gigabyte.
 MOST_RECEIVED_BYTES = 1 << 16
+#: Who connects must say so within this, and so many may be about to: with Zenoh's own 10 s and 100,
+#: a hundred silent connections keep everybody else out for ten seconds.
+ACCEPT_MS, ACCEPTING = 2000, 500
 #: All keys on which anything passes. `**` matches no chunk that begins with @, and nothing matches
 #: all that do: so those in use are named, and others are neither heard nor passed on.
 KEYS = ["**", "**/@raw", "**/@raw/**", "**/@daemon", "**/@adv/**", "@/**"]
@@ -114,6 +117,8 @@ def open_session(config: Config) -> zenoh.Session:
             "connect/retry": RETRY,
             "scouting/multicast/enabled": False,
             "scouting/gossip/enabled": False,
+            "transport/unicast/accept_timeout": ACCEPT_MS,
+            "transport/unicast/accept_pending": ACCEPTING,
             "transport/link/tx/lease": LEASE_MS,
             "transport/link/tx/queue/size/data": WAITING_BATCHES,
             "transport/link/rx/max_message_size": MOST_RECEIVED_BYTES,

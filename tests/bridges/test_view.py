@@ -565,6 +565,28 @@ def test_pages_that_stand_still_hold_up_nobody_and_hold_little() -> None:
     asyncio.run(scenario())
 
 
+def test_silent_connections_keep_no_browser_out() -> None:
+    """400 of them, more than are served at once; who is served stays."""
+
+    async def scenario() -> None:
+        async with serving() as (_, port):
+            head = f"GET / HTTP/1.1\nHost: localhost:{port}"
+            events = head.replace("GET /", "GET /events").replace("\n", "\r\n").encode()
+            reader, looking = await asyncio.open_connection("127.0.0.1", port)
+            looking.write(events + b"\r\n\r\n")
+            await reader.readuntil(b"hello")
+            silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(400)]
+            began = asyncio.get_running_loop().time()
+            for _ in range(3):
+                assert (await ask(port, head))[0] == 200
+            assert asyncio.get_running_loop().time() - began < 5.0
+            assert not reader.at_eof()
+            for _, writer in [*silent, (reader, looking)]:
+                writer.close()
+
+    asyncio.run(scenario())
+
+
 def test_more_browsers_than_there_is_room_for_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("armd.daemon.bridges.view.server.MOST_LOOKING", 1)
 

@@ -5,6 +5,7 @@ The daemon is a process of its own, and so is the forger.
 """
 
 import json
+import socket
 import subprocess
 import sys
 import time
@@ -130,6 +131,19 @@ def test_a_message_of_200_mb_takes_no_memory(daemon):
         list(session.get(f"armd/{SERIAL}/info", payload=bytes(100 << 20), timeout=2.0))
     assert resident_mb() - before_mb < 50
     assert daemon.get("health")[0]
+
+
+def test_silent_connections_keep_no_client_out(daemon):
+    host, port = daemon.endpoint.removeprefix("tcp/").split(":")
+    silent = [socket.create_connection((host, int(port))) for _ in range(150)]
+    try:
+        began = time.monotonic()
+        with armd.connect(SERIAL, endpoint=daemon.endpoint, timeout_s=30.0):
+            taken_s = time.monotonic() - began
+    finally:
+        for connection in silent:
+            connection.close()
+    assert taken_s < 4.0  # with Zenoh's own limits ten
 
 
 def test_a_unix_socket_lets_in_whom_its_file_lets_in(tmp_path):

@@ -88,6 +88,7 @@ class PageServer:
         self._feed = Feed(self._board, serial, endpoint, lambda: bool(self.transports))
         self._files = Files()
         self._connections = 0
+        self._silent: dict[asyncio.StreamWriter, None] = {}  # the oldest first
         self.transports: set[asyncio.WriteTransport] = set()
         """Of the browsers that look."""
         self._deeds: dict[str, Do] = {}
@@ -118,13 +119,15 @@ class PageServer:
         return asyncio.StreamReaderProtocol(reader, self._answer)
 
     async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        if self._connections >= MOST_CONNECTIONS:
+        if self._connections >= MOST_CONNECTIONS and not self._make_room():
             writer.transport.abort()
             return
         self._connections += 1
+        self._silent[writer] = None
         try:
             try:
                 request = await read_request(reader)
+                self._silent.pop(writer, None)
                 self._access.check_host(request)
                 if request.path == "/events" and request.method == "GET":
                     await self._tell(request, writer)
@@ -139,7 +142,17 @@ class PageServer:
             pass
         finally:
             self._connections -= 1
+            self._silent.pop(writer, None)
             writer.transport.abort()
+
+    def _make_room(self) -> bool:
+        """For who comes now, by hanging up on who has been longest without asking for anything."""
+        oldest = next(iter(self._silent), None)
+        if oldest is None:
+            return False
+        del self._silent[oldest]
+        oldest.transport.abort()
+        return True
 
     async def _reply(self, writer: asyncio.StreamWriter, data: bytes) -> None:
         async with asyncio.timeout(STALLED_S):

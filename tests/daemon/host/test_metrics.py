@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import threading
+import time
 import urllib.error
 import urllib.request
 from contextlib import closing, suppress
@@ -69,6 +70,18 @@ def test_slow_and_many_clients_take_neither_threads_nor_the_answers_of_others(mo
             with connection, suppress(ConnectionResetError):
                 assert connection.recv(1) == b""
         assert scrape(server).endswith("# EOF\n")
+
+
+def test_silent_connections_keep_no_scraper_out():
+    with closing(MetricsServer(0, lambda: [HEALTH])) as server:
+        silent = [
+            socket.create_connection(("127.0.0.1", server.port)) for _ in range(5 * MOST_OPEN)
+        ]
+        began = time.monotonic()
+        assert scrape(server).endswith("# EOF\n")
+        assert time.monotonic() - began < 2.0  # less than their patience
+        for connection in silent:
+            connection.close()
 
 
 def test_what_is_no_request_is_no_trouble():
