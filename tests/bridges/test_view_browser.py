@@ -24,10 +24,10 @@ from armd.compensation.data.session import load_session
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon.files.tip_history import keep
+from support.punctuality import Punctuality
 from support.running_bridge import RunningBridge, running_bridge
 from support.running_daemon import Daemon, free_endpoint, running_daemon
 from support.simulated_arm import SimulatedArm, simulated_arm
-from support.standstill import TAKES
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -134,26 +134,26 @@ def live(page: Page) -> None:
     )
 
 
+@pytest.mark.serial
 def test_the_figures_are_the_streams_many_times_a_second(
-    browser: Browser, daemon: Daemon, view: RunningBridge
+    browser: Browser, daemon: Daemon, view: RunningBridge, punctuality: Punctuality
 ) -> None:
     with daemon.listen() as heard, opened(browser, view.where) as page:
         page.evaluate(NOTE)
-        rates = []
-        while len(rates) < TAKES and max(rates, default=0.0) < 10:  # a busy machine draws late
+        with punctuality.watch() as machine:
             page.evaluate("window.noted = []")
             page.wait_for_timeout(5000)
             noted = page.evaluate("window.noted")
-            heard.wait_for(lambda last=noted[-1][0]: heard.points()["seq"][-1] > last)
-            positions = {int(p["seq"]): p["position_mm"] for p in heard.points()}
-            figures = [(seq, texts) for seq, _, *texts in noted if texts[0] != "–"]
-            for seq, texts in figures:
-                shown = np.array([float(text) for text in texts])
-                assert np.abs(shown - positions[seq]).max() <= 0.0005 + 1e-9
-            rates.append((len(noted) - 1) / (noted[-1][1] - noted[0][1]) * 1000)
-            print(f"{rates[-1]:.1f} updates a second, {len(figures)} compared")
-        assert len(figures) > 30
-        assert rates[-1] >= 10  # by the contract
+        heard.wait_for(lambda: heard.points()["seq"][-1] > noted[-1][0])
+        positions = {int(p["seq"]): p["position_mm"] for p in heard.points()}
+        figures = [(seq, texts) for seq, _, *texts in noted if texts[0] != "–"]
+        for seq, texts in figures:
+            shown = np.array([float(text) for text in texts])
+            assert np.abs(shown - positions[seq]).max() <= 0.0005 + 1e-9
+        updates, took_s = len(noted) - 1, (noted[-1][1] - noted[0][1]) / 1000
+        print(f"{updates / took_s:.1f} updates a second, {len(figures)} compared")
+        assert figures
+        machine.judge(took_s, updates / 10, f"{updates} updates of the page")  # by the contract
         kept = page.evaluate("performance.getEntriesByType('resource').map((r) => r.name)")
         assert all(name.startswith(f"http://{view.where}/") for name in kept)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 import time
 
 import zenoh
@@ -11,6 +12,17 @@ from armd.daemon.network.publisher import Publisher
 from armd.daemon.network.queries import AT_ONCE, RING, Queries
 from armd.daemon.unexpected import Unexpected
 from support.running_daemon import free_endpoint, session_with
+
+
+def wait_for_all_before(ours: zenoh.Session, theirs: zenoh.Session) -> None:
+    """Until *ours* has what *theirs* has sent: a question of the same priority comes after it."""
+    asked = threading.Event()
+    with ours.declare_queryable("armd/T/last", lambda _: asked.set()):
+        end_s = time.monotonic() + 60
+        while not asked.is_set():
+            assert time.monotonic() < end_s
+            theirs.get("armd/T/last", lambda _: None, timeout=60.0)
+            asked.wait(0.3)
 
 
 def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsewhere():
@@ -34,13 +46,13 @@ def test_the_measuring_thread_answers_a_few_on_a_tick_and_the_past_is_told_elsew
         for i in range(200):
             publisher.events.put({"i": i})
         queries = Queries(ours, "T", publisher, {}, list, {"dance": dance}, Unexpected())
-        time.sleep(0.3)  # for the declarations
+        wait_for_all_before(ours, theirs)
         for _ in range(3 * RING):
             theirs.get("armd/T/command/dance", lambda _: None, timeout=60.0)
         for _ in range(RING // 4):
             whole = zenoh.ConsolidationMode.NONE
             theirs.get("armd/T/event", replies.append, timeout=60.0, consolidation=whole)
-        time.sleep(0.5)
+        wait_for_all_before(ours, theirs)
         for tick in range(1, 4):
             queries.answer()
             assert len(begun) == tick * AT_ONCE

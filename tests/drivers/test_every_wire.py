@@ -22,7 +22,6 @@ from armd.simulator.servobus.arm import ServoArm
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.effects.effect import Conditions
 from support.simulated_arm import simulated_arm
-from support.standstill import LONG_S, SERVO_LONG_S, taken_while_it_ran
 
 EXPECTED = Expectation("SIM-0001", 6, 6, (COUNTS_PER_TURN,) * 6)
 FIRST_S = 5.0  # by then the driver listens, also on a busy machine
@@ -77,7 +76,6 @@ class EveryWire:
     """What must hold whatever carries the samples."""
 
     wire: tuple[str, ...]
-    long_s = LONG_S
     rate_hz = 500
     faults = FAULTS
     last_s = LAST_S
@@ -102,8 +100,7 @@ class EveryWire:
     @pytest.fixture(scope="class")
     @classmethod
     def run(cls, tmp_path_factory):
-        folder = tmp_path_factory.mktemp
-        return taken_while_it_ran(lambda: cls.take(folder(cls.__name__)), cls.long_s)
+        return cls.take(tmp_path_factory.mktemp(cls.__name__))
 
     @classmethod
     def take(cls, folder):
@@ -335,7 +332,6 @@ class EveryServoBus(EveryWire):
     may cost besides, `mostly` and `came` say. To the row, test_servo_driver has it.
     """
 
-    long_s = SERVO_LONG_S
     kind: str
     faults = {
         "joint_invalid": (0.0, 0.4, 2),

@@ -85,6 +85,17 @@ def test_one_per_point_and_only_while_somebody_listens(tmp_path: Path) -> None:
         assert info["joints"]["size"] == 24 + 12 * model.n_joints
 
 
+def looks_into_it(publisher: Publisher) -> bool:
+    """Whether the joints would be put, now that the publisher has looked for listeners."""
+    untouchable: Any = None
+    publisher.look_for_listeners()
+    try:
+        publisher.put_joints(untouchable, untouchable, untouchable)
+    except TypeError:
+        return True
+    return False
+
+
 def test_unheard_they_cost_one_question_on_the_tick() -> None:
     endpoint = free_endpoint()
     config = zenoh.Config()
@@ -92,19 +103,12 @@ def test_unheard_they_cost_one_question_on_the_tick() -> None:
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("timestamping/enabled", "true")
     with zenoh.open(config) as here, closing(Publisher(here, "SIM-0001")) as publisher:
-        untouchable: Any = None  # whoever looks into it raises
-        publisher.look_for_listeners()
-        publisher.put_joints(untouchable, untouchable, untouchable)
+        assert not looks_into_it(publisher)
         with session_with(endpoint) as there:
             subscriber = there.declare_subscriber(KEY, lambda _: None)
-            time.sleep(0.3)
-            publisher.look_for_listeners()
-            with pytest.raises(TypeError):
-                publisher.put_joints(untouchable, untouchable, untouchable)
+            wait_until(lambda: looks_into_it(publisher))
             subscriber.undeclare()
-            time.sleep(0.3)
-            publisher.look_for_listeners()
-            publisher.put_joints(untouchable, untouchable, untouchable)
+            wait_until(lambda: not looks_into_it(publisher))
 
 
 def test_a_broken_joint_has_no_angle() -> None:

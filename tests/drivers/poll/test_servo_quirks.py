@@ -31,7 +31,6 @@ from armd.drivers.sample import Event
 from armd.drivers.table import open_driver
 from armd.drivers.unwrap import warm_up
 from support.simulated_arm import simulated_arm
-from support.standstill import SERVO_LONG_S, taken_while_it_ran
 
 S = 1_000_000_000
 #: name → when, for how long, joint
@@ -92,12 +91,9 @@ class Run:
 @pytest.fixture(scope="module", params=["feetech", "dynamixel"])
 def run(request, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
-
-        def take() -> Run:  # what one run remembers of its servos is not another one's
-            patch.setenv("STATE_DIRECTORY", str(tmp_path_factory.mktemp("state")))
-            return Run(request.param, tmp_path_factory.mktemp("run"))
-
-        yield request.param, taken_while_it_ran(take, SERVO_LONG_S)
+        # What one run remembers of its servos is not another one's.
+        patch.setenv("STATE_DIRECTORY", str(tmp_path_factory.mktemp("state")))
+        yield request.param, Run(request.param, tmp_path_factory.mktemp("run"))
 
 
 pytestmark = [pytest.mark.slow, pytest.mark.crowd]  # twenty seconds of two lives
