@@ -14,6 +14,7 @@ from typing import Protocol, TypeVar, cast
 
 import armd
 from armd import Arm
+from armd.terminal.printable import printable
 
 #: For a daemon that starts at the same time.
 WAIT_S = 60.0
@@ -34,6 +35,11 @@ ServeArm = Callable[[Arm], Awaitable[None]]
 def ready(what: str, where: str) -> None:
     """Whoever started this process may now use it."""
     print(f"armd: ready {what} on {where}", flush=True)
+
+
+def warn(text: str) -> None:
+    """On standard error, for whoever wonders why nothing happens."""
+    print(printable(f"armd: {text}"), file=sys.stderr, flush=True)
 
 
 def serve(args: argparse.Namespace, bridge: ServeArm) -> int:

@@ -151,6 +151,26 @@ def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
         yield daemon
 
 
+def test_a_router_that_is_not_there_is_told_of_and_so_is_one_that_goes(daemon: Daemon) -> None:
+    endpoint = free_endpoint()
+    words = [sys.executable, "-m", "armd.daemon.cli", "ros2", "--endpoint", daemon.endpoint]
+    with subprocess.Popen(
+        [*words, "--router", endpoint], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None and process.stderr is not None
+            waits = process.stderr.readline()
+            assert waits.startswith(f"armd: router {endpoint}: no connection yet, still waiting")
+            with session("router", endpoint):
+                assert process.stdout.readline() == f"armd: ready ros2 on {endpoint}\n"
+            gone = process.stderr.readline()
+            assert gone.startswith(f"armd: router {endpoint}: the connection is gone")
+            with session("router", endpoint):
+                assert process.stderr.readline() == f"armd: router {endpoint}: connected again\n"
+        finally:
+            process.kill()
+
+
 @pytest.mark.slow
 def test_topics_through_a_router(daemon: Daemon) -> None:
     endpoint = free_endpoint()

@@ -15,13 +15,15 @@ import numpy as np
 import zenoh
 
 from armd import POINT, Arm, Flag, joints_dtype, keys
-from armd.daemon.bridges.process import close_soon, in_thread, ready
+from armd.daemon.bridges.process import close_soon, in_thread, ready, warn
 from armd.daemon.bridges.ros2 import messages
 from armd.daemon.bridges.ros2.node import Quality, RosNode
 
 POLL_S = 0.005
 #: Health comes every second; without it for so long the diagnostics say so.
 STALE_S = 3.0
+#: A router that is not reached for so long is told of, and how often that it is waited for.
+GONE_S, WAITING_S = 3.0, 60.0
 LEVELS = {
     "READY": messages.OK,
     "WARMING": messages.OK,
@@ -69,10 +71,13 @@ class Bridge:
         self._joint_slots = Slots(settings.rate_hz)
         self._heard_s = time.monotonic()
         self._told_stale_s = 0.0
+        self._link = RouterLink(settings.router)
 
     async def serve(self) -> None:
-        """Waits for the router for ever; then until cancelled."""
-        session = await in_thread(lambda: open_client(self._settings.router))
+        """Waits for the router for ever, and says so; then until cancelled."""
+        session = await _told_of(
+            in_thread(lambda: open_client(self._settings.router)), self._settings.router
+        )
         try:
             await self._serve(session)
         finally:
@@ -106,6 +111,7 @@ class Bridge:
                 for payload in health.take():
                     self._tell_health(json.loads(payload))
                 self._tell_if_stale()
+                self._link.look(session)
 
     def _declare(self, node: RosNode) -> None:
         own = f"/{self._settings.namespace}"
@@ -198,6 +204,39 @@ class Bridge:
         self._diagnostics.put(
             messages.diagnostics(stamp_ns, level, f"armd: {serial}", text, serial, values)
         )
+
+
+class RouterLink:
+    """Says on standard error when the router is gone, and when it is back."""
+
+    def __init__(self, router: str) -> None:
+        self._router = router
+        self._looked_s = self._seen_s = time.monotonic()
+        self._is_gone = False
+
+    def look(self, session: zenoh.Session) -> None:
+        now_s = time.monotonic()
+        if now_s - self._looked_s < 1.0:
+            return
+        self._looked_s = now_s
+        info = session.info
+        if info.routers_zid() or info.peers_zid():
+            self._seen_s = now_s
+            if self._is_gone:
+                self._is_gone = False
+                warn(f"router {self._router}: connected again")
+        elif not self._is_gone and now_s - self._seen_s > GONE_S:
+            self._is_gone = True
+            warn(f"router {self._router}: the connection is gone; it is tried again and again")
+
+
+async def _told_of(opening: asyncio.Future[zenoh.Session], router: str) -> zenoh.Session:
+    """What *opening* gives; meanwhile a person is told what is waited for."""
+    patience_s = GONE_S
+    while not (await asyncio.wait({opening}, timeout=patience_s))[0]:
+        warn(f"router {router}: no connection yet, still waiting: is rmw_zenohd running there?")
+        patience_s = WAITING_S
+    return opening.result()
 
 
 def open_client(router: str) -> zenoh.Session:

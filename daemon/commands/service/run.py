@@ -94,4 +94,9 @@ def _ready(config: Config, arm: ArmInUse) -> str:
         where = config.file.zenoh.config
     calibration = arm.calibration
     made_with = "nominal geometry" if calibration is None else calibration.sha256[:16]
-    return f"armd: ready {config.arm.serial_number} on {where}, {made_with}"
+    line = f"armd: ready {config.arm.serial_number} on {where}, {made_with}"
+    if config.driver.kind == "replay":
+        return line
+    # Subscribers may connect; when the arm itself is there, the state tells.
+    source = getattr(config.driver, "port", None) or getattr(config.driver, "interface", "")
+    return f"{line}; waiting for the arm on {source}"
