@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -18,15 +17,12 @@ from armd.compensation.diagnose.diagnosis import (
     Gain,
     Outlier,
     SearchResult,
-    Touched,
 )
 from armd.compensation.diagnose.extend import extended
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.growth_open import told_of_growth
 from armd.compensation.diagnose.fitting.outliers import find_outliers
-from armd.compensation.diagnose.fitting.taken_up import beside_what_it_took_up
-from armd.compensation.diagnose.fitting.under_test import model_under_test
 from armd.compensation.diagnose.heldout.borne_out import (
     BorneOut,
     by_placement,
@@ -36,37 +32,19 @@ from armd.compensation.diagnose.heldout.borne_out import (
 from armd.compensation.diagnose.heldout.cross_validation import cross_validate
 from armd.compensation.diagnose.heldout.gain import gain, gains, groups_of
 from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
-from armd.compensation.diagnose.heldout.sets import better_by
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.diagnose.problem.linear import Baseline, Rests
+from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
-from armd.compensation.diagnose.scoring.candidates import PartedSurvey
-from armd.compensation.diagnose.search.again import counts_instead, no_surer, quieter
-from armd.compensation.diagnose.search.search import Search
-from armd.compensation.diagnose.search.touched import MOST_TOUCHED, beside, find_touched
+from armd.compensation.diagnose.search.work import Work
+from armd.compensation.diagnose.searched import search_sessions
 from armd.compensation.estimate.observations import gather
 from armd.compensation.freed import give_back_freed
 from armd.compensation.identify.admission.mistakes import AssumedModel
-from armd.compensation.identify.admission.odd_session import Odd
 from armd.compensation.identify.admission.wrong_names import told_of_misnamed
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.progress import TellShare
-
-
-@dataclass
-class _Searched:
-    """What the last search had and found, and what was mended before it."""
-
-    given: tuple[Session, ...]  # with every placement whole
-    sessions: tuple[Session, ...]  # with those parted in which the artefact was moved
-    rests: Rests
-    baseline: Baseline
-    result: SearchResult
-    parted: PartedSurvey | None  # many megabytes: given up when they are not needed any more
-    touched: tuple[Touched, ...]
-    odd: Odd | None  # the session that does not fit the others
 
 
 def diagnose(
@@ -103,15 +81,9 @@ def _diagnose(
         holdout, told = other.sessions, told + list(other.told)
     for some in filter(None, (sessions, holdout)):
         require_spare(gather_rests(some, arm).observations, ", ".join(str(s.path) for s in some))
-    searched = _search(sessions, arm, calibration, progress)
-    while odd := searched.odd:
-        told.append(odd.in_words())
-        others = [session for session in searched.given if session.path != odd.path]
-        without = _search(others, arm, calibration, progress)
-        if not quieter(without.result, searched.result):
-            break
-        told.append(f"no cause explains session {odd.path.name}: the diagnosis is without it")
-        searched = without
+    work = Work()
+    searched, of_sessions = search_sessions(sessions, arm, calibration, progress, work)
+    told += of_sessions
     sessions, rests, baseline = searched.sessions, searched.rests, searched.baseline
     result, touched = searched.result, searched.touched
     if len(result.last.findings) == len(result.searched.findings):
@@ -136,7 +108,7 @@ def _diagnose(
         kept = np.ones(len(groups), dtype=bool)
         measured = gains(squares, groups, kept)
     else:
-        checked = cross_validate(result, searched.parted, arm, progress)
+        checked = cross_validate(result, searched.parted, arm, progress, work)
         searched.parted = None
         squares, groups = checked.squares, checked.groups
         kept = np.ones(rests.n, dtype=bool)
@@ -160,6 +132,9 @@ def _diagnose(
             for i, (g, pair) in enumerate(zip(measured, pairs, strict=True))
         ]
     result = replace(result, found=_doubted(result.found, written.doubts))
+    told += work.in_words()
+    if not last.noise.settled:
+        told.append("The estimate of the noise did not settle: all probabilities are in doubt.")
     extension = _extension(written, result, rests, arm, sessions, command)
     repeated = holdout or not written.growth  # the search repeated without readings has no growth
     if len(written.some) == len(result.found) and not written.gains and repeated:
@@ -187,6 +162,7 @@ def _diagnose(
         tuple(told),
         touched,
         _gain_of_parting(searched.given, sessions, arm, baseline.calibration) if touched else None,
+        tuple(work.skipped),
     )
 
 
@@ -240,39 +216,6 @@ def _extension(
     model = followed(model, arm)
     calibration = extended(model, arm, sessions, command, left_out, written.growth)
     return saying_what_is_open(calibration, last, some, arm, sessions)
-
-
-def _search(
-    given: Sequence[Session], arm: Arm, calibration: Calibration | None, progress: TellShare
-) -> _Searched:
-    """The last of the searches that follow each other until no artefact was moved."""
-    sessions, touched = tuple(given), list[Touched]()
-    while True:
-        rests = gather_rests(sessions, arm)
-        baseline, odd = model_under_test(sessions, arm, calibration)
-        give_back_freed()
-        progress("search", 0.0)
-        search = Search(rests, arm, baseline, progress, partial(better_by, arm=arm))
-        found = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
-        if found is None:
-            result = search.run()
-            older = beside_what_it_took_up(result.searched, arm)
-            if older is not None:
-                another = Search(rests, arm, older, progress, partial(better_by, arm=arm))
-                again = another.run()
-                if counts_instead(again, result, arm):
-                    baseline, search, result = older, another, again
-                else:
-                    result = replace(result, found=no_surer(result.found, again))
-            stepped = beside(result.searched, result.signatures, arm)
-            if stepped is not None and len(touched) < MOST_TOUCHED:
-                found = find_touched(stepped)
-        if found is None:
-            return _Searched(
-                tuple(given), sessions, rests, baseline, result, search.parted, tuple(touched), odd
-            )
-        touched.append(found)
-        sessions = found.sessions
 
 
 def _doubted(found: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:

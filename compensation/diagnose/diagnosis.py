@@ -168,6 +168,7 @@ class Diagnosis:
     told: tuple[str, ...]  # of the readings themselves: what was mended, what cannot be
     touched: tuple[Touched, ...]  # placements parted in two
     touched_gain: Gain | None
+    skipped: tuple[str, ...] = ()  # what the bound on the search's work did not allow
 
     @property
     def found(self) -> tuple[Finding, ...]:

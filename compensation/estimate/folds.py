@@ -6,6 +6,7 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.postures import find_postures
 
 MOST_FOLDS = 8
 
@@ -24,13 +25,23 @@ def blocks_of_time(time_s: F64, blocks: int) -> I64:
     return folds
 
 
-def placement_folds(observations: Observations, most: int = MOST_FOLDS) -> tuple[list[Mask], str]:
-    """At *most* so many sets of whole placements to leave out, and by what they are told apart.
+def blocks_of_postures(observations: Observations, blocks: int) -> I64:
+    """Return the fold (n,) of each reading: so many runs of postures, by when each came first."""
+    posture = find_postures(observations)
+    first = np.unique(posture, return_index=True)[1]
+    folds: I64 = blocks_of_time(observations.states.time_s[first], blocks)[posture]
+    return folds
 
-    With one placement only, every *most*-th reading is left out instead, at the pose that the
-    others tell: weaker, and said so.
+
+def placement_folds(observations: Observations, most: int = MOST_FOLDS) -> tuple[list[Mask], str]:
+    """Return at *most* so many sets of whole placements to leave out, and what they are.
+
+    With one placement only, every *most*-th posture is left out instead, with all its copies, at
+    the pose that the others tell: weaker, and said so.
     """
     fold, by = whole_groups(observations.placement, most), "placement"
     if not fold.any():
-        fold, by = np.arange(observations.n) % most, "reading"
+        posture = find_postures(observations)
+        repeated = len(posture) > len(np.unique(posture))
+        fold, by = posture % most, "posture" if repeated else "reading"
     return [fold == i for i in np.unique(fold)], by

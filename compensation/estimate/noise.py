@@ -68,14 +68,21 @@ def whitening(covariance: F64, weight: F64) -> F64:
 
 
 def estimate(
-    residual_mm: F64, joint_columns: F64, whiten: F64, left: F64, region: Mask
+    residual_mm: F64,
+    joint_columns: F64,
+    whiten: F64,
+    left: F64,
+    region: Mask,
+    counts: F64 | None = None,
 ) -> ReadingNoise:
     """Most likely noise for residuals (n, 3), outliers set aside but those of a *region* (n,).
 
     *whiten* (n, 3, 3) is what the fit weighed by, *left* (n, 3, 3) what it left of each whitened
     reading. Restricted maximum likelihood: a component counts as the share of it that is left, and
     where noise and weights agree, after some rounds, this is its gradient (docs/decisions/0033).
+    *counts* (n,): how much each reading counts, copies of a posture together as one or more.
     """
+    counts = np.ones(len(residual_mm)) if counts is None else counts
     shape = joint_columns @ joint_columns.transpose(0, 2, 1)
     value, vector = np.linalg.eigh(shape)
     value = np.maximum(value, 0.0)
@@ -84,6 +91,8 @@ def estimate(
     axes = whiten @ vector
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     share_left = np.clip(np.einsum("nij,nik,nkj->nj", axes, left, axes), 0.0, 1.0)
+    share_left = np.maximum(share_left - (1.0 - counts)[:, None], 0.0)  # counts less the fitted
+    counted2 = turned2 * counts[:, None]
     inliers = ~far_off(turned2.sum(axis=1), LEAST_MM**2) | region
 
     def scaled(log_ratio: float) -> F64:
@@ -94,7 +103,7 @@ def estimate(
 
     def size_of(variance: F64) -> float:
         freedom = max(float(share_left[inliers].sum()), 1.0)
-        return float(np.sum(turned2[inliers] / variance[inliers])) / freedom
+        return float(np.sum(counted2[inliers] / variance[inliers])) / freedom
 
     def unlikely(log_ratio: float) -> float:
         variance = scaled(log_ratio)

@@ -10,11 +10,12 @@ import numpy as np
 from armd.compensation.estimate.gauge import PLAUSIBLE, scale_is_free
 from armd.compensation.estimate.linear.solution import LEAST_KNOWN
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.postures import count_postures
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, LEAST_TIMES
 from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
-from armd.compensation.identify.heldout import Errors
+from armd.compensation.identify.heldout import Errors, another_placement_um
 from armd.terminal.counted import counted
 
 #: What a granted one is, and what it is not.
@@ -108,6 +109,7 @@ def judge(
             " (another arm than arm.toml draws, play in a joint, a loose artefact, readings"
             " mixed up?)"
         )
+    left += _another(found.observations, heldout, heldout_by)
     ideal = 4 * found.observations.arm.n_joints - 3 + len(found.unknowns.terms)
     rank = found.solution.rank
     if rank < LEAST_RANK * ideal:
@@ -126,6 +128,19 @@ def judge(
     return Certificate(not faults, "; ".join([left, *faults, *scale]), scale_known=scale_known)
 
 
+def _another(observations: Observations, heldout: Errors, heldout_by: str) -> str:
+    """What the certificate promises of a place where nothing was measured, where few were: not the
+    mean of these, but what another one of them stays below."""
+    another_um = another_placement_um(observations, heldout, heldout_by)
+    if another_um is None:
+        return ""
+    low, high = min(heldout.of_sets_um) / 1e3, max(heldout.of_sets_um) / 1e3
+    return (
+        f" (by placement {low:.4g} to {high:.4g} mm: another placement may miss by up to"
+        f" {another_um / 1e3:.4g} mm RMS, with 95% probability)"
+    )
+
+
 def _too_few(observations: Observations) -> list[str]:
     """Placements and readings. A tracker sees the arm everywhere: it needs no second placement."""
     faults = []
@@ -136,9 +151,11 @@ def _too_few(observations: Observations) -> list[str]:
             " another place may miss by any amount"
         )
     needed = LEAST_TIMES * readings_needed(observations)
-    if observations.n < needed:
+    postures = count_postures(observations)
+    if postures < needed:
+        copies = f" of {counted(postures, 'posture')}" if postures < observations.n else ""
         faults.append(
-            f"{counted(observations.n, 'reading')}, expected at least {needed}: "
+            f"{counted(observations.n, 'reading')}{copies}, expected at least {needed}: "
             f"{LEAST_TIMES} times what the unknowns take"
         )
     return faults

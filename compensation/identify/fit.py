@@ -20,9 +20,10 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.gauge import gauge
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation, linearise
-from armd.compensation.estimate.noise import ReadingNoise, Weighting, estimate
+from armd.compensation.estimate.noise import ReadingNoise, Weighting, estimate, whitening
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import steady_poses
+from armd.compensation.estimate.postures import counts_as, find_postures, shared_part
 from armd.compensation.estimate.regions import in_region
 from armd.compensation.estimate.robust import (
     LEAST_MM,
@@ -61,6 +62,7 @@ class Identification:
     alone: ArmAlone  # with the last round's weights
     noise: ReadingNoise
     distance2: F64  # (n,) squared Mahalanobis distances of the readings
+    counts: F64  # (n,) how much each reading counts: copies of a posture share their error
     region: Mask  # (n,) readings far off like their neighbours in posture: no outliers
     departure: F64  # (C,) of the unknowns from the drawing
     covariance: F64  # (C, C) of the unknowns; zero along directions that move no point
@@ -133,10 +135,12 @@ def fit(
     distance2 = np.where(monstrous(residual_mm), squared, 0.0)
     region = np.zeros(observations.n, dtype=bool)
     steps, held = 0, noise is None
+    posture = find_postures(observations)
+    counts = counts_as(posture, 1.0)
     for round_ in range(1, rounds + 1):
         begun = linearise(observations, constants, terms, poses, reference_c, basis)
         joints = begun.joints
-        weight = redescending_weights(distance2, region)
+        weight = counts * redescending_weights(distance2, region)
         if held:
             weighing = ReadingNoise(0.0, weighing.typical_mm(joints))
         weighting = Weighting(weighing, joints, weight)
@@ -152,14 +156,21 @@ def fit(
         fitted = end.alone.rank + end.solution.told
         joints = end.at.joints
         left, whiten = end.alone.left(end.solution.root), end.alone.whitening
-        before, weighing = weighing, estimate(end.at.residual_mm, joints, whiten, left, region)
-        distance2 = mahalanobis2(end.at.residual_mm, weighing.covariance(joints))
+        before, weighing = (
+            weighing,
+            estimate(end.at.residual_mm, joints, whiten, left, region, counts),
+        )
+        covariance = weighing.covariance(joints)
+        distance2 = mahalanobis2(end.at.residual_mm, covariance)
         if not held:  # far off, everything is
             region = region | in_region(distance2 > OUTLIER_D2, states.q)
         basis = basis_values(terms, states, observations.arm, reference_c, constants)
         if progress:
             progress(f"round {round_}: {rms_um(end.at.residual_mm):.2f} µm RMS, {steps} steps")
-        weight_after = redescending_weights(distance2, region)
+        robust = redescending_weights(distance2, region)
+        white = np.einsum("nij,nj->ni", whitening(covariance, robust), end.at.residual_mm)
+        counts = counts_as(posture, shared_part(white, posture))
+        weight_after = counts * robust
         settled = _settled(before, weighing, joints) and np.allclose(
             weight, weight_after, atol=0.05
         )
@@ -183,7 +194,7 @@ def fit(
         terms[i] = terms[i].model_copy(update={"standard_uncertainty": float(u)})
     return Identification(
         observations, reference_c, constants, terms, unknowns, end.solution, end.at,
-        end.alone, weighing, distance2, region, x - start, covariance, factor,
+        end.alone, weighing, distance2, counts, region, x - start, covariance, factor,
         steps, end.converged,
     )  # fmt: skip
 

@@ -12,14 +12,21 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.special import stdtrit
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation
 from armd.compensation.estimate.noise import whitening
+from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.robust import redescending_weights
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.fit import Identification, rms_um
+
+#: Of so many sets something is known of the next one; it stays below in this share of cases.
+LEAST_SETS, ANOTHER = 3, 0.95
+#: Less is no error.
+LEAST_UM = 1e-3
 
 
 class HeldOut:
@@ -39,7 +46,7 @@ class HeldOut:
         pull: F64,
         folds: Sequence[Mask],
     ) -> None:
-        weight = redescending_weights(fit.distance2, fit.region)
+        weight = fit.counts * redescending_weights(fit.distance2, fit.region)
         whiten = whitening(fit.noise.covariance(fit.at.joints), weight)
         self.scale, self.pull = scale, pull
         base = replace(fit.at, residual_mm=residual)
@@ -66,7 +73,11 @@ class HeldOut:
     def of(self, tried: Sequence[F64]) -> Errors:
         """Of residuals (m, 3) mm, fold by fold."""
         residual, kept = np.concatenate(tried), np.concatenate(self._kept)
-        return Errors(rms_um(residual), rms_um(residual[kept]), int((~kept).sum()))
+        sets = tuple(
+            rms_um(own[fine] if fine.any() else own)
+            for own, fine in zip(tried, self._kept, strict=True)
+        )
+        return Errors(rms_um(residual), rms_um(residual[kept]), int((~kept).sum()), sets)
 
 
 @dataclass(frozen=True)
@@ -76,11 +87,38 @@ class Errors:
     rms_um: float
     without_far_um: float
     n_far: int
+    of_sets_um: tuple[float, ...] = ()  # of each set by itself, without those weighed down
+
+    @property
+    def of_another_um(self) -> float:
+        """What a further set stays below in 95 of 100 cases, by the spread of these.
+
+        The logarithms are taken as normal; with k of them, their mean and spread are known as
+        Student's t of k − 1 degrees of freedom has it. NaN of fewer than three.
+        """
+        k = len(self.of_sets_um)
+        if k < LEAST_SETS:
+            return np.nan
+        logs = np.log(np.maximum(self.of_sets_um, LEAST_UM))
+        spread = float(stdtrit(k - 1, ANOTHER)) * float(logs.std(ddof=1)) * np.sqrt(1.0 + 1.0 / k)
+        return max(float(np.exp(logs.mean() + spread)), self.without_far_um)
 
     def in_words(self) -> str:
         """Both figures where they differ, in one line."""
         beside = f" ({self.without_far_um:.2f} without the {self.n_far} far off)"
         return f"{self.rms_um:.2f} µm" + beside * (self.n_far > 0)
+
+
+def another_placement_um(
+    observations: Observations, errors: Errors, left_out_by: str
+) -> float | None:
+    """Return what another placement's 3-D RMS stays below in 95 of 100 cases.
+
+    None where placements share a set that is left out: of so many the mean is a fair promise.
+    """
+    each = len(np.unique(observations.placement)) == len(errors.of_sets_um)
+    another = errors.of_another_um if left_out_by == "placement" and each else np.nan
+    return another if np.isfinite(another) else None
 
 
 class _Fold:

@@ -70,7 +70,11 @@ def headline(result: dict[str, Any]) -> tuple[str, str]:
     told = "; ".join(_told(one) for one in findings)
     if confirmed:
         count = len(confirmed)
-        return ("ONE CAUSE FOUND" if count == 1 else f"{count} CAUSES FOUND"), f"{told}."
+        counted_first = "; ".join(_told(one) for one in confirmed)
+        rest = [_told(one) for one in findings if one not in confirmed]
+        further = f" Not counted: {'; '.join(rest)}." if rest else ""
+        word = "ONE CAUSE FOUND" if count == 1 else f"{count} CAUSES FOUND"
+        return word, f"{counted_first}.{further}"
     if causes:
         return "NOT CONFIRMED", f"{told}."
     if strange or result["unexplained"]["significant"]:

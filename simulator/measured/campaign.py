@@ -17,6 +17,9 @@ from armd.simulator.truth import nominal
 from armd.simulator.truth.arm import TrueArm
 from armd.simulator.truth.rotations import about
 
+#: Periods a turn of the encoders' error of interpolation.
+DISC_LINES = 2048
+
 
 @dataclass(frozen=True)
 class Touched:
@@ -48,6 +51,18 @@ class Rig:
     touched: Touched | None = None
     brown_outs: BrownOuts | None = None
     restarts: Restarts | None = None
+    #: how often each posture is read, one time after another or in rounds through all of them
+    repeats: int = 1
+    in_rounds: bool = False
+    #: of the encoders' electronics: it goes through as many periods a turn as a disc has lines, so
+    #: that no two postures share it, and copies of one do
+    interpolation_rad: float = 0.0
+
+    def interpolation(self, phi: F64) -> F64:
+        """What encoders at angles (n, N) err by between two lines of their discs."""
+        joint = np.arange(phi.shape[1])
+        error: F64 = self.interpolation_rad * np.sin(DISC_LINES * phi + joint)
+        return error
 
 
 @dataclass(frozen=True)

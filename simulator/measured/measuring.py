@@ -92,9 +92,12 @@ def measure(rig: Rig, plan: SessionPlan, reach: Reach, rng: np.random.Generator)
         where, poses = place(visit, rig.artefact.true_mm[wanted], reach, rng)
         placements.append(where)
         # An operator goes round the artefact several times rather than staying at one ball.
-        order = rng.permutation(len(wanted) * visit.articulations)
+        count = len(wanted) * visit.articulations
+        order = rng.permutation(count)
+        again = np.tile if rig.in_rounds else np.repeat
+        order = again(order, rig.repeats)
         target.append(np.repeat(wanted, visit.articulations)[order])
-        phi.append(poses.reshape(len(order), -1)[order])
+        phi.append(poses.reshape(count, -1)[order])
         placement.append(np.full(len(order), i))
     return take_readings(
         rig,
@@ -149,7 +152,7 @@ def take_readings(
     thrown = np.zeros((n, 3)) if rig.spoil is None else rig.spoil(rng, n)
     moved = moved + thrown
     phi = settle_on(arm, phi, goal + moved, conditions)
-    encoder_noise = rig.noise.encoders(rng, phi.shape)
+    encoder_noise = rig.noise.encoders(rng, phi.shape) + rig.interpolation(phi)
     jacobian = tip_jacobian(arm.posture(phi, conditions))
     encoder = arm.encoder_angles(phi, conditions) + encoder_noise
     sensor_c = rig.noise.sensors(rng, rig.read_sensors(felt_c))

@@ -27,6 +27,8 @@ TableRows = list[dict[str, str]]
 
 #: 100 times the noise of a reading (7 µm, 3-D).
 GROSS_UM, GROSS_SHARE = 700.0, 0.03
+#: What copies of a posture share: twice the encoders' noise.
+INTERPOLATION_ARCSEC = 3.0
 KINDS = (
     "gross",
     "t3",
@@ -38,6 +40,7 @@ KINDS = (
     "clocks",
     "power_on",
     "restarted",
+    "repeats",
 )
 
 
@@ -63,6 +66,10 @@ def in_the_workshop(campaign: Campaign, kind: str, rng: Rng) -> Campaign:
             rig = replace(rig, brown_outs=draw_brown_outs(rng, names, len(sensor_names())))
         case "restarted":
             rig = replace(rig, restarts=draw_restarts(rng, names, len(rig.limits_rad[0])))
+        case "repeats":  # an operator who reads each posture three times
+            small = np.radians(INTERPOLATION_ARCSEC / 3600.0)
+            rounds = bool(rng.uniform() < 0.5)
+            rig = replace(rig, repeats=3, in_rounds=rounds, interpolation_rad=float(small))
         case "touched":
             far = 1e-3 * float(np.exp(rng.uniform(np.log(100.0), np.log(600.0))))
             turn = 1e-3 * rng.uniform(0.0, 1.0) * random_unit(rng, 1)[0]

@@ -37,12 +37,16 @@ MOVED, FAR = found("artefact_moved", "artefact"), found("outliers", "rows")
     ("findings", "word", "reason"),
     [
         ([DISC], "ONE CAUSE FOUND", "encoder eccentricity, joint 3."),
-        ([MOVED, DISC], "ONE CAUSE FOUND", "artefact moved; encoder eccentricity, joint 3."),
+        (
+            [MOVED, DISC],
+            "ONE CAUSE FOUND",
+            "encoder eccentricity, joint 3. Not counted: artefact moved.",
+        ),
         (
             [DISC, SAG, DOUBT],
             "2 CAUSES FOUND",
-            "encoder eccentricity, joint 3; joint compliance, joint 2 (the name is a guess);"
-            " gear mesh, joint 3 (held-out readings do not confirm it).",
+            "encoder eccentricity, joint 3; joint compliance, joint 2 (the name is a guess)."
+            " Not counted: gear mesh, joint 3 (held-out readings do not confirm it).",
         ),
         (
             [DOUBT],

@@ -45,3 +45,19 @@ def test_it_is_the_linear_one_which_calibrate_makes_when_told(
 def test_at_one_temperature_it_is_the_geometry_alone() -> None:
     found = model_under_test(sessions(20.0), ARM, None)[0]
     assert found.model.terms == () and found.calibration.provenance["thermal_order"] == 0
+
+
+@pytest.mark.parametrize("moved_mm", [0.0, 3.0])
+def test_the_inconsistent_session_is_looked_for_under_a_calibration_too(moved_mm: float) -> None:
+    rng = np.random.default_rng(9)
+    truth = synthetic.disturbed(ARM, rng, 0.3)
+    other = truth.copy()
+    other[ARM.layout.index("tip_x")] += moved_mm
+
+    def session(name: str, constants: np.ndarray) -> Session:
+        return synthetic.session(ARM, constants, rng, encoder_rad=5e-6, readings=60, name=name)
+
+    calibration = calibrate([session("before", truth)], ARM).calibration
+    measured = [session(f"S{k}", other if k == 2 else truth) for k in range(4)]
+    odd = model_under_test(measured, ARM, calibration)[1]
+    assert (odd.path.name if odd else None) == ("S2" if moved_mm else None)

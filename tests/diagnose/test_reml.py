@@ -19,7 +19,7 @@ def linear(seed: int = 1, n: int = N, placements: int = 3) -> Any:
     distances = SimpleNamespace(standard_uncertainty_mm=np.array([0.5, 2.0]))
     observations = SimpleNamespace(placement=np.arange(n) % placements, distances=distances)
     return SimpleNamespace(
-        rests=SimpleNamespace(n=n, observations=observations),
+        rests=SimpleNamespace(n=n, observations=observations, posture=np.arange(n)),
         joints=rng.normal(size=(n, 3, 4)) * 300.0,
     )
 

@@ -10,6 +10,7 @@ import pytest
 from armd.compensation.data.session import Session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.identify.certificate import judge
+from armd.compensation.identify.heldout import Errors
 from support import synthetic
 
 ARM = synthetic.arm()
@@ -121,3 +122,28 @@ def test_a_certified_length_that_contradicts_the_arm_gets_none() -> None:
     written = result.as_json()["lengths"]
     assert max(abs(length["off"]) for length in written) > 3
     assert written[0]["certified_mm"] == pytest.approx(wrong[0].length_mm)
+
+
+@pytest.mark.parametrize("placements", [3, 5, 8])
+def test_another_placement_stays_below_what_is_promised(placements: int) -> None:
+    """In 95 of 100 draws, however few placements there are and however much they differ."""
+    rng = np.random.default_rng(placements)
+    below = []
+    for _ in range(4000):
+        *seen, another = np.exp(rng.normal(5.0, 0.4, placements + 1))
+        root = float(np.sqrt(np.mean(np.square(seen))))
+        below.append(another <= Errors(root, root, 0, tuple(seen)).of_another_um)
+    assert 0.94 < np.mean(below) < 0.97
+    assert np.isnan(Errors(1.0, 1.0, 0, (1.0, 2.0)).of_another_um)
+
+
+@pytest.mark.parametrize(("placements", "few"), [(4, True), (12, False)])
+def test_the_promise_is_of_another_placement_where_few_were_measured(
+    placements: int, few: bool
+) -> None:
+    session = seats(np.random.default_rng(8), placements=placements, readings=180)
+    result = calibrate([session], ARM, OPTIONS)
+    assert ("another placement may miss by up to" in result.certificate.reason) == few
+    promised = result.as_json()["another_placement_um"]
+    assert (promised is not None) == few
+    assert not few or promised >= max(result.heldout.rms_um, np.mean(result.heldout.of_sets_um))

@@ -272,6 +272,31 @@ def test_another_arm_fits_none(
         assert found[key] == alone[key]
 
 
+@pytest.mark.slow
+def test_another_arm_among_ten_sessions_fits_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its readings are tails of the noise that nine sessions make: seven causes were named, and
+    501 µm left."""
+    command = [sys.executable, "-m", "armd.simulator", "--session", "diagnosis", "-o"]
+    for seed in ("1", "99"):
+        subprocess.run([*command, str(tmp_path / seed), "--seed", seed, "-q"], check=True)
+    session = tmp_path / "1/session-3"
+    serial = re.search(r'arm = ".*"', (session / "session.toml").read_text())
+    assert serial is not None
+    shutil.rmtree(session)
+    shutil.copytree(tmp_path / "99/session-3", session)
+    edited(session / "session.toml", lambda text: re.sub(r'arm = ".*"', serial[0], text))
+    sessions = sorted(map(str, (tmp_path / "1").glob("*-*")))
+    out = tmp_path / "out.json"
+    arm = str(tmp_path / "1/arm.toml")
+    assert armd(["diagnose", *sessions, "--arm", arm, "--json", str(out)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "no cause explains session session-3: the diagnosis is without it" in told
+    result = json.loads(out.read_text())
+    assert result["findings"] == [] and result["baseline"]["rms_um"] < 15.0
+
+
 def changed_once(
     change: dict[str, float], celsius: tuple[float, ...] = (20.0, 20.0, 20.0, 20.0)
 ) -> str:

@@ -64,7 +64,7 @@ def small_fit(
     whole = FitLayout(layout, np.full(layout.n, np.inf))
     untimed = SimpleNamespace(time_s=np.full(n, np.nan))
     observations = SimpleNamespace(placement=np.zeros(n, dtype=np.int64), states=untimed)
-    rests = SimpleNamespace(n=n, observations=observations)
+    rests = SimpleNamespace(n=n, observations=observations, posture=np.arange(n))
     joints = np.zeros((n, 3, 1))  # the noise is the tip's own
     linear: Any = SimpleNamespace(rests=rests, residual=residual, joints=joints)
     nothing: Any = None

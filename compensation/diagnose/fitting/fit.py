@@ -36,6 +36,8 @@ SIZING_STEPS = 6
 #: falls by less than a tenth. Noise without them settles at once.
 MOST_CLIPPINGS = 10
 SETTLED = 0.9
+#: Nor does what copies of a posture share change by more.
+SHARED_ALIKE = 0.05
 
 
 def fit(
@@ -124,10 +126,13 @@ def _clipped(
 
     clipped = noise_model.without_gross(residual, noise, fitted_to)
     for _ in range(MOST_CLIPPINGS):
-        larger = noise.scale_mm
+        larger, shared = noise.scale_mm, noise.shared_part
         noise = noise_model.estimate(linear, clipped, blocks, variance, noise)
-        clipped = noise_model.winsorise(residual, fitted_to(clipped, noise), noise)
-        if noise.scale_mm > SETTLED * larger:
+        fitted = fitted_to(clipped, noise)
+        clipped = noise_model.winsorise(residual, fitted, noise)
+        noise = noise_model.with_shared_part(noise, linear, clipped - fitted)
+        alike = abs(noise.shared_part - shared) < SHARED_ALIKE
+        if noise.scale_mm > SETTLED * larger and alike:
             break
     return clipped, noise
 

@@ -52,10 +52,10 @@ class Restricted:
     gram: F64  # (k + 1, k + 1)
     variance: F64  # (k − free,) of the amplitudes that do not absorb freely
     free: int
-    freedom: int  # rows less the rank of all that absorbs freely
+    freedom: float  # rows less the rank of all that absorbs freely
 
     @classmethod
-    def of(cls, products: F64, absorbing: Absorbing, rows: int) -> Restricted:
+    def of(cls, products: F64, absorbing: Absorbing, rows: float) -> Restricted:
         """From *products* (b + 1, b + 1) of whitened columns and a residual as the last, over so
         many *rows*."""
         drifting, shared, held = absorbing.drifting, absorbing.shared, absorbing.held

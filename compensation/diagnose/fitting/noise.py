@@ -20,6 +20,7 @@ from armd.compensation.diagnose.problem.linear import Linear
 from armd.compensation.diagnose.problem.whitening import RestNoise
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.noise import ReadingNoise, whitening
+from armd.compensation.estimate.postures import counts_as, shared_part
 from armd.compensation.estimate.robust import MEDIAN_D2, WINSOR_AT, huber_weights, monstrous
 
 LEVER_MM = 500.0
@@ -143,15 +144,17 @@ def _estimate(
     """The same with lengths' standard uncertainties *distance* (D,) as if s were *scale_mm*."""
     relative = distance / scale_mm
     absorbing = Absorbing.of(nuisance.meeting, variance)
+    # Copies share all of their error, until they have shown how much: they count as one.
+    shared = before.shared_part if before else 1.0
+    counts = counts_as(linear.rests.posture, shared)
+    counted, rows = np.sqrt(counts), 3.0 * float(counts.sum()) + len(distance)
 
     @cache
     def at_share(share: float) -> tuple[float, float, float, bool]:
         whitener = _unit_whitener(linear, share)
-        products = nuisance.products(whitener, relative, residual)
-        unlikely, scale, drift, settled = _best_scale(
-            Restricted.of(products, absorbing, len(residual))
-        )
-        log_det = -2.0 * float(np.log(np.einsum("nii->ni", whitener)).sum())
+        products = nuisance.products(counted[:, None, None] * whitener, relative, residual)
+        unlikely, scale, drift, settled = _best_scale(Restricted.of(products, absorbing, rows))
+        log_det = -2.0 * float(counts @ np.log(np.einsum("nii->ni", whitener)).sum(axis=1))
         return unlikely + log_det, scale, drift, settled
 
     low, high, steps = 0.01, 0.99, 7
@@ -172,10 +175,19 @@ def _estimate(
         drift_mm=drift,
         encoder_rad=scale * np.sqrt(share) / LEVER_MM,
         repeat_mm=scale * np.sqrt(1.0 - share),
-        whitener=_unit_whitener(linear, share) / scale,
+        whitener=counted[:, None, None] * _unit_whitener(linear, share) / scale,
         distance_mm=distance,
+        counts=counts,
+        shared_part=shared,
         settled=settled,
     )
+
+
+def with_shared_part(noise: RestNoise, linear: Linear, left: F64) -> RestNoise:
+    """Return the noise with what copies of a posture share, by what is *left* (N,) of them."""
+    posture, n = linear.rests.posture, linear.rests.n
+    part = shared_part(noise.whiten_rests(left[: 3 * n].reshape(n, 3)), posture)
+    return noise.with_shared_part(part, posture)
 
 
 def _unit_whitener(linear: Linear, share: float) -> F64:

@@ -92,7 +92,7 @@ class _Shares:
         ways = [plausible[:, None] * _taken_by(own, white)]
         # It was made of other readings, at other temperatures and in other poses. How much that
         # changes, these readings in parts tell: placements, and rests of all of them.
-        for folds in (folds_of(self.rests), np.arange(self.rests.n) % PARTS):
+        for folds in (folds_of(self.rests), self.rests.posture % PARTS):
             ways += [plausible[:, None] * way for way in _differs(own, white, folds)]
         return replace(given, root=_as_few(np.hstack([given.root, *ways]), plausible))
 

@@ -8,7 +8,8 @@ from armd.compensation.data.session import Session
 from armd.compensation.diagnose.fitting.growth_open import with_growth_open
 from armd.compensation.diagnose.problem.baseline import from_calibration
 from armd.compensation.diagnose.problem.linear import Baseline
-from armd.compensation.identify.admission.odd_session import Odd
+from armd.compensation.estimate.observations import gather
+from armd.compensation.identify.admission.odd_session import Odd, inconsistent_session
 from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
@@ -17,8 +18,8 @@ from armd.compensation.model.calibration import Calibration
 def model_under_test(
     sessions: Sequence[Session], arm: Arm, calibration: Calibration | None
 ) -> tuple[Baseline, Odd | None]:
-    """The calibration given, held; otherwise what `armd calibrate` makes of the sessions, and the
-    one of them that does not fit the others.
+    """Return the calibration given, held; otherwise what `armd calibrate` makes of the sessions;
+    and the one of them that does not fit the others.
 
     By itself that chooses a thermal model by its error: one that goes far would swallow causes that
     have a name (a link expanding in a curve, a joint that turns with temperature), and beside a
@@ -26,6 +27,7 @@ def model_under_test(
     model is the one under test wherever there can be one, and others are not tried.
     """
     if calibration is not None:
-        return with_growth_open(from_calibration(calibration, arm, held=True), arm), None
+        held = with_growth_open(from_calibration(calibration, arm, held=True), arm)
+        return held, inconsistent_session(sessions, gather(sessions, arm, calibration.artefact))
     made = calibrate(sessions, arm, Options(compare=False))
     return from_calibration(made.calibration, arm, held=False), made.odd

@@ -20,10 +20,14 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey, ScoredCandidates
 from armd.compensation.diagnose.search.selection import next_finding
+from armd.compensation.diagnose.search.work import REPEATED, Work
 from armd.compensation.effects.effect import joined
 from armd.compensation.freed import give_back_freed
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
+
+#: What is skipped where the work is done before all causes were sought again.
+REPEATED_FROM = "the search repeated without parts of the readings, from cause"
 
 
 @dataclass(frozen=True)
@@ -35,10 +39,14 @@ class CrossValidated:
 
 
 def cross_validate(
-    result: SearchResult, parted: PartedSurvey | None, arm: Arm, progress: TellShare
+    result: SearchResult,
+    parted: PartedSurvey | None,
+    arm: Arm,
+    progress: TellShare,
+    work: Work | None = None,
 ) -> CrossValidated:
     """Leave placements out in turn and search the others anew, step by step; *parted*: the search's
-    last survey, where it found anything.
+    last survey, where it found anything; *work*: what is computed at most.
 
     Each fold's search chooses cause, place and grid value for itself among the whole catalogue.
     What it shares with the readings left out are the noise's variances, the clipping of tails and
@@ -49,7 +57,12 @@ def cross_validate(
     squares = [np.zeros(last.linear.rests.n) for _ in range(len(result.found) + 1)]
     parts = [int(part) for part in np.unique(folds)]
     refits = refits_without(with_findings_unsolved(last, [], arm), [folds == p for p in parts])
-    starts = [(part, refit.with_some([])) for part, refit in zip(parts, refits, strict=True)]
+    work = work or Work()
+    shares = [work.of_one_in(len(parts)) for _ in parts]  # they go on beside each other
+    starts = [
+        (part, refit.with_some([]), share)
+        for part, refit, share in zip(parts, refits, shares, strict=True)
+    ]
     give_back_freed()
     found = in_order(lambda start: _without(*start, folds, result, parted, arm), starts)
     for done, (part, of_steps) in enumerate(zip(parts, found, strict=True), 1):
@@ -57,12 +70,15 @@ def cross_validate(
         progress("gain", 0.9 + 0.1 * done / len(parts))
         for square, own in zip(squares, of_steps, strict=True):
             square[folds == part] = own
+    for share in shares:
+        work.take(share)
     return CrossValidated(squares, groups_of(last.linear.rests.observations))
 
 
 def _without(
     part: int,
     current: Fit,
+    work: Work,
     folds: I64,
     result: SearchResult,
     parted: PartedSurvey | None,
@@ -76,6 +92,11 @@ def _without(
         return squares
     first = scored = parted.without(part, current)
     while len(squares) <= len(result.found):
+        if not work.may_go_on:
+            work.skip(f"{REPEATED_FROM} {len(squares)} on")
+            squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
+            break
+        work.add(scored, REPEATED)
         found = next_finding(scored, result.tests)
         if found is None:  # nothing is gained by what the search on all readings found further
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))

@@ -16,7 +16,7 @@ from armd.compensation.diagnose.diagnosis import Gain
 from armd.compensation.diagnose.fitting.curves import as_written
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
 from armd.compensation.diagnose.problem.fitted import Fit
-from armd.compensation.estimate.folds import blocks_of_time
+from armd.compensation.estimate.folds import blocks_of_postures
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.model.arm import Arm
 
@@ -95,11 +95,12 @@ def _rms(squares: F64) -> float:
 
 
 def groups_of(observations: Observations) -> I64:
-    """(n,) what readings are resampled by: placement and target, or blocks of time."""
+    """(n,) what readings are resampled by: placement and target, or blocks of time; all copies of a
+    posture together."""
     groups = observations.placement * len(observations.target_names) + observations.target
     truth = observations.has_truth
     if truth.any():
-        blocks = blocks_of_time(observations.states.time_s[truth], TRUTH_BLOCKS)
+        blocks = blocks_of_postures(observations.rows(truth), TRUTH_BLOCKS)
         groups[truth] = groups.max() + 1 + blocks
     return groups
 

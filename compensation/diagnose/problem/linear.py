@@ -17,6 +17,7 @@ from armd.compensation.effects.effect import ArtefactChange
 from armd.compensation.estimate.linear.blocks import Blocks, Piece
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.poses import Poses
+from armd.compensation.estimate.postures import find_postures
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import ArtefactCorrection, Calibration
@@ -51,6 +52,11 @@ class Rests:
         mean_c = observations.states.temperature_c[:, columns].mean(axis=1)
         rise = np.nan_to_num(mean_c - reference_c[observations.session])
         return np.where(unread[observations.session], rise, 0.0)
+
+    @cached_property
+    def posture(self) -> I64:
+        """(n,) the posture of each rest: copies share what the model does not know."""
+        return find_postures(self.observations)
 
     @cached_property
     def in_order(self) -> dict[int, I64]:

@@ -13,7 +13,7 @@ import numpy as np
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.problem.linear import Rests
-from armd.compensation.estimate.folds import blocks_of_time, whole_groups
+from armd.compensation.estimate.folds import blocks_of_postures, whole_groups
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.state import States
@@ -119,7 +119,8 @@ def _rests(raw: Observations) -> I64:
 
 
 def folds_of(rests: Rests) -> I64:
-    """(n,) fold of each rest: whole placements, dealt in turn; blocks of time for a single one."""
+    """(n,) fold of each rest: whole placements, dealt in turn; of a single one blocks of time, each
+    posture in that in which it came first."""
     observations = rests.observations
     folds = whole_groups(observations.placement, MOST_FOLDS)
-    return folds if folds.any() else blocks_of_time(observations.states.time_s, BLOCKS)
+    return folds if folds.any() else blocks_of_postures(observations, BLOCKS)

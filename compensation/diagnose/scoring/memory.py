@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from armd.arrays import F64, I64
-from armd.compensation.estimate.observations import Observations
+from armd.compensation.diagnose.problem.linear import Rests
 
 #: Standard deviations from which on a correlation is beyond doubt: of independent rests one in a
 #: million data sets. Rests further apart than so many usual gaps tell nothing of it.
@@ -42,17 +42,21 @@ class Sequence:
     order: I64  # (n,)
     placement: I64  # (n,) in that order
     time_s: F64  # (n,) in that order
+    posture: I64  # (n,) in that order: copies of one share more than what lasts
 
     @classmethod
-    def of(cls, placement: I64, time_s: F64) -> Sequence:
-        """By each rest's placement (n,) and time (n,)."""
+    def of(cls, placement: I64, time_s: F64, posture: I64 | None = None) -> Sequence:
+        """By each rest's placement (n,), time (n,) and *posture* (n,), of its own without."""
         order = np.lexsort((time_s, placement))
-        return cls(order, placement[order], time_s[order])
+        posture = np.arange(len(order)) if posture is None else posture
+        return cls(order, placement[order], time_s[order], posture[order])
 
     def pairs(self, apart: int) -> tuple[I64, F64]:
         """First rests (positions in the order) of pairs so many rests *apart* in one placement, and
         the seconds between them."""
-        first = np.flatnonzero(self.placement[apart:] == self.placement[: len(self.order) - apart])
+        end = len(self.order) - apart
+        together = self.placement[apart:] == self.placement[:end]
+        first = np.flatnonzero(together & (self.posture[apart:] != self.posture[:end]))
         return first, self.time_s[first + apart] - self.time_s[first]
 
 
@@ -78,11 +82,10 @@ class Lasting:
     absorbed: Several[tuple[I64, F64]] = ()
 
     @classmethod
-    def of(
-        cls, observations: Observations, sources: F64, absorbed: Several[tuple[I64, F64]]
-    ) -> Lasting:
-        """Of rests in the order of the *observations*."""
-        sequence = Sequence.of(observations.placement, observations.states.time_s)
+    def of(cls, rests: Rests, sources: F64, absorbed: Several[tuple[I64, F64]]) -> Lasting:
+        """Of rests in the order of their observations."""
+        observations = rests.observations
+        sequence = Sequence.of(observations.placement, observations.states.time_s, rests.posture)
         return cls(sources, sequence, absorbed)
 
     def memory(self, left: F64) -> NoiseMemory | None:

@@ -68,9 +68,7 @@ class Projection:
     def lasting(self) -> Lasting:
         """By what noise shows that it lasts from rest to rest."""
         linear, absorbed = self.fit.linear, [(cell.rests, cell.own) for cell in self.cells]
-        return Lasting.of(
-            linear.rests.observations, self.fit.noise.sources(linear.joints), absorbed
-        )
+        return Lasting.of(linear.rests, self.fit.noise.sources(linear.joints), absorbed)
 
     def clear_of_all(self, columns: F64) -> tuple[F64, F64]:
         """Columns (N, m), whitened, and the same clear of all that absorbs, the shapes included."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import fdtrc
 
-from armd.arrays import F64
+from armd.arrays import F64, I64
 from armd.compensation.diagnose.problem.signatures import finding_columns
 from armd.compensation.diagnose.scoring.evidence import ABSORBED, MOST_COUNTED, log_bayes_factors
 from armd.compensation.diagnose.scoring.memory import variance_of_sums
@@ -36,8 +36,9 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
     weights = clear @ root
     rests = weights[:n].reshape(-1, 3, m)
     left = (residual - weights @ score)[:n].reshape(-1, 3)
-    leverage = (rests**2).sum(axis=(1, 2))
-    pulls = np.einsum("nia,ni->na", rests, left)
+    posture = projection.fit.linear.rests.posture  # copies of one speak with one voice
+    leverage = np.bincount(posture, (rests**2).sum(axis=(1, 2)))
+    pulls = by_posture(np.einsum("nia,ni->na", rests, left), posture)
     pulls /= 1.0 - np.minimum(leverage, MOST_LEVERAGE)[:, None]
     # What rests share (a certified target, drift) has the variance that is stated.
     scatter = float((pulls**2).sum() + m - leverage.sum()) / m  # 1: as the noise says
@@ -55,6 +56,12 @@ def log_p_by_scatter(candidate: Candidate, projection: Projection) -> float:
         evidence = log_bayes_factors(gram[None], side[None], (typical * size)[None], reach[None])
         log_p = min(log_p, -float(evidence[0]))
     return log_p
+
+
+def by_posture(values: F64, posture: I64) -> F64:
+    """(p, m) sums of values (n, m) over the copies of each posture."""
+    sums: F64 = np.stack([np.bincount(posture, column) for column in values.T], axis=1)
+    return sums
 
 
 def _cleared(candidate: Candidate, projection: Projection) -> tuple[F64, F64, F64, F64]:

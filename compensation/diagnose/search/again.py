@@ -8,6 +8,7 @@ from dataclasses import replace
 from armd.compensation.diagnose.diagnosis import Finding, SearchResult
 from armd.compensation.diagnose.fitting.fit import fit
 from armd.compensation.diagnose.fitting.taken_up import wrong_only_by
+from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.scoring.candidates import score_candidates
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.threshold import significant
@@ -27,7 +28,7 @@ def counts_instead(again: SearchResult, before: SearchResult, arm: Arm) -> bool:
 def tells_less(again: SearchResult, before: SearchResult) -> bool:
     """Whether less was found *again* than *before*, and no more is left to the noise. The older
     causes are there still, so that it is not nothing."""
-    return not quieter(before, again) and 0 < len(again.found) < len(before.found)
+    return not quieter(before.last, again.last) and 0 < len(again.found) < len(before.found)
 
 
 def loses_a_cause(again: SearchResult, before: SearchResult, arm: Arm) -> bool:
@@ -53,9 +54,9 @@ def loses_a_cause(again: SearchResult, before: SearchResult, arm: Arm) -> bool:
     return bool(significant(log_p, before.tests).any())
 
 
-def quieter(one: SearchResult, other: SearchResult) -> bool:
+def quieter(one: Fit, other: Fit) -> bool:
     """Whether *one* leaves clearly less to the noise than the *other*."""
-    return AS_QUIET * one.last.noise.own_mm <= other.last.noise.own_mm
+    return AS_QUIET * one.noise.own_mm <= other.noise.own_mm
 
 
 def no_surer(found: Sequence[Finding], again: SearchResult) -> tuple[Finding, ...]:

@@ -201,7 +201,10 @@ def likelier_rival(found: Finding) -> Candidate | None:
 
 
 def _honest(found: Sequence[Finding]) -> tuple[Finding, ...]:
-    """No name for a part of what is unknown, nor one that is less likely than another.
+    """Return no name for a part of what is unknown, nor one that is less likely than another.
+
+    What has no name, and is less likely than causes that the search has refused for their size or
+    for readings held out, is as sure as all of these together: that something is there is certain.
 
     Where an unknown structure is clearly likelier, or one that was found is stronger in the same
     variables or at the same joint, the name only was the nearest one.
@@ -210,13 +213,14 @@ def _honest(found: Sequence[Finding]) -> tuple[Finding, ...]:
 
     def told(finding: Finding) -> Finding:
         own = finding.candidate
+        others = [r for r in finding.rivals if r.probability > finding.probability]
         if own.cause == "unknown":
-            return finding
+            replaceable = likelier_rival(finding) is not None
+            return _without_a_name(finding, others, own.depends_on) if replaceable else finding
         likelier = [r for r in finding.rivals if r.candidate.cause == "unknown"]
         if sum(r.probability for r in likelier) > CLEARLY * finding.probability:
             return _without_a_name(finding, likelier[:1], likelier[0].candidate.depends_on)
         if likelier_rival(finding) is not None:
-            others = [r for r in finding.rivals if r.probability > finding.probability]
             return _without_a_name(finding, others, own.depends_on)
         part = any(
             u.statistic > finding.statistic and variables_of(u.candidate) & set(own.depends_on)

@@ -59,11 +59,13 @@ from armd.compensation.diagnose.search.selection import (
     strongest_left,
     with_their_causes,
 )
+from armd.compensation.diagnose.search.work import STEP, Work
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, joined
 from armd.compensation.effects.setup.mount_drift import steady_drift
 from armd.compensation.model.arm import Arm
 from armd.compensation.progress import TellShare
+from armd.terminal.counted import counted
 
 MOST_STEPS = 16
 MOST_RENAMINGS = 3
@@ -85,8 +87,10 @@ class Search:
         baseline: Baseline,
         progress: TellShare = lambda _text, _share: None,
         held_out: HeldOutGain = lambda _about, _before, _after: -math.inf,
+        work: Work | None = None,
     ) -> None:
-        """*held_out*: what decides between two sets of findings; without, none replaces another."""
+        """*held_out*: what decides between two sets of findings; without, none replaces another.
+        *work*: what is computed at most, here and elsewhere."""
         self.rests = rests
         self.arm = arm
         self.baseline = baseline
@@ -97,6 +101,7 @@ class Search:
         self._tests = 1
         self._sought: tuple[Sequence[Candidate], Signatures] | None = None
         self._held_out = held_out
+        self._work = work or Work()
         self._rivals: tuple[str, list[RivalSet]] | None = None
         #: the last survey beside findings, if any; many megabytes
         self.parted: PartedSurvey | None = None
@@ -116,9 +121,12 @@ class Search:
         seen: set[str] = set()
         for step in range(MOST_STEPS):
             self._progress(f"{len(current.findings)} found", step / MOST_STEPS)
-            best = next_finding(scored, self._tests)
             if len(current.findings) >= MOST_FINDINGS:
                 break
+            if not self._work.may_go_on:
+                self._work.skip(f"more than {counted(len(current.findings), 'cause')}")
+                break
+            best = next_finding(scored, self._tests)
             findings = None if best is None else going_on(best, scored, seen, self._tests)
             if best is None or findings is None:  # nothing is wanted, or a circle
                 if self._refusals.ask_again(key_of(current.findings)):
@@ -167,6 +175,23 @@ class Search:
             would_show,
             tuple(self._refusals.told),
         )
+
+    def explain(self, most: int) -> Fit:
+        """Add one cause after another, at *most* so many, without looking back at any."""
+        scored = self.first
+        current = scored.fit
+        for step in range(most):
+            best = choose(scored.projection, scored.scores, self._tests)
+            if best is None:
+                break
+            fitted = self._fit(joined(current.findings, best), current)
+            if reason := refused(fitted, current, self.arm):
+                self._refusals.add(best, reason, key_of(current.findings))
+            else:
+                current = fitted
+            if step + 1 < most:
+                scored = self._survey(current)
+        return current
 
     def _growth_told(self, grown: Fit) -> Sequence[Finding]:
         """What is told of a fit's findings, growth among them, each beside all the others."""
@@ -246,7 +271,8 @@ class Search:
         key = key_of(current.findings)
         if self._rivals is None or self._rivals[0] != key:
             through = partial(acting_through, facts=self.facts, refused=self._refusals.places)
-            revisit = Revisit(scored, self.parted, self.arm, self._tests, choose, through)
+            tests, work = self._tests, self._work
+            revisit = Revisit(scored, self.parted, self.arm, tests, choose, through, work)
             self._rivals = key, revisit.others()
         return self._rivals[1]
 
@@ -321,4 +347,5 @@ class Search:
             scored = score_candidates(make_projection(current, self.arm), signatures)
         if not counted:
             self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
+        self._work.add(scored, STEP)
         return scored

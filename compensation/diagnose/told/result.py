@@ -57,6 +57,7 @@ def as_json(diagnosis: Diagnosis, extended_path: str | None) -> dict[str, Any]:
             "by_target": [asdict(one) for one in _few(target_steps(diagnosis.search.last))],
         },
         "readings": {"told": list(diagnosis.told)},
+        "skipped": list(diagnosis.skipped),
         "verdict": verdict(diagnosis),
         "cannot_tell": [
             {"cause": cause, "needs": needs_of(cause), "experiment": CATALOGUE[cause].experiment}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -31,15 +32,16 @@ def verdict(diagnosis: Diagnosis) -> str:
     refused, moved = _refused(diagnosis), _moved(diagnosis)
     gains = diagnosis.gains
     unforeseen = diagnosis.unforeseen
+    numbered = partial(_numbers, diagnosis)
     told_only = [i for i, found in enumerate(diagnosis.found) if found.candidate.told_only]
     unwritten = {*unforeseen, *told_only}
-    doubtful = _numbers(i for i, g in enumerate(gains) if not g.shown and i not in unwritten)
+    doubtful = numbered(i for i, g in enumerate(gains) if not g.shown and i not in unwritten)
     if not gains:
         sentences.append(
             "No cause was found in the arm." if diagnosis.touched else "No cause was found."
         )
     else:
-        count = counted(len(gains), "finding")
+        count = counted(_listed(diagnosis), "finding")
         if diagnosis.written:
             before, after = diagnosis.written_clear_um or diagnosis.written_rms_um
             how = f", {diagnosis.written_by}" if diagnosis.written_by else ""
@@ -47,7 +49,7 @@ def verdict(diagnosis: Diagnosis) -> str:
                 all_rows = " instead of ".join(um(rms) for rms in diagnosis.written_rms_um[::-1])
                 how += f", outliers left out of both; {all_rows} µm with them"
             missing = len(diagnosis.written) < len(gains)
-            which = f", {_numbers(diagnosis.written)} in it," if missing else ""
+            which = f", {numbered(diagnosis.written)} in it," if missing else ""
             sentences.append(
                 f"{count}; with the extended model{which} held-out readings err by "
                 f"{um(after)} µm instead of {um(before)} µm (3-D RMS{how})."
@@ -57,13 +59,13 @@ def verdict(diagnosis: Diagnosis) -> str:
             sentences.append(f"Held-out readings do not confirm {doubtful}: leads, not facts.")
         if unforeseen:
             sentences.append(
-                f"What goes with time, {_numbers(unforeseen)}, is not in it: fitted to the earlier "
+                f"What goes with time, {numbered(unforeseen)}, is not in it: fitted to the earlier "
                 "readings, it makes the later ones worse. Measure longer."
             )
         if told_only:
-            numbers = _numbers(told_only)
+            numbers = numbered(told_only)
             sentences.append(f"No calibration can contain {numbers}: reported, and not written.")
-        guesses = _numbers(
+        guesses = numbered(
             i
             for i, found in enumerate(diagnosis.found)
             if found.candidate.cause != "unknown" and found.explained and found.explained.guess
@@ -73,7 +75,7 @@ def verdict(diagnosis: Diagnosis) -> str:
                 f"The name of {guesses} is a guess: it explains little of what varies with its "
                 "variables."
             )
-        unsized = _numbers(i for i in range(len(gains)) if not size_known(diagnosis, i))
+        unsized = numbered(i for i in range(len(gains)) if not size_known(diagnosis, i))
         if unsized:
             sentences.append(f"The size of {unsized} is within its own uncertainty.")
         if not diagnosis.written:
@@ -86,12 +88,12 @@ def verdict(diagnosis: Diagnosis) -> str:
         on = ", ".join(diagnosis.search.remaining_depends_on) or "nothing that was recorded"
         sentences.append(f"Something significant is left; it depends on {on}.")
         same = [
-            str(i)
-            for i, found in enumerate(diagnosis.found, 1)
+            i
+            for i, found in enumerate(diagnosis.found)
             if set(found.candidate.depends_on) & set(diagnosis.search.remaining_depends_on)
         ]
         if same:
-            sentences.append(f"The form of {', '.join(same)} is in doubt.")
+            sentences.append(f"The form of {numbered(same)} is in doubt.")
         if len(gains) == MOST_FINDINGS:
             sentences.append(
                 f"No more than {MOST_FINDINGS} causes are looked for; where so much seems wrong, "
@@ -124,15 +126,21 @@ def _of_growth(diagnosis: Diagnosis) -> list[str]:
         before, after = diagnosis.written_clear_um or diagnosis.written_rms_um
     else:
         before, after = diagnosis.gains[grown[0]].before_um, diagnosis.gains[grown[-1]].after_um
+    numbers = _numbers(diagnosis, grown)
     return [
-        f"{of_what(diagnosis.baseline)} With the growth of {_numbers(grown)}, held-out readings "
+        f"{of_what(diagnosis.baseline)} With the growth of {numbers}, held-out readings "
         f"err by {um(after)} µm instead of {um(before)} µm."
     ]
 
 
-def _numbers(of: Iterable[int]) -> str:
-    """Findings as they are counted for a person, from 1."""
-    return ", ".join(str(i + 1) for i in of)
+def _numbers(diagnosis: Diagnosis, of: Iterable[int]) -> str:
+    """Findings as they are listed for a person, from 1: moved artefacts come first."""
+    return ", ".join(str(len(diagnosis.touched) + i + 1) for i in of)
+
+
+def _listed(diagnosis: Diagnosis) -> int:
+    """How many findings are listed: with moved artefacts, and outliers as one."""
+    return len(diagnosis.touched) + len(diagnosis.gains) + bool(diagnosis.outliers)
 
 
 def _what_stays(diagnosis: Diagnosis) -> str:

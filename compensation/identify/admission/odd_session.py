@@ -40,6 +40,8 @@ from armd.compensation.identify.thermal.terms import length_terms
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.errors import BadInput
 
+#: Of two that differ, nobody knows which is wrong.
+LEAST_SESSIONS = 3
 #: Under a drawing, readings that miss by more are no arm's; nor those that miss by so many times
 #: what the best session does.
 ABSURD_MM, APART = 20.0, 5.0
@@ -120,6 +122,21 @@ def refuse_mistakes(
     )
 
 
+def inconsistent_session(sessions: Sequence[Session], observations: Observations) -> Odd | None:
+    """Return the session without which the others fit, whatever the calibration of the arm.
+
+    Raises `BadInput` where it is plain what is wrong with it.
+    """
+    if len(sessions) < LEAST_SESSIONS:
+        return None
+    found = _identified(observations, np.ones(observations.n, dtype=bool))
+    if found is None:
+        return None
+    arm = observations.arm
+    drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
+    return odd_session(sessions, found, rms_um(drawn.residual_mm))
+
+
 def odd_session(
     sessions: Sequence[Session], found: Identification, drawn_rms_um: float
 ) -> Odd | None:
@@ -130,7 +147,7 @@ def odd_session(
     observations = found.observations
     model = AssumedModel.of(found)
     misses = _by_session(observations, model, len(sessions))
-    if len(sessions) < 3 or not np.isfinite(misses).all():
+    if len(sessions) < LEAST_SESSIONS or not np.isfinite(misses).all():
         return None
     apart = misses.max() > APART * misses.min()
     hot = (observations.states.temperature_c > LEAST_FAHRENHEIT).any()
@@ -182,7 +199,7 @@ def _remark(sessions: Sequence[Session], observations: Observations) -> str:
     refuse_mistakes(sessions, observations)
     refuse_misnamed(sessions, observations, AssumedModel.under(observations.arm, None))
     everything = np.ones(observations.n, dtype=bool)
-    found = _identified(observations, everything) if len(sessions) > 2 else None
+    found = _identified(observations, everything) if len(sessions) >= LEAST_SESSIONS else None
     if found is None:
         return "\n".join(_far_off(sessions, observations))
     arm = observations.arm

@@ -9,6 +9,7 @@ import numpy as np
 from armd.arrays import Mask
 from armd.compensation.estimate.gauge import unidentifiable
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.postures import count_postures
 from armd.compensation.identify.admission.needed import least_readings
 from armd.compensation.identify.fit import Identification, rms_um
 from armd.compensation.identify.thermal.temperatures import temperature_groups
@@ -79,11 +80,12 @@ def require_help(found: Identification, share: float, files: str, notes: list[st
     observations, arm = found.observations, found.observations.arm
     needed, ideal = readings_needed(observations), 4 * arm.n_joints - 3
     rank = found.solution.rank - len(found.unknowns.terms)
-    if observations.n >= needed and rank >= LEAST_RANK * ideal:
+    if count_postures(observations) >= needed and rank >= LEAST_RANK * ideal:
         return
     if share < MOST_SHARE and rank > 0:
         notes.append(
-            f"{observations.n} readings (rank {rank} of {ideal}) are too few for the arm's"
+            f"{observations.n} readings{_of_postures(observations)} (rank {rank} of {ideal}) are"
+            " too few for the arm's"
             f" {len(found.unknowns.constants)} constants: the drawing holds what they do not tell"
         )
         return
@@ -108,13 +110,20 @@ def require_help(found: Identification, share: float, files: str, notes: list[st
 def require_enough(observations: Observations, unknown: Sequence[str], files: str) -> None:
     """Refuse readings that are fewer than the unknowns, where these are identified alone."""
     needed = readings_needed(observations)
-    if observations.n < needed:
+    if count_postures(observations) < needed:
         placements, seats = _placements(observations), _seats(observations)
         expected = (
             f"at least {needed} for {len(unknown)} constants, {placements} placements"
             f" and {seats} unknown points"
         )
-        raise BadInput(files, "readings", f"{observations.n} poses", expected)
+        found = f"{observations.n} poses{_of_postures(observations)}"
+        raise BadInput(files, "readings", found, expected)
+
+
+def _of_postures(observations: Observations) -> str:
+    """Of how many postures readings are, where some are copies."""
+    postures = count_postures(observations)
+    return f" of {counted(postures, 'posture')}" if postures < observations.n else ""
 
 
 def readings_needed(observations: Observations) -> int:

@@ -87,14 +87,16 @@ def _standing(around: Identification, constants: F64, terms: list[Term]) -> Iden
     at = linearise(observations, constants, terms, poses, reference_c)
     joints = at.joints
     left = around.alone.left(around.solution.root)
-    noise = estimate(at.residual_mm, joints, around.alone.whitening, left, around.region)
+    noise = estimate(
+        at.residual_mm, joints, around.alone.whitening, left, around.region, around.counts
+    )
     covariance = noise.covariance(joints)
     distance2 = mahalanobis2(at.residual_mm, covariance)
     unknowns = Unknowns(around.unknowns.constants, range(len(terms)))
     scale = unknowns.plausible(terms, at.basis)
     alone = ArmAlone(
         at,
-        whitening(covariance, redescending_weights(distance2, around.region)),
+        whitening(covariance, around.counts * redescending_weights(distance2, around.region)),
         unknowns.columns(at.jacobian, at.basis, terms),
     )
     return replace(

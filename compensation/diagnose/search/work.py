@@ -1,0 +1,80 @@
+"""How much a diagnosis computes at most: a count of products, the same on any machine.
+
+Readings of an ordinary quality never come near the bound. Bad ones (another arm's, mixed-up rows,
+causes by the dozen) make the search name ten causes, look for other sets of as many, and repeat
+itself without each part of the readings; that takes minutes, and tells nothing that the first
+causes have not told. What is skipped for it is reported.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
+
+#: A step of the search, a set tried instead of another and a step of the search repeated look at
+#: the whole catalogue once each; the first also fits, renames and prunes.
+STEP, TRIAL, REPEATED = 1.0, 0.3, 0.4
+#: Rows count as shared columns do, so many together as one of these.
+ROWS_A_COLUMN = 60.0
+#: Products of candidates' and shared columns, weighted as above: about 1.2e6 of them are a second.
+MOST_PRODUCTS = 54e6
+#: Other sets may take this share of it; so much is kept for the search repeated.
+MOST_OF_SETS, LEAST_REPEATED = 0.4, 0.3
+
+
+@dataclass
+class Work:
+    """What a diagnosis has computed so far, and what it skipped."""
+
+    most: float = MOST_PRODUCTS
+    done: float = 0.0
+    of_sets: float = 0.0
+    skipped: list[str] = field(default_factory=list)
+
+    def add(self, scored: ScoredCandidates, times: float) -> None:
+        """Count one look at the catalogue, *times* what it takes."""
+        products = _products(scored) * times
+        self.done += products
+        if times == TRIAL:
+            self.of_sets += products
+
+    def of_one_in(self, count: int) -> Work:
+        """Return the work of one of *count* pieces that are computed beside each other: an equal
+        part of what is left, or of what is kept for them."""
+        return Work(max(self.most - self.done, LEAST_REPEATED * self.most) / count)
+
+    def take(self, piece: Work) -> None:
+        """Add what a piece has computed and skipped."""
+        self.done += piece.done
+        for what in piece.skipped:
+            self.skip(what)
+
+    @property
+    def may_try_sets(self) -> bool:
+        """Whether other sets of causes may still be tried."""
+        return self.of_sets < MOST_OF_SETS * self.most and self.may_go_on
+
+    @property
+    def may_go_on(self) -> bool:
+        """Whether anything more may be computed."""
+        return self.done < self.most
+
+    def skip(self, what: str) -> None:
+        """Note once what is not computed."""
+        if what not in self.skipped:
+            self.skipped.append(what)
+
+    def in_words(self) -> list[str]:
+        """Return a sentence for a person; none where nothing was skipped."""
+        if not self.skipped:
+            return []
+        return [
+            "The work of the search is bounded, and these readings take more of it: "
+            f"{'; '.join(self.skipped)}. Look for what is wrong with the readings first."
+        ]
+
+
+def _products(scored: ScoredCandidates) -> float:
+    columns, rows = scored.sums.signatures.count.sum(), 3 * scored.fit.linear.rests.n
+    return float(columns) * (scored.sums.shared.layout.n + rows / ROWS_A_COLUMN)

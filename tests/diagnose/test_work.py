@@ -1,0 +1,111 @@
+"""The search's work is bounded by a count: what is left then is skipped, and reported."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armd.compensation.diagnose.problem.linear import Baseline, ModelState
+from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.search import search
+from armd.compensation.diagnose.search.work import LEAST_REPEATED, STEP, TRIAL, Work
+from armd.compensation.diagnose.searched import AS_FAR_OFF, _is_farther_off
+from armd.compensation.effects import location
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
+from armd.compensation.model.calibration import ArtefactCorrection, Calibration
+from armd.compensation.model.pose_factors import Harmonic
+from armd.compensation.model.terms import Term
+from support import synthetic
+from support.small_fit import unit_noise
+
+ARM = synthetic.arm()
+
+
+def look(columns: int = 100, shared: int = 40, rests: int = 0) -> Any:
+    """One look at a catalogue of so many columns beside shared ones."""
+    signatures = SimpleNamespace(count=np.ones(columns, dtype=int))
+    model = SimpleNamespace(layout=SimpleNamespace(n=shared))
+    linear = SimpleNamespace(rests=SimpleNamespace(n=rests))
+    sums = SimpleNamespace(signatures=signatures, shared=model)
+    return SimpleNamespace(sums=sums, fit=SimpleNamespace(linear=linear))
+
+
+def test_a_step_counts_the_products_of_candidates_and_shared_columns() -> None:
+    work = Work(most=8000.0)
+    work.add(look(), STEP)
+    assert work.done == 4000.0 and work.may_go_on and work.may_try_sets
+    work.add(look(), STEP)
+    assert not work.may_go_on and not work.may_try_sets
+    assert work.in_words() == []
+    work.skip("this")
+    work.skip("this")
+    assert work.skipped == ["this"] and "take more of it: this." in work.in_words()[0]
+
+
+def test_other_sets_leave_work_for_what_follows() -> None:
+    work = Work(most=8000.0)
+    while work.may_try_sets:
+        work.add(look(), TRIAL)
+    assert work.may_go_on and work.done < 0.7 * work.most
+
+
+def test_pieces_beside_each_other_have_equal_parts_and_always_some() -> None:
+    """Not the one that comes first most of it: the answer must not go by the threads' order."""
+    work = Work(most=1000.0, done=400.0)
+    assert [work.of_one_in(3).most for _ in range(3)] == [200.0] * 3
+    work.done = 2000.0
+    piece = work.of_one_in(2)
+    assert piece.most == LEAST_REPEATED * 500.0
+    piece.done, piece.skipped = 70.0, ["that"]
+    work.take(piece)
+    assert work.done == 2070.0 and work.skipped == ["that"]
+
+
+@pytest.mark.parametrize("most", [1.0, 1e12])
+def test_a_search_without_work_left_ends_and_reports_it(
+    most: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disc that is plain to see; the same answer each time."""
+    candidates = [
+        Candidate("encoder_eccentricity", location.joint(k), harmonic_columns(k, 1, 1e-4), ())
+        for k in range(1, 7)
+    ]
+    monkeypatch.setattr(search.catalogue, "candidates", lambda _facts: iter(candidates))
+    wave = Harmonic(kind="sin", joint=3, order=1)
+    term = Term(parameter="theta_3", basis=[wave], coefficient=2e-4)
+    session = synthetic.session(
+        ARM, ARM.nominal(), np.random.default_rng(3), terms=[term], encoder_rad=5e-6
+    )
+    content = Calibration(
+        arm=ARM.serial_number, created="2026-03-01T00:00:00Z", reference_temperature_c=20.0,
+        constants={},
+    )  # fmt: skip
+    model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
+    baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
+    rests = gather_rests([session], ARM)
+    for work in (Work(most), Work(most)):
+        result = search.Search(rests, ARM, baseline, work=work).run()
+        skipped = ["more than 0 causes"] if most == 1.0 else []
+        assert work.skipped == skipped
+        assert len(result.found) == (0 if skipped else 1)
+
+
+@pytest.mark.parametrize(("times", "farther"), [(1.0, False), (2.0, False), (6.0, True)])
+def test_a_session_that_is_clipped_away_is_farther_off_all_the_same(
+    times: float, farther: bool
+) -> None:
+    """Of ten sessions one, the noise being that of the others."""
+    n = 300
+    session = np.arange(n) // 30
+    left = np.random.default_rng(5).normal(size=(n, 3))
+    left[session == 4] *= times
+    rests = SimpleNamespace(observations=SimpleNamespace(session=session))
+    fit: Any = SimpleNamespace(
+        noise=unit_noise(n), left_mm=left, linear=SimpleNamespace(rests=rests)
+    )
+    assert times < AS_FAR_OFF or farther
+    assert _is_farther_off(fit, 4) is farther
