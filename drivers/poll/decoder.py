@@ -12,6 +12,7 @@ from typing import Any
 
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
+from armd.drivers.poll.button import Button
 from armd.drivers.poll.exchange import Exchange, Said, contradicts
 from armd.drivers.poll.pauses import Pauses
 from armd.drivers.poll.protocol.family import FAMILIES, Servo
@@ -55,6 +56,9 @@ class ServoDecoder:
             self.cycle_ids += (self._trigger.id,)
         self.everyone = tuple(dict.fromkeys((*self.cycle_ids, *sensors)))
         self.roster = Roster(family, self.joints, self.cycle_ids, self.everyone)
+        self._button = Button(
+            self._trigger, "" if self._trigger is None else self.roster.name(self._trigger.id)
+        )
         self.stuck = StuckWatch()
         self.pauses = Pauses(family, self.roster.servos)
         self.chain_broken = False  # the last cycle's answers ended early, all in one packet
@@ -231,6 +235,8 @@ class ServoDecoder:
             for servo, answer in exchange.answers.items()
             if servo not in silent
         }
+        pressed, told = self._button.look(positions, now_ns)
+        items += told
         here = [positions.get(servo) for servo in self.joints]
         stuck = self.stuck.look(here)
         items += self.stuck.events(now_ns)
@@ -242,7 +248,7 @@ class ServoDecoder:
             unix_minus_monotonic_ns,
             (1 << len(here)) - 1 if stuck else self.roster.unusable,
             warned,
-            self._pressed(positions),
+            pressed,
         )
         for k, servo in enumerate(self.joints):
             if self._sampler.jumped >> k & 1:
@@ -250,12 +256,6 @@ class ServoDecoder:
             if self._sampler.leapt >> k & 1:
                 self.roster.ask_anew(servo)
         return items
-
-    def _pressed(self, positions: dict[int, int]) -> bool | None:
-        trigger = self._trigger
-        if trigger is None or trigger.id not in positions:
-            return None
-        return positions[trigger.id] % 4096 < trigger.pressed_below
 
     def _temperatures(
         self, exchange: Exchange, silent: set[int], at_ns: int, unix_minus_monotonic_ns: int

@@ -87,7 +87,7 @@ class RequestPlan:
         """All positions, and the temperatures where these are due; nothing is changed by asking
         for it, `asked` tells that it was sent."""
         decoder, family = self._decoder, self._decoder.family
-        warm = now_ns >= self._warm_due_ns
+        warm = now_ns >= self._warm_due_ns or decoder.roster.wants_warmth
         ids = decoder.everyone if warm else decoder.cycle_ids
         extra = (self._extra + 1) % (2 if self._calm >= CALM_CYCLES else 4)
         length = (family.warm_bytes if warm else family.position_bytes) + extra
@@ -108,6 +108,7 @@ class RequestPlan:
         self._extra = request.length - least
         if self._asked_warm:
             self._warm_due_ns = now_ns + WARM_EVERY_NS
+            self._decoder.roster.wants_warmth = False
 
     def ended(self, complete: bool, now_ns: int) -> None:
         """The last cycle's answers have come, or will not."""

@@ -45,6 +45,7 @@ class Roster:
         self.alone: set[int] = set()  # who answered when asked alone, and no sync read
         self.suspects: set[int] = set()  # to be asked at once whether they are still the same
         self._suspected_ns: dict[int, int] = {}  # when they became so last
+        self.wants_warmth = False  # a servo is back, and its temperature is not known
         self.doubles = Doubles(often)
         self._misses: Counter[int] = Counter()  # cycles in a row
         self._alerts: dict[int, tuple[int, int, str]] = {}  # bits, last seen, words
@@ -84,6 +85,7 @@ class Roster:
     def identify(self, servo: int, found: Servo, now_ns: int) -> list[Event]:
         """A servo has told its registers."""
         before = self._announced.get(servo)
+        self.wants_warmth |= servo not in self.servos
         if self.servos.get(servo) != found:
             self.servos[servo] = self._announced[servo] = found
             self.version += 1
@@ -282,14 +284,13 @@ class Roster:
             return f"{self.name(servo)}: {why}"
         for servo, phrases in self.changed.items():
             return f"{self.name(servo)}: {'; '.join(phrases)}; nothing is valid until accepted"
-        for servo in self.doubles.certain:
-            return f"{self.name(servo)}: {self._twice(servo)}"
+        said = [f"{self.name(servo)}: {self._twice(servo)}" for servo in self.doubles.certain]
         for servo in self._everyone:
             if self._absent(servo, now_ns):
                 how = self._only_alone() if servo in self.alone else "does not answer"
-                return f"{self.name(servo)} {how}"
-        for servo in sorted(self._torque & self.servos.keys()):
-            return f"{self.name(servo)}: its torque is on"
-        for servo, (_, _, words) in self._alerts.items():
-            return f"{self.name(servo)} complains: {words}"
-        return ""
+                said.append(f"{self.name(servo)} {how}")
+        torque = sorted(self._torque & self.servos.keys())
+        said += [f"{self.name(servo)}: its torque is on" for servo in torque]
+        complaints = self._alerts.items()
+        said += [f"{self.name(servo)} complains: {words}" for servo, (_, _, words) in complaints]
+        return "; ".join(said)
