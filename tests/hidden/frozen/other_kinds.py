@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -55,7 +56,8 @@ def write_real(folder: Path, kind: str, seed: int, rng: np.random.Generator, num
     with tempfile.TemporaryDirectory() as made:
         convert(Path(made))
         source = Path(made) / robot.folder
-        shutil.copy(source / "arm.toml", folder / "arm.toml")
+        text = (source / "arm.toml").read_text(encoding="utf-8")
+        (folder / "arm.toml").write_text(_rounded(text), encoding="utf-8")
         first, since = _read(source / robot.before), _read(source / robot.since)
         if robot.before == robot.since:
             half = rng.permutation(len(first)) < len(first) // 2
@@ -71,6 +73,12 @@ def write_real(folder: Path, kind: str, seed: int, rng: np.random.Generator, num
     )  # fmt: skip
     write_truth(folder, truth)
     return truth
+
+
+def _rounded(text: str) -> str:
+    """Numbers to nine digits and without a negative zero: what reads drawings may change there."""
+    number = re.compile(r"-?\d+\.\d+(e-?\d+)?")
+    return number.sub(lambda found: repr(float(f"{float(found[0]):.9g}") + 0.0), text)
 
 
 def _read(session: Path) -> Rows:

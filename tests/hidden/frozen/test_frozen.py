@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from hidden.frozen.case import Cause, Truth, digest, read_truth, sessions
 from hidden.frozen.freeze import CHECKSUMS, COUNTS, Wanted, draw_case, wanted_cases
 from hidden.frozen.oracle import BEFORE, DIAGNOSED, FURTHER, Problem
+from hidden.frozen.revision import check_out, commit_of, is_dirty
 from hidden.frozen.run import Ran
 from hidden.frozen.score import compare, score
 
@@ -33,7 +35,9 @@ def test_there_are_three_hundred_cases_of_every_kind() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["thermal-1", "o-thermal-2", "real", "field"])
+@pytest.mark.parametrize(
+    "kind", ["thermal-1", pytest.param("o-thermal-2", marks=pytest.mark.slow), "real", "field"]
+)
 def test_a_case_is_drawn_alike_each_time(kind: str, tmp_path: Path) -> None:
     for place in ("one", "two"):
         draw_case(Wanted(kind, 0), 5, tmp_path / place)
@@ -115,3 +119,25 @@ def test_two_revisions_are_compared_case_by_case() -> None:
     assert (named.before, named.after, named.interval) == ("0/8", "8/8", "+1.00 to +1.00")
     assert (gain.before, gain.after) == ("0/40", "40/40")
     assert "false alarms, clean" not in lines
+
+
+def test_a_revision_from_before_the_package_is_importable(tmp_path: Path) -> None:
+    """umbrella/ was armd, and its rooms stood beside it."""
+    root, git = tmp_path / "root", ["git", "-c", "user.name=a", "-c", "user.email=a@b"]
+    for name in ("umbrella", "daemon", "drivers", "compensation", "simulator"):
+        (root / name).mkdir(parents=True)
+        (root / name / "__init__.py").write_text(f"NAME = {name!r}\n")
+    (root / "daemon" / "cli.py").write_text(
+        "import armd, sys\ndef main():\n    print(armd.NAME, *sys.argv[1:])\n    return 3\n"
+    )
+    for words in (["init", "-q"], ["add", "-A"], ["commit", "-q", "-m", "old"]):
+        subprocess.run([*git, *words], cwd=root, check=True)
+    old = check_out(root, commit_of(root, "HEAD"), tmp_path / "revisions")
+    done = subprocess.run(
+        old.command("diagnose", "x"), env=old.environment(tmp_path), cwd=tmp_path,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.stdout, done.returncode) == ("umbrella diagnose x\n", 3)
+    assert not is_dirty(root)
+    (root / "daemon" / "cli.py").write_text("")
+    assert is_dirty(root)
