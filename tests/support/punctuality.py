@@ -18,6 +18,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
 import pytest
 
 from support.standstill import Standstill
@@ -68,6 +70,12 @@ class Machine:
         text = f"{what}: lost {lost}, waited {self.waited_s:.2f} of {self.watched_s:.2f} s"
         assert self.waited_s > STARVED * self.watched_s, text
         _unjudged.append(text)
+
+    def judge_gaps(self, seq: npt.NDArray[np.integer], what: str) -> None:
+        """Fails if *seq* (n,) does not rise; its gaps are losses."""
+        steps = np.diff(seq.astype(np.int64))
+        assert (steps > 0).all(), what
+        self.judge_lost(int((steps - 1).sum()), what)
 
 
 class Punctuality:
