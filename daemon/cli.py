@@ -132,6 +132,8 @@ def _run(arguments: list[str]) -> int:
     for number, argument in enumerate(arguments, 1):
         if any("\ud800" <= letter <= "\udfff" for letter in argument):  # bytes of another coding
             raise BadInput("command line", f"argument {number}", ascii(argument), "UTF-8 text")
+    if arguments[:1] == ["help"]:  # armd help, armd help check
+        arguments = [*arguments[1:2], "--help"]
     if arguments[:1] == ["simulate"]:  # a program of its own, options and help included
         from armd.daemon.commands.service import simulate
 
@@ -149,9 +151,10 @@ def _run(arguments: list[str]) -> int:
 def _chosen(chosen: str | None, arguments: list[str]) -> int:
     # Only the chosen command's module is imported: `armd check` should not pay for Zenoh.
     parser, commands = parsers([chosen] if chosen else [])
-    if chosen is None and not {*arguments} & {"-h", "--help", "--version"}:
+    if chosen is None and not {*arguments} & {"-h", "--help", "-V", "--version"}:
         if arguments:
             parser.refuse(arguments)
+        parser.print_help(sys.stderr)
         expected = "a command: armd --help lists them, armd demo wants no hardware"
         raise BadInput("command line", "COMMAND", "nothing", expected)
     namespace, unknown = parser.parse_known_args(arguments)
@@ -193,7 +196,7 @@ def parsers(whole: Collection[str]) -> tuple[Parser, dict[str, Parser]]:
         description="The open driver for articulated measuring arms.",
         epilog="armd COMMAND --help: options, an example, units, exit codes, the page in docs/.",
     )
-    parser.add_argument("--version", action="version", version=f"armd {__version__}")
+    parser.add_argument("-V", "--version", action="version", version=f"armd {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     each = {}
     for name, help_line in COMMANDS.items():

@@ -7,19 +7,22 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
+from pathlib import Path
 
 # Ctrl-C while the rest is loaded ends the program without a traceback.
 if __name__ == "__main__" and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 from armd.errors import ArmdError, BadInput
+from armd.files.inputs import read_input
 from armd.files.outputs import ARM, check_same
-from armd.files.schema import load_toml
+from armd.files.schema import load_toml, toml_data
 from armd.files.writing import write_whole
 from armd.simulator.canbus.device import CanArm
 from armd.simulator.canbus.timeline import GRID_HZ
 from armd.simulator.canbus.wires import BusEnd
 from armd.simulator.live.device_clock import precise_timers
+from armd.simulator.live.led import OPERATOR, load_plan
 from armd.simulator.live.operator import Hand, Operator
 from armd.simulator.live.physics import Block, WarmUp, blocks
 from armd.simulator.live.prefetch import Prefetch
@@ -64,10 +67,18 @@ def main(argv: Sequence[str] | None = None) -> int:
         return own_fault(error)
 
 
+def _check(path: Path) -> None:
+    """A scenario, or the plan of a simulated operator; raises `BadInput`."""
+    if toml_data(path, read_input(path)).get("schema") == OPERATOR:
+        load_plan(path)
+    else:
+        load_toml(path, Scenario)
+
+
 def wired(options: argparse.Namespace) -> int:
     """An arm on a wire, as *options* say; raises `BadInput`."""
     if options.check is not None:
-        load_toml(options.check, Scenario)
+        _check(options.check)
         return 0
     scenario = read_scenario(options)
     check_places(options)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import json
+import re
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -45,6 +46,9 @@ FILES = {
     "'armd.diagnosis/1'": "the result of armd diagnose",
 }
 
+#: A number of TOML with a decimal comma.
+_DECIMAL_COMMA = re.compile(r"\s*[\w.\"-]+\s*=\s*([+-]?\d+),(\d+)\s*(?:#.*)?$")
+
 #: What editors on Windows put before a text.
 MARKS = {codecs.BOM_UTF8: "UTF-8", codecs.BOM_UTF16_LE: "UTF-16", codecs.BOM_UTF16_BE: "UTF-16"}
 
@@ -84,6 +88,10 @@ def toml_data(path: str | Path, content: bytes) -> dict[str, Any]:
         _refuse_long_integers(path, "", data)
         return data
     except tomllib.TOMLDecodeError as error:
+        for number, line in enumerate(text.split("\n"), 1):
+            if comma := _DECIMAL_COMMA.match(line):
+                expected = f"a decimal point: {comma[1]}.{comma[2]}"
+                raise BadInput(path, f"line {number}", repr(line.strip()), expected) from error
         raise BadInput(path, "TOML", str(error), "a valid TOML file") from error
     except (RecursionError, ValueError) as error:
         raise _hostile(path, error) from error

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from armd.arrays import F64, I64, Mask
+from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.data.pieces import reading_pieces
 from armd.compensation.data.readings import Readings, load_readings, row_in_words
 from armd.compensation.data.session_columns import (
@@ -45,8 +46,6 @@ from armd.terminal.suggest import few, hint, near, within
 
 TEXTS = ["placement", "target"]
 READINGS = ("readings.csv", "readings.parquet")
-#: what `armd import` reads
-TABLES = (".csv", ".tsv", ".txt", ".xlsx")
 
 
 @dataclass(frozen=True)

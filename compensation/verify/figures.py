@@ -74,9 +74,15 @@ def verify(
     return figures_of(session, arm, position, test)
 
 
-def figures_of(session: Session, arm: Arm, position: F64, test: TestUncertainty) -> Verification:
-    """All figures of corrected points (n, 3) mm, one per reading; NaN for one that failed."""
-    readings = _Readings(session, arm, position, test)
+def figures_of(
+    session: Session, arm: Arm, position: F64, test: TestUncertainty, *, whole: bool = True
+) -> Verification:
+    """All figures of corrected points (n, 3) mm, one per reading; NaN for one that failed.
+
+    Unless *whole*, single-point articulation counts for the seats that were measured, and remarks
+    name those that were not.
+    """
+    readings = _Readings(session, arm, position, test, whole)
     figures: list[Figure] = []
     left_out: dict[str, str] = {}
     for keys, evaluate in TESTS.items():
@@ -97,7 +103,10 @@ def figures_of(session: Session, arm: Arm, position: F64, test: TestUncertainty)
 class _Readings:
     """A session's corrected points, by target and placement."""
 
-    def __init__(self, session: Session, arm: Arm, position: F64, test: TestUncertainty) -> None:
+    def __init__(
+        self, session: Session, arm: Arm, position: F64, test: TestUncertainty, whole: bool
+    ) -> None:
+        self.whole = whole
         self.tip_radius_mm = arm.tip.radius_mm
         self.told: list[str] = []  # how readings count that a test does not ask for
         self.test = test
@@ -244,14 +253,23 @@ def _effective_diameter(readings: _Readings) -> Iterator[Figure]:
 def _articulation(readings: _Readings) -> Iterator[Figure]:
     """Single-point articulation: ten readings of a seat in each of three zones of the reach."""
     largest, spread = [], []
+    missing = []
     for seat in ("SPAT1", "SPAT2", "SPAT3"):
         points = readings.points(seat)
         if len(points) < 10:
-            raise NotSupported(f"{len(points)} of 10 articulations in {seat}")
+            missing.append(f"{len(points)} of 10 articulations in {seat}")
+            if readings.whole:
+                raise NotSupported(missing[0])
+            continue
         distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
         deviation = math.sqrt(float((distance**2).sum()) / (len(points) - 1))
         largest.append(Deviation(seat, float(distance.max()), readings.test.seat_mm))
         spread.append(Deviation(seat, 2 * deviation, readings.test.seat_mm))
+        half = ", ".join(f"{x:.1f}" for x in 500.0 * np.ptp(points, axis=0))
+        readings.told.append(f"{seat}: half of the range in x, y, z: {half} µm")
+    if not largest:
+        raise NotSupported(missing[0])
+    readings.told += [f"{text}: ASME B89.4.22 wants three seats" for text in missing]
     yield Figure("spat_max", "SPAT max δ", ASME, tuple(largest))
     yield Figure("spat_2s", "SPAT 2s", ASME, tuple(spread))
 

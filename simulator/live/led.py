@@ -52,6 +52,10 @@ class LedVisit(Strict):
     radius_mm: tuple[float, float] = (200.0, 1000.0)
 
 
+#: What a plan says that it is.
+OPERATOR = "armd.operator/1"
+
+
 class OperatorPlan(Strict):
     """`schema = "armd.operator/1"`."""
 

@@ -200,3 +200,28 @@ def test_no_message_has_an_object_of_python(
     assert main(["check", str(tmp_path / "arm.toml")]) == 1
     said = capsys.readouterr().err
     assert found in said and not re.search(r"\{'|True|None|\(\d", said)
+
+
+@pytest.mark.parametrize("line", ["a_mm = 300,5", "a_mm = -300,5  # as drawn"])
+def test_a_decimal_comma_is_named(
+    line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "arm.toml").write_text(ARM.read_text().replace("a_mm = 300.0", line))
+    assert main(["check", str(tmp_path / "arm.toml")]) == 1
+    said = capsys.readouterr().err
+    assert "line 10: found" in said and "expected a decimal point:" in said and "300.5" in said
+
+
+def test_a_simulated_operators_plan_is_checked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = tmp_path / "plan.toml"
+    text = (
+        'schema = "armd.operator/1"\n[[target]]\nname = "B"\nposition_mm = [400.0, 0.0, 300.0]\n'
+        '[[visit]]\nplacement = "P1"\n'
+    )
+    plan.write_text(text)
+    assert main(["check", str(plan)]) == 0
+    plan.write_text(text + "rounds = 0\n")
+    assert main(["check", str(plan)]) == 1
+    assert "visit[1].rounds: found 0" in capsys.readouterr().err

@@ -149,7 +149,6 @@ def test_a_command_and_an_arm(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("", "COMMAND: found nothing"),
         ("--verson", "armd: found --verson, expected an option: did you mean --version?"),
         ("check --quite a.toml", "armd check: found --quite, expected an option: did you mean --q"),
         ("calibrate t --am x -o y", "armd calibrate: found --am, expected an option"),

@@ -21,6 +21,9 @@ from armd.compensation.data.foreign.workbook import EXCEL, read_workbook
 from armd.errors import BadInput
 from armd.terminal.suggest import few
 
+#: What is read as a table, by the suffix of its name.
+TABLES = (".csv", ".tsv", ".txt", ".xlsx")
+
 
 @dataclass
 class ForeignTable:

@@ -13,6 +13,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from armd import Arm, keys
 from armd.arrays import Vector
+from armd.compensation.data.foreign.points import read_points
+from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.data.session_columns import APPROACH
 from armd.daemon.files.measurement_log import SUFFIX, log_files, serial_of
 from armd.daemon.files.recorder import TOPICS
@@ -100,6 +102,8 @@ def from_path(path: Path) -> Measurements:
         return _from_recording(path)
     if path.suffix == TABLE:
         return _from_table(path)
+    if path.suffix.lower() in TABLES:
+        return Measurements(_of_points(path))
     if path.suffix != SUFFIX:
         expected = f"{SUFFIX}, {RECORDING} or {TABLE}"
         raise BadInput(path, "the suffix", repr(path.suffix), expected)
@@ -167,6 +171,8 @@ def _from_table(path: Path) -> Measurements:
         rows = csv.DictReader(io.TextIOWrapper(file, encoding="utf-8-sig", newline=""))
         try:
             names = rows.fieldnames or []
+            if not {"stamp_ns", "seq"} & set(names):
+                return Measurements(_of_points(path))
             for name in ("stamp_ns", "x_mm", "y_mm", "z_mm", "seq", "flags"):
                 if name not in names:
                     expected = "a table of `armd export`"
@@ -175,6 +181,15 @@ def _from_table(path: Path) -> Measurements:
         except (ValueError, csv.Error) as error:
             raise BadInput(path, "the table", str(error), "a table of `armd export`") from error
     return Measurements(_in_order(found))
+
+
+def _of_points(path: Path) -> list[MeasurementLine]:
+    """Of a table of points alone, in its order: nothing else is known of them."""
+    positions = read_points(path).position_mm.tolist()
+    return [
+        MeasurementLine(seq=number, stamp_ns=number, position_mm=(x, y, z), flags=0)
+        for number, (x, y, z) in enumerate(positions)
+    ]
 
 
 def _of_row(row: dict[str, str]) -> dict[str, Any]:

@@ -4,29 +4,39 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 
 from rich.table import Table
 
+from armd.compensation.data.foreign.table import TABLES
 from armd.compensation.data.session import Session, load_session
 from armd.compensation.estimate.observations import gather
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed
-from armd.compensation.model.arm import Arm
+from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
 from armd.compensation.verify.figures import verify
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
+from armd.compensation.verify.points import verify_points
 from armd.compensation.verify.verdict import Verdict, judge
-from armd.daemon.commands.offline.given import add_arm, load_given
-from armd.errors import ArmdError
+from armd.daemon.commands.offline.given import load_given
+from armd.daemon.files.session_folder import load_artefact
+from armd.errors import ArmdError, BadInput
 from armd.files.outputs import RESULT, add_force, check_outputs
 from armd.files.writing import write_whole
+from armd.terminal.arguments import positive
 from armd.terminal.aside import aside
 from armd.terminal.plain import plain_console
+from armd.terminal.printable import printable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("session", help="a session folder; its targets' names say which tests")
-    add_arm(parser)
+    parser.add_argument(
+        "session",
+        help="a session folder, or a table of points (x_mm, y_mm, z_mm, target) that the arm's own"
+        " host has written; the targets' names say which tests",
+    )
+    parser.add_argument("--arm", metavar="ARM.toml", help="what the arm is; of a session")
     parser.add_argument("--calibration", metavar="CAL.json", help="without it: nominal geometry")
     parser.add_argument("--mpe", metavar="MPE.toml", help="limits; without them no verdict")
     parser.add_argument(
@@ -34,6 +44,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=["guarded", "simple"],
         help="instead of the MPE file's: guarded by the uncertainty (ISO 14253-1), or simple",
     )
+    points = parser.add_argument_group("a table of points")
+    points.add_argument(
+        "--artefact", type=Path, metavar="FILE.toml", help="its certified lengths ([artefact])"
+    )
+    points.add_argument(
+        "--tip-radius-mm", type=positive, metavar="R",
+        help="of the ball, where the points are its centre's on a sphere (0: on the surface)",
+    )  # fmt: skip
     parser.add_argument("--json", metavar="RESULT.json", help="all figures and the verdict")
     add_pages(parser)
     add_force(parser)
@@ -41,12 +59,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     outputs = {"--json": (args.json, RESULT), **page_outputs(args)}
-    inputs = [args.arm, args.calibration, args.mpe, args.session]
+    inputs = [args.arm, args.calibration, args.mpe, args.session, args.artefact]
     check_outputs(outputs, inputs, args.force)
-    arm, calibration = load_given(args)
     limits = load_limits(args.mpe) if args.mpe else None
     if limits is not None and args.decision:
         limits = limits.model_copy(update={"decision": args.decision})
+    if Path(args.session).suffix.lower() in TABLES and not Path(args.session).is_dir():
+        return _of_points(args, limits)
+    for option, value in (("--artefact", args.artefact), ("--tip-radius-mm", args.tip_radius_mm)):
+        if value is not None:
+            raise BadInput("the command line", option, "it with a session", "it with a table")
+    if args.arm is None:
+        raise BadInput("the command line", "--arm", "nothing", "the arm.toml measured with")
+    arm, calibration = load_given(args)
     session = load_session(args.session, arm)
     given = calibration.content if calibration else None
     observations = gather([session], arm, given.artefact if given else None)
@@ -54,6 +79,31 @@ def run(args: argparse.Namespace) -> int:
     test = limits.uncertainty if limits else TestUncertainty()
     with aside(args).status("evaluating …"):
         verdict = judge(verify(session, arm, calibration, test), limits)
+    return _finish(args, verdict, limits, session, arm)
+
+
+def _of_points(args: argparse.Namespace, limits: PermissibleErrors | None) -> int:
+    """Of a table of points, to which an arm.toml adds the radius of its tip."""
+    if args.calibration is not None:
+        expected = "it with a session: a table has points, and no joint angles"
+        raise BadInput("the command line", "--calibration", "it with a table", expected)
+    artefact = None if args.artefact is None else load_artefact(args.artefact, [])
+    test = limits.uncertainty if limits else TestUncertainty()
+    radius_mm = args.tip_radius_mm or (load_arm(args.arm).tip.radius_mm if args.arm else 0.0)
+    path = Path(args.session)
+    found = verify_points(path, artefact, radius_mm, test, judged=limits is not None)
+    for sentence in () if args.quiet else found.said:
+        print(f"armd: {printable(sentence)}")
+    return _finish(args, judge(found.verification, limits), limits, found.session, found.arm)
+
+
+def _finish(
+    args: argparse.Namespace,
+    verdict: Verdict,
+    limits: PermissibleErrors | None,
+    session: Session,
+    arm: Arm,
+) -> int:
     if not verdict.judged:
         reasons = "; ".join(dict.fromkeys(verdict.verification.left_out.values()))
         raise ArmdError(f"{args.session}: no test is complete: {reasons}")

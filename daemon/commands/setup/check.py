@@ -230,6 +230,7 @@ CHECKERS: dict[str, Checker] = {
     "armd.session/1": _session,
     "armd.artefact/1": _artefact,
     "armd.scenario/1": _scenario,
+    "armd.operator/1": _scenario,
     "armd.mpe/1": _mpe,
 }
 READINGS = ("readings.csv", "readings.parquet")

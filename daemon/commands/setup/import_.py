@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from armd.compensation.data.foreign.columns import NORMALISED, FoundColumns, Given, find_columns
-from armd.compensation.data.foreign.table import read_table
+from armd.compensation.data.foreign.table import TABLES, read_table
 from armd.compensation.data.foreign.words import LENGTHS
-from armd.compensation.data.session import TABLES, load_session
+from armd.compensation.data.session import load_session
 from armd.compensation.data.session_writing import write_session
 from armd.compensation.model.arm import Arm, load_arm
 from armd.daemon.catalogue.xml_tree import ROBOTS

@@ -74,3 +74,30 @@ def test_the_simulators_help_has_it_too(parser: Callable[[], argparse.ArgumentPa
 def test_python_dash_m() -> None:
     told = subprocess.run([sys.executable, "-m", "armd", "--version"], capture_output=True)
     assert told.stdout.startswith(b"armd ") and told.returncode == 0
+
+
+@pytest.mark.parametrize("words", [["help"], ["--help"]])
+def test_help_is_asked_for_by_any_name(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 0 and "usage: armd" in capsys.readouterr().out
+
+
+def test_help_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["help", "check"])
+    assert "usage: armd check" in capsys.readouterr().out
+
+
+def test_the_version_by_its_letter(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["-V"])
+    assert capsys.readouterr().out.startswith("armd ")
+
+
+def test_nothing_said_is_answered_with_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 2
+    said = capsys.readouterr().err
+    assert "usage: armd" in said and "COMMAND: found nothing" in said.splitlines()[-1]

@@ -1,0 +1,72 @@
+"""Tables of points alone, as an arm's own host writes them: x, y, z, and what was touched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.data.foreign.table import ForeignTable, read_table
+from armd.compensation.data.foreign.words import LENGTHS, WORDS, word_and_unit
+from armd.errors import BadInput
+from armd.terminal.suggest import few
+
+AXES = ("x_mm", "y_mm", "z_mm")
+ALL = "1"
+
+
+@dataclass(frozen=True)
+class Points:
+    """n measured points."""
+
+    position_mm: F64  # (n, 3)
+    target: list[str]
+    placement: list[str]
+    said: list[str] = field(default_factory=list)  # what was assumed, a sentence each
+
+
+def read_points(path: Path) -> Points:
+    """Raises `BadInput` for a table without x, y, z, or with a cell that is no number."""
+    table = read_table(path)
+    said = list(table.assumed)
+    columns: dict[str, int] = {}
+    for at, header in enumerate(table.header):
+        word = word_and_unit(header)[0]
+        name = header if header in (*AXES, "target", "placement") else WORDS.get(word)
+        if name not in (*AXES, "target", "placement"):
+            continue
+        if name in columns:
+            both = f"two columns, {table.header[columns[name]]!r} and {header!r}"
+            raise BadInput(path, name, both, "one")
+        columns[name] = at
+    for name in AXES:
+        if name not in columns:
+            expected = "columns x_mm, y_mm, z_mm"
+            raise BadInput(path, name, f"no such column among {few(table.header)}", expected)
+    position = np.column_stack([_millimetres(table, columns[name]) for name in AXES])
+    names = {
+        name: [row[columns[name]] for row in table.rows]
+        if name in columns
+        else [ALL] * len(table.rows)
+        for name in ("target", "placement")
+    }
+    for name in ("target", "placement"):
+        if "" in names[name]:
+            raise table.fault(names[name].index(""), columns[name], f"the name of a {name}")
+    said += [f"{name} is the column {table.header[at]!r}" for name, at in columns.items()]
+    return Points(position, names["target"], names["placement"], said)
+
+
+def _millimetres(table: ForeignTable, at: int) -> list[float]:
+    header = table.header[at]
+    unit = word_and_unit(header)[1] or "mm"
+    if unit not in LENGTHS:
+        expected = f"one of {few(LENGTHS)}"
+        raise BadInput(table.path, f"column {header}", f"the unit {unit!r}", expected)
+    values = [LENGTHS[unit] * table.number(row, at) for row in range(len(table.rows))]
+    for row, value in enumerate(values):
+        if not np.isfinite(value):
+            raise table.fault(row, at, "a number")
+    return values
