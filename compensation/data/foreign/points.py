@@ -18,7 +18,7 @@ ALL = "1"
 
 
 @dataclass(frozen=True)
-class Points:
+class PointTable:
     """n measured points."""
 
     position_mm: F64  # (n, 3)
@@ -27,7 +27,7 @@ class Points:
     said: list[str] = field(default_factory=list)  # what was assumed, a sentence each
 
 
-def read_points(path: Path) -> Points:
+def read_points(path: Path) -> PointTable:
     """Raises `BadInput` for a table without x, y, z, or with a cell that is no number."""
     table = read_table(path)
     said = list(table.assumed)
@@ -56,7 +56,7 @@ def read_points(path: Path) -> Points:
         if "" in names[name]:
             raise table.fault(names[name].index(""), columns[name], f"the name of a {name}")
     said += [f"{name} is the column {table.header[at]!r}" for name, at in columns.items()]
-    return Points(position, names["target"], names["placement"], said)
+    return PointTable(position, names["target"], names["placement"], said)
 
 
 def _millimetres(table: ForeignTable, at: int) -> list[float]:
