@@ -123,11 +123,11 @@ FROZEN := PYTHONPATH=tests OPENBLAS_NUM_THREADS=1 nice -n 15 $(BIN)/python -m hi
 # 421 and all cases, unless the command line says otherwise
 FROZEN_SEED = $(if $(filter file,$(origin SEED)),421,$(SEED))
 CASES_ASKED = $(if $(filter file,$(origin CASES)),,$(CASES))
-hidden-freeze: install
+hidden-freeze: develop
 	$(FROZEN)freeze --seed $(FROZEN_SEED) --kinds "$(or $(KIND),*)" \
 	    $(if $(CASES_ASKED),--cases $(CASES_ASKED)) $(if $(RECORD),--record) $(if $(ANEW),--anew)
 
-hidden-compare: install
+hidden-compare: develop
 	$(FROZEN)compare --seed $(FROZEN_SEED) --base "$(BASE)" --head "$(or $(HEAD),HEAD)" \
 	    --kinds "$(or $(KIND),*)" $(if $(CASES_ASKED),--cases $(CASES_ASKED)) $(COMPARE_ARGS)
 
