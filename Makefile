@@ -208,6 +208,11 @@ browser:
 picture: develop browser
 	PYTHONPATH=tests $(BIN)/python tests/bridges/picture.py out/view.png && cp out/view.png docs/view.png
 
+# The recording of `make demo` for the README anew, on a machine that does nothing else
+.PHONY: recording
+recording: install
+	$(BIN)/python tests/scenarios/recording.py docs/demo.svg
+
 # Figures and ratios measured in one run, as text and as out/bench.json; BENCH="kernel wire"
 bench: develop
 	PYTHONPATH=tests $(BIN)/python tests/benchmarks/run.py $(BENCH)

@@ -52,9 +52,12 @@ class Armd(Distribution):
 class BuildWithLibrary(build_py):
     def run(self) -> None:
         super().run()
+        package = Path(self.build_lib) / "armd"
+        for earlier in package.glob("kernel_*"):  # of an earlier build in the same folder
+            earlier.unlink()
         library = self.distribution.library
         if library is not None:
-            self.copy_file(str(library), str(Path(self.build_lib) / "armd" / library.name))
+            self.copy_file(str(library), str(package / library.name))
 
 
 setup(distclass=Armd, cmdclass={"build_py": BuildWithLibrary})

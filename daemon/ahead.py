@@ -120,6 +120,8 @@ def keep_in_environment() -> None:
 
 def can_link() -> bool:
     """Whether a library can be made here."""
+    if os.environ.get("ARMD_PLAIN_NUMBA"):
+        return False
     try:
         from armd.compiled import numba_inside
     except ImportError:  # numba, or what armd uses of it

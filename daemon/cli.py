@@ -72,6 +72,8 @@ COMMANDS = {name: line for room in ROOMS.values() for name, line in room.items()
 
 #: Packages that a controller goes without: what a daemon and its subscribers never need.
 OFFLINE = frozenset({"llvmlite", "matplotlib", "numba", "pyarrow", "scipy", "threadpoolctl"})
+#: Modules of Python that Windows has not: what reads an arm's wires and serves needs them.
+POSIX = frozenset({"fcntl", "grp", "pty", "pwd", "resource", "termios", "tty"})
 #: Exit code where nobody reads what is written: that of a program which SIGPIPE has ended.
 CUT_OFF = 141
 
@@ -94,6 +96,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
+        if package in POSIX:
+            found = f"a system without Python's module {package}"
+            print(f"armd: {_command(argv)}: found {found}, expected Linux", file=sys.stderr)
+            return 2
         if package not in OFFLINE:
             return own_fault(error)
         from armd.daemon.missing import how_to_install
@@ -122,6 +128,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return own_fault(error)
 
 
+def _command(argv: Sequence[str] | None) -> str:
+    """As it was called, for a message."""
+    words = sys.argv[1:] if argv is None else argv
+    return next((word for word in words if word in COMMANDS), "the command")
+
+
 def module_of(name: str) -> str:
     """Where a command is; one that is a word of Python's own has an underscore after it."""
     room = next(room for room, names in ROOMS.items() if name in names)
@@ -139,7 +151,9 @@ def _run(arguments: list[str]) -> int:
 
         simulate.become(arguments[1:])
     chosen = next((word for word in arguments if not word.startswith("-")), None)
-    if chosen == "run":  # before anything is read, a reload has nothing to do
+    if chosen == "run" and hasattr(
+        signal, "SIGHUP"
+    ):  # before anything is read, a reload has nothing to do
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     if chosen is not None and chosen not in COMMANDS:
         guess = did_you_mean(chosen, COMMANDS) or " (armd --help lists them)"
@@ -181,7 +195,7 @@ def installed() -> set[str]:
         try:
             importlib.import_module(module_of(name))
         except ModuleNotFoundError as error:
-            if (error.name or "").partition(".")[0] not in OFFLINE:
+            if (error.name or "").partition(".")[0] not in OFFLINE | POSIX:
                 raise
         else:
             found.add(name)

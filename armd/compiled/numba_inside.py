@@ -10,7 +10,6 @@ nowhere. A library of compiled functions that was made before is still loaded: i
 from __future__ import annotations
 
 import hashlib
-import os
 import pickle
 import tempfile
 import warnings
@@ -105,8 +104,6 @@ class _Once(Listener):  # type: ignore[misc]
 
 def can_link() -> bool:
     """Whether a library can be made here: a compiler for C and C++ that also links, setuptools."""
-    if os.environ.get("ARMD_PLAIN_NUMBA"):
-        return False
     try:
         with _without_deprecation():
             from numba.pycc.platform import external_compiler_works

@@ -14,6 +14,7 @@ from io import BufferedReader
 from pathlib import Path
 
 from armd.errors import BadInput
+from armd.files.locking import O_CLOEXEC, O_NONBLOCK
 from armd.terminal.suggest import near, within
 
 #: What a person or armd writes as JSON: a covariance of 300 parameters takes 2.5 MB.
@@ -45,7 +46,7 @@ def open_input(path: str | Path) -> BufferedReader:
     """Open a regular file for reading, without ever waiting for it; raises `BadInput`."""
     try:
         # Not blocking: to open a FIFO would else last until somebody writes to it.
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        handle = os.open(path, os.O_RDONLY | O_NONBLOCK | O_CLOEXEC)
     except OSError as error:
         raise _refused(path, error) from error
     except ValueError as error:

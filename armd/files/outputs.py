@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from armd.errors import BadInput
-from armd.files.writing import check_folder, check_place, same_place
+from armd.files.writing import check_folder, check_place, longest_name, same_place
 
 _HEAD_BYTES = 1 << 16
 SESSION_FILES = ("session.toml", "readings.csv", "readings.parquet")
@@ -144,7 +144,7 @@ def check_output_folder(folder: Path) -> None:
         return
     parent = next(above for above in folder.absolute().parents if os.path.lexists(above))
     check_folder(parent)
-    longest = os.pathconf(parent, "PC_NAME_MAX")
+    longest = longest_name(parent)
     if any(len(os.fsencode(name)) > longest for name in folder.parts):
         raise BadInput(folder, "the folder", "a name too long for its disk", "a shorter one")
 

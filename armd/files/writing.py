@@ -19,6 +19,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from armd.errors import BadInput
+from armd.files.locking import O_CLOEXEC, O_NOCTTY, O_NONBLOCK
 
 _log = logging.getLogger(__name__)
 
@@ -55,7 +56,7 @@ def whole_file(path: str | Path) -> Iterator[Path]:
         part = target.parent / f".armd-{secrets.token_hex(6)}.part"
         earlier = target.stat() if target.exists() else None
         mode = 0o666 if earlier is None else 0o600  # 0o666: less what the user's umask takes away
-        os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode))
+        os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | O_CLOEXEC, mode))
         try:
             yield part
             if earlier is not None:
@@ -73,6 +74,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
 
 def sync_folder(folder: Path) -> None:
     """What was made, renamed or removed in it is on the disk when this returns."""
+    if os.name == "nt":  # which opens no folder
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -122,10 +125,15 @@ def check_place(path: str | Path) -> None:
                 raise BadInput(target, "the file", found, "a file to write")
         if not _is_stream(target):
             check_folder(target.parent)
-            if len(os.fsencode(target.name)) > os.pathconf(target.parent, "PC_NAME_MAX"):
+            if len(os.fsencode(target.name)) > longest_name(target.parent):
                 raise OSError(errno.ENAMETOOLONG, "")
             if kind == stat.S_IFREG and not os.access(target, os.W_OK):
                 raise BadInput(target, "the file", "it write-protected", "a file to write")
+
+
+def longest_name(folder: Path) -> int:
+    """Of a file in it, in bytes; 255 where the system does not tell (Windows)."""
+    return os.pathconf(folder, "PC_NAME_MAX") if hasattr(os, "pathconf") else 255
 
 
 def check_folder(folder: Path) -> None:
@@ -203,7 +211,7 @@ def _pour(part: Path, stream: Path) -> None:
     number = _descriptor(stream)
     if number is None:
         # Not blocking: a pipe that nobody reads would else be waited for.
-        handle = os.open(stream, os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        handle = os.open(stream, os.O_WRONLY | O_NONBLOCK | O_NOCTTY | O_CLOEXEC)
         os.set_blocking(handle, True)
     else:
         if number == sys.stdout.fileno():

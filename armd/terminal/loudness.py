@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import argparse
 import logging
-import resource
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -63,14 +63,18 @@ def heard(args: argparse.Namespace) -> Iterator[None]:
         LOG.info("an error, found here:", exc_info=True)
         raise
     finally:
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        LOG.info(
-            "end: %.1f s of processor time, %.0f MB of memory",
-            used.ru_utime + used.ru_stime,
-            used.ru_maxrss / 1024,
-        )
+        LOG.info("end: %.1f s of processor time%s", time.process_time(), _most_memory())
         LOG.removeHandler(handler)
         LOG.setLevel(before)
+
+
+def _most_memory() -> str:
+    """In words; "" on a system that does not tell (Windows)."""
+    try:
+        import resource
+    except ImportError:
+        return ""
+    return f", {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB of memory"
 
 
 def _once() -> Callable[[logging.LogRecord], bool]:

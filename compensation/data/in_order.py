@@ -12,12 +12,17 @@ Piece = TypeVar("Piece")
 T = TypeVar("T")
 
 
+def _processors() -> int:
+    """That this process may use; all of them where the system does not tell (macOS, Windows)."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def in_order(work: Callable[[Piece], T], pieces: Iterable[Piece]) -> Iterator[T]:
     """`map`, in threads: for work that mostly leaves the interpreter alone (numpy, Arrow, `jit`).
 
     Only a few pieces are taken before what comes of them is asked for, so that memory stays flat.
     """
-    processors = len(os.sched_getaffinity(0))
+    processors = _processors()
     waiting: deque[Future[T]] = deque()
     with ThreadPoolExecutor(processors) as pool:
         try:

@@ -64,7 +64,8 @@ class Screen(Closing):
             json.loads(payload).get("text", "") for payload in self._event_stream.take()
         ]
         del self._events[:-EVENTS_SHOWN]
-        self._live.update(self._panel(len(points) / elapsed_s), refresh=True)
+        self.shown = self._panel(len(points) / elapsed_s)
+        self._live.update(self.shown, refresh=True)
 
     def _panel(self, rate_hz: float) -> Panel:
         table = Table.grid(padding=(0, 2))

@@ -6,7 +6,6 @@ folder is made of it anew at any time.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from typing import Any
 
 from armd.compensation.data.session import READINGS
 from armd.errors import BadInput
+from armd.files.locking import O_CLOEXEC, O_NOFOLLOW, lock_file
 from armd.files.outputs import check_output_folder
 from armd.files.schema import KeyTwice, json_value
 from armd.files.writing import check_folder, sync_folder, told, write_all
@@ -43,7 +43,7 @@ class Log:
         with told(path):
             folder.mkdir(parents=True, exist_ok=True)
             check_folder(folder)
-            flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC
+            flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | O_NOFOLLOW | O_CLOEXEC
             self._handle = os.open(path, flags, 0o666)
         try:
             self._lock(path)
@@ -81,7 +81,7 @@ class Log:
 
     def _lock(self, path: Path) -> None:
         try:
-            fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(self._handle, wait=False)
         except BlockingIOError:
             found = "another armd measuring into it"
             raise BadInput(path, "the session", found, "one at a time") from None

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import select
-import termios
 import time
-import tty
 from pathlib import Path
+
+from armd.errors import BadInput
+
+try:
+    import fcntl
+    import termios
+    import tty
+except ImportError:  # Windows, where the simulator writes sessions and plays no arm
+    HAS_TERMINALS = False
+else:
+    HAS_TERMINALS = True
 
 TRANSITS = 50  # of which the quickest tenth tell what no passing takes less than
 
@@ -25,6 +33,8 @@ class PtyPort:
     """
 
     def __init__(self, link: Path | None = None) -> None:
+        if not HAS_TERMINALS:
+            raise BadInput("the simulator", "its port", "a system without terminals", "Linux")
         self._link = link
         self.path = ""
         self._plugged = False

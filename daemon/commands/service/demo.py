@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
         elif args.servo:
             truth = at_their_instants(meter.kept, truth)
         errors = compare(meter.kept, truth)
-    console.print(_summary(meter, arm.lost, errors, calibrated), highlight=False)
+    console.print(summary(meter, arm.lost, errors, calibrated), highlight=False)
     return 1 if arm.lost.total else 0
 
 
@@ -153,7 +153,8 @@ def _watch(arm: Arm, meter: Meter, console: Console, seconds: float | None) -> N
     meter.collect(arm)
 
 
-def _summary(meter: Meter, lost: Lost, errors: PointErrors, calibrated: bool) -> str:
+def summary(meter: Meter, lost: Lost, errors: PointErrors, calibrated: bool) -> str:
+    """What `armd demo` prints at its end."""
     p50, p99 = np.percentile(meter.latency_ms, [50, 99])
     stream = (
         f"\nsamples               {meter.samples}\n"

@@ -6,6 +6,7 @@ import argparse
 import gc
 import logging
 import signal
+import termios  # noqa: F401  # where it is missing, so are an arm's wires: said before all else
 from contextlib import ExitStack, closing
 from pathlib import Path
 
