@@ -76,10 +76,13 @@ def sessions(folder: Path, prefix: str) -> list[str]:
     return sorted(path.name for path in folder.glob(f"{prefix}-*"))
 
 
-def digest(folder: Path) -> str:
-    """SHA-256 of every file of a case, names included."""
+def digest(folder: Path, truth: bool = True) -> str:
+    """SHA-256 of every file of a case, names included; without what only the judge reads, if not
+    *truth*."""
     total = hashlib.sha256()
     for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+        if path.name == "truth.json" and not truth:
+            continue
         total.update(path.relative_to(folder).as_posix().encode() + b"\0")
         total.update(hashlib.sha256(path.read_bytes()).digest())
     return total.hexdigest()

@@ -2,9 +2,9 @@
 
 Both run through the command line, each from its own files, one thread a process. KIND has
 patterns of kinds, such as `*thermal*,clean`; CASES is how many of each kind at most. What a
-revision answered is kept under .cache/hidden/results by its commit and the case's digest, so a
-second comparison, or one that was stopped, runs only what is missing. HEAD=REV takes another
-revision than the checked-out one. `--list` prints the kinds.
+revision answered is kept under .cache/hidden/results by its commit and the digest of the case's
+files, so a second comparison, or one that was stopped, runs only what is missing. HEAD=REV takes
+another revision than the checked-out one. `--list` prints the kinds.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from hidden.frozen.case import read_truth
+from hidden.frozen.case import digest, read_truth
 from hidden.frozen.freeze import (
     CACHE,
     CHECKSUMS,
@@ -62,7 +62,8 @@ def main() -> int:
     if differing:
         sys.exit(f"armd: {folder}: {differing[0]} is not as {CHECKSUMS.name} has it; "
                  f"make hidden-freeze SEED={args.seed} ANEW=1")  # fmt: skip
-    answers = [_answers(one, cases, folder, digests, args.workers) for one in revisions]
+    read = {case.name: digest(folder / case.name, truth=False) for case in cases}
+    answers = [_answers(one, cases, folder, read, args.workers) for one in revisions]
     scores = [
         {case: score(read_truth(folder / case.name), each[case.name]) for case in cases}
         for each in answers

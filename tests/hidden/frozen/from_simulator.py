@@ -122,7 +122,9 @@ def _problem(case: HiddenCase, made: Made) -> Problem:
                 [known.tip(m.phi, m.conditions) - arm.tip(m.phi, m.conditions) for m in measured]
             )
         )
-    columns = [_columns(arm, m, growth=not made.growing) for m in measured]
+    # The growth that is planted is no constant that absorbs it.
+    growing = made.growing or any(plant.cause == "link_expansion" for plant in made.plants)
+    columns = [_columns(arm, m, growth=not growing) for m in measured]
     sigma = np.concatenate([_sigma(m, made.noise, arm) for m in measured])
     return Problem(
         np.concatenate(columns),
