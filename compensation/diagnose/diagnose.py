@@ -81,7 +81,7 @@ def _diagnose(
         holdout, told = other.sessions, told + list(other.told)
     for some in filter(None, (sessions, holdout)):
         require_spare(gather_rests(some, arm).observations, ", ".join(str(s.path) for s in some))
-    work = Work()
+    work = Work.of_readings(sum(session.n for session in sessions))
     searched, of_sessions = search_sessions(sessions, arm, calibration, progress, work)
     told += of_sessions
     sessions, rests, baseline = searched.sessions, searched.rests, searched.baseline

@@ -11,7 +11,7 @@ import pytest
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
 from armd.compensation.diagnose.problem.rests import gather_rests
 from armd.compensation.diagnose.search import search
-from armd.compensation.diagnose.search.work import LEAST_REPEATED, STEP, TRIAL, Work
+from armd.compensation.diagnose.search.work import LEAST_REPEATED, MOST_PRODUCTS, STEP, TRIAL, Work
 from armd.compensation.diagnose.searched import AS_FAR_OFF, _is_farther_off
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate
@@ -44,6 +44,11 @@ def test_a_step_counts_the_products_of_candidates_and_shared_columns() -> None:
     work.skip("this")
     work.skip("this")
     assert work.skipped == ["this"] and "take more of it: this." in work.in_words()[0]
+
+
+def test_many_readings_have_one_bound_and_few_a_higher_one() -> None:
+    most = [Work.of_readings(n).most for n in (20_000, 2_000, 1_000, 100, 0)]
+    assert most == [MOST_PRODUCTS, MOST_PRODUCTS, 2 * MOST_PRODUCTS, *[3 * MOST_PRODUCTS] * 2]
 
 
 def test_other_sets_leave_work_for_what_follows() -> None:

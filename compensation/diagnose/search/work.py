@@ -19,6 +19,9 @@ STEP, TRIAL, REPEATED = 1.0, 0.3, 0.4
 ROWS_A_COLUMN = 60.0
 #: Products of candidates' and shared columns, weighted as above: about 1.2e6 of them are a second.
 MOST_PRODUCTS = 54e6
+#: Of fewer readings than these the bound is so much higher, up to so many times: a look costs less
+#: beside all else, and among few readings other sets of causes are likelier to be the right ones.
+MANY_READINGS, MOST_TIMES = 2000, 3.0
 #: Other sets may take this share of it; so much is kept for the search repeated.
 MOST_OF_SETS, LEAST_REPEATED = 0.4, 0.3
 
@@ -49,6 +52,12 @@ class Work:
         self.done += piece.done
         for what in piece.skipped:
             self.skip(what)
+
+    @classmethod
+    def of_readings(cls, count: int) -> Work:
+        """Return the work that so many readings may take."""
+        times = min(max(MANY_READINGS / max(count, 1), 1.0), MOST_TIMES)
+        return cls(MOST_PRODUCTS * times)
 
     @property
     def may_try_sets(self) -> bool:
