@@ -32,11 +32,18 @@ from armd.compensation.diagnose.heldout.borne_out import (
 from armd.compensation.diagnose.heldout.cross_validation import cross_validate
 from armd.compensation.diagnose.heldout.gain import gain, gains, groups_of
 from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
+from armd.compensation.diagnose.heldout.refuted import (
+    MOST_REPEATED,
+    predicts_better,
+    refuted_findings,
+    refuted_in_words,
+)
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Rests
 from armd.compensation.diagnose.problem.rests import gather_rests, require_spare
 from armd.compensation.diagnose.search.work import Work
-from armd.compensation.diagnose.searched import search_sessions
+from armd.compensation.diagnose.searched import Searched, search_sessions, search_without
+from armd.compensation.effects.effect import Candidate
 from armd.compensation.estimate.observations import gather
 from armd.compensation.freed import give_back_freed
 from armd.compensation.identify.admission.mistakes import AssumedModel
@@ -84,6 +91,37 @@ def _diagnose(
     work = Work.of_readings(sum(session.n for session in sessions))
     searched, of_sessions = search_sessions(sessions, arm, calibration, progress, work)
     told += of_sessions
+    diagnosis = _concluded(searched, arm, holdout, told, progress, work, command)
+    refuted: tuple[Candidate, ...] = ()
+    for _ in range(MOST_REPEATED):
+        more = refuted_findings(diagnosis)
+        if not more:
+            break
+        if not work.may_go_on:
+            work.skip("the search without what held-out readings refute")
+            told = [*diagnosis.told, *work.in_words()]
+            return replace(diagnosis, told=tuple(told), skipped=tuple(work.skipped))
+        refuted += more
+        without = search_without(refuted, searched.given, arm, calibration, progress, work)
+        why = [*told, refuted_in_words(refuted)]
+        another = _concluded(without, arm, holdout, why, progress, work, command)
+        if not predicts_better(another, diagnosis):
+            break
+        diagnosis = another
+    return diagnosis
+
+
+def _concluded(
+    searched: Searched,
+    arm: Arm,
+    holdout: Sequence[Session],
+    told: Sequence[str],
+    progress: TellShare,
+    work: Work,
+    command: str,
+) -> Diagnosis:
+    """What a search found, judged by readings held out; *told*: what there is to say of these."""
+    told = list(told)
     sessions, rests, baseline = searched.sessions, searched.rests, searched.baseline
     result, touched = searched.result, searched.touched
     if len(result.last.findings) == len(result.searched.findings):

@@ -17,6 +17,7 @@ from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnosis import SearchResult, Touched
 from armd.compensation.diagnose.fitting.taken_up import beside_what_it_took_up
 from armd.compensation.diagnose.fitting.under_test import model_under_test
+from armd.compensation.diagnose.heldout.refuted import is_refuted
 from armd.compensation.diagnose.heldout.sets import better_by
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline, Rests
@@ -26,6 +27,7 @@ from armd.compensation.diagnose.search.again import counts_instead, no_surer, qu
 from armd.compensation.diagnose.search.search import Search
 from armd.compensation.diagnose.search.touched import MOST_TOUCHED, beside, find_touched
 from armd.compensation.diagnose.search.work import Work
+from armd.compensation.effects.effect import Candidate
 from armd.compensation.freed import give_back_freed
 from armd.compensation.identify.admission.odd_session import Odd
 from armd.compensation.model.arm import Arm
@@ -82,6 +84,18 @@ def search_sessions(
     return searched, told
 
 
+def search_without(
+    refuted: Sequence[Candidate],
+    given: Sequence[Session],
+    arm: Arm,
+    calibration: Calibration | None,
+    progress: TellShare,
+    work: Work,
+) -> Searched:
+    """Search the sessions of a search once more, without what held-out readings refuted."""
+    return _search(given, arm, calibration, progress, work, refuted=refuted)
+
+
 def _but(sessions: Sequence[Session], *strange: Odd) -> tuple[Session, ...]:
     """The sessions without those that do not fit the others."""
     paths = {odd.path for odd in strange}
@@ -135,8 +149,10 @@ def _search(
     progress: TellShare,
     work: Work,
     begin: Baseline | None = None,
+    refuted: Sequence[Candidate] = (),
 ) -> Searched:
-    """The last of the searches that follow each other until no artefact was moved."""
+    """The last of the searches that follow each other until no artefact was moved, without what is
+    *refuted*."""
     sessions, touched = tuple(given), list[Touched]()
     while True:
         rests = gather_rests(sessions, arm)
@@ -145,8 +161,8 @@ def _search(
         baseline = begin
         give_back_freed()
         progress("search", 0.0)
-        held_out = partial(better_by, arm=arm)
-        search = Search(rests, arm, baseline, progress, held_out, work)
+        held_out, barred = partial(better_by, arm=arm), partial(is_refuted, refuted=refuted)
+        search = Search(rests, arm, baseline, progress, held_out, work, barred)
         found = find_touched(search.first) if len(touched) < MOST_TOUCHED else None
         if found is None:
             result = search.run()
@@ -154,7 +170,7 @@ def _search(
             if older is not None and not work.may_go_on:
                 work.skip("the search beside what the calibration may have absorbed")
             elif older is not None:
-                another = Search(rests, arm, older, progress, held_out, work)
+                another = Search(rests, arm, older, progress, held_out, work, barred)
                 again = another.run()
                 if counts_instead(again, result, arm):
                     baseline, search, result = older, another, again

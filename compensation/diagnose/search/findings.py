@@ -163,7 +163,8 @@ def _rivals(
         if share >= LEAST_PROBABILITY
         or (likeness.left_p > INDISTINGUISHABLE_P and rival.cause != "unknown")
     ]
-    return tuple(told[:MOST_RIVALS])
+    named = [rival for rival in told[MOST_RIVALS:] if rival.candidate.cause != "unknown"]
+    return (*told[:MOST_RIVALS], *named[:1])  # functions without a name crowd out no cause
 
 
 def _variants(candidate: Candidate, scores: Scores) -> tuple[tuple[Candidate, float], ...]:

@@ -88,14 +88,17 @@ class Search:
         progress: TellShare = lambda _text, _share: None,
         held_out: HeldOutGain = lambda _about, _before, _after: -math.inf,
         work: Work | None = None,
+        barred: Callable[[Candidate], bool] = lambda _candidate: False,
     ) -> None:
         """*held_out*: what decides between two sets of findings; without, none replaces another.
-        *work*: what is computed at most, here and elsewhere."""
+        *work*: what is computed at most, here and elsewhere. *barred*: whether a candidate is not
+        looked for."""
         self.rests = rests
         self.arm = arm
         self.baseline = baseline
         self.facts = gather_facts(rests, arm, baseline)
-        self._refusals = Refusals(list(catalogue.candidates(self.facts)))
+        every = catalogue.candidates(self.facts)
+        self._refusals = Refusals([c for c in every if not barred(c)])
         self._steady = [steady_drift(self.facts)] if self.facts.timed else []
         self._progress = progress
         self._tests = 1
