@@ -156,6 +156,18 @@ def test_the_drawn_arm_ends_where_the_arm_does(calibrated: bool) -> None:
         assert rotation == pytest.approx(last[0], abs=1e-9)
 
 
+def test_terms_that_a_urdf_drops_are_reported() -> None:
+    terms = [
+        {"parameter": "theta_2", "coefficient": 1e-4, "effect": "joint_compliance joint 2"},
+        {"parameter": "a_2", "coefficient": 4e-3},
+    ]
+    file = json.dumps(CALIBRATION | {"terms": terms})
+    said = urdf.left_out(file)
+    assert "without 2 terms of the calibration (joint_compliance joint 2, of a_2)" in said
+    assert urdf.left_out(json.dumps(CALIBRATION | {"terms": []})) == ""
+    assert urdf.left_out(None) == ""
+
+
 def test_the_drawing_is_one_tree_with_tubes_of_the_right_length() -> None:
     robot = Xml.fromstring(urdf.write({"arm": ARM}, None, "S", "S_base"))
     links = {link.attrib["name"] for link in robot.iter("link")}

@@ -40,3 +40,25 @@ def test_an_artefacts_default_plan_is_enough_for_a_certificate(
     joints: int, artefact: Artefact, wishes: Wishes, readings: int
 ) -> None:
     assert len(plan_of("artefact", arm(joints), artefact, wishes).stations) == readings
+
+
+def ball(**more: object) -> Artefact:
+    sphere = {"between": ["SPHERE.a", "SPHERE.b"], "length_mm": 25.0}
+    return Artefact.model_validate({"name": "ball", "distance": [sphere], **more})
+
+
+def test_a_certified_sphere_is_all_that_a_verification_wants() -> None:
+    """2 × 25, 5 × 5 and 3 × 9 points on it (docs/verify.md), none of them written by hand."""
+    plan = plan_of("verify", arm(6), ball(), Wishes())
+    names = [station.target for station in plan.stations]
+    assert len(names) == len(set(names)) == 50 + 25 + 27
+    assert {"SPHERE1.01", "SPHERE2.25", "LDIA.5.5", "EFFDIA.3.9"} <= set(names)
+    assert set(names) <= set(plan.artefact.target_names)
+    only = plan_of("verify", arm(6), ball(), Wishes(tests=["l_dia", "spat"]))
+    assert len(only.stations) == 25 + 30
+
+
+def test_points_that_are_listed_stay_as_they_are() -> None:
+    listed = [{"name": f"SPHERE{w}.{k}"} for w in (1, 2) for k in range(1, 31)]
+    plan = plan_of("verify", arm(6), ball(target=listed), Wishes(tests=["probing"]))
+    assert len(plan.stations) == 60

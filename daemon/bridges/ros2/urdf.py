@@ -14,6 +14,8 @@ from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import frames
+from armd.terminal.counted import counted
+from armd.terminal.suggest import few
 
 RADIUS_M = 0.02  # of a cylinder: what an arm's tube looks like
 SHORTEST_M = 1e-3  # of a link that is drawn
@@ -56,6 +58,23 @@ def write(info: Mapping[str, Any], calibration: str | None, namespace: str, fram
     _ball(robot, f"{prefix}_ball", arm.tip.radius_mm)
     Xml.indent(robot)
     return Xml.tostring(robot, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def left_out(calibration: str | None) -> str:
+    """What of a *calibration* file a URDF has no place for, as a sentence; nothing: an empty one.
+
+    A term moves a parameter by the arm's state: its temperature, posture or time.
+    """
+    if calibration is None:
+        return ""
+    terms = Calibration.model_validate_json(calibration).terms
+    if not terms:
+        return ""
+    names = dict.fromkeys(term.effect or f"of {term.parameter}" for term in terms)
+    return (
+        f"without {counted(len(terms), 'term')} of the calibration ({few(names)}), for which a URDF"
+        " has no place: its tip is where the constants alone put it, not the corrected one"
+    )
 
 
 def _joint(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import armd
@@ -14,6 +15,7 @@ from armd.errors import BadInput
 from armd.files.outputs import OutputKind, add_force, check_outputs
 from armd.files.writing import write_whole
 from armd.terminal.arguments import add_arm
+from armd.terminal.printable import printable
 
 RATE_HZ = 100.0
 MOST_DOMAINS = 232
@@ -48,10 +50,11 @@ def run(args: argparse.Namespace) -> int:
         check_outputs({"--urdf": (args.urdf, URDF)}, [], args.force)
         with armd.connect(args.serial, args.endpoint) as arm:
             settings = _settings(args, arm.serial)
-            text = urdf.write(
-                arm.info(), arm.calibration_file(), settings.namespace, settings.frame
-            )
+            calibration = arm.calibration_file()
+            text = urdf.write(arm.info(), calibration, settings.namespace, settings.frame)
         write_whole(args.urdf, text)
+        if sentence := urdf.left_out(calibration):  # of the result: said with -q, too
+            print(f"armd: {args.urdf}: {printable(sentence)}", file=sys.stderr)
         return 0
     if args.router is None:
         raise _bad("--router", "nothing", "the endpoint of ROS's router, or --urdf FILE")

@@ -36,6 +36,13 @@ SPAT = ("SPAT1", "SPAT2", "SPAT3")
 SPAT_WHERE = ("near the column", "in the middle of the reach", "far out")
 LENGTHS = tuple(f"L{i}" for i in range(6))
 
+#: Points on a sphere by the test that they are of, as docs/verify.md counts them.
+SPHERE_POINTS: dict[str, list[str]] = {
+    "probing": [f"SPHERE{where}.{i:02d}" for where in (1, 2) for i in range(1, 26)],
+    "l_dia": [f"LDIA.{k}.{i}" for k in range(1, 6) for i in range(1, 6)],
+    "effective_diameter": [f"EFFDIA.{k}.{i}" for k in range(1, 4) for i in range(1, 10)],
+}
+
 SEAT_HOW = "the tip in the seat, the arm in another posture than before"
 BALL_HOW = "the tip's centre at the ball, the wrist turned otherwise than last time"
 SPHERE_HOW = "touch the sphere, all over its upper half"
@@ -107,7 +114,7 @@ def _artefact(arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
 
 
 def _verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
-    artefact = artefact or seats_artefact(SPAT)
+    artefact = _with_points(artefact or seats_artefact(SPAT), wishes.tests or ())
     made: list[Station] = []
     wanted = list(wishes.tests or TESTS)
     for test in wanted:
@@ -124,6 +131,22 @@ def _verify(_arm: Arm, artefact: Artefact | None, wishes: Wishes) -> Made:
         expected = "targets whose names say which test they are of (docs/verify.md)"
         raise BadInput("the artefact", "target", ", ".join(artefact.target_names[:8]), expected)
     return artefact, made
+
+
+def _with_points(artefact: Artefact, tests: Sequence[str]) -> Artefact:
+    """With the points of the tests that its certified sphere is for, or that are asked for: nothing
+    is known of them, so nobody need list them. Points that are listed stay as they are."""
+    between = {frozenset(distance.between) for distance in artefact.distances}
+    sphere = frozenset(("SPHERE.a", "SPHERE.b")) in between
+    names: list[str] = []
+    for test, points in SPHERE_POINTS.items():
+        prefix = points[0].split(".")[0]
+        listed = any(name.startswith(f"{prefix}.") for name in artefact.target_names)
+        if not listed and (sphere or test in tests):
+            names += points
+    if "spat" in tests:
+        names += SPAT
+    return artefact.with_documented(names)
 
 
 def _starting(names: Sequence[str], prefix: str) -> list[str]:
