@@ -16,11 +16,13 @@ from armd.drivers.config import (
     DriverConfig,
     MicroScribeConfig,
     ReplayConfig,
+    SerialConfig,
     ServoConfig,
 )
 from armd.drivers.identity import Expectation
 from armd.drivers.microscribe.wire import N_JOINTS
 from armd.drivers.poll.protocol.family import COUNTS_PER_TURN
+from armd.drivers.serial.wire import SERIAL_NUMBER_BYTES
 from armd.errors import BadInput
 from armd.files.schema import Strict, load_toml
 
@@ -166,6 +168,10 @@ def load_config(path: str | Path) -> Config:
     elif isinstance(file.driver, MicroScribeConfig) and arm.n_joints != N_JOINTS:
         expected = f"{N_JOINTS}, a MicroScribe's"
         raise BadInput(arm_path, "joint", f"{arm.n_joints} joints", expected)
+    if isinstance(file.driver, SerialConfig) and len(arm.serial_number) > SERIAL_NUMBER_BYTES:
+        found = f"{len(arm.serial_number)} characters"
+        expected = f"{SERIAL_NUMBER_BYTES} at most, which the serial wire carries"
+        raise BadInput(arm_path, "serial_number", found, expected)
     if keys.FORBIDDEN & set(arm.serial_number):
         expected = f"none of {' '.join(sorted(keys.FORBIDDEN))}, it becomes a part of Zenoh keys"
         raise BadInput(arm_path, "serial_number", repr(arm.serial_number), expected)

@@ -19,12 +19,14 @@ from armd.errors import BadInput
 from armd.files.writing import check_folder, check_place, longest_name, same_place
 
 _HEAD_BYTES = 1 << 16
+_TAIL_BYTES = 64
 SESSION_FILES = ("session.toml", "readings.csv", "readings.parquet")
 
 
 @dataclass(frozen=True)
 class OutputKind:
-    """A kind of output, and how one that was written before is told: by its first 64 kB."""
+    """A kind of output, and how one that was written before is told: by its first 64 kB
+    and its last bytes."""
 
     name: str
     told_by: Callable[[bytes], bool] | None
@@ -65,7 +67,7 @@ def _is_settings(head: bytes) -> bool:
 
 
 def _is_truth(head: bytes) -> bool:
-    return b"\0" in head and not head.startswith(b"\x89MCAP")
+    return b"\0" in head and not head.startswith((b"\x89MCAP", b"%PDF-"))
 
 
 CALIBRATION = OutputKind("a calibration", _is_calibration)
@@ -73,7 +75,11 @@ RESULT = OutputKind("a result of armd", _is_result)
 PAGE = OutputKind(
     "a report of armd", lambda head: b'<meta name="generator" content="armd">' in head
 )
-PDF = OutputKind("a report as PDF", None)
+#: A comment after the end of a PDF, which readers skip.
+PDF_MARK = b"% a report of armd\n"
+PDF = OutputKind(
+    "a report of armd as PDF", lambda head: head.startswith(b"%PDF-") and head.endswith(PDF_MARK)
+)
 POINTS = OutputKind("a table of points", _has_columns("x_mm", "y_mm", "z_mm", "flags"))
 POSES = OutputKind("a table of poses", _has_columns("pose", "x_mm"))
 RECORDING = OutputKind("a recording", None)
@@ -154,6 +160,9 @@ def _check_kind(path: Path, option: str, kind: OutputKind) -> None:
         return
     with path.open("rb") as file:
         head = file.read(_HEAD_BYTES)
+        if path.stat().st_size > _HEAD_BYTES:
+            file.seek(-_TAIL_BYTES, os.SEEK_END)
+            head += file.read(_TAIL_BYTES)
     if kind.told_by is None or not kind.told_by(head):
         expected = f"a new file{f', or {kind.name} of before' if kind.told_by else ''}"
         raise BadInput(path, option, _what(path, head), f"{expected} (or --force)")

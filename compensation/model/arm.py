@@ -68,7 +68,7 @@ class Tip(Strict):
 
 class Arm(Strict):
     schema_: Literal["armd.arm/1"] = Field(alias="schema")
-    serial_number: Annotated[str, Field(min_length=1, max_length=16, pattern=r"^[!-~]+$")]
+    serial_number: Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[!-~]+$")]
     reference_temperature_c: Celsius = 20.0
     gravity: Vector3 = (0.0, 0.0, -1.0)
     temperature_sensor: list[TemperatureSensor] = Field(default_factory=list, max_length=16)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from armd.errors import ArmdError, BadInput
-from armd.files.outputs import PAGE, PDF, OutputKind
+from armd.files.outputs import PAGE, PDF, PDF_MARK, OutputKind
 from armd.files.writing import write_whole
 from armd.terminal.aside import aside
 
@@ -42,7 +42,7 @@ def write_pages(args: argparse.Namespace, make: Callable[[], str]) -> None:
             write_whole(args.report, page)
         if args.pdf:
             with console.status("printing the page …"):
-                write_whole(args.pdf, printed(page))
+                write_whole(args.pdf, printed(page) + PDF_MARK)
 
 
 def printed(page: str) -> bytes:

@@ -13,6 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
@@ -70,8 +71,10 @@ def verify(
     session: Session, arm: Arm, calibration: LoadedCalibration | None, test: TestUncertainty
 ) -> Verification:
     """All figures that *session* supports, under the calibration (or the nominal geometry)."""
-    position, _ = Model(arm, calibration).correct_states(session.states)
-    return figures_of(session, arm, position, test)
+    # The matrices are small: threads of the library's own cost more than they bring.
+    with threadpool_limits(limits=1, user_api="blas"):
+        position, _ = Model(arm, calibration).correct_states(session.states)
+        return figures_of(session, arm, position, test)
 
 
 def figures_of(

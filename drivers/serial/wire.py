@@ -19,6 +19,7 @@ from cobs import cobs
 from armd.arrays import F64
 
 PROTOCOL = 1
+SERIAL_NUMBER_BYTES = 16
 PACKET_LIMIT = 4096  # a longer run without 0x00 is junk
 TEMPERATURE_UNIT_C = 0.01
 T_US_LIMIT = 1 << 53  # 285 years: a time beyond it is nonsense, and overflows in nanoseconds
@@ -81,7 +82,7 @@ def hello_layout(n_joints: int) -> np.dtype[np.void]:
             ("n_sensors", "u1"),
             ("rate_hz", "<u2"),
             ("boot_id", "<u4"),
-            ("serial_number", "S16"),  # ASCII, zero padded
+            ("serial_number", f"S{SERIAL_NUMBER_BYTES}"),  # ASCII, zero padded
             ("bits", "u1", (n_joints,)),  # counts wrap at 2^bits
         ]
     )

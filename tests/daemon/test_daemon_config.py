@@ -50,6 +50,14 @@ def test_four_lines_are_enough_and_stay_on_loopback(tmp_path):
     assert not config.file.commands.enabled and config.file.metrics is None
 
 
+def test_only_the_serial_wire_limits_a_serial_number_to_16(tmp_path):
+    name = "A-robot-with-a-long-name-0123456789"
+    replay = GOOD.replace('"serial"', '"replay"').replace("port", "file").replace("/dev/", "")
+    (tmp_path / "arm.toml").write_text(ARM.replace("SMALL-1", name))
+    (tmp_path / "armd.toml").write_text(replay)
+    assert load_config(tmp_path / "armd.toml").arm.serial_number == name
+
+
 def test_paths_are_relative_to_the_file(tmp_path):
     replay = GOOD.replace('"serial"', '"replay"').replace("port", "file").replace("/dev/", "")
     config = load_config(write(tmp_path, replay))
@@ -97,6 +105,11 @@ def test_the_file_and_the_key_are_named(tmp_path, capsys, line, said):
         (GOOD.replace("port", "# port"), ARM, "armd.toml: driver.port: found nothing, expected"),
         (GOOD.replace("armd.daemon/1", "x"), ARM, "armd.toml: schema: found 'x', expected"),
         (GOOD.replace("arm.toml", "leg.toml"), ARM, "leg.toml: the file: found nothing, expected"),
+        (
+            GOOD,
+            ARM.replace("SMALL-1", "URDF-of-seventeen"),
+            "arm.toml: serial_number: found 17 characters, expected 16 at most, which the serial",
+        ),
         (GOOD, ARM.replace("SMALL-1", "A/B"), "arm.toml: serial_number: found 'A/B', expected"),
         (GOOD, ARM[:-24], "arm.toml: joint[3].counts_per_turn: found nothing, expected a number"),
         (GOOD.replace("[driver]", 'calibration = "c.json"\n[driver]'), ARM, "c.json: the file: "),

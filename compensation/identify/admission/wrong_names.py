@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64
 from armd.compensation.data.readings import row_in_words
@@ -79,6 +80,13 @@ def misnamed(
 
     *observations* are of *sessions*, some rows of them left out or none.
     """
+    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
+        return _misnamed(sessions, observations, model)
+
+
+def _misnamed(
+    sessions: Sequence[Session], observations: Observations, model: AssumedModel
+) -> list[BadInput]:
     faults = []
     for k, session in enumerate(sessions):
         part = observations.rows(observations.session == k)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
@@ -42,6 +43,11 @@ class Evaluation:
         distance: F64 = 1e3 * np.linalg.norm(self.residual_mm, axis=1)
         return distance
 
+    @property
+    def rms_um(self) -> float:
+        """3-D RMS of all readings that could be evaluated."""
+        return float(np.sqrt(np.mean(self.distance_um**2)))
+
     def as_json(self) -> dict[str, Any]:
         """As `armd evaluate --json` writes it."""
         distance, observations = self.distance_um, self.observations
@@ -69,6 +75,16 @@ def evaluate(
     progress: TellStep | None = None,
 ) -> Evaluation:
     """Residuals under a calibration, or under the drawing of arm.toml without one."""
+    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
+        return _evaluate(sessions, arm, calibration, progress)
+
+
+def _evaluate(
+    sessions: Sequence[Session],
+    arm: Arm,
+    calibration: Calibration | None,
+    progress: TellStep | None,
+) -> Evaluation:
     observations = gather(sessions, arm, calibration.artefact if calibration else None)
     if calibration is None:
         return evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
 from armd.compensation.data.in_order import in_order
@@ -29,6 +30,8 @@ from armd.compensation.estimate.poses import Poses, fit_poses
 from armd.compensation.identify.evaluation.condensed import PointMoments, moments_by
 from armd.compensation.identify.evaluation.evaluate import evaluate, without_temperatures
 from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
+from armd.compensation.identify.evaluation.outside_range import OutsideRange
+from armd.compensation.identify.evaluation.seated_again import fit_tip, hint_of_tip, with_tip
 from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.basis import basis_values, parameter_rows
@@ -48,20 +51,53 @@ class _BackInTime(Exception):
 
 
 def evaluate_files(
-    paths: Sequence[str], arm: Arm, calibration: Calibration | None, progress: TellStep
+    paths: Sequence[str],
+    arm: Arm,
+    calibration: Calibration | None,
+    progress: TellStep,
+    *,
+    refit_tip: bool = False,
 ) -> tuple[dict[str, Any], list[Length]]:
-    """What `--json` has, and the certified lengths, of the session folders *paths*."""
+    """What `--json` has, and the certified lengths, of the session folders *paths*.
+
+    *refit_tip*: with the one tip that suits these sessions best, in memory whatever their size.
+    """
+    # The matrices are small: threads of the library's own cost more than they bring.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _evaluate_files(paths, arm, calibration, progress, refit_tip)
+
+
+def _evaluate_files(
+    paths: Sequence[str],
+    arm: Arm,
+    calibration: Calibration | None,
+    progress: TellStep,
+    refit_tip: bool,
+) -> tuple[dict[str, Any], list[Length]]:
     files = [Path(path) / name for path in paths for name in READINGS]
-    if sum(file.stat().st_size for file in files if file.is_file()) > MOST_AT_ONCE:
+    large = sum(file.stat().st_size for file in files if file.is_file()) > MOST_AT_ONCE
+    if large and not refit_tip:
         check_once(paths)
         try:
             return _Passes(paths, arm, calibration, progress).evaluation()
         except _BackInTime:
             progress("the readings are not in the order of time: reading all at once …")
     sessions = load_sessions(paths, arm)
-    found = evaluate(sessions, arm, calibration, progress)
+    outside = OutsideRange(arm, calibration)
+    for i, session in enumerate(sessions):
+        outside.add(i, session.name, session.states.temperature_c)
     remarks = [remark for session in sessions for remark in session.remarks]
-    return {**found.as_json(), "remarks": remarks}, found.lengths
+    remarks += outside.in_words()
+    extra: dict[str, Any] = {}
+    if refit_tip:
+        tip = fit_tip(sessions, arm, calibration)
+        extra["tip"] = tip.as_json()
+        remarks.append(f"tip fitted anew: {tip.in_words()}")
+        arm, calibration = with_tip(arm, calibration, tip)
+    found = evaluate(sessions, arm, calibration, progress)
+    if not refit_tip:
+        remarks += hint_of_tip(sessions, arm, calibration, found)
+    return {**found.as_json(), **extra, "remarks": remarks}, found.lengths
 
 
 @dataclass(frozen=True)
@@ -78,6 +114,8 @@ class _Passes:
         self, paths: Sequence[str], arm: Arm, calibration: Calibration | None, progress: TellStep
     ) -> None:
         self._paths, self._arm, self._progress = paths, arm, progress
+        self._calibration = calibration
+        self._outside = OutsideRange(arm, calibration)
         self._artefact = calibration.artefact if calibration else None
         self._terms: Sequence[Term] = calibration.terms if calibration else []
         self._constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
@@ -122,13 +160,14 @@ class _Passes:
             "n_unused": self._n - together.n,
             "by_session": {n: t.as_json() for n, t in zip(names, by_session, strict=True)},
             "distances": [length.as_json() for length in lengths],
-            "remarks": [*self._remarks, *self._open_turns()],
+            "remarks": [*self._remarks, *self._open_turns(), *self._outside.in_words()],
         }
         return result, lengths
 
     def _pieces(self, doing: str) -> Iterator[_Piece]:
         self._n, self._missing[:] = 0, 0
         self._remarks.clear()
+        self._outside = OutsideRange(self._arm, self._calibration)
         for i, path in enumerate(self._paths):
             lags = _Lags()
             for session in session_pieces(path, self._arm):
@@ -140,6 +179,7 @@ class _Passes:
                 self._last[i] = session
                 self._n += session.n
                 self._remarks += session.remarks
+                self._outside.add(i, session.name, session.states.temperature_c)
                 self._turned[i] = AngleRange.of(session.name, session.states.q).with_rest(
                     self._turned.get(i)
                 )

@@ -33,6 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--calibration", metavar="CAL.json", help="default: the drawing in ARM.toml"
     )
+    parser.add_argument(
+        "--fit-tip",
+        action="store_true",
+        help="fit the tip to these sessions first: another ball, or one that was seated again",
+    )
     parser.add_argument("--json", metavar="OUT.json", help="the figures for programs")
     add_force(parser)
 
@@ -43,7 +48,9 @@ def run(args: argparse.Namespace) -> int:
     arm, loaded = load_given(args)
     calibration = loaded.content if loaded else None
     with aside(args).status("reading …") as status:
-        result, lengths = evaluate_files(args.session, arm, calibration, status.update)
+        result, lengths = evaluate_files(
+            args.session, arm, calibration, status.update, refit_tip=args.fit_tip
+        )
     if args.json:
         write_whole(args.json, json.dumps(result, indent=1) + "\n")
     table = Table("session", "readings", "3-D RMS µm", "median µm", "maximum µm")

@@ -28,7 +28,7 @@ from armd.terminal.suggest import hint
 #: What a person is asked who gives no option, and what Enter means.
 QUESTIONS = {
     "start_from": (f"which arm: {', '.join(KNOWN)}, a URDF, or a CSV of its rows", "so101"),
-    "serial_number": ("what to call it (1 to 16 characters)", "ARM-1"),
+    "serial_number": ("what to call it (1 to 64 characters, 16 on the serial wire)", "ARM-1"),
     "port": ("its port (ls /dev/serial/by-id)", "/dev/ttyUSB0"),
 }
 COUNTS = 1 << 20

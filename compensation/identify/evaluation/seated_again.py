@@ -1,0 +1,104 @@
+"""The tip fitted anew, where a ball or reflector was screwed in or seated otherwise than before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.data.session import Session
+from armd.compensation.estimate.observations import gather
+from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.admission.mistakes import AssumedModel
+from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
+from armd.compensation.identify.fit import fit
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.parameters import TIP_PARAMETERS
+from armd.errors import BadInput
+
+#: A tip fitted anew is worth a hint where it leaves less than this share of the error …
+EXPLAINS = 0.5
+#: … and moves by more than this: less is what a seat repeats by.
+LEAST_MOVED_MM = 0.02
+#: Readings that three more unknowns want at least.
+LEAST_READINGS = 12
+#: More readings are not fitted only for a hint.
+MOST_READINGS = 5_000
+
+
+@dataclass(frozen=True)
+class FittedTip:
+    """Where the tip is by these sessions."""
+
+    offset_mm: F64  # (3,) last frame
+    standard_uncertainty_mm: F64  # (3,)
+    before_mm: F64  # (3,) of the model under evaluation
+
+    @property
+    def moved_mm(self) -> float:
+        """How far it is from where the model has it."""
+        return float(np.linalg.norm(self.offset_mm - self.before_mm))
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "offset_mm": self.offset_mm.tolist(),
+            "standard_uncertainty_mm": self.standard_uncertainty_mm.tolist(),
+            "before_mm": self.before_mm.tolist(),
+        }
+
+    def in_words(self) -> str:
+        x, y, z = (f"{mm:.3f}" for mm in self.offset_mm)
+        return f"({x}, {y}, {z}) mm in the last frame, {self.moved_mm:.3f} mm from before"
+
+
+def fit_tip(sessions: Sequence[Session], arm: Arm, calibration: Calibration | None) -> FittedTip:
+    """The one tip of all *sessions* with which the model errs least, all else as it is.
+
+    Raises `BadInput` where the readings do not give it.
+    """
+    model = AssumedModel.under(arm, calibration)
+    observations = gather(sessions, arm, calibration.artefact if calibration else None)
+    observations = observations.rows(np.isfinite(model.tip_mm(observations)[:, 0]))
+    unknowns = Unknowns(TIP_PARAMETERS)
+    if observations.n < LEAST_READINGS:
+        expected = f"{LEAST_READINGS} at least, to fit the tip"
+        raise BadInput(sessions[0].path, "readings", f"{observations.n}", expected)
+    found = fit(observations, model.constants, model.terms, unknowns, model.reference_c)
+    at = arm.layout.tip
+    scale = np.sqrt(np.maximum(np.diag(found.covariance)[:3], 0.0))
+    return FittedTip(found.constants[at], scale, model.constants[at])
+
+
+def hint_of_tip(
+    sessions: Sequence[Session], arm: Arm, calibration: Calibration | None, found: Evaluation
+) -> list[str]:
+    """A sentence where another tip would explain most of what the readings miss by."""
+    if not LEAST_READINGS <= found.observations.n <= MOST_READINGS:
+        return []
+    if found.rms_um < 1e3 * LEAST_MOVED_MM:
+        return []
+    tip = fit_tip(sessions, arm, calibration)
+    refitted = evaluate(sessions, *with_tip(arm, calibration, tip))
+    if tip.moved_mm < LEAST_MOVED_MM or refitted.rms_um > EXPLAINS * found.rms_um:
+        return []
+    return [
+        f"with the tip fitted anew the residuals are {refitted.rms_um:.4g} instead of"
+        f" {found.rms_um:.4g} µm RMS: {tip.in_words()}. Was the ball or reflector changed or"
+        " seated again? --fit-tip evaluates so."
+    ]
+
+
+def with_tip(
+    arm: Arm, calibration: Calibration | None, tip: FittedTip
+) -> tuple[Arm, Calibration | None]:
+    """The same model with the fitted tip."""
+    offset = [float(mm) for mm in tip.offset_mm]
+    if calibration is None:
+        own = arm.tip.model_copy(update={"offset_mm": offset})
+        return arm.model_copy(update={"tip": own}), None
+    constants = {**calibration.constants, **dict(zip(TIP_PARAMETERS, offset, strict=True))}
+    return arm, calibration.model_copy(update={"constants": constants})
