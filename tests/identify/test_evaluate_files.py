@@ -128,7 +128,9 @@ def test_out_of_the_order_of_time_with_lags(tmp_path: Path) -> None:
     table = readings.read_text().splitlines(keepends=True)
     readings.write_text("".join([table[0], *reversed(table[1:])]))
     found, _ = streamed.evaluate_files(paths, arm, calibration(arm), told.append)
+    remarks = found.pop("remarks")
     assert found == evaluate(load_sessions(paths, arm), arm, calibration(arm)).as_json()
+    assert all("no limit in arm.toml" in remark for remark in remarks)
     assert any("order of time" in text for text in told)
 
 

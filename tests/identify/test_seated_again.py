@@ -54,7 +54,7 @@ def test_temperatures_outside_the_range_are_told_by_session_and_sensor() -> None
     outside = OutsideRange(arm, thermal_calibration(arm).content)
     celsius = np.array([[20.0, 29.0, 90.0], [20.0, 33.5, 20.0], [20.0, np.nan, 20.0]])
     outside.add(0, "warm", celsius)
-    outside.add(0, "warm", celsius + [[0.0, 1.0, 0.0]])
+    outside.add(0, "warm", celsius + np.array([0.0, 1.0, 0.0]))
     outside.add(1, "mild", celsius[:1])
     (told,) = outside.in_words()
     assert told.startswith("warm: ") and "of 6 readings: b 33.5 to 34.5 °C in 2" in told

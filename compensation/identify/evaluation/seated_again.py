@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
 from armd.compensation.data.session import Session
-from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.identify.fit import fit
 from armd.compensation.model.arm import Arm
@@ -60,17 +59,19 @@ def fit_tip(sessions: Sequence[Session], arm: Arm, calibration: Calibration | No
 
     Raises `BadInput` where the readings do not give it.
     """
-    model = AssumedModel.under(arm, calibration)
-    observations = gather(sessions, arm, calibration.artefact if calibration else None)
-    observations = observations.rows(np.isfinite(model.tip_mm(observations)[:, 0]))
+    observations = evaluate(sessions, arm, calibration).observations
+    constants = calibration.vector(arm.n_joints) if calibration else arm.nominal()
+    terms = calibration.terms if calibration else []
+    reference_c = (calibration or arm).reference_temperature_c
     unknowns = Unknowns(TIP_PARAMETERS)
     if observations.n < LEAST_READINGS:
         expected = f"{LEAST_READINGS} at least, to fit the tip"
         raise BadInput(sessions[0].path, "readings", f"{observations.n}", expected)
-    found = fit(observations, model.constants, model.terms, unknowns, model.reference_c)
+    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
+        found = fit(observations, constants, terms, unknowns, reference_c)
     at = arm.layout.tip
     scale = np.sqrt(np.maximum(np.diag(found.covariance)[:3], 0.0))
-    return FittedTip(found.constants[at], scale, model.constants[at])
+    return FittedTip(found.constants[at], scale, constants[at])
 
 
 def hint_of_tip(
