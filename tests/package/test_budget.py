@@ -114,3 +114,9 @@ def test_all_but_the_first_cases_are_slow() -> None:
     assert third.id == "four" and [m.name for m in third.marks] == ["skip", "slow"]
     chosen = parametrize_default("a, b", [(1, 2), (3, 4)], default=[1]).mark.args[1]
     assert chosen[0].values == (1, 2) and chosen[1] == (3, 4)
+
+
+def test_each_test_file_has_a_name_of_its_own() -> None:
+    """Pytest imports them by it; two of one name stop every run."""
+    names = [path.name for path in TESTS.rglob("test_*.py")]
+    assert not {name for name in names if names.count(name) > 1}
