@@ -39,10 +39,10 @@ MOST_OFFSET = {"feetech": (2047, 31), "dynamixel": (1_044_479, 20)}
 #: 124° (Koch); a tenth of that is no sweep.
 LEAST_SWEEP_COUNTS = 141
 #: A sweep of less than this share of the drawing's travel was stopped early: its middle, LeRobot's
-#: zero, is off by an eighth of the travel or more. Of whole arms the least is 0.9.
+#: zero, is off by an eighth of the travel or more.
 LEAST_SHARE = 0.75
-#: More than this of it: another arm, or one that the drawing does not know.
-MOST_SHARE = 1.25
+#: Outside of these shares a sweep is remarked on: whole arms have 0.97 to 1.12 of the drawing's.
+USUAL_SHARES = (0.92, 1.25)
 #: A joint with stops that was swept across the encoder's seam has gone round it all (LeRobot keeps
 #: the least and the greatest raw position). A joint of more travel has no stops to speak of.
 SEAM_DEG, STOPS_DEG = 330.0, 300.0
@@ -174,7 +174,7 @@ def _check_sweeps(
                 f" --short-sweep {key} if this joint of yours turns no farther"
             )
             raise BadInput(path, where, swept, expected)
-        if not LEAST_SHARE <= share <= MOST_SHARE:
+        if not USUAL_SHARES[0] <= share <= USUAL_SHARES[1]:
             said.append(
                 f"{key}: {swept}, and the drawing's travel is {travel:.0f}°;"
                 " the middle of the sweep is taken as the drawing's zero"

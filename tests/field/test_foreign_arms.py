@@ -323,6 +323,16 @@ def test_a_joint_that_turns_no_farther_is_taken_when_said(tmp_path: Path, capsys
     assert code == 2 and "across the encoder's seam" in said
 
 
+def test_a_sweep_that_is_somewhat_short_is_remarked_on(tmp_path: Path, capsys: Said) -> None:
+    """160° of 194°: the zero may be 17° off."""
+    content = json.loads((SWEEPS / "whole.json").read_text())
+    content["elbow_flex"]["range_max"] = 872 + 1820
+    (tmp_path / "c.json").write_text(json.dumps(content))
+    code, said = calibrated(capsys, tmp_path / "c.json", tmp_path / "a.toml")
+    assert code == 0
+    assert "elbow_flex: a sweep of 160° (872 … 2692), and the drawing's travel is 194°" in said
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [

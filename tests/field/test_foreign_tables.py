@@ -113,6 +113,11 @@ def test_temperatures_that_may_be_anybodys_are_asked_about(importer: Importer) -
     joints = ",".join(f"q{k}" for k in range(1, 6))
     zero = ",".join(f"Temp {k}" for k in range(6))
     code, said = importer.text(f"{joints},{zero}\n1,2,3,4,50,21,22,23,24,25,26\n", SERVOS)
+    assert code == 2 and "expected the numbers of servo2" in said
+    five = ",".join(f"Temp {k}" for k in range(1, 6))  # servo 1 to 5, or the five sensors?
+    code, said = importer.text(f"{joints},{five}\n1,2,3,4,50,21,22,23,24,25\n", SERVOS)
+    assert code == 2 and "which is which: --column servo2=HEADER" in said
+    code, said = importer.text(f"{joints},Temp 0,Temp 2\n1,2,3,4,50,21,22\n", SERVOS)
     assert code == 2 and "found numbers from 0, expected numbers as in servo2" in said
     arm = importer.folder / "named.toml"
     text = SERVOS.read_text()
@@ -142,6 +147,14 @@ def test_a_column_t_is_asked_about(importer: Importer) -> None:
     code, said = importer.field("tables/T-column.csv", "--column", "t1=T")
     assert code == 0
     assert importer.session(THREE).states.temperature_c[:, 0].tolist() == [22.5, 22.6, 22.7, 22.8]
+
+
+def test_a_column_t_of_an_arm_without_sensors(importer: Importer) -> None:
+    """It is no time because nothing else is there to be."""
+    code, said = importer.text("J1,J2,J3,J4,J5,T\n1,2,3,4,50,22.5\n", FIVE)
+    assert code == 2 and "--column time_s=T, or --column artefact_c=T" in said
+    code, said = importer.text("J1,J2,J3,J4,J5,t\n1,2,3,4,50,22.5\n", FIVE)
+    assert code == 0 and "time_s is the column 't'" in said
 
 
 @pytest.mark.parametrize(
@@ -298,6 +311,9 @@ def test_positions_of_lerobot_are_asked_about(importer: Importer) -> None:
         code, said = importer.field("lerobot-normalised", *given)
         assert code == 2 and "found LeRobot's positions, 82.87 at most" in said
         assert "--angle-unit deg" in said and "--lerobot CALIBRATION.json" in said
+    bare = (LEROBOT / "readings.csv").read_text().replace(".pos", "")
+    code, said = importer.text(bare, LEROBOT / "arm.toml")
+    assert code == 2 and "found LeRobot's positions" in said
     code, said = importer.field("lerobot-normalised", "--angle-unit", "deg")
     assert code == 0
     first = np.degrees(importer.session(LEROBOT / "arm.toml").states.q[0])

@@ -18,6 +18,7 @@ from armd.compensation.data.foreign.words import (
     RATES,
     TEMPERATURE,
     TEMPERATURES,
+    joint_name,
     numbered,
     word_and_unit,
 )
@@ -32,6 +33,8 @@ ALL = "1"
 #: What LeRobot calls a joint's position: a share of its sweep, -100 to 100, unless it was asked
 #: for degrees.
 LEROBOT_POSITION = ".pos"
+#: Joints that LeRobot alone calls so.
+LEROBOTS_OWN = ("elbowflex", "wristflex")
 MOST_NORMALISED = 100.0
 NORMALISED = "normalised"
 
@@ -176,12 +179,16 @@ def _angle_unit(table: ForeignTable, places: Mapping[str, int], given: str | Non
         return told.pop()
     values = [abs(table.number(i, at)) for at in columns for i in range(len(table.rows))]
     largest = max(filter(math.isfinite, values), default=0.0)
-    lerobot = any(table.header[at].lower().endswith(LEROBOT_POSITION) for at in columns)
+    lerobot = any(
+        table.header[at].lower().endswith(LEROBOT_POSITION)
+        or joint_name(table.header[at]) in LEROBOTS_OWN
+        for at in columns
+    )
     if lerobot and largest <= MOST_NORMALISED:
         found = f"LeRobot's positions, {largest:.4g} at most"
         expected = (
-            "--angle-unit deg if it logged degrees (use_degrees), else --lerobot CALIBRATION.json:"
-            " -100 to 100 of each joint's sweep"
+            "--angle-unit deg if it logged degrees (use_degrees), rad if radians, else"
+            " --lerobot CALIBRATION.json: -100 to 100 of each joint's sweep"
         )
         raise BadInput(table.path, "the angles", found, expected)
     if largest > 720:

@@ -132,6 +132,10 @@ def _put_sensors(places: Places, family: Mapping[int, int], given: Mapping[str, 
     if not by_number:
         _put_sensors_in_order(places, family, given)
         return
+    if len(family) >= len(sensors) and not set(by_number) <= set(family):
+        headers = few(places.table.header[at] for at in family.values())
+        expected = f"the numbers of {few(sensors)}, or which is which: --column {sensors[0]}=HEADER"
+        raise BadInput(places.table.path, "the temperatures", headers, expected)
     for k, at in family.items():
         names = by_number.get(k, [])
         header = places.table.header[at]
@@ -208,7 +212,9 @@ def _put_bare_t(places: Places) -> None:
     for at, header in sorted(bare, key=lambda one: not _is_clock(places.table, one[0])):
         unit = word_and_unit(header)[1]
         sensors = [name for name in places.arm.sensors if name not in places.at]
-        if unit in TIMES or (not unit and "time_s" not in places.at and not sensors):
+        only_time = not places.arm.sensors and header == "t"
+        only_time = only_time or bool(places.arm.sensors and not sensors)
+        if unit in TIMES or (not unit and "time_s" not in places.at and only_time):
             places.put("time_s", at)
         elif unit in TEMPERATURES or "time_s" in places.at:
             if len(sensors) == 1:
@@ -217,7 +223,8 @@ def _put_bare_t(places: Places) -> None:
         elif not unit and _is_clock(places.table, at):
             places.put("time_s", at)
         elif not unit:
-            expected = f"which: --column time_s={header}, or --column {sensors[0]}={header}"
+            other = sensors[0] if sensors else "artefact_c"
+            expected = f"which: --column time_s={header}, or --column {other}={header}"
             found = "a name that may mean time or temperature"
             raise BadInput(places.table.path, f"column {header}", found, expected)
 
