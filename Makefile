@@ -76,7 +76,7 @@ WORKERS := $(PYTEST) -n 3 --dist loadfile
 EMPTY_IS_FINE := $(if $(TEST_ARGS),|| [ $$? = 5 ])
 
 test:
-	@echo "armd: lint and tests take about four minutes on two cores, once armd is installed"
+	@echo "armd: lint and tests have five minutes on two cores, once armd is installed"
 	@$(MAKE) --no-print-directory develop
 	@began=$$(date +%s); $(MAKE) --no-print-directory lint test-default; code=$$?; \
 	    echo "armd: make test took $$(($$(date +%s) - began)) s"; exit $$code
@@ -87,7 +87,7 @@ test-default: develop
 
 # What make test leaves out, save make test-long
 test-all:
-	@echo "armd: everything else takes about an hour on two cores"
+	@echo "armd: everything else has 75 minutes on two cores"
 	@$(MAKE) --no-print-directory develop
 	@began=$$(date +%s); \
 	    for part in paper real browser test-slow "soak MINUTES=2" \
