@@ -118,6 +118,9 @@ def test_two_revisions_are_compared_case_by_case() -> None:
     named, gain = lines["named and located"], lines["gain, of the oracle's"]
     assert (named.before, named.after, named.interval) == ("0/8", "8/8", "+1.00 to +1.00")
     assert (gain.before, gain.after) == ("0/40", "40/40")
+    assert lines["failed"].interval == "-0.38 to +0.38"  # none of eight differs
+    few = compare([(silent, good)], np.random.default_rng(0))
+    assert {line.interval for line in few} == {"few cases"}
     assert "false alarms, clean" not in lines
 
 
