@@ -10,10 +10,8 @@ from scipy.linalg import qr
 
 from armd.arrays import F64
 from armd.compensation.model import parameters
-from armd.compensation.model.arm import Arm
+from armd.compensation.model.arm import PARALLEL_DEG, Arm
 
-#: Consecutive axes closer to parallel than this need Hayati's β.
-PARALLEL_DEG = 5.0
 #: Plausible departures from the drawing; a direction known worse than a tenth of this is unknown.
 PLAUSIBLE = {"mm": 10.0, "rad": 0.02}
 #: What moves points by less than this, relative to what moves them most, moves none.

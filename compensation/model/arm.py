@@ -28,6 +28,8 @@ Offset = Annotated[tuple[Millimetres, Millimetres, Millimetres], Field(descripti
 TAKEN = re.compile(r"time_s|placement|target|artefact_c|[qw][1-9]|approach_[xyz]|[xyz]_mm")
 #: Thirds written with two digits still make a mean.
 WEIGHTS_OFF = 0.011
+#: Consecutive axes closer to parallel than this need Hayati's β.
+PARALLEL_DEG = 5.0
 
 
 _layout = cache(ParameterLayout)  # which keeps the names that it has looked up

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.estimate.gauge import PARALLEL_DEG
+from armd.compensation.model.arm import PARALLEL_DEG
 
 #: Nearer than this, in mm, two points are one.
 SAME_MM = 1e-9

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from armd.arrays import F64
-from armd.compensation.estimate.gauge import PARALLEL_DEG
+from armd.compensation.model.arm import PARALLEL_DEG
 from armd.daemon.catalogue.axes import axes_of_rows, rows_of_axes, turn
 
 #: A row's parameters in arm.toml, in the order in which armd applies them.

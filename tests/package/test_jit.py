@@ -50,7 +50,7 @@ def _run(folder: Path, cache: str, before: Callable[[], None] | None = None) -> 
     program.write_text(PROGRAM)
     done = subprocess.run(
         [sys.executable, str(program)],
-        env=os.environ | {"NUMBA_CACHE_DIR": cache},
+        env=os.environ | {"NUMBA_CACHE_DIR": cache, "ARMD_PLAIN_NUMBA": ""},
         cwd=folder,
         capture_output=True,
         text=True,
@@ -75,7 +75,8 @@ def test_arms_of_other_joint_counts_share_a_cache(tmp_path: Path) -> None:
     """What one process compiled for three joints is not taken for another's of six."""
     program = tmp_path / "arms.py"
     program.write_text(ARMS)
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    cache = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "ARMD_PLAIN_NUMBA": ""}
+    environment = os.environ | cache
     three, six, both = (
         subprocess.run(
             [sys.executable, str(program), *joints],

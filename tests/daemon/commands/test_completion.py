@@ -79,8 +79,8 @@ def test_man_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--thermal-method" in done.stdout
 
 
-def test_without_the_extra_they_have_the_commands_of_a_controller() -> None:
-    """A program of its own, in which the packages of the extra cannot be found."""
+def test_a_controllers_commands_start_and_are_all_in_the_help() -> None:
+    """A program of its own, in which the packages that a controller lacks cannot be found."""
     ask = """
 import sys
 from armd.daemon.cli import OFFLINE, main
@@ -93,6 +93,12 @@ class Missing:
 sys.meta_path.insert(0, Missing())
 sys.exit(main(sys.argv[1:]))
 """
+    check = "from armd.daemon.start_check import main; sys.exit(main())"
+    started = subprocess.run(
+        [sys.executable, "-c", ask.replace("sys.exit(main(sys.argv[1:]))", check)],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert (started.returncode, started.stderr) == (0, "")
     for words in (["man"], ["completion", "bash"], ["completion", "fish"]):
         done = subprocess.run([sys.executable, "-c", ask, *words], capture_output=True, text=True)
         assert (done.returncode, done.stderr) == (0, "")
