@@ -126,18 +126,28 @@ def _compare(recording: Recording, points: Points) -> int:
     replayed = dict(zip(points["seq"].tolist(), as_json(points), strict=True))
     from_ns = int(points["monotonic_ns"][0]) if len(points) else 0
     from_ns += SETTLING_NS if recording.preamble() else 0
-    identical = different = 0
+    identical = different = early = absent = 0
     for message in recording.messages({TOPICS[keys.POINT]}):
         try:
             point = json.loads(message.data)
             seq, at_ns = int(point["seq"]), int(point["monotonic_ns"])
         except (ValueError, KeyError, TypeError) as error:
             raise BadInput(recording.path, "/point", repr(message.data[:40]), "a point") from error
-        if seq in replayed and at_ns >= from_ns:
+        if seq not in replayed:
+            absent += 1
+        elif at_ns < from_ns:
+            early += 1
+        else:
             same = replayed[seq] == message.data
             identical += same
             different += not same
     print(f"armd: {counted(identical, 'point')} bit-identical, {different} different")
+    for count, why in (
+        (early, f"the first {SETTLING_NS / 1e9:g} s of a recording that began in mid-stream"),
+        (absent, "their frames are not in the recording"),
+    ):
+        if count:
+            print(f"armd: {counted(count, 'recorded point')} not compared: {why}")
     return 1 if different or not identical else 0
 
 
