@@ -146,7 +146,7 @@ class Corrector:
         position, _ = self._model.correct_rows(states, taken.slow)
         uncertainty = self._model.uncertainty_rows(states, taken.slow)
         figures = np.hstack([position, uncertainty])
-        invalid = np.isnan(states.q).any(axis=1)
+        invalid = np.isnan(states.q).any(axis=1) | ~np.isfinite(position).all(axis=1)
         figures[invalid] = np.nan
 
         low, high = self._range_c

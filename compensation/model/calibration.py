@@ -86,6 +86,9 @@ class Calibration(Strict):
         n = len(self.covariance_of)
         if len(self.covariance) != n or any(len(row) != n for row in self.covariance):
             raise ValueError(f"a covariance of {n} × {n}, one row per entry of covariance_of")
+        for i, name in enumerate(self.covariance_of):
+            if self.covariance[i][i] < 0:
+                raise ValueError(f"variances of 0 or more, not {self.covariance[i][i]:g} of {name}")
         return self
 
     def vector(self, n_joints: int) -> F64:

@@ -198,3 +198,13 @@ def test_what_a_diagnosis_writes_of_time_says_from_when_to_when_it_was_seen() ->
         for factor in term.basis
     ]
     assert {(f.since_unix_s, f.until_unix_s) for f in factors} == {(1.7e9, 1.7e9 + 3600)}
+
+
+def test_a_negative_variance_is_refused(tmp_path: Path) -> None:
+    """Points would carry a covariance of 0."""
+    path = tmp_path / "cal.json"
+    save_calibration(path, plain(covariance_of=["d_1"], covariance=[[1e-6]]))
+    load_calibration(path)
+    rewritten(path, lambda content: content["covariance"][0].__setitem__(0, -1e-6))
+    with pytest.raises(BadInput, match="variances of 0 or more, not -1e-06 of d_1"):
+        load_calibration(path)

@@ -41,7 +41,8 @@ def recorrect(arm: Arm, calibration: LoadedCalibration, states: States) -> Recor
     states = replace(states, q=fold_turns(states.q, arm)[0], temperature_c=possible_c)
     slow = model.slow_values(states)
     position, _ = model.correct_rows(states, slow)
-    invalid = np.isnan(position).any(axis=1)
+    invalid = ~np.isfinite(position).all(axis=1)
+    position[invalid] = np.nan
     uncertainty = model.uncertainty_rows(states, slow)
     uncertainty[invalid] = np.nan
     used = used_sensors(arm, content)

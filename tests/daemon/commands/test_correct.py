@@ -354,3 +354,14 @@ def test_a_term_that_follows_time_is_held_outside_its_period_and_flagged(bench: 
     assert bench.calibrated("--started", "2026-03-01T09:00:00Z") == 0
     assert bench.lifted_mm() == [0.0, 1.0, 2.0]
     assert [int(row["flags"]) & Flag.TEMPERATURE_RANGE for row in bench.points()] == [2, 0, 2]
+
+
+def test_what_is_not_finite_is_invalid(bench: Bench) -> None:
+    """As the daemon has it: no number, and flag 0."""
+    bench.calibrate([{"parameter": "d_1", "basis": [WARM] * 2, "coefficient": 1e308}])
+    (bench.folder / "readings.csv").write_text("q1,q2,q3,t1\n0.1,0.2,0.3,29\n0.1,0.2,0.3,20\n")
+    assert bench.calibrated() == 0
+    far, at_reference = bench.points()
+    assert far["x_mm"] == far["z_mm"] == far["u_x_mm"] == ""
+    assert int(far["flags"]) & Flag.INVALID and not int(at_reference["flags"]) & Flag.INVALID
+    assert np.isfinite(float(at_reference["x_mm"]))
