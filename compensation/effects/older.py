@@ -33,6 +33,20 @@ def beyond_calibration(candidate: Candidate, facts: SessionFacts) -> Candidate |
     return replace(candidate, columns=tuple(column for column in columns if column is not None))
 
 
+def since_the_calibration(older: Candidate) -> Candidate:
+    """The same cause as one that began after the calibration: nothing of it was absorbed. Of a
+    cause of the first order only."""
+    columns = tuple(
+        replace(
+            column,
+            name=column.name.removesuffix(f", {OLDER}"),
+            terms=tuple(term for term in column.terms if term.basis),
+        )
+        for column in older.columns
+    )
+    return replace(older, columns=columns)
+
+
 def _beyond(column: Column, facts: SessionFacts) -> Column | None:
     terms: list[Term] = []
     for term in column.terms:

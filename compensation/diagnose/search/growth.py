@@ -20,6 +20,7 @@ from armd.compensation.diagnose.fitting.neighbourhood import refused
 from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.linear import Baseline
 from armd.compensation.diagnose.problem.signatures import finding_columns
+from armd.compensation.diagnose.scoring.candidates import weakest
 from armd.compensation.diagnose.scoring.evidence import (
     EXPECTED_PRIOR,
     log_bayes_factors,
@@ -28,14 +29,18 @@ from armd.compensation.diagnose.scoring.evidence import (
 from armd.compensation.diagnose.scoring.projection import make_projection
 from armd.compensation.diagnose.scoring.threshold import significant
 from armd.compensation.effects.effect import Candidate
-from armd.compensation.effects.older import OLDER
+from armd.compensation.effects.older import OLDER, since_the_calibration
 from armd.compensation.model.arm import Arm
 
+#: Noise larger by no more than this share is the same.
+AS_QUIET = 1.02
 #: Rounds over all links; three settle.
 MOST_ROUNDS = 10
 
 
-def with_growth(current: Fit, candidates: Iterable[Candidate], arm: Arm) -> tuple[Fit, Fit] | None:
+def with_growth(
+    current: Fit, candidates: Iterable[Candidate], arm: Arm, tests: int
+) -> tuple[Fit, Fit] | None:
     """The fit with the growth that its readings show as findings before its own; None where they
     show none. First with nothing else growing, by which it is weighed; then with what the
     calibration could not know of the other lengths, by which its sizes and all else are known."""
@@ -49,11 +54,33 @@ def with_growth(current: Fit, candidates: Iterable[Candidate], arm: Arm) -> tupl
         return None
     nothing = [np.zeros(len(c.columns)) for c in grown]
     findings, start = [*grown, *current.findings], [*nothing, *current.amplitudes]
-    weighed = _fitted(current, closed, findings, start, arm)
+    weighed = _or_newer(_fitted(current, closed, findings, start, arm), len(grown), arm, tests)
+    findings = list(weighed.findings)
     named = {t.parameter for c in grown for column in c.columns for t in column.terms}
     others = without_growth(current.baseline, named)
     last = _fitted(current, others, findings, weighed.amplitudes, arm)
     return None if refused(last, about, arm) else (weighed, last)
+
+
+def _or_newer(weighed: Fit, grown: int, arm: Arm, tests: int) -> Fit:
+    """The fit with its first findings, which have *grown*, as growth that began after the
+    calibration, from the reference temperature on, if that makes others of its findings needless.
+
+    How long a link was at the calibration's temperature is else taken for a constant that shifted.
+    """
+    newer = [since_the_calibration(c) for c in weighed.findings[:grown]]
+    findings, start = [*newer, *weighed.findings[grown:]], list(weighed.amplitudes)
+    fitted = _fitted(weighed, weighed.baseline, findings, start, arm)
+    while len(fitted.findings) > grown:
+        least, log_p = weakest(make_projection(fitted, arm))
+        if least < grown or significant(log_p, tests):
+            break
+        kept = [i for i in range(len(fitted.findings)) if i != least]
+        findings, start = [fitted.findings[i] for i in kept], [fitted.amplitudes[i] for i in kept]
+        fitted = _fitted(fitted, fitted.baseline, findings, start, arm)
+    fewer = len(fitted.findings) < len(weighed.findings)
+    as_quiet = fitted.noise.own_mm < AS_QUIET * weighed.noise.own_mm
+    return fitted if fewer and as_quiet else weighed
 
 
 def _ways_to_grow(candidates: Iterable[Candidate]) -> list[list[Candidate]]:

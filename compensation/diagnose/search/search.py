@@ -159,9 +159,13 @@ class Search:
         found = self._beside_rival_sets(told, current, scored)
         searched = as_told(current, found)
         last = searched
-        if grown := with_growth(searched, self._refusals.candidates, self.arm):
+        if grown := with_growth(searched, self._refusals.candidates, self.arm, self._tests):
             growth, last = grown
-            found = (*self._growth_told(growth)[: -len(found) or None], *found)
+            there = [i for i, c in enumerate(searched.findings) if c in last.findings]
+            if len(there) < len(found):
+                found = tuple(found[i] for i in there)
+                searched = self._fit([searched.findings[i] for i in there], searched)
+            found = (*self._growth_told(growth)[: len(last.findings) - len(there)], *found)
             self._survey(last)
         return SearchResult(
             self.facts,
