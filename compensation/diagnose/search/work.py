@@ -17,11 +17,11 @@ from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 STEP, TRIAL, REPEATED = 1.0, 0.3, 0.4
 #: Rows count as shared columns do, so many together as one of these.
 ROWS_A_COLUMN = 60.0
-#: Products of candidates' and shared columns, weighted as above: about 1.2e6 of them are a second.
-MOST_PRODUCTS = 54e6
+#: Products of candidates' and shared columns, weighted as above: a million of them are about a second.
+MOST_PRODUCTS = 40e6
 #: Of fewer readings than these the bound is so much higher, up to so many times: a look costs less
 #: beside all else, and among few readings other sets of causes are likelier to be the right ones.
-MANY_READINGS, MOST_TIMES = 2000, 3.0
+MANY_READINGS, MOST_TIMES = 2000, 4.0
 #: Other sets may take this share of it; so much is kept for the search repeated.
 MOST_OF_SETS, LEAST_REPEATED = 0.4, 0.3
 
