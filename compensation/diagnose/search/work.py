@@ -17,7 +17,7 @@ from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 STEP, TRIAL, REPEATED = 1.0, 0.3, 0.4
 #: Rows count as shared columns do, so many together as one of these.
 ROWS_A_COLUMN = 60.0
-#: Products of candidates' and shared columns, weighted as above: a million of them are about a second.
+#: Products of candidates' and shared columns, weighted as above: about 1e6 are a second.
 MOST_PRODUCTS = 40e6
 #: Of fewer readings than these the bound is so much higher, up to so many times: a look costs less
 #: beside all else, and among few readings other sets of causes are likelier to be the right ones.
