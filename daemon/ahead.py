@@ -147,13 +147,14 @@ def make_library(args: argparse.Namespace, numbers: Sequence[int]) -> int:
         )
         return 2
     from armd.compiled import compiler, numba_inside
+    from armd.compiled.jit import FUNCTIONS
 
     library.do_without()
     compiler.keep_nothing()
     call(args.files, numbers, only_serial=args.demo)
     args.into.mkdir(parents=True, exist_ok=True)
     try:
-        numba_inside.export(args.into / library.file_name())
+        numba_inside.export(args.into / library.file_name(), FUNCTIONS)
     except ArmdError as error:
         print(f"armd: {error}", file=sys.stderr)
         return 2

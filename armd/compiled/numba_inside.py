@@ -13,10 +13,10 @@ import hashlib
 import pickle
 import tempfile
 import warnings
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numba
 import numpy as np
@@ -27,7 +27,6 @@ from numba.core.types import Record
 from numba.core.types.misc import unliteral
 
 from armd.compiled import library
-from armd.compiled.jit import FUNCTIONS
 from armd.errors import BadInput
 
 #: Nobody calls by C's convention: what would make it possible is not compiled.
@@ -112,8 +111,18 @@ def can_link() -> bool:
     return bool(external_compiler_works())
 
 
-def export(path: Path) -> None:
-    """Write every function, for all kinds of arguments it was called with so far, to *path*.
+class Exportable(Protocol):
+    """A function, what was called by the kinds of its arguments so far, and numba's dispatcher."""
+
+    name: str
+    entries: dict[tuple[Hashable, ...], Callable[..., Any]]
+
+    @property
+    def by_numba(self) -> Any: ...
+
+
+def export(path: Path, functions: Sequence[Exportable]) -> None:
+    """Write *functions*, for all kinds of arguments they were called with so far, to *path*.
 
     For any processor of this kind: what is delivered to another is the same, and so are results.
     Raises `BadInput` where it cannot be compiled or linked.
@@ -122,12 +131,12 @@ def export(path: Path) -> None:
         from numba.pycc import CC
     from setuptools.errors import CCompilerError
 
-    if not any(function.entries for function in FUNCTIONS):
+    if not any(function.entries for function in functions):
         return  # one without functions would only be in the way of another
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         compiler = CC(path.name.partition(".")[0], source_module=__name__)
         compiler.output_dir, compiler.output_file = folder, path.name
-        for function in FUNCTIONS:
+        for function in functions:
             for kinds in function.entries:
                 arguments = tuple(map(_numba_type, kinds))
                 dispatcher = function.by_numba

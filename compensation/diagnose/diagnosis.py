@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
 from armd.arrays import F64
@@ -114,6 +114,23 @@ class Gain:
     shown: bool  # held-out readings improve beyond doubt
     #: before and after, the rows named as outliers left out of both, where there are some
     without_outliers_um: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class BorneOut:
+    """The findings written, by number, and squared residuals held out (n,) mm² without any and
+    with what is written."""
+
+    some: tuple[int, ...]
+    before: F64
+    after: F64
+    #: of those of which the repeated search tells nothing: of the look that bears them out
+    gains: dict[int, Gain]
+    by: JudgedBy = ""
+    unforeseen: tuple[int, ...] = ()  # confirmed, but not by what came after
+    growth: bool = False  # the first link's joins them
+    #: factors for the odds of findings that the readings held out speak against
+    doubts: Mapping[int, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

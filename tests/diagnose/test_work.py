@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from armd.compensation.diagnose.problem.linear import Baseline, ModelState
 from armd.compensation.diagnose.problem.rests import gather_rests
+from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
 from armd.compensation.diagnose.search import search
-from armd.compensation.diagnose.search.work import LEAST_REPEATED, MOST_PRODUCTS, STEP, TRIAL, Work
-from armd.compensation.diagnose.searched import AS_FAR_OFF, _is_farther_off
+from armd.compensation.diagnose.search.work import (
+    LEAST_REPEATED,
+    MOST_PRODUCTS,
+    STEP,
+    TRIAL,
+    WorkBudget,
+)
+from armd.compensation.diagnose.searched import AS_FAR_OFF, is_farther_off
 from armd.compensation.effects import location
 from armd.compensation.effects.effect import Candidate
 from armd.compensation.effects.encoder.encoder_eccentricity import harmonic_columns
@@ -25,20 +32,21 @@ from support.small_fit import unit_noise
 ARM = synthetic.arm()
 
 
-def look(columns: int = 100, shared: int = 40, rests: int = 0) -> Any:
+def look(columns: int = 100, shared: int = 40, rests: int = 0) -> ScoredCandidates:
     """One look at a catalogue of so many columns beside shared ones."""
     signatures = SimpleNamespace(count=np.ones(columns, dtype=int))
     model = SimpleNamespace(layout=SimpleNamespace(n=shared))
     linear = SimpleNamespace(rests=SimpleNamespace(n=rests))
     sums = SimpleNamespace(signatures=signatures, shared=model)
-    return SimpleNamespace(sums=sums, fit=SimpleNamespace(linear=linear))
+    projection = SimpleNamespace(fit=SimpleNamespace(linear=linear))
+    return ScoredCandidates(cast(Any, projection), cast(Any, sums))
 
 
 def test_a_step_counts_the_products_of_candidates_and_shared_columns() -> None:
-    work = Work(most=8000.0)
-    work.add(look(), STEP)
+    work = WorkBudget(most=8000.0)
+    work.add(look().n_products, STEP)
     assert work.done == 4000.0 and work.may_go_on and work.may_try_sets
-    work.add(look(), STEP)
+    work.add(look().n_products, STEP)
     assert not work.may_go_on and not work.may_try_sets
     assert work.in_words() == []
     work.skip("this")
@@ -47,20 +55,20 @@ def test_a_step_counts_the_products_of_candidates_and_shared_columns() -> None:
 
 
 def test_many_readings_have_one_bound_and_few_a_higher_one() -> None:
-    most = [Work.of_readings(n).most for n in (20_000, 2_000, 1_000, 100, 0)]
+    most = [WorkBudget.of_readings(n).most for n in (20_000, 2_000, 1_000, 100, 0)]
     assert most == [MOST_PRODUCTS, MOST_PRODUCTS, 2 * MOST_PRODUCTS, *[4 * MOST_PRODUCTS] * 2]
 
 
 def test_other_sets_leave_work_for_what_follows() -> None:
-    work = Work(most=8000.0)
+    work = WorkBudget(most=8000.0)
     while work.may_try_sets:
-        work.add(look(), TRIAL)
+        work.add(look().n_products, TRIAL)
     assert work.may_go_on and work.done < 0.7 * work.most
 
 
 def test_pieces_beside_each_other_have_equal_parts_and_always_some() -> None:
     """Not the one that comes first most of it: the answer must not go by the threads' order."""
-    work = Work(most=1000.0, done=400.0)
+    work = WorkBudget(most=1000.0, done=400.0)
     assert [work.of_one_in(3).most for _ in range(3)] == [200.0] * 3
     work.done = 2000.0
     piece = work.of_one_in(2)
@@ -92,7 +100,7 @@ def test_a_search_without_work_left_ends_and_reports_it(
     model = ModelState(ARM.nominal(), (), 20.0, ArtefactCorrection())
     baseline = Baseline(model, content, True, (), (), np.zeros((0, 0)))
     rests = gather_rests([session], ARM)
-    for work in (Work(most), Work(most)):
+    for work in (WorkBudget(most), WorkBudget(most)):
         result = search.Search(rests, ARM, baseline, work=work).run()
         skipped = ["more than 0 causes"] if most == 1.0 else []
         assert work.skipped == skipped
@@ -100,7 +108,7 @@ def test_a_search_without_work_left_ends_and_reports_it(
 
 
 @pytest.mark.parametrize(("times", "farther"), [(1.0, False), (2.0, False), (6.0, True)])
-def test_a_session_that_is_clipped_away_is_farther_off_all_the_same(
+def test_a_session_that_is_clipped_awayis_farther_off_all_the_same(
     times: float, farther: bool
 ) -> None:
     """Of ten sessions one, the noise being that of the others."""
@@ -113,4 +121,4 @@ def test_a_session_that_is_clipped_away_is_farther_off_all_the_same(
         noise=unit_noise(n), left_mm=left, linear=SimpleNamespace(rests=rests)
     )
     assert times < AS_FAR_OFF or farther
-    assert _is_farther_off(fit, 4) is farther
+    assert is_farther_off(fit, 4) is farther

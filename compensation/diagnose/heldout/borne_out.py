@@ -10,8 +10,8 @@ What this costs and saves: a finding that is worth nothing passes once in forty 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Final
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
-from armd.compensation.diagnose.diagnosis import Finding, Gain, JudgedBy, SearchResult
+from armd.compensation.diagnose.diagnosis import BorneOut, Finding, Gain, JudgedBy, SearchResult
 from armd.compensation.diagnose.extend import extended, knows_growth
 from armd.compensation.diagnose.fitting.follow import followed
 from armd.compensation.diagnose.fitting.neighbourhood import scale_kept
@@ -48,23 +48,6 @@ TARGET_FOLDS = 4
 TARGETS: Final = "targets left out within placements"
 #: A finding that shows so much in placements left out together cannot be learnt from the others.
 IN_ONE = 0.75
-
-
-@dataclass(frozen=True)
-class BorneOut:
-    """The findings written, by number, and squared residuals held out (n,) mm² without any and
-    with what is written."""
-
-    some: tuple[int, ...]
-    before: F64
-    after: F64
-    #: of those of which the repeated search tells nothing: of the look that bears them out
-    gains: dict[int, Gain]
-    by: JudgedBy = ""
-    unforeseen: tuple[int, ...] = ()  # confirmed, but not by what came after
-    growth: bool = False  # the first link's joins them
-    #: factors for the odds of findings that the readings held out speak against
-    doubts: Mapping[int, float] = field(default_factory=dict)
 
 
 def choose(

@@ -20,7 +20,7 @@ from armd.compensation.diagnose.problem.fitted import Fit
 from armd.compensation.diagnose.problem.rests import folds_of
 from armd.compensation.diagnose.scoring.candidates import PartedSurvey, ScoredCandidates
 from armd.compensation.diagnose.search.selection import next_finding
-from armd.compensation.diagnose.search.work import REPEATED, Work
+from armd.compensation.diagnose.search.work import REPEATED, WorkBudget
 from armd.compensation.effects.effect import joined
 from armd.compensation.freed import give_back_freed
 from armd.compensation.model.arm import Arm
@@ -43,7 +43,7 @@ def cross_validate(
     parted: PartedSurvey | None,
     arm: Arm,
     progress: TellShare,
-    work: Work | None = None,
+    work: WorkBudget | None = None,
 ) -> CrossValidated:
     """Leave placements out in turn and search the others anew, step by step; *parted*: the search's
     last survey, where it found anything; *work*: what is computed at most.
@@ -57,7 +57,7 @@ def cross_validate(
     squares = [np.zeros(last.linear.rests.n) for _ in range(len(result.found) + 1)]
     parts = [int(part) for part in np.unique(folds)]
     refits = refits_without(with_findings_unsolved(last, [], arm), [folds == p for p in parts])
-    work = work or Work()
+    work = work or WorkBudget()
     shares = [work.of_one_in(len(parts)) for _ in parts]  # they go on beside each other
     starts = [
         (part, refit.with_some([]), share)
@@ -78,7 +78,7 @@ def cross_validate(
 def _without(
     part: int,
     current: Fit,
-    work: Work,
+    work: WorkBudget,
     folds: I64,
     result: SearchResult,
     parted: PartedSurvey | None,
@@ -96,7 +96,7 @@ def _without(
             work.skip(f"{REPEATED_FROM} {len(squares)} on")
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))
             break
-        work.add(scored, REPEATED)
+        work.add(scored.n_products, REPEATED)
         found = next_finding(scored, result.tests)
         if found is None:  # nothing is gained by what the search on all readings found further
             squares += [squares[-1]] * (len(result.found) + 1 - len(squares))

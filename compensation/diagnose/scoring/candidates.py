@@ -26,6 +26,8 @@ SHAPE_PRIOR = 0.5
 #: A lag whose sessions began on a ramp looks shorter than it is, if they are taken as settled: 10
 #: and 25 min as 1 to 10. So many times longer ones are tried where that is left open.
 SLOWER = (4.0, 16.0)
+#: In the work of scoring, so many rows together count as one shared column.
+ROWS_A_COLUMN = 60.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,12 @@ class ScoredCandidates:
     def fit(self) -> Fit:
         """The fit whose findings are in the model."""
         return self.projection.fit
+
+    @property
+    def n_products(self) -> float:
+        """Products of candidates' columns with shared ones, and with rows, that scoring takes."""
+        columns, rows = self.sums.signatures.count.sum(), 3 * self.fit.linear.rests.n
+        return float(columns) * (self.sums.shared.layout.n + rows / ROWS_A_COLUMN)
 
     @cached_property
     def scores(self) -> Scores:

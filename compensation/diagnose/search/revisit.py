@@ -35,7 +35,7 @@ from armd.compensation.diagnose.scoring.evidence import UNKNOWN_PRIOR, Scores
 from armd.compensation.diagnose.scoring.projection import Projection, make_projection
 from armd.compensation.diagnose.scoring.shape import is_shape, shape_place, with_shapes
 from armd.compensation.diagnose.scoring.threshold import significant
-from armd.compensation.diagnose.search.work import TRIAL, Work
+from armd.compensation.diagnose.search.work import TRIAL, WorkBudget
 from armd.compensation.effects.by_session import follows_anything, is_by_session
 from armd.compensation.effects.effect import SCALES, Candidate, joined
 from armd.compensation.model.arm import Arm
@@ -82,13 +82,13 @@ class Revisit:
         tests: int,
         choose: Choose,
         through: Through,
-        work: Work | None = None,
+        work: WorkBudget | None = None,
     ) -> None:
         """*parted*: the same survey; *choose*: by what rule the search adds one more, *through*:
         which candidates a set of findings has that others have not; *work*: what is computed at
         most."""
         self._scored, self._arm, self._tests = scored, arm, tests
-        self._choose, self._through, self._work = choose, through, work or Work()
+        self._choose, self._through, self._work = choose, through, work or WorkBudget()
         self._fit = scored.fit
         self._first = parted.under(solve_again(self._fit, [], arm))
 
@@ -154,7 +154,7 @@ class Revisit:
         """
         for _ in range(MOST_IN_PLACE):
             scored = self._survey(findings)
-            self._work.add(scored, TRIAL)
+            self._work.add(scored.n_products, TRIAL)
             held = self._held(scored.sums.signatures.candidates, barred)
             more = self._choose(scored.projection, scored.scores.without(held), self._tests)
             if more is None:

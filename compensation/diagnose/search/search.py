@@ -59,7 +59,7 @@ from armd.compensation.diagnose.search.selection import (
     strongest_left,
     with_their_causes,
 )
-from armd.compensation.diagnose.search.work import STEP, Work
+from armd.compensation.diagnose.search.work import STEP, WorkBudget
 from armd.compensation.effects import catalogue
 from armd.compensation.effects.effect import Candidate, joined
 from armd.compensation.effects.setup.mount_drift import steady_drift
@@ -87,7 +87,7 @@ class Search:
         baseline: Baseline,
         progress: TellShare = lambda _text, _share: None,
         held_out: HeldOutGain = lambda _about, _before, _after: -math.inf,
-        work: Work | None = None,
+        work: WorkBudget | None = None,
         barred: Callable[[Candidate], bool] = lambda _candidate: False,
     ) -> None:
         """*held_out*: what decides between two sets of findings; without, none replaces another.
@@ -104,7 +104,7 @@ class Search:
         self._tests = 1
         self._sought: tuple[Sequence[Candidate], Signatures] | None = None
         self._held_out = held_out
-        self._work = work or Work()
+        self._work = work or WorkBudget()
         self._rivals: tuple[str, list[RivalSet]] | None = None
         #: the last survey beside findings, if any; many megabytes
         self.parted: PartedSurvey | None = None
@@ -354,5 +354,5 @@ class Search:
             scored = score_candidates(make_projection(current, self.arm), signatures)
         if not counted:
             self._tests = max(int((scored.scores.freedom > 0).sum()), 1)
-        self._work.add(scored, STEP)
+        self._work.add(scored.n_products, STEP)
         return scored

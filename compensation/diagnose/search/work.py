@@ -10,13 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from armd.compensation.diagnose.scoring.candidates import ScoredCandidates
-
 #: A step of the search, a set tried instead of another and a step of the search repeated look at
 #: the whole catalogue once each; the first also fits, renames and prunes.
 STEP, TRIAL, REPEATED = 1.0, 0.3, 0.4
-#: Rows count as shared columns do, so many together as one of these.
-ROWS_A_COLUMN = 60.0
 #: Products of candidates' and shared columns, weighted as above: about 1e6 are a second.
 MOST_PRODUCTS = 40e6
 #: Of fewer readings than these the bound is so much higher, up to so many times: a look costs less
@@ -27,7 +23,7 @@ MOST_OF_SETS, LEAST_REPEATED = 0.4, 0.3
 
 
 @dataclass
-class Work:
+class WorkBudget:
     """What a diagnosis has computed so far, and what it skipped."""
 
     most: float = MOST_PRODUCTS
@@ -35,26 +31,26 @@ class Work:
     of_sets: float = 0.0
     skipped: list[str] = field(default_factory=list)
 
-    def add(self, scored: ScoredCandidates, times: float) -> None:
-        """Count one look at the catalogue, *times* what it takes."""
-        products = _products(scored) * times
+    def add(self, products: float, times: float) -> None:
+        """Count one look at the catalogue that takes so many products, *times* over."""
+        products *= times
         self.done += products
         if times == TRIAL:
             self.of_sets += products
 
-    def of_one_in(self, count: int) -> Work:
+    def of_one_in(self, count: int) -> WorkBudget:
         """Return the work of one of *count* pieces that are computed beside each other: an equal
         part of what is left, or of what is kept for them."""
-        return Work(max(self.most - self.done, LEAST_REPEATED * self.most) / count)
+        return WorkBudget(max(self.most - self.done, LEAST_REPEATED * self.most) / count)
 
-    def take(self, piece: Work) -> None:
+    def take(self, piece: WorkBudget) -> None:
         """Add what a piece has computed and skipped."""
         self.done += piece.done
         for what in piece.skipped:
             self.skip(what)
 
     @classmethod
-    def of_readings(cls, count: int) -> Work:
+    def of_readings(cls, count: int) -> WorkBudget:
         """Return the work that so many readings may take."""
         times = min(max(MANY_READINGS / max(count, 1), 1.0), MOST_TIMES)
         return cls(MOST_PRODUCTS * times)
@@ -82,8 +78,3 @@ class Work:
             "The work of the search is bounded, and these readings take more of it: "
             f"{'; '.join(self.skipped)}. Look for what is wrong with the readings first."
         ]
-
-
-def _products(scored: ScoredCandidates) -> float:
-    columns, rows = scored.sums.signatures.count.sum(), 3 * scored.fit.linear.rests.n
-    return float(columns) * (scored.sums.shared.layout.n + rows / ROWS_A_COLUMN)

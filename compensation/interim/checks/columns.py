@@ -6,8 +6,6 @@ before an onset. So each cause stands once, without instants, and time comes in 
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +13,6 @@ import numpy as np
 from armd.compensation.effects.catalogue import candidates
 from armd.compensation.effects.effect import Candidate, SessionFacts
 from armd.compensation.effects.encoder import encoder_slip
-from armd.compensation.interim.checks.open_growth import OpenGrowth
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 
@@ -71,19 +68,6 @@ def causes_of(arm: Arm, calibration: Calibration) -> list[Cause]:
         replace(c, prior_sudden=c.prior_sudden / total, prior_gradual=c.prior_gradual / total)
         for c in causes
     ]
-
-
-def digest(causes: Sequence[Cause], growth: Sequence[OpenGrowth] = ()) -> str:
-    """SHA-256 of all causes' columns and of the *growth* that is open: the same of the same
-    catalogue only."""
-    columns = [(c.place, column) for c in (cause.candidate for cause in causes)
-               for column in c.columns]  # fmt: skip
-    text = "\n".join(
-        f"{place} {column.name} {[term.model_dump_json() for term in column.terms]}"
-        for place, column in columns
-    )
-    text += "".join(f"\n{one.name} {one.made_k:.9g} {one.size:.9g}" for one in growth)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _scene(arm: Arm, calibration: Calibration) -> SessionFacts:

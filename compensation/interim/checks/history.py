@@ -18,8 +18,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from armd.compensation.data.session import Session, load_session
+from armd.compensation.interim.checks.catalogue_digest import digest
 from armd.compensation.interim.checks.chain import HistoryLine, read_chain
-from armd.compensation.interim.checks.columns import Cause, causes_of, digest
+from armd.compensation.interim.checks.columns import Cause, causes_of
 from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduce import reduce
 from armd.compensation.interim.checks.reduced import Reduced

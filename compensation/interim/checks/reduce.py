@@ -18,7 +18,8 @@ from armd.compensation.estimate.poses import (
     pose_columns,
     target_columns,
 )
-from armd.compensation.interim.checks.columns import Cause, digest
+from armd.compensation.interim.checks.catalogue_digest import digest
+from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals

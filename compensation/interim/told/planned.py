@@ -11,7 +11,8 @@ from scipy.linalg import block_diag
 from armd.arrays import F64, I64
 from armd.compensation.design.clearance import from_the_column_mm, height_mm
 from armd.compensation.estimate.adjustment import adjusted
-from armd.compensation.interim.checks.columns import Cause, digest
+from armd.compensation.interim.checks.catalogue_digest import digest
+from armd.compensation.interim.checks.columns import Cause
 from armd.compensation.interim.checks.open_growth import open_growth
 from armd.compensation.interim.checks.reduced import Reduced
 from armd.compensation.interim.checks.signals import Signals

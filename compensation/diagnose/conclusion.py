@@ -1,0 +1,207 @@
+"""What a diagnosis ends with: its findings and what held-out readings say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armd.arrays import F64, I64, Mask
+from armd.compensation.data.session import Session
+from armd.compensation.diagnose.diagnosis import (
+    BorneOut,
+    Diagnosis,
+    Finding,
+    Gain,
+    Outlier,
+    SearchResult,
+)
+from armd.compensation.diagnose.extend import extended
+from armd.compensation.diagnose.fitting.fit import fit
+from armd.compensation.diagnose.fitting.follow import followed
+from armd.compensation.diagnose.fitting.growth_open import told_of_growth
+from armd.compensation.diagnose.heldout.gain import gain, gains, groups_of
+from armd.compensation.diagnose.heldout.left_open import saying_what_is_open
+from armd.compensation.diagnose.problem.fitted import Fit
+from armd.compensation.diagnose.problem.linear import Rests
+from armd.compensation.diagnose.search.work import WorkBudget
+from armd.compensation.diagnose.searched import Searched
+from armd.compensation.estimate.observations import gather
+from armd.compensation.identify.admission.mistakes import AssumedModel
+from armd.compensation.identify.admission.wrong_names import told_of_misnamed
+from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import Calibration
+
+
+@dataclass(frozen=True)
+class HeldoutJudgement:
+    """What held-out readings say of a search's findings, and which readings are outliers."""
+
+    squares: Sequence[F64]  # (n,) mm² of each held-out reading, without findings and after each
+    groups: I64
+    gains: Sequence[Gain]
+    written: BorneOut
+    outlying: I64  # numbers of rests
+    outlier_p: float
+
+
+def describe_readings(searched: Searched, arm: Arm) -> list[str]:
+    """What there is to say of a search's readings and of the model that they were searched by."""
+    result, baseline, told = searched.result, searched.baseline, list[str]()
+    if len(result.last.findings) == len(result.searched.findings):
+        told += told_of_growth(baseline)
+    told += told_of_misnamed(
+        searched.sessions,
+        gather(searched.sessions, arm, baseline.calibration.artefact),
+        AssumedModel.under(arm, baseline.calibration),
+    )
+    return told
+
+
+def conclude(
+    searched: Searched,
+    heldout: HeldoutJudgement,
+    arm: Arm,
+    holdout: Sequence[Session],
+    told: Sequence[str],
+    work: WorkBudget,
+    command: str,
+) -> Diagnosis:
+    """The diagnosis that a search and its judgement by held-out readings come to; *told*: what
+    there is to say of the readings."""
+    told = list(told)
+    sessions, rests, baseline = searched.sessions, searched.rests, searched.baseline
+    result, touched, last = searched.result, searched.touched, searched.result.last
+    squares, groups, written = heldout.squares, heldout.groups, heldout.written
+    outliers = name_outliers(heldout.outlying, rests, last)
+    kept = np.ones(len(groups), dtype=bool)
+    if not holdout:  # in which no reading was named: none is left out
+        kept[heldout.outlying] = False
+    measured = [
+        replace(
+            written.gains.get(i, g),
+            shown=i in written.some or (found.candidate.told_only and g.shown),
+        )
+        for i, (found, g) in enumerate(zip(result.found, heldout.gains, strict=True))
+    ]
+    if not kept.all():
+        clear = gains([square[kept] for square in squares], groups[kept], kept[kept])
+        pairs = [(own.before_um, own.after_um) for own in clear]
+        measured = [
+            g if i in written.gains else replace(g, without_outliers_um=pair)
+            for i, (g, pair) in enumerate(zip(measured, pairs, strict=True))
+        ]
+    result = replace(result, found=lower_odds(result.found, written.doubts))
+    told += work.in_words()
+    if not last.noise.settled:
+        told.append("The estimate of the noise did not settle: all probabilities are in doubt.")
+    extension = _extension(written, result, rests, arm, sessions, command)
+    repeated = holdout or not written.growth  # the search repeated without readings has no growth
+    if len(written.some) == len(result.found) and not written.gains and repeated:
+        written = replace(written, after=squares[-1])  # of a search repeated, where there is one
+    return Diagnosis(
+        arm,
+        tuple(sessions),
+        tuple(holdout),
+        baseline,
+        result,
+        _rms_um(evaluate(sessions, arm, baseline.calibration)),
+        1e3 * float(np.sqrt(squares[0].mean())),
+        last.noise_floor_um,
+        _rms_um(evaluate(sessions, arm, extension)),
+        tuple(measured),
+        outliers,
+        heldout.outlier_p,
+        gain(squares[-1], squares[-1], groups, kept) if outliers else None,
+        written.some,
+        _before_and_after_um(written, np.ones_like(kept)),
+        None if kept.all() else _before_and_after_um(written, kept),
+        written.unforeseen,
+        written.by,
+        extension,
+        tuple(told),
+        touched,
+        _gain_of_parting(searched.given, sessions, arm, baseline.calibration) if touched else None,
+        tuple(work.skipped),
+    )
+
+
+def _gain_of_parting(
+    given: Sequence[Session], parted: Sequence[Session], arm: Arm, calibration: Calibration
+) -> Gain:
+    """Of placements that were touched: as one pose, and as two, under the same model."""
+    whole, apart = (evaluate(some, arm, calibration) for some in (given, parted))
+    squares = [(one.residual_mm**2).sum(axis=1) for one in (whole, apart)]
+    return gain(squares[0], squares[1], groups_of(whole.observations))
+
+
+def _before_and_after_um(written: BorneOut, kept: Mask) -> tuple[float, float]:
+    before, after = (1e3 * float(np.sqrt(s[kept].mean())) for s in (written.before, written.after))
+    return before, after
+
+
+def _extension(
+    written: BorneOut,
+    result: SearchResult,
+    rests: Rests,
+    arm: Arm,
+    sessions: Sequence[Session],
+    command: str,
+) -> Calibration:
+    """The calibration with what is written of the findings; with none, it predicts what the one
+    under test does."""
+    last, some = result.last, written.some
+    lost = any(session.lost_links for session in rests.sessions)
+    if last.findings and lost and not last.baseline.held:
+        # In the search the lengths of a link without a sensor are free in each session, and nothing
+        # tells its expansion. What is written has that which the calibration under test has: by
+        # the mean of the other sensors, as far as that goes.
+        tied = tuple(replace(session, lost_links=()) for session in rests.sessions)
+        rests, start = replace(rests, sessions=tied), last.baseline.model
+        last = fit(
+            rests, arm, last.baseline, start, last.findings, last.amplitudes, noise=last.noise
+        )
+    model = last
+    if len(some) < len(last.findings):
+        model = fit(
+            rests,
+            arm,
+            last.baseline,
+            last.model,
+            [last.findings[i] for i in some],
+            [last.amplitudes[i] for i in some],
+            noise=last.noise,
+        )
+    left_out = [c for i, c in enumerate(last.findings) if i not in some]
+    model = followed(model, arm)
+    calibration = extended(model, arm, sessions, command, left_out, written.growth)
+    return saying_what_is_open(calibration, last, some, arm, sessions)
+
+
+def lower_odds(found: Sequence[Finding], doubts: Mapping[int, float]) -> tuple[Finding, ...]:
+    """With the odds of what readings held out speak against lowered."""
+    told = []
+    for i, finding in enumerate(found):
+        odds, p = doubts.get(i, 1.0), finding.probability
+        told.append(replace(finding, probability=p * odds / (p * odds + 1.0 - p)))
+    return tuple(told)
+
+
+def _rms_um(found: Evaluation) -> float:
+    return float(np.sqrt((found.distance_um**2).mean()))
+
+
+def name_outliers(rests: I64, of: Rests, last: Fit) -> tuple[Outlier, ...]:
+    """Every reading of these *rests*, by its session and its row."""
+    lengths = [s.n for s in of.sessions]
+    first = np.concatenate([[0], np.cumsum(lengths)])
+    named = []
+    for rest in rests:
+        error = 1e3 * float(np.linalg.norm(last.left_mm[rest]))
+        for reading in np.flatnonzero(of.rest_of == rest):
+            session = int(np.searchsorted(first, reading, side="right")) - 1
+            row = int(of.sessions[session].row[reading - first[session]]) + 1
+            named.append(Outlier(of.sessions[session].name, row, error))
+    return tuple(named)

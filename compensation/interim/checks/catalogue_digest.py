@@ -1,0 +1,22 @@
+"""A digest of what the columns of a reduced check stand for."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+
+from armd.compensation.interim.checks.columns import Cause
+from armd.compensation.interim.checks.open_growth import OpenGrowth
+
+
+def digest(causes: Sequence[Cause], growth: Sequence[OpenGrowth] = ()) -> str:
+    """SHA-256 of all causes' columns and of the *growth* that is open: the same of the same
+    catalogue only."""
+    columns = [(c.place, column) for c in (cause.candidate for cause in causes)
+               for column in c.columns]  # fmt: skip
+    text = "\n".join(
+        f"{place} {column.name} {[term.model_dump_json() for term in column.terms]}"
+        for place, column in columns
+    )
+    text += "".join(f"\n{one.name} {one.made_k:.9g} {one.size:.9g}" for one in growth)
+    return hashlib.sha256(text.encode()).hexdigest()
