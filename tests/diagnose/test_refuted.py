@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
+from armd.compensation.diagnose.heldout.refuted import (
+    is_refuted,
+    predicts_better,
+    refuted_findings,
+)
 from armd.compensation.diagnose.told.verdict import verdict
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.terms import Term
 from support import synthetic
+from support.small_fit import candidate
 
 ARM = synthetic.arm()
 DAY_S = 86400.0
@@ -56,3 +65,49 @@ def test_a_drift_that_went_with_the_temperature_is_found_by_what_is_held_out() -
         for model in (calibration, alone.extended, diagnosis.extended)
     ]
     assert rms[2] < rms[0] < rms[1]
+
+
+def described(
+    interval_um: tuple[float, float], *, written: bool = False, unforeseen: bool = False,
+    cause: str = "joint_thermal", rms_um: float = 5.0,
+) -> Any:  # fmt: skip
+    """What a diagnosis says of one finding."""
+    return SimpleNamespace(
+        found=(SimpleNamespace(candidate=candidate(cause, 3)),),
+        gains=(SimpleNamespace(interval_um=interval_um),),
+        written=(0,) if written else (),
+        unforeseen=(0,) if unforeseen else (),
+        written_rms_um=(6.0, rms_um),
+    )
+
+
+@pytest.mark.parametrize(
+    ("diagnosis", "refuted"),
+    [
+        (described((-2.0, -0.5)), True),  # worse beyond doubt
+        (described((-2.0, 0.5)), False),
+        (described((-2.0, 0.5), unforeseen=True), True),
+        (described((0.5, 2.0), written=True), False),
+        (described((-2.0, -0.5), cause="unknown"), False),
+    ],
+)
+def test_a_finding_is_refuted_by_held_out_readings_beyond_doubt(
+    diagnosis: Any, refuted: bool
+) -> None:
+    assert bool(refuted_findings(diagnosis)) is refuted
+
+
+def test_what_is_refuted_bars_its_place_and_what_has_no_name_by_the_same() -> None:
+    by_warmth = replace(candidate("joint_thermal", 3), depends_on=("t3",))
+    assert is_refuted(by_warmth, [by_warmth])
+    assert not is_refuted(replace(candidate("joint_thermal", 4), depends_on=("t4",)), [by_warmth])
+    assert is_refuted(replace(candidate("unknown", 5), depends_on=("t5",)), [by_warmth])
+    assert not is_refuted(candidate("unknown", 5), [by_warmth])  # it goes by an angle
+    assert not is_refuted(by_warmth, [])
+
+
+def test_the_diagnosis_without_it_counts_where_it_writes_and_predicts_better() -> None:
+    before = described((-2.0, -0.5), rms_um=5.0)
+    assert predicts_better(described((0.5, 2.0), written=True, rms_um=4.0), before)
+    assert not predicts_better(described((0.5, 2.0), written=True, rms_um=5.5), before)
+    assert not predicts_better(described((-2.0, 0.5), rms_um=4.0), before)
