@@ -131,7 +131,9 @@ def told_of(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> str:
     for name, value in (("_refused", []), ("_moved", []), ("size_known", True)):
         monkeypatch.setattr(verdict, name, lambda *_, value=value: value)
     found = Finding(NAMED, 1e-9, 90.0, 0.99, (), (), Explained(1.0, ("q3",), ()))
+    searched = SimpleNamespace(findings=(NAMED,))  # no growth joined what the search found
     usual = {
+        "search": SimpleNamespace(searched=searched, last=searched),
         "gains": [SimpleNamespace(shown=True)],
         "found": [found],
         "written": (0,),
