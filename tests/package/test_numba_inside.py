@@ -82,8 +82,9 @@ def test_constants_compile_a_called_function_once() -> None:
     )
 
 
-def test_a_compilation_is_an_event() -> None:
-    """`numba.core.event` has one named "numba:compile"."""
+def test_a_compilation_is_an_event(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`numba.core.event` has one named "numba:compile". From the cache of a run before, none is."""
+    monkeypatch.setattr(compiler, "_cached", False)
     said: list[str] = []
     compiler.when_compiling(lambda: said.append("compiling"))
     compiler.compiled(lambda x: x + 2, {})(1)
