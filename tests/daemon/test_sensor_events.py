@@ -15,6 +15,7 @@ class Sensors:
     """What a pipeline's temperature watch says of them."""
 
     gone: tuple[str, ...] = ()
+    impossible: dict[str, tuple[float, float]] = {}
 
     def missing(self, _):
         return self.gone

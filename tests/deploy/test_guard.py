@@ -24,9 +24,14 @@ from armd.daemon.network.session import open_session
 from armd.daemon.unexpected import Unexpected
 from armd.drivers.sample import RawFrame
 from armd.simulator.truth.nominal import arm_toml
+from support.careless_network import EVENT, HEALTH
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "deploy/zenoh"
 SERIAL = "SIM-0001"
+INFO = {
+    "arm": {"serial_number": SERIAL, "joint": [], "tip": {"offset_mm": [0, 0, 1], "radius_mm": 3}},
+    "configuration": {"tips": {}}, "tip": None,
+}  # fmt: skip
 ARMD_TOML = """\
 schema = "armd.daemon/1"
 arm = "arm.toml"
@@ -72,9 +77,9 @@ class Floor:
         (folder / "armd.toml").write_text(ARMD_TOML)
         session = cleanup.enter_context(open_session(load_config(folder / "armd.toml")))
         publisher = cleanup.enter_context(closing(Publisher(session, SERIAL)))
-        publisher.events.put({"kind": "test"})
+        publisher.events.put(EVENT)
         commands = {"reload": lambda _, answer: answer("reloaded", True)}
-        info = json.dumps({"arm": SERIAL})
+        info = json.dumps(INFO)
         frame = RawFrame(1, 2, "rx", b"bytes")
         told = {keys.INFO: lambda: info}
         queries = Queries(session, SERIAL, publisher, told, lambda: [frame], commands, Unexpected())
@@ -84,7 +89,7 @@ class Floor:
         def answer() -> None:
             while not over.wait(0.01):
                 queries.answer()
-                publisher.put_health({"state": "READY"})
+                publisher.put_health(HEALTH)
                 publisher.look_for_listeners()
                 publisher.put_raw([frame])
 
@@ -112,9 +117,9 @@ def floor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Floor]:
 
 def test_a_viewer_sees_and_may_not_command(floor: Floor) -> None:
     with armd.connect(endpoint=floor.client("inspection")) as arm:
-        assert arm.info() == {"arm": SERIAL}
-        assert next(arm.health(10.0)) == {"state": "READY"}
-        assert next(arm.events(10.0)) == {"kind": "test"}
+        assert arm.info() == INFO
+        assert next(arm.health(10.0)) == HEALTH
+        assert next(arm.events(10.0)) == EVENT
         with pytest.raises(armd.ArmdError):
             arm.command("reload")
 

@@ -6,6 +6,7 @@ tilts, the beam is integrated piece by piece, the sensor is off.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -121,10 +122,16 @@ def constant(*stems: str, grown: str = "") -> Callable[[Candidate, int, Whole], 
             size = whole.plain.constants[at] if stems else 1.0
             found[:, at] = size * since(candidate, whole)
             if grown:
-                found[:, at] *= rise(candidate, whole) ** order_of(candidate)
+                found[:, at] *= rise(candidate, whole) ** column_order(candidate, i)
         return found
 
     return of
+
+
+def column_order(candidate: Candidate, i: int) -> int:
+    """A column in K^n has the order n of its own, beside others of the same candidate."""
+    power = re.search(r"K\^(\d+)$", candidate.columns[i].unit)
+    return int(power[1]) if power else order_of(candidate)
 
 
 def expanded(candidate: Candidate, i: int, whole: Whole) -> np.ndarray:

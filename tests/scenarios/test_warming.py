@@ -49,7 +49,7 @@ def test_outside_its_range_it_is_inaccurate_until_calibrated_for_it(tmp_path: Pa
         assert [state for state in states(heard) if state != "WARMING"][-2:] == [
             "INACCURATE",
             "READY",
-        ]
+        ], [event["text"] for event in heard.events("state")]
 
 
 def test_a_drift_is_told_and_flagged_beyond_its_limit(tmp_path: Path) -> None:
