@@ -45,11 +45,10 @@ def test_outside_its_range_it_is_inaccurate_until_calibrated_for_it(tmp_path: Pa
             daemon.process.send_signal(signal.SIGHUP)
             heard.wait_for(lambda: reason(heard) == "READY: measuring")
             assert not heard.points()["flags"][-1] & Flag.TEMPERATURE_RANGE
-        # "known for less than 3 s" is over by then, or not
-        assert [state for state in states(heard) if state != "WARMING"][-2:] == [
-            "INACCURATE",
-            "READY",
-        ], [event["text"] for event in heard.events("state")]
+        # A busy machine may let the clock go in between, or hear an event too late: DEGRADED.
+        told = [message["state"] for message in heard.json("health")]
+        of_the_range = [state for state in told if state in ("INACCURATE", "READY")]
+        assert [state for state, _ in groupby(of_the_range)] == ["INACCURATE", "READY"]
 
 
 def test_a_drift_is_told_and_flagged_beyond_its_limit(tmp_path: Path) -> None:
