@@ -148,9 +148,6 @@ def told_of(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> str:
         "noise_floor_um": 6.0,
         "touched": (),
         "told": (),
-        "search": SimpleNamespace(  # no growth was added after it
-            last=SimpleNamespace(findings=[found]), searched=SimpleNamespace(findings=[found])
-        ),
     }
     diagnosis: Any = SimpleNamespace(**{**usual, **changes})
     return verdict.verdict(diagnosis)

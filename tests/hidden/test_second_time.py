@@ -110,6 +110,7 @@ def test_the_third_generation_answers_like_the_first(history: History) -> None:
     gains_as_possible(history, third, found.extended, (SINCE_LONG, history.slip), ellipse)
 
 
+@pytest.mark.slow
 def test_an_effect_that_was_not_written_is_no_other_cause_later(history: History) -> None:
     """What the constants took up of it, the next diagnosis may take back: left to hold to them, it
     named an ellipse and a wobble, one of them surely, for what the constants left of the disc."""

@@ -31,8 +31,22 @@ def test_both_commands_are_targets() -> None:
     assert {"demo", "test"} <= set(targets)
 
 
-def test_the_metrology_commands_run_and_find_what_the_readme_says(tmp_path: Path) -> None:
-    run_as_typed(block("sh", "## For the metrology engineer"), tmp_path)
+def metrology(folder: Path, sick: bool) -> None:
+    """The README's commands for the metrology engineer: of the good arm, or of the sick one."""
+    lines = block("sh", "## For the metrology engineer").splitlines(keepends=True)
+    chosen = [line for line in lines if ("sick" in line) == sick]
+    assert len(chosen) == (2 if sick else 4)
+    run_as_typed("".join(chosen), folder)
+
+
+def test_calibrate_and_verify_run_as_the_readme_says(tmp_path: Path) -> None:
+    metrology(tmp_path, sick=False)
+    assert json.loads((tmp_path / "calibration.json").read_text())["arm"]
+    assert "html" in (tmp_path / "calibration.html").read_text()[:100].lower()
+
+
+def test_diagnose_finds_what_the_readme_says(tmp_path: Path) -> None:
+    metrology(tmp_path, sick=True)
     first = json.loads((tmp_path / "diagnosis.json").read_text())["findings"][0]
     assert (first["cause"], first["location"]) == ("encoder_eccentricity", "joint 3")
     assert "1.5 µm off centre" in first["reading"]
