@@ -52,7 +52,11 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
         cwd=ROOT, capture_output=True, check=True,
     ).stdout  # fmt: skip
     archive = folder.parent / "tree.tar"
-    listing = [name for name in names.decode().split("\0") if name and (ROOT / name).is_file()]
+    listing = [
+        name
+        for name in names.decode().split("\0")
+        if name and ((ROOT / name).is_file() or (ROOT / name).is_symlink())
+    ]
     with tarfile.open(archive, "w") as tar:
         for name in listing:
             tar.add(ROOT / name, name)
