@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from armd.arrays import F64
 from armd.simulator.truth import nominal
@@ -66,6 +65,8 @@ class Reach:
         self._phi = rng.uniform(self._low, self._high, (size, arm.n_joints))
         # Near its centre line the shoulder loses its grip: those starts only waste time.
         self._tip = self._arm.tip(self._phi, Conditions.at_rest(size, arm.n_joints))
+        from scipy.spatial import cKDTree  # a controller's simulated arm does without it
+
         self._tree = cKDTree(self._tip)
 
     def articulations(self, goals_mm: F64, count: int) -> F64:
