@@ -246,7 +246,7 @@ def see_topics(endpoint: str) -> None:
         static = late.wait("/tf_static")[0][0].transforms[0]
         assert (static.header.frame_id, static.child_frame_id) == ("world", "SIM_0001_base")
         again = late.wait("/SIM_0001/measurement", len(measured))
-        # Those of before the bridge began come from a publisher of their own: stamps give the order.
+        # Those from before the bridge began have a publisher of their own: stamps give the order.
         assert sorted(s for _, s in again)[: len(measured)] == sorted(s for _, s in measured)
         assert again[0][0].pose.covariance[0] == -1  # not known
         late.close()
