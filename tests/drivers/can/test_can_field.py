@@ -84,8 +84,8 @@ def test_an_alarm_that_is_in_no_process_data_makes_its_joint_invalid(tmp_path):
     def over(samples, events):
         return any(event.kind == "joint_valid" for event in events)
 
-    with quirky_arm(tmp_path, "fixed_map", "--fault", "joint_invalid@4:1") as port:
-        samples, events = drive(port, 15.0, over)
+    with quirky_arm(tmp_path, "fixed_map", "--fault", "joint_invalid@8:3") as port:
+        samples, events = drive(port, 60.0, over)
     invalid = np.concatenate([each["joint_invalid"] for each in samples])
     assert set(np.unique(invalid)) == {0, 0b10}
     alarms = [event for event in events if event.kind == "joint_invalid"]
