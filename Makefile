@@ -76,7 +76,7 @@ WORKERS := $(PYTEST) -n 3 --dist loadfile
 EMPTY_IS_FINE := $(if $(TEST_ARGS),|| [ $$? = 5 ])
 
 test:
-	@echo "armd: lint and tests have five minutes on two cores, once armd is installed"
+	@echo "armd: lint and tests take about ten minutes on two cores (the aim is five), once armd is installed"
 	@$(MAKE) --no-print-directory develop
 	@began=$$(date +%s); $(MAKE) --no-print-directory lint test-default; code=$$?; \
 	    echo "armd: make test took $$(($$(date +%s) - began)) s"; exit $$code
