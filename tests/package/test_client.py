@@ -11,15 +11,25 @@ from contextlib import contextmanager
 import pytest
 
 import armd
-from armd import keys
 from support.careless_network import EVENT, HEALTH, MEASUREMENT, careless_network, points
 from support.running_daemon import free_endpoint
 
 
-def publish(session, what, payload, stop):
-    """Again and again until *stop*: whoever subscribes late hears it too."""
-    while not stop.wait(0.02):
-        session.put(f"armd/SIM-0001/{what}", payload)
+@contextmanager
+def repeated(session, **payloads):
+    """Puts each payload again and again: whoever subscribes late hears it too."""
+    stop = threading.Event()
+
+    def publish():
+        while not stop.wait(0.02):
+            for what, payload in payloads.items():
+                session.put(f"armd/SIM-0001/{what}", payload)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    yield
+    stop.set()
+    thread.join()
 
 
 @contextmanager
@@ -42,28 +52,13 @@ def state_at_last(arm):
             time.sleep(0.05)
 
 
-@pytest.fixture
-def repeated():
-    """A function that starts such a publisher; all end with the test."""
-    stop, threads = threading.Event(), []
-
-    def start(session, what, payload):
-        threads.append(threading.Thread(target=publish, args=(session, what, payload, stop)))
-        threads[-1].start()
-
-    yield start
-    stop.set()
-    for thread in threads:
-        thread.join()
-
-
-def test_the_latest_point_and_that_none_comes(repeated):
+def test_the_latest_point_and_that_none_comes():
     with careless_network() as (publisher, _, arm):
         with pytest.raises(armd.NoAnswer, match=r"SIM-0001: no point within 0.1 s") as raised:
             arm.latest(0.1)
         assert isinstance(raised.value, TimeoutError) and isinstance(raised.value, armd.ArmdError)
-        repeated(publisher, keys.POINT, points(7)[0])
-        assert arm.latest(60.0).seq == 7
+        with repeated(publisher, point=points(7)[0]):
+            assert arm.latest(60.0).seq == 7
 
 
 def test_the_state_is_the_last_health_message():
@@ -84,28 +79,28 @@ def test_a_malformed_answer_is_an_error_with_its_key():
         state_at_last(arm)
 
 
-def test_callbacks_get_what_comes_until_their_handle_is_closed(repeated):
+def test_callbacks_get_what_comes_until_their_handle_is_closed():
     heard: dict[str, list[dict]] = {"measurement": [], "event": []}
     with careless_network() as (publisher, _, arm):
         handles = [
             arm.on_measurement(heard["measurement"].append),
             arm.on_event(heard["event"].append, past=True),
         ]
-        repeated(publisher, keys.MEASUREMENT, json.dumps(MEASUREMENT).encode())
-        repeated(publisher, keys.EVENT, json.dumps(EVENT).encode())
-        end_s = time.monotonic() + 60
-        while not all(heard.values()) and time.monotonic() < end_s:
-            time.sleep(0.01)
-        for handle in handles:
-            handle.close()
-        assert heard["measurement"][0] == MEASUREMENT and heard["event"][0] == EVENT
-        time.sleep(0.1)  # what was under way
-        n = len(heard["measurement"])
-        time.sleep(0.2)
-        assert len(heard["measurement"]) == n
+        messages = {"measurement": MEASUREMENT, "event": EVENT}
+        with repeated(publisher, **{w: json.dumps(m).encode() for w, m in messages.items()}):
+            end_s = time.monotonic() + 60
+            while not all(heard.values()) and time.monotonic() < end_s:
+                time.sleep(0.01)
+            for handle in handles:
+                handle.close()
+            assert heard["measurement"][0] == MEASUREMENT and heard["event"][0] == EVENT
+            time.sleep(0.1)  # what was under way
+            n = len(heard["measurement"])
+            time.sleep(0.2)
+            assert len(heard["measurement"]) == n
 
 
-def test_async_points(repeated):
+def test_async_points():
     async def read(arm):
         seen = []
         async for point in arm.points_async():
@@ -114,8 +109,7 @@ def test_async_points(repeated):
                 break
         return seen
 
-    with careless_network() as (publisher, _, arm):
-        repeated(publisher, keys.POINT, points(7)[0])
+    with careless_network() as (publisher, _, arm), repeated(publisher, point=points(7)[0]):
         assert asyncio.run(asyncio.wait_for(read(arm), 60.0)) == [7, 7, 7]
 
 

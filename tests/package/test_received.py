@@ -17,11 +17,36 @@ from armd.received import KEPT_S, is_sound
 from armd.terminal.printable import printable
 from support.careless_network import EVENT, HEALTH, MEASUREMENT, careless_network, points
 
+PATIENCE_S = 60.0
+
 
 def put(session, what, *payloads):
+    """Puts them once somebody is known to subscribe."""
+    publisher = session.declare_publisher(f"armd/SIM-0001/{what}")
+    end_s = time.monotonic() + PATIENCE_S
+    while not publisher.matching_status.matching:
+        assert time.monotonic() < end_s, "no subscriber is known"
+        time.sleep(0.01)
     for payload in payloads:
-        session.put(f"armd/SIM-0001/{what}", payload)
+        publisher.put(payload)
+    publisher.undeclare()
+
+
+def take_until(stream, enough):
+    """The payloads that came until *enough* of them say so, and a moment longer."""
+    payloads = []
+    end_s = time.monotonic() + PATIENCE_S
+    while not enough(payloads):
+        assert time.monotonic() < end_s, payloads
+        time.sleep(0.01)
+        payloads += stream.take()
     time.sleep(0.1)
+    return payloads + stream.take()
+
+
+def take_seq(arm, stream, n=1):
+    payloads = take_until(stream, lambda payloads: len(payloads) >= n)
+    return list(arm.decode(payloads)["seq"])
 
 
 BAD_POINTS = [b"", b"x", bytes(135), bytes(137), bytes(136 * 2)]
@@ -57,13 +82,12 @@ BAD_MESSAGES = [
 def test_what_is_malformed_is_passed_over_and_counted():
     with careless_network() as (publisher, _, arm):
         with arm.stream(keys.POINT) as stream, arm.stream(keys.HEALTH) as health:
-            time.sleep(0.2)
             put(publisher, keys.POINT, *points(1), *BAD_POINTS, *points(2))
             publisher.delete("armd/SIM-0001/point")
             sound = json.dumps(HEALTH).encode()
             put(publisher, keys.HEALTH, *BAD_MESSAGES, sound)
-            assert list(arm.decode(stream.take())["seq"]) == [1, 2]
-            assert health.take() == [sound]
+            assert take_seq(arm, stream, 2) == [1, 2]
+            assert take_until(health, bool) == [sound]
         assert arm.refused.malformed == len(BAD_POINTS) + 1 + len(BAD_MESSAGES)
         assert arm.lost.total == 0
 
@@ -103,16 +127,15 @@ def test_a_stream_begins_whole_right_after_another_one_ended():
 
 def test_a_client_keeps_to_the_publisher_it_met_first_until_that_is_silent():
     with careless_network() as (publisher, other, arm), arm.stream(keys.POINT) as stream:
-        time.sleep(0.2)
         put(publisher, keys.POINT, *points(1))
-        assert list(arm.decode(stream.take())["seq"]) == [1]
+        assert take_seq(arm, stream) == [1]
         put(other, keys.POINT, *points(100, 5))
         put(publisher, keys.POINT, *points(2))
-        assert list(arm.decode(stream.take())["seq"]) == [2]
-        assert arm.refused.foreign == 5
+        assert take_seq(arm, stream) == [2]
+        assert take_until(stream, lambda _: arm.refused.foreign == 5) == []
         time.sleep(KEPT_S)  # as long as a daemon takes to start anew
         put(other, keys.POINT, *points(7))
-        assert list(arm.decode(stream.take())["seq"]) == [7]
+        assert take_seq(arm, stream) == [7]
 
 
 def test_a_pause_between_two_iterations_is_no_loss():
