@@ -23,9 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import frames, jacobian
 from armd.compensation.model.parameters import ParameterLayout
-from armd.compensation.model.state import Lag
+from armd.compensation.model.state import Lag, States
 from armd.compiled import library
 from armd.daemon.config import load_config
 from armd.daemon.live.arm_in_use import ArmInUse
@@ -56,11 +58,11 @@ def call_everything(path: Path) -> None:
     if config.driver.kind != "replay":  # which opens its file; others open no port before they read
         with closing(open_driver(config.driver, config.expectation)):
             pass
-    call_for_sessions()
+    call_for_sessions(config.arm)
 
 
-def call_for_sessions() -> None:
-    """The compiled calls of `armd calibrate`, `evaluate`, `diagnose`: the same for every arm.
+def call_for_sessions(arm: Arm) -> None:
+    """The compiled calls of `armd calibrate`, `evaluate`, `diagnose`, `verify`.
 
     To import numba and fetch them from its cache takes longer than most of these commands do.
     """
@@ -68,6 +70,18 @@ def call_for_sessions() -> None:
     frames(q, constants)
     jacobian(q, constants)
     Lag(1.0, 1).follow(np.zeros(1), np.zeros((1, 1)))
+    n = arm.n_joints
+    celsius = np.full((1, len(arm.sensors)), arm.reference_temperature_c)
+    Model(arm, None).correct_states(
+        States(
+            q=np.zeros((1, n)),
+            rate=np.zeros((1, n)),
+            temperature_c=celsius,
+            time_s=np.zeros(1),
+            approach=np.zeros((1, 3)),
+            series=np.zeros(1, np.int64),
+        )
+    )
 
 
 def made_up(folder: Path, joints: int, configuration: str = SERIAL) -> Path:

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -126,6 +129,7 @@ def run(args: argparse.Namespace) -> int:
             printed, texts, readings = bench.measure(
                 args.seed, lambda share: told(MEASURING, share)
             )
+        texts = {"arm.toml": _printed_drawing(), **texts}
         _write_files({folder / name: text for name, text in texts.items()}, folder, args.force)
         if args.truth_out is not None:
             write_whole(args.truth_out, json.dumps(printed.as_json(), indent=1) + "\n")
@@ -143,6 +147,15 @@ def run(args: argparse.Namespace) -> int:
     total = counted(sum(m.n for m in measured), "reading")
     print(f"{counted(len(measured), 'session')}, {total} in {folder}")
     return 0
+
+
+def _printed_drawing() -> str:
+    """Return the arm.toml of `armd arm so101`, which is what an owner would have."""
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / "arm.toml"
+        command = [sys.executable, "-P", "-m", "armd", "arm", PRINTED, "-o", str(path)]
+        subprocess.run(command, capture_output=True, check=True)
+        return path.read_text(encoding="utf-8")
 
 
 def _interim(args: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, LEAST_
 from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
-from armd.compensation.identify.heldout import Errors, another_placement_um
+from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
 from armd.terminal.counted import counted
 
 #: What a granted one is, and what it is not.
@@ -86,7 +86,8 @@ def judge(
     share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
     percent = f"{100 * share:.0f}" if share > 0.1 else f"{100 * share:.2g}"  # never 1.1e+02
     left = (
-        f"each {heldout_by} left out misses by {heldout_mm:.4g} mm RMS,"
+        f"{left_out_in_words(found.observations, heldout, heldout_by)} left out misses by"
+        f" {heldout_mm:.4g} mm RMS,"
         f" {percent}% of the {drawn_mm:.4g} mm that the drawing's own dimensions miss by"
     )
     faults = []

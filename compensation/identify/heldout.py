@@ -19,6 +19,7 @@ from armd.compensation.estimate.linear.solution import Solution
 from armd.compensation.estimate.linearise import Linearisation
 from armd.compensation.estimate.noise import whitening
 from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.postures import count_postures
 from armd.compensation.estimate.robust import redescending_weights
 from armd.compensation.identify.arm_alone import ArmAlone
 from armd.compensation.identify.fit import Identification, rms_um
@@ -119,6 +120,18 @@ def another_placement_um(
     each = len(np.unique(observations.placement)) == len(errors.of_sets_um)
     another = errors.of_another_um if left_out_by == "placement" and each else np.nan
     return another if np.isfinite(another) else None
+
+
+def left_out_in_words(observations: Observations, errors: Errors, left_out_by: str) -> str:
+    """Return what one set that is left out consists of: `each placement`, `every 8th reading`."""
+    if left_out_by == "placement":
+        groups = len(np.unique(observations.placement))
+    else:
+        groups = count_postures(observations)
+    sets = len(errors.of_sets_um)
+    if left_out_by == "temperature" or groups <= sets:
+        return f"each {left_out_by}"
+    return f"every {sets}th {left_out_by}"
 
 
 class _Fold:

@@ -11,7 +11,7 @@ from armd.compensation.identify.admission.odd_session import Odd
 from armd.compensation.identify.certificate import Certificate
 from armd.compensation.identify.evaluation.lengths import Length
 from armd.compensation.identify.fit import Identification
-from armd.compensation.identify.heldout import Errors, another_placement_um
+from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
 from armd.compensation.identify.thermal.comparison import Trial
 from armd.compensation.model.calibration import Calibration
 
@@ -44,6 +44,11 @@ class Result:
         """What another placement's 3-D RMS stays below in 95 of 100 cases, where few were
         measured; else None."""
         return another_placement_um(self.fit.observations, self.heldout, self.heldout_by)
+
+    @property
+    def left_out_in_words(self) -> str:
+        """What one set that is left out consists of, as `every 8th reading`."""
+        return left_out_in_words(self.fit.observations, self.heldout, self.heldout_by)
 
     def as_json(self) -> dict[str, Any]:
         """As `armd calibrate --json` writes it."""

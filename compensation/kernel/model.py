@@ -133,7 +133,7 @@ class Model:
         """As `correct_states`, where the slow factors' values are known; from any thread."""
         position, correction = np.empty((states.n, 3)), np.empty((states.n, 3))
         kernel.correct_runs(
-            slow_values,
+            np.ascontiguousarray(slow_values),
             self._amounts,
             np.ascontiguousarray(states.q),
             np.ascontiguousarray(states.rate),
@@ -152,7 +152,7 @@ class Model:
         variance = np.full((states.n, 3), np.nan)
         if not math.isnan(self._uncertainty.floor):
             row_variances(
-                slow_values,
+                np.ascontiguousarray(slow_values),
                 np.ascontiguousarray(states.temperature_c),
                 states.time_s if self.dated else np.zeros(states.n),
                 self._uncertainty.temperature_c,

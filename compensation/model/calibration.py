@@ -37,11 +37,15 @@ TERMS_AT_ONCE = 100
 #: Beyond this a constant is no arm's: 100 m, and 100 rad are sixteen turns.
 MOST_MM, MOST_RAD = 1e5, 100.0
 
+#: By so much a correlation may be off as numbers written with five digits round it.
+MOST_ROUNDED = 1e-4
+
 
 class Noise(Strict):
     """What the identification saw: the floor of every uncertainty."""
 
-    encoder_rad: Annotated[list[float], Field(max_length=9)] = []  # per joint, standard deviation
+    #: per joint, standard deviation
+    encoder_rad: Annotated[list[Annotated[float, Field(ge=0)]], Field(max_length=9)] = []
     reading_mm: Annotated[float, Field(ge=0)] = 0.0  # repeatability of one reading, per axis
     temperature_c: Annotated[float, Field(ge=0)] = 0.0
 
@@ -89,7 +93,36 @@ class Calibration(Strict):
         for i, name in enumerate(self.covariance_of):
             if self.covariance[i][i] < 0:
                 raise ValueError(f"variances of 0 or more, not {self.covariance[i][i]:g} of {name}")
+        self._refuse_indefinite()
         return self
+
+    def _refuse_indefinite(self) -> None:
+        """Raise `ValueError` where the covariance is none: asymmetric, or a variance below 0."""
+        if not self.covariance:
+            return
+        covariance = np.array(self.covariance)
+        deviation = np.sqrt(np.diag(covariance))
+        scale = np.where(deviation > 0, deviation, 1.0)
+        with np.errstate(over="ignore"):
+            correlation = covariance / scale[:, None] / scale
+        known = deviation > 0
+        wrong = ~(np.abs(correlation) <= 1.0 + MOST_ROUNDED)
+        wrong |= (correlation != 0) & ~(known[:, None] & known)
+        wrong |= ~(np.abs(correlation - correlation.T) <= MOST_ROUNDED)
+        if wrong.any():
+            i, j = (int(k) for k in np.argwhere(wrong)[0])
+            one, other = self.covariance_of[i], self.covariance_of[j]
+            raise ValueError(
+                f"a symmetric covariance with correlations of ±1 at most, not {one} with {other}:"
+                f" {self.covariance[i][j]:g} and {self.covariance[j][i]:g}, standard deviations"
+                f" {deviation[i]:g} and {deviation[j]:g}"
+            )
+        least = float(np.linalg.eigvalsh((correlation + correlation.T) / 2)[0])
+        if least < -MOST_ROUNDED * len(correlation):
+            raise ValueError(
+                "a positive semidefinite covariance: of some combination of the quantities the"
+                f" variance is negative ({least:.3g} of that of one alone)"
+            )
 
     def vector(self, n_joints: int) -> F64:
         """Constants as the parameter vector (5 N + 9,)."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.ticker import LogFormatter
 
-from armd.arrays import I64
+from armd.arrays import F64, I64
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.unknowns import in_words
 from armd.compensation.identify.certificate import RULE
@@ -22,6 +22,7 @@ from armd.compensation.model.terms import Term
 from armd.compensation.report.drawing import MOST_POINTS, cloud, drawing, one_drawing, views
 from armd.compensation.report.page import Page
 from armd.compensation.report.sessions import NOT_STATED, origin
+from armd.terminal.counted import counted
 
 #: Correlations stronger than this are worth knowing.
 WORTH_KNOWING = 0.9
@@ -58,7 +59,11 @@ def _summary(page: Page, result: Result) -> None:
         ["", "value", "unit"],
         [
             ["residual, 3-D RMS", f"{result.rms_um:.2f}", "µm"],
-            [f"each {result.heldout_by} left out, 3-D RMS", result.heldout.in_words(), ""],
+            [
+                f"{result.left_out_in_words} left out in turn, 3-D RMS",
+                result.heldout.in_words(),
+                "",
+            ],
             ["readings", found.observations.n, ""],
             ["placements", len(np.unique(found.observations.placement)), ""],
             ["rank", f"{found.solution.rank} of {len(found.unknowns.names)} unknowns", ""],
@@ -175,9 +180,7 @@ def _parameters(page: Page, result: Result) -> None:
     deviation = dict(
         zip(found.unknowns.names, np.sqrt(np.diag(found.covariance)).tolist(), strict=True)
     )
-    unknown = dict(
-        zip(found.unknowns.names, np.abs(found.solution.null).max(axis=1, initial=0), strict=True)
-    )
+    unknown = dict(zip(found.unknowns.names, _null_share(found), strict=True))
     rows = []
     for name in found.unknowns.constants:
         angle = parameters.unit(name) == "rad"
@@ -210,6 +213,12 @@ def _parameters(page: Page, result: Result) -> None:
         )  # fmt: skip
 
 
+def _null_share(found: Identification) -> F64:
+    """Return the largest share (C,) of each unknown in a direction that nothing determines."""
+    share: F64 = np.abs(found.solution.null).max(axis=1, initial=0.0)
+    return share
+
+
 def _uncertainty(term: Term) -> str:
     known = term.standard_uncertainty
     return NOT_STATED if known is None else f"{known:.2g}"
@@ -219,14 +228,20 @@ def _correlations(page: Page, found: Identification) -> None:
     deviation = np.sqrt(np.diag(found.covariance))
     safe = np.where(deviation > 0, deviation, np.inf)
     correlation = found.covariance / np.outer(safe, safe)
+    determined = _null_share(found) < ALONE
     names = found.unknowns.words(found.terms)
     pairs = [
         (abs(correlation[i, j]), names[i], names[j], f"{correlation[i, j]:+.3f}")
         for i in range(len(names))
         for j in range(i)
-        if abs(correlation[i, j]) > WORTH_KNOWING
+        if determined[i] and determined[j] and abs(correlation[i, j]) > WORTH_KNOWING
     ]
     page.heading("Correlations worth knowing")
+    if not determined.all():
+        page.text(
+            f"Not determined, and so not listed: correlations of the"
+            f" {counted(int((~determined).sum()), 'unknown')} known only in combination."
+        )
     if not pairs:
         page.text(f"None beyond ±{WORTH_KNOWING}.")
         return

@@ -233,6 +233,8 @@ def _in_small_units(parameter: dict[str, Any]) -> list[str]:
         return [parameter["name"], clock(parameter["value"]), NOT_STATED, ""]
     scale, unit = SMALL.get(parameter["unit"].split(" ")[0].split("/")[0], (1.0, ""))
     rest = parameter["unit"].removeprefix(parameter["unit"].split(" ")[0].split("/")[0])
+    if rest == "/rad":  # the plot above has its axis in degrees
+        scale, rest = scale * float(np.radians(1.0)), "/°"
     value, sigma = scale * parameter["value"], scale * parameter["standard_uncertainty"]
     shown = unit + rest if unit else parameter["unit"]
     if not sigma:

@@ -15,6 +15,7 @@ from armd.compensation.data.session import Session, distinct_names
 from armd.compensation.model.arm import Arm
 from armd.compensation.report.page import Page, report_number
 from armd.files.inputs import open_input
+from armd.terminal.counted import counted
 
 NOT_STATED = "not stated"
 
@@ -53,8 +54,8 @@ def session_facts(page: Page, sessions: Sequence[Session], arm: Arm) -> None:
         page.text("The arm has no temperature sensors.")
         return
     page.text(
-        f"Temperatures: the lowest and the highest of the {len(arm.sensors)} sensors of the arm,"
-        " and of the artefact, over all readings of the session."
+        f"Temperatures: the lowest and the highest of the {counted(len(arm.sensors), 'sensor')} of"
+        " the arm, and of the artefact, over all readings of the session."
     )
 
 
@@ -62,7 +63,7 @@ def _facts(session: Session) -> list[str]:
     started = datetime.datetime.fromtimestamp(session.started_unix_s, datetime.UTC)
     return [
         f"{started:%Y-%m-%d %H:%M}",
-        f"{np.ptp(session.states.time_s) / 3600:.2f}",
+        _duration_h(session.states.time_s),
         str(session.n),
         session.operator or NOT_STATED,
         session.artefact.name,
@@ -70,6 +71,11 @@ def _facts(session: Session) -> list[str]:
         _range(session.states.temperature_c),
         _range(session.artefact_c),
     ]
+
+
+def _duration_h(time_s: F64) -> str:
+    span_h = float(np.ptp(time_s)) / 3600
+    return f"{span_h:.2f}" if np.isfinite(span_h) else NOT_STATED
 
 
 def _range(values_c: F64) -> str:

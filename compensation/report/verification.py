@@ -17,6 +17,8 @@ from armd.compensation.verify.verdict import COVERAGE_FACTOR, NOT_STATED, Judged
 
 #: Of fewer results a table says as much.
 WORTH_A_DRAWING = 4
+#: Stands where a result has no certified length.
+NO_LENGTH = "–"
 
 
 def verification_report(
@@ -78,7 +80,7 @@ def _results(item: Judged) -> list[list[str]]:
     return [
         [
             deviation.where,
-            f"{deviation.length_mm:.3f}",
+            f"{deviation.length_mm:.3f}" if deviation.length_mm else NO_LENGTH,
             f"{1e3 * deviation.value_mm:+.2f}",
             f"{1e3 * COVERAGE_FACTOR * deviation.standard_uncertainty_mm:.2f}"
             if deviation.standard_uncertainty_mm

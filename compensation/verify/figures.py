@@ -16,6 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64
+from armd.compensation.data.overflow import overflowed, refuse_overflow
 from armd.compensation.data.session import Session
 from armd.compensation.data.session_format import Distance
 from armd.compensation.data.soundness import still_and_far
@@ -73,8 +74,21 @@ def verify(
     """All figures that *session* supports, under the calibration (or the nominal geometry)."""
     # The matrices are small: threads of the library's own cost more than they bring.
     with threadpool_limits(limits=1, user_api="blas"):
-        position, _ = Model(arm, calibration).correct_states(session.states)
+        position = positions_of(session, arm, calibration)
         return figures_of(session, arm, position, test)
+
+
+def positions_of(session: Session, arm: Arm, calibration: LoadedCalibration | None) -> F64:
+    """Return corrected points (n, 3) mm; NaN where a temperature is missing.
+
+    Raises `BadInput` where the calibration makes points that are not finite.
+    """
+    model, states = Model(arm, calibration), session.states
+    slow = model.slow_values(states)
+    position, _ = model.correct_rows(states, slow)
+    overflow = overflowed(position) & np.isfinite(slow).all(axis=1)
+    refuse_overflow(str(session.path), np.arange(session.n), overflow)
+    return position
 
 
 def figures_of(

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import armd
 from armd import POINT, Flag, Lost
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
@@ -102,3 +106,22 @@ def test_c_sharp_reads_every_field_in_its_place() -> None:
     assert POINT.fields is not None
     layout = [field[0] for field in POINT.fields.values()]
     assert read == [(field.base.str, field.shape) for field in layout[:-1]]  # the last is reserved
+
+
+def test_the_command_of_the_documentation_makes_a_file_of_points(monkeypatch, tmp_path) -> None:
+    """As docs/subscriber.md has it, on an arm that is played here."""
+    document = (EXAMPLES.parent / "subscriber.md").read_text(encoding="utf-8")
+    found = re.search(r"^python -c '(.*)' > points.bin$", document, re.MULTILINE)
+    assert found is not None
+    points, asked = recorded(), []
+
+    def batches(seconds: float) -> list[np.ndarray]:
+        asked.append(seconds)
+        return [points[:4], points[4:]]
+
+    monkeypatch.setattr(armd, "connect", lambda: SimpleNamespace(batches=batches))
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", SimpleNamespace(buffer=written))
+    exec(compile(found[1], "docs/subscriber.md", "exec"), {})
+    assert asked == [5] and written.getvalue() == points.tobytes()
+    assert "./subscriber < points.bin" in document

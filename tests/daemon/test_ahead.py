@@ -5,16 +5,22 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import typeof
 
+from armd.compensation.kernel import kernel
+from armd.compensation.kernel.model import Model
 from armd.compiled import library
 from armd.daemon import ahead as program
-from armd.daemon.ahead import can_link, tidy
+from armd.daemon.ahead import call_for_sessions, can_link, tidy
 from armd.daemon.config import load_config
+from support import synthetic
 from support.own_environment import own_environment
+from support.small_arm import small_arm, thermal_calibration
 
 TESTS = Path(__file__).parents[1]
 #: Where an environment has its library.
@@ -34,6 +40,20 @@ a_mm = 300.0
 alpha_deg = 90.0
 counts_per_turn = 262144
 temperature = "room"
+"""
+
+
+#: A verification's points of a made-up session; prints whether numba was needed for them.
+VERIFICATION = """
+import sys
+import numpy as np
+from support import synthetic
+from armd.compensation.verify.figures import positions_of
+
+arm, rng = synthetic.arm(), np.random.default_rng(8)
+session = synthetic.session(arm, arm.nominal(), rng, readings=48)
+assert np.isfinite(positions_of(session, arm, None)).all()
+print("numba" in sys.modules)
 """
 
 
@@ -144,6 +164,38 @@ def test_the_library_gives_numbas_points_without_numba(tmp_path: Path, python: P
         capture_output=True, text=True,
     )  # fmt: skip
     assert diagnosed.stdout == "False\n", diagnosed.stderr
+    verified = subprocess.run(
+        [python, "-c", VERIFICATION],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(empty), "PYTHONPATH": str(TESTS)},
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert verified.stdout == "False\n", verified.stderr
+
+
+def test_what_is_compiled_ahead_is_called_with_the_same_types_by_verify(monkeypatch) -> None:
+    """Another layout of one array would be compiled anew, each time."""
+    called = []
+
+    def noted(*arguments: object) -> None:
+        called.append([typeof(argument) for argument in arguments])
+
+    monkeypatch.setattr(kernel, "correct_runs", noted)
+    call_for_sessions(small_arm())
+    arm = synthetic.arm()
+    session = synthetic.session(arm, arm.nominal(), np.random.default_rng(8), readings=48)
+    for calibration in (None, thermal_calibration(small_arm())):
+        own = small_arm() if calibration else arm
+        if calibration:
+            states = replace(
+                session.states,
+                q=session.states.q[:, : own.n_joints],
+                rate=session.states.rate[:, : own.n_joints],
+                temperature_c=np.full((session.n, len(own.sensors)), 21.0),
+            )
+        else:
+            states = session.states
+        Model(own, calibration).correct_states(states)
+    assert len(called) == 3 and called[0] == called[1] == called[2]
 
 
 def test_a_library_of_the_cache_alone_is_copied(tmp_path: Path, python: Path) -> None:

@@ -37,8 +37,9 @@ def test_certificate(size: float, encoder_arcsec: float, placements: int, words:
     certificate = result.certificate
     assert certificate.granted == (words == ""), certificate.reason
     assert words in certificate.reason
-    left_out = "placement" if placements > 1 else "reading"
-    assert certificate.reason.startswith(f"each {left_out} left out misses by ")
+    left_out = "each placement" if placements > 1 else "every 8th reading"
+    assert certificate.reason.startswith(f"{left_out} left out misses by ")
+    assert result.left_out_in_words == left_out
     assert result.calibration.provenance["certificate"] == {
         "granted": certificate.granted,
         "reason": certificate.reason,

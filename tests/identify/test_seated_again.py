@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from armd import BadInput
 from armd.compensation.data.session import Session
+from armd.compensation.identify.evaluation import seated_again
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
 from armd.compensation.identify.evaluation.seated_again import fit_tip, hint_of_tip, with_tip
+from armd.compensation.model.calibration import Calibration
 from support import synthetic
 from support.small_arm import small_arm, thermal_calibration
 
@@ -34,13 +38,36 @@ def test_the_tip_is_found_and_the_rest_is_noise() -> None:
     after = evaluate([session], *with_tip(ARM, None, tip))
     assert before.rms_um > 300.0
     assert after.rms_um == pytest.approx(1e3 * NOISE_MM * np.sqrt(3.0), rel=0.15)
-    (hint,) = hint_of_tip([session], ARM, None, before)
+    assert hint_of_tip(ARM, None, before) == []  # a drawing misses by more than its tip
+
+
+def nominal_calibration() -> Calibration:
+    constants = dict(zip(ARM.layout.names, ARM.nominal().tolist(), strict=True))
+    return Calibration(
+        arm=ARM.serial_number,
+        created="2026-01-01T00:00:00+00:00",
+        reference_temperature_c=ARM.reference_temperature_c,
+        constants=constants,
+    )
+
+
+def test_one_linear_step_tells_of_the_tip_as_a_whole_fit_does(monkeypatch) -> None:
+    session, calibration = seated(MOVED_MM), nominal_calibration()
+    before = evaluate([session], ARM, calibration)
+    tip = fit_tip([session], ARM, calibration)
+    after = evaluate([session], *with_tip(ARM, calibration, tip))
+    monkeypatch.setattr(seated_again, "fit", None)  # a whole fit is not called
+    (hint,) = hint_of_tip(ARM, calibration, before)
     assert "--fit-tip" in hint and f"{before.rms_um:.4g}" in hint
+    moved_mm, rms_um = map(float, re.findall(r"(?:by|are) ([0-9.]+)", hint))
+    assert moved_mm == pytest.approx(tip.moved_mm, abs=0.02)
+    assert rms_um == pytest.approx(after.rms_um, rel=0.02)
 
 
 def test_no_hint_where_the_tip_is_right() -> None:
     session = seated(np.zeros(3))
-    assert hint_of_tip([session], ARM, None, evaluate([session], ARM, None)) == []
+    calibration = nominal_calibration()
+    assert hint_of_tip(ARM, calibration, evaluate([session], ARM, calibration)) == []
 
 
 def test_too_few_readings_give_no_tip() -> None:

@@ -208,3 +208,38 @@ def test_a_negative_variance_is_refused(tmp_path: Path) -> None:
     rewritten(path, lambda content: content["covariance"][0].__setitem__(0, -1e-6))
     with pytest.raises(BadInput, match="variances of 0 or more, not -1e-06 of d_1"):
         load_calibration(path)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "words"),
+    [
+        ([[1.0, 2.0], [2.0, 1.0]], "correlations of ±1 at most"),
+        ([[1.0, 0.5], [-0.5, 1.0]], "a symmetric covariance"),
+        ([[0.0, 0.1], [0.1, 1.0]], "a symmetric covariance"),
+        ([[1.0, 0.9, -0.9], [0.9, 1.0, 0.9], [-0.9, 0.9, 1.0]], "positive semidefinite"),
+    ],
+)
+def test_a_covariance_that_is_none_is_refused(
+    tmp_path: Path, covariance: list[list[float]], words: str
+) -> None:
+    """Some point would have a variance below 0. Whatever the units: here of 1e-6 and 1e-3."""
+    path, n = tmp_path / "cal.json", len(covariance)
+    scale = [1e-6, 1e-3, 1.0][:n]
+    names = ["theta_1", "d_1", "a_1"][:n]
+    one = [[float(i == j) * scale[i] ** 2 for j in range(n)] for i in range(n)]
+    save_calibration(path, plain(covariance_of=names, covariance=one))
+    load_calibration(path)
+    scaled = [[covariance[i][j] * scale[i] * scale[j] for j in range(n)] for i in range(n)]
+    rewritten(path, lambda content: content.__setitem__("covariance", scaled))
+    with pytest.raises(BadInput, match=words):
+        load_calibration(path)
+
+
+@pytest.mark.parametrize("key", ["encoder_rad", "reading_mm", "temperature_c"])
+def test_negative_noise_is_refused_by_its_key(tmp_path: Path, key: str) -> None:
+    path = tmp_path / "cal.json"
+    save_calibration(path, plain())
+    wrong = [1e-6, -1e-6] if key == "encoder_rad" else -1e-6
+    rewritten(path, lambda content: content.setdefault("noise", {}).__setitem__(key, wrong))
+    with pytest.raises(BadInput, match=rf"noise\.{key}"):
+        load_calibration(path)

@@ -10,6 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, I64
+from armd.compensation.data.overflow import overflowed, refuse_overflow
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
@@ -113,10 +114,12 @@ def evaluate_model(
     position = np.empty((observations.n, 3))
     for first in range(0, observations.n, CHUNK):
         chunk = slice(first, first + CHUNK)
-        parameters = parameter_rows(constants, terms, basis[chunk])
-        position[chunk] = forward(states.q[chunk], parameters)[0]
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
+            parameters = parameter_rows(constants, terms, basis[chunk])
+            position[chunk] = forward(states.q[chunk], parameters)[0]
         if progress:
             progress(f"{min(first + CHUNK, observations.n)} of {observations.n} readings")
+    refuse_overflows(observations, position, basis)
     usable = np.isfinite(position[:, 0])
     if not usable.any():
         missing = np.isnan(states.temperature_c).sum(axis=0)
@@ -126,6 +129,18 @@ def evaluate_model(
     poses = fit_poses(observations, position)
     residual = poses.residual(observations, position)
     return Evaluation(observations, poses, position, residual, int((~usable).sum()))
+
+
+def refuse_overflows(observations: Observations, position: F64, basis: F64) -> None:
+    """Raise `BadInput` for positions (n, 3) that overflow though all basis values (n, T) are known.
+
+    It names the first session that has such rows.
+    """
+    overflow = overflowed(position) & np.isfinite(basis).all(axis=1)
+    for session in np.unique(observations.session[overflow]):
+        own = observations.session == session
+        name = observations.session_names[session]
+        refuse_overflow(name, observations.row[own], overflow[own])
 
 
 def without_temperatures(

@@ -28,7 +28,11 @@ from armd.compensation.data.turns import AngleRange, report_open_turns
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.poses import Poses, fit_poses
 from armd.compensation.identify.evaluation.condensed import PointMoments, moments_by
-from armd.compensation.identify.evaluation.evaluate import evaluate, without_temperatures
+from armd.compensation.identify.evaluation.evaluate import (
+    evaluate,
+    refuse_overflows,
+    without_temperatures,
+)
 from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
 from armd.compensation.identify.evaluation.outside_range import OutsideRange
 from armd.compensation.identify.evaluation.seated_again import fit_tip, hint_of_tip, with_tip
@@ -96,7 +100,7 @@ def _evaluate_files(
         arm, calibration = with_tip(arm, calibration, tip)
     found = evaluate(sessions, arm, calibration, progress)
     if not refit_tip:
-        remarks += hint_of_tip(sessions, arm, calibration, found)
+        remarks += hint_of_tip(arm, calibration, found)
     return {**found.as_json(), **extra, "remarks": remarks}, found.lengths
 
 
@@ -193,8 +197,10 @@ class _Passes:
 
     def _tips(self, piece: _Piece) -> tuple[Observations, F64]:
         """The readings that have every temperature they need, and their tips (n, 3)."""
-        rows = parameter_rows(self._constants, self._terms, piece.basis)
-        tip = forward(piece.observations.states.q, rows)[0]
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
+            rows = parameter_rows(self._constants, self._terms, piece.basis)
+            tip = forward(piece.observations.states.q, rows)[0]
+        refuse_overflows(piece.observations, tip, piece.basis)
         usable = np.isfinite(tip[:, 0])
         return piece.observations.rows(usable), tip[usable]
 

@@ -11,11 +11,13 @@ from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64
 from armd.compensation.data.session import Session
+from armd.compensation.estimate.poses import fit_poses
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.evaluation.evaluate import Evaluation, evaluate
 from armd.compensation.identify.fit import fit
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.kinematics import forward
 from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.errors import BadInput
 
@@ -23,6 +25,11 @@ from armd.errors import BadInput
 EXPLAINS = 0.5
 #: … and moves by more than this: less is what a seat repeats by.
 LEAST_MOVED_MM = 0.02
+#: A trial move of the tip: large beside rounding, small beside the turn of a placement's radius.
+TRIAL_MM = 0.1
+#: Directions in which a tip moves the residuals by less than this share of the best known one are
+#: left where they are: the placements absorb them.
+LEAST_SINGULAR = 1e-3
 #: Readings that three more unknowns want at least.
 LEAST_READINGS = 12
 #: More readings are not fitted only for a hint.
@@ -74,23 +81,58 @@ def fit_tip(sessions: Sequence[Session], arm: Arm, calibration: Calibration | No
     return FittedTip(found.constants[at], scale, constants[at])
 
 
-def hint_of_tip(
-    sessions: Sequence[Session], arm: Arm, calibration: Calibration | None, found: Evaluation
-) -> list[str]:
-    """A sentence where another tip would explain most of what the readings miss by."""
-    if not LEAST_READINGS <= found.observations.n <= MOST_READINGS:
+def hint_of_tip(arm: Arm, calibration: Calibration | None, found: Evaluation) -> list[str]:
+    """Return a sentence where another tip would explain most of what the readings miss by.
+
+    One linear step, without a fit: a hint costs no more than the evaluation itself. Without a
+    calibration the drawing misses by more than its tip, and nothing is said.
+    """
+    if calibration is None or not LEAST_READINGS <= found.observations.n <= MOST_READINGS:
         return []
     if found.rms_um < 1e3 * LEAST_MOVED_MM:
         return []
-    tip = fit_tip(sessions, arm, calibration)
-    refitted = evaluate(sessions, *with_tip(arm, calibration, tip))
-    if tip.moved_mm < LEAST_MOVED_MM or refitted.rms_um > EXPLAINS * found.rms_um:
+    with threadpool_limits(limits=1, user_api="blas"):
+        step_mm, rms_um = _step_of_tip(calibration.vector(arm.n_joints), found)
+    moved_mm = float(np.linalg.norm(step_mm))
+    if moved_mm < LEAST_MOVED_MM or rms_um > EXPLAINS * found.rms_um:
         return []
     return [
-        f"with the tip fitted anew the residuals are {refitted.rms_um:.4g} instead of"
-        f" {found.rms_um:.4g} µm RMS: {tip.in_words()}. Was the ball or reflector changed or"
-        " seated again? --fit-tip evaluates so."
+        f"with the tip moved by {moved_mm:.3f} mm the residuals are {rms_um:.4g} instead of"
+        f" {found.rms_um:.4g} µm RMS. Was the ball or reflector changed or seated again?"
+        " --fit-tip fits it and evaluates so."
     ]
+
+
+def _step_of_tip(constants: F64, found: Evaluation) -> tuple[F64, float]:
+    """Return how the tip (3,) mm moves to lower the residuals most, and their RMS (µm) there.
+
+    Placements and unknown seats follow each trial move (variable projection). The last frame is
+    turned as the *constants* (P,) alone have it: what terms turn it by is below a milliradian.
+    """
+    observations = found.observations
+    rows = np.repeat(constants[None], observations.n, axis=0)
+    tip = observations.arm.layout.tip
+
+    def moved(step_mm: F64) -> F64:
+        other = rows.copy()
+        other[:, tip] += step_mm
+        return forward(observations.states.q, other)[0]
+
+    at = moved(np.zeros(3))
+    turned = [moved(axis) - at for axis in np.eye(3)]
+
+    def residual(step_mm: F64) -> F64:
+        position: F64 = found.position_mm + np.einsum("k,knx->nx", step_mm, np.array(turned))
+        return fit_poses(observations, position).residual(observations, position)
+
+    columns = [
+        (residual(TRIAL_MM * axis) - found.residual_mm).ravel() / TRIAL_MM for axis in np.eye(3)
+    ]
+    stacked = np.stack(columns, axis=1)
+    solved = np.linalg.lstsq(stacked, -found.residual_mm.ravel(), rcond=LEAST_SINGULAR)
+    step_mm = np.asarray(solved[0], dtype=np.float64)
+    squares = (residual(step_mm) ** 2).sum(axis=1)
+    return step_mm, 1e3 * float(np.sqrt(squares.mean()))
 
 
 def with_tip(

@@ -103,7 +103,7 @@ def _print(result: Result, written: str) -> None:
     found = result.fit
     console.print(
         f"{found.observations.n} readings, {result.rms_um:.2f} µm 3-D RMS,"
-        f" {result.heldout.in_words()} by leaving out each {result.heldout_by};"
+        f" {result.heldout.in_words()} by leaving out {result.left_out_in_words} in turn;"
         f" rank {found.solution.rank} of {len(found.unknowns.names)}"
     )
     for length in result.lengths:

@@ -9,6 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from armd.compensation.model.arm import load_arm
+from armd.compensation.model.calibration import Calibration, constants_of, save_calibration
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
 from armd.daemon.cli import main
 
 
@@ -21,9 +25,9 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def verify(measured: Path, *more: str) -> int:
+def verify(measured: Path, *more: str, command: str = "verify") -> int:
     session, arm = str(measured / "verify"), str(measured / "arm.toml")
-    return main(["verify", session, "--arm", arm, *more])
+    return main([command, session, "--arm", arm, *more])
 
 
 def mpe(folder: Path, **limits: float) -> str:
@@ -72,3 +76,27 @@ def test_unknown_limits_are_refused(
 ) -> None:
     assert verify(measured, "--mpe", mpe(tmp_path, p_sise_mm=0.2)) == 2
     assert "mpe.p_sise_mm: found an unknown key" in capsys.readouterr().err
+
+
+def test_a_calibration_that_overflows_is_refused(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = load_arm(measured / "arm.toml")
+    heat = Temperature(kind="temperature", weights={arm.sensors[0]: 1.0})
+    calibration = Calibration(
+        arm=arm.serial_number,
+        created="2026-01-01T00:00:00Z",
+        reference_temperature_c=arm.reference_temperature_c + 5.0,
+        constants=constants_of(arm.nominal(), arm.n_joints),
+        terms=[Term(parameter="a_2", basis=[heat], coefficient=1e308)],
+    )
+    path, result = tmp_path / "cal.json", tmp_path / "result.json"
+    save_calibration(path, calibration)
+    for command in ("verify", "evaluate"):
+        assert verify(
+            measured, "--calibration", str(path), "--json", str(result), command=command
+        ) not in (0, 70)
+        said = capsys.readouterr()
+        assert "points that are not finite" in said.err and "rows 1, 2" in said.err
+        assert "nan" not in said.out and "inf" not in said.out
+    assert not result.exists()

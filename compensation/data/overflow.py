@@ -1,0 +1,33 @@
+"""Positions that no arm has: coefficients of a calibration so large that numbers overflow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64, I64, Mask
+from armd.errors import BadInput
+
+#: A million kilometres: no coefficient that an arm has leads there, and squares are still finite.
+FARTHEST_MM = 1e12
+#: Rows named in a message.
+MOST_NAMED = 5
+
+
+def overflowed(position_mm: F64) -> Mask:
+    """Return which rows (n,) of positions (n, 3) are not finite, or too far to be squared."""
+    near: Mask = np.all(np.abs(position_mm) < FARTHEST_MM, axis=1)
+    return ~near
+
+
+def refuse_overflow(session: str, row: I64, overflow: Mask) -> None:
+    """Raise `BadInput` for rows (n,) of a session, counted from 0, of which any *overflow*."""
+    rows = row[overflow] + 1
+    if not len(rows):
+        return
+    named = ", ".join(map(str, rows[:MOST_NAMED])) + ", …" * (len(rows) > MOST_NAMED)
+    raise BadInput(
+        session,
+        f"row{'s' * (len(rows) > 1)} {named}",
+        f"points that are not finite, in {len(rows)} of {len(row)} readings",
+        "finite points: a constant or coefficient of the calibration is absurd",
+    )
