@@ -34,7 +34,7 @@ from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
 from armd.compensation.identify.heldout import HeldOut
-from armd.compensation.identify.next_step import Files
+from armd.compensation.identify.next_step import CalibratedFiles
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.sensor_noise import sensor_noise_c
 from armd.compensation.identify.thermal.comparison import Comparison, Trial
@@ -149,7 +149,7 @@ def _calibrate(
         by,
         lengths,
         odd.path if odd else None,
-        Files(tuple(session.path for session in sessions), options.arm_file),
+        CalibratedFiles(tuple(session.path for session in sessions), options.arm_file),
     )
     provenance = {
         "command": options.command,

@@ -17,7 +17,7 @@ from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
-from armd.compensation.identify.next_step import Fault, Files, Why, next_step
+from armd.compensation.identify.next_step import CalibratedFiles, Fault, Why, next_step
 from armd.terminal.counted import counted
 
 #: What a granted one is, and what it is not.
@@ -83,7 +83,7 @@ def judge(
     heldout_by: str,
     lengths: Sequence[Length],
     odd_session: Path | None = None,
-    files: Files | None = None,
+    files: CalibratedFiles | None = None,
 ) -> Certificate:
     """Judge by 3-D RMS errors: under the drawing, and of a fit that left the readings out.
 
@@ -144,7 +144,7 @@ def judge(
         found.solution.null, found.unknowns.words(found.terms), found.observations.arm
     )
     scale = [] if scale_known else [NO_SCALE]
-    files = files or Files(tuple(map(Path, found.observations.session_names)))
+    files = files or CalibratedFiles(tuple(map(Path, found.observations.session_names)))
     return Certificate(
         not faults,
         "; ".join([left, *(fault.words for fault in faults), *scale]),

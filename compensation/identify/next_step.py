@@ -43,7 +43,7 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Files:
+class CalibratedFiles:
     """What was calibrated, as a person types it."""
 
     sessions: tuple[Path, ...]
@@ -62,11 +62,12 @@ class Files:
         return str(self.sessions[-1].parent / free)
 
 
-def next_step(faults: Sequence[Fault], observations: Observations, files: Files) -> str:
+def next_step(faults: Sequence[Fault], observations: Observations, files: CalibratedFiles) -> str:
     """The one thing to do next, with the command to type in backquotes; "" without a fault."""
     if not faults:
         return ""
     fault = min(faults, key=lambda each: each.why.value)
+    elsewhere = "" if observations.has_truth.all() else " in another place"  # a tracker need not
     again = files.command("calibrate", "-o", "calibration.json")
     match fault.why:
         case Why.TEMPERATURES:
@@ -97,21 +98,21 @@ def next_step(faults: Sequence[Fault], observations: Observations, files: Files)
         case Why.READINGS:
             least = _missing(observations, 1)
             return (
-                f"take at least {counted(least, 'more reading')} in postures of their own, in"
-                f" another place: {_measure(observations, files, 1)}"
+                f"take at least {counted(least, 'more reading')} in postures of their own"
+                f"{elsewhere}: {_measure(observations, files, 1)}"
             )
         case Why.POSTURES:
             joint, moved_deg = _least_moved(observations)
             return (
                 f"turn joint {joint} farther, which moved least ({moved_deg:.0f}°), and measure"
-                f" again in another place: {_measure(observations, files, 1)}"
+                f" again{elsewhere}: {_measure(observations, files, 1)}"
             )
         case Why.FAR | Why.NO_HELP | Why.UNSETTLED:
             return f"look for what the model lacks: `{files.command('diagnose')}`"
 
 
 def _measure(
-    observations: Observations, files: Files, places: int, targets: Sequence[str] = ()
+    observations: Observations, files: CalibratedFiles, places: int, targets: Sequence[str] = ()
 ) -> str:
     """The command that brings another session, with as many rounds as it still takes."""
     if observations.has_truth.all():

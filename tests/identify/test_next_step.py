@@ -11,12 +11,12 @@ import pytest
 
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.identify.admission.needed import certificate_readings
-from armd.compensation.identify.next_step import Fault, Files, Why, next_step
+from armd.compensation.identify.next_step import CalibratedFiles, Fault, Why, next_step
 from armd.daemon.cli import parsers
 from support import synthetic
 
 ARM = synthetic.arm()
-FILES = Files((Path("my arm/T20"), Path("my arm/more")), "my arm/arm.toml")
+FILES = CalibratedFiles((Path("my arm/T20"), Path("my arm/more")), "my arm/arm.toml")
 
 
 def artefact(placements: int = 1, readings: int = 24) -> Observations:
@@ -92,3 +92,10 @@ def test_the_joint_that_moved_least_is_named():
     q[:, 3] = np.linspace(0.1, 0.1 + np.radians(12.0), len(q))
     step = next_step([fault(Why.POSTURES)], observations, FILES)
     assert step.startswith("turn joint 4 farther, which moved least (12°)")
+
+
+@pytest.mark.parametrize("why", [Why.READINGS, Why.POSTURES])
+def test_a_tracker_sees_the_arm_everywhere(why):
+    assert " in another place: `armd measure " in next_step([fault(why)], artefact(), FILES)
+    seen = next_step([fault(why)], tracked(), FILES)
+    assert "place" not in seen and ": `armd import " in seen
