@@ -17,7 +17,7 @@ from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
-from armd.compensation.identify.next_step import CalibratedFiles, Fault, Why, next_step
+from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, next_step
 from armd.terminal.counted import counted
 
 #: What a granted one is, and what it is not.
@@ -101,13 +101,13 @@ def judge(
     )
     faults = []
     if not converged:
-        faults.append(Fault(Why.UNSETTLED, "the fit did not settle"))
+        faults.append(Objection(Why.UNSETTLED, "the fit did not settle"))
     if odd_session:
         words = f"session {odd_session.name} does not fit the others, and no one arm fits all"
-        faults.append(Fault(Why.ODD_SESSION, words, str(odd_session)))
+        faults.append(Objection(Why.ODD_SESSION, words, str(odd_session)))
     if share > MOST_LEFT:
         words = f"more than the {MOST_LEFT:.0%} that shows a calibration to help"
-        faults.append(Fault(Why.NO_HELP, words))
+        faults.append(Objection(Why.NO_HELP, words))
     without_mm = heldout.without_far_um / 1e3
     good_without = without_mm < min(MOST_HELDOUT_MM, MOST_LEFT * drawn_mm)
     if (heldout_mm > MOST_HELDOUT_MM or share > MOST_LEFT) and len(found.outliers) and good_without:
@@ -115,24 +115,24 @@ def judge(
             f"{without_mm:.4g} mm without {counted(heldout.n_far, 'reading')} far off:"
             f" {found.outlier_words()}"
         )
-        faults.append(Fault(Why.OUTLIERS, words))
+        faults.append(Objection(Why.OUTLIERS, words))
     elif heldout_mm > MOST_HELDOUT_MM:
         words = (
             f"more than {MOST_HELDOUT_MM:g} mm: no set of constants describes this arm"
             " (another arm than arm.toml draws, play in a joint, a loose artefact, readings"
             " mixed up?)"
         )
-        faults.append(Fault(Why.FAR, words))
+        faults.append(Objection(Why.FAR, words))
     left += _another(found.observations, heldout, heldout_by)
     ideal = 4 * found.observations.arm.n_joints - 3 + len(found.unknowns.terms)
     rank = found.solution.rank
     if rank < LEAST_RANK * ideal:
         words = f"only {rank} of {ideal} combinations of the unknowns are known beside it"
-        faults.append(Fault(Why.POSTURES, words))
+        faults.append(Objection(Why.POSTURES, words))
     faults += _too_few(found.observations)
     faults += _impossible_temperatures(found.observations)
     faults += [
-        Fault(
+        Objection(
             Why.LENGTH,
             f"a certified length contradicts the arm: {length.in_words()}",
             targets=tuple(name.rpartition("/")[2] for name in length.between),
@@ -166,7 +166,7 @@ def _another(observations: Observations, heldout: Errors, heldout_by: str) -> st
     )
 
 
-def _too_few(observations: Observations) -> list[Fault]:
+def _too_few(observations: Observations) -> list[Objection]:
     """Placements and readings. A tracker sees the arm everywhere: it needs no second placement."""
     faults = []
     placements = len(np.unique(observations.placement))
@@ -175,7 +175,7 @@ def _too_few(observations: Observations) -> list[Fault]:
             f"{counted(placements, 'placement')}, expected at least {LEAST_PLACEMENTS}:"
             " another place may miss by any amount"
         )
-        faults.append(Fault(Why.PLACEMENTS, words))
+        faults.append(Objection(Why.PLACEMENTS, words))
     needed = LEAST_TIMES * readings_needed(observations)
     postures = count_postures(observations)
     if postures < needed:
@@ -184,11 +184,11 @@ def _too_few(observations: Observations) -> list[Fault]:
             f"{counted(observations.n, 'reading')}{copies}, expected at least {needed}: "
             f"{LEAST_TIMES} times what the unknowns take"
         )
-        faults.append(Fault(Why.READINGS, words))
+        faults.append(Objection(Why.READINGS, words))
     return faults
 
 
-def _impossible_temperatures(observations: Observations) -> list[Fault]:
+def _impossible_temperatures(observations: Observations) -> list[Objection]:
     """Sensors whose values no arm can have had, or not both: another unit, another arm."""
     celsius, sensors = observations.states.temperature_c, observations.arm.sensors
     if not np.isfinite(celsius).any():
@@ -205,12 +205,12 @@ def _impossible_temperatures(observations: Observations) -> list[Fault]:
                 f" {MOST_APART_K:g} K apart within {POSSIBLE_C[0]:g} to {POSSIBLE_C[1]:g} °C"
                 " (degrees Fahrenheit?)"
             )
-            faults.append(Fault(Why.TEMPERATURES, words, warmest))
+            faults.append(Objection(Why.TEMPERATURES, words, warmest))
     some = np.flatnonzero(np.isfinite(celsius).any(axis=1))
     apart_k = np.nanmax(celsius[some], axis=1) - np.nanmin(celsius[some], axis=1)
     farthest, apart = some[int(np.argmax(apart_k))], float(np.max(apart_k))
     if not faults and apart > MOST_APART_K:
         words = f"sensors of one reading {apart:.1f} K apart, expected at most {MOST_APART_K:g} K"
         session = observations.session_names[observations.session[farthest]]
-        faults.append(Fault(Why.TEMPERATURES, words, session))
+        faults.append(Objection(Why.TEMPERATURES, words, session))
     return faults

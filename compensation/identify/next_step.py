@@ -33,7 +33,7 @@ class Why(Enum):
 
 
 @dataclass(frozen=True)
-class Fault:
+class Objection:
     """A reason in words, and whom it is about."""
 
     why: Why
@@ -62,7 +62,9 @@ class CalibratedFiles:
         return str(self.sessions[-1].parent / free)
 
 
-def next_step(faults: Sequence[Fault], observations: Observations, files: CalibratedFiles) -> str:
+def next_step(
+    faults: Sequence[Objection], observations: Observations, files: CalibratedFiles
+) -> str:
     """The one thing to do next, with the command to type in backquotes; "" without a fault."""
     if not faults:
         return ""

@@ -11,7 +11,7 @@ import pytest
 
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.identify.admission.needed import certificate_readings
-from armd.compensation.identify.next_step import CalibratedFiles, Fault, Why, next_step
+from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, next_step
 from armd.daemon.cli import parsers
 from support import synthetic
 
@@ -36,8 +36,8 @@ def command_in(step: str) -> list[str]:
     return shlex.split(command)
 
 
-def fault(why: Why) -> Fault:
-    return Fault(why, "words", "my arm/more", ("A", "B"))
+def fault(why: Why) -> Objection:
+    return Objection(why, "words", "my arm/more", ("A", "B"))
 
 
 BOTH = [(why, artefact) for why in Why]
@@ -61,7 +61,7 @@ def test_each_reason_has_one_step_whose_command_armd_takes(why, kind):
 
 
 def test_each_reason_of_a_certificate_is_one_of_these():
-    """No reason goes without: what refuses is a `Fault`, and each kind of it is raised."""
+    """No reason goes without: what refuses is an `Objection`, and each kind of it is raised."""
     path = Path(__file__).parents[2] / "compensation/identify/certificate.py"
     raised = set(re.findall(r"\bWhy\.([A-Z_]+)", path.read_text()))
     assert raised == {why.name for why in Why}
