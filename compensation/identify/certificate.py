@@ -206,9 +206,9 @@ def _impossible_temperatures(observations: Observations) -> list[Objection]:
                 " (degrees Fahrenheit?)"
             )
             faults.append(Objection(Why.TEMPERATURES, words, warmest))
-    some = np.flatnonzero(np.isfinite(celsius).any(axis=1))
-    apart_k = np.nanmax(celsius[some], axis=1) - np.nanmin(celsius[some], axis=1)
-    farthest, apart = some[int(np.argmax(apart_k))], float(np.max(apart_k))
+    rows = np.flatnonzero(np.isfinite(celsius).any(axis=1))
+    apart_k = np.nanmax(celsius[rows], axis=1) - np.nanmin(celsius[rows], axis=1)
+    farthest, apart = rows[int(np.argmax(apart_k))], float(np.max(apart_k))
     if not faults and apart > MOST_APART_K:
         words = f"sensors of one reading {apart:.1f} K apart, expected at most {MOST_APART_K:g} K"
         session = observations.session_names[observations.session[farthest]]
