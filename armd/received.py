@@ -29,6 +29,8 @@ LEAST_RAW_BYTES = 26
 MOST_JOINTS = 20
 #: No arm reaches further, and no text of a number is longer.
 MOST_MM = 1e6
+#: Components of a unit vector or quaternion, rounding included.
+MOST_UNIT = 1.001
 MOST_DIGITS = 20
 
 FormCheck = Callable[[Any], bool]
@@ -59,7 +61,11 @@ def _is_vector(n: int, most: float = math.inf) -> FormCheck:
 
 def _is_covariance(value: Any) -> bool:
     """xx xy xz yy yz zz, of which no variance is negative."""
-    return bool(_is_vector(6)(value)) and min(value[0], value[3], value[5]) >= 0.0
+    return bool(_is_vector(6, MOST_MM**2)(value)) and min(value[0], value[3], value[5]) >= 0.0
+
+
+def _is_deviation(value: Any) -> bool:
+    return bool(_is_vector(3, MOST_MM)(value)) and min(value) >= 0.0
 
 
 def _is_list(check: FormCheck) -> FormCheck:
@@ -141,10 +147,10 @@ FORMS: dict[str, FormCheck] = {
             "seq": _is_seq,
             "stamp_ns": _is_stamp,
             "position_mm": _is_optional(_is_place),
-            "orientation": _is_optional(_is_vector(4)),
-            "approach": _is_optional(_is_vector(3)),
+            "orientation": _is_optional(_is_vector(4, MOST_UNIT)),
+            "approach": _is_optional(_is_vector(3, MOST_UNIT)),
             "covariance_mm2": _is_optional(_is_covariance),
-            "standard_deviation_mm": _is_optional(_is_vector(3)),
+            "standard_deviation_mm": _is_optional(_is_deviation),
             "count": _is_count,
             "flags": _is_bits,
             "flag_names": _is_list(_is_text),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import string
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -165,4 +166,4 @@ def _um(value_mm: float | None) -> float:
 
 def _mm(value_um: float) -> str:
     """Empty where it is not known."""
-    return "" if np.isnan(value_um) else f"{value_um / 1000:.6f}"
+    return "" if math.isnan(value_um) else f"{value_um / 1000:.6f}"

@@ -183,6 +183,9 @@ def test_a_log_with_a_torn_line(tmp_path: Path, capsys: pytest.CaptureFixture[st
         ('{"seq": 1, "flags": 0, "stamp_ns": 5}', ["line 1: position_mm", "found nothing"]),
         (json.dumps(MEASUREMENT | {"position_mm": [1, 2]}), ["line 1: position_mm.2"]),
         ("[1]", ["line 1", "found [1]"]),
+        (json.dumps(MEASUREMENT | {"stamp_ns": 1 << 63}), ["line 1: stamp_ns", "less than"]),
+        (json.dumps(MEASUREMENT | {"seq": -1}), ["line 1: seq", "found -1"]),
+        (json.dumps(MEASUREMENT | {"flags": 1 << 32}), ["line 1: flags", "less than"]),
     ],
 )
 def test_bad_lines_are_named(

@@ -94,6 +94,8 @@ def fuzz(doors: list[Door], seed: int, end_s: float, most: int | None, keep: Pat
     print(f"armd: {n} inputs at {len(doors)} doors, {len(faults)} kinds of fault")
     for door in doors:
         print(f"  {entered[door.name]:8d}  {door.name}")
+    for kind, times in faults.most_common():  # once more, where a log that was cut still has them
+        print(f"armd: {times} times: {kind}")
     return faults
 
 

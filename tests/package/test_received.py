@@ -65,6 +65,10 @@ MALFORMED = [
         {"position_mm": "near"}, {"orientation": None}, {"covariance_mm2": [1, 2, 3]},
         {"flags": -1}, {"seq": -1}, {"flag_names": "AT_REST"}, {"tip": ["x"]}, {"approach": 1},
         {"temperatures_c": {"t1": []}}, {"tip_offset_mm": [0, 0]},
+        {"approach": [0, 0, 1e308]}, {"orientation": [0, 0, 0, 1e308]},
+        {"standard_deviation_mm": [0.001, 0.001, 10**20 - 1]},
+        {"standard_deviation_mm": [0.001, -0.001, 0.001]},
+        {"covariance_mm2": [1e-4, 0, 0, 1e-4, 0, 10**20 - 1]},
     )
 ] + [
     (keys.EVENT, EVENT, change)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from armd import Arm, keys
 from armd.arrays import Vector
@@ -47,14 +47,16 @@ Covariance = Annotated[
 ]
 """xx xy xz yy yz zz, mm²."""
 
+Bits = Annotated[int, Field(ge=0, lt=1 << 32)]
+
 
 class MeasurementLine(BaseModel):
     """One line as `armd/<serial>/measurement` has it; what later versions add is kept."""
 
     model_config = ConfigDict(extra="allow", frozen=True, allow_inf_nan=False)
 
-    seq: int
-    stamp_ns: int
+    seq: Annotated[int, Field(ge=0, lt=1 << 64)]
+    stamp_ns: Annotated[int, Field(ge=-(1 << 63), lt=1 << 63)]
     position_mm: Vector | None
     standard_deviation_mm: Vector | None = None
     covariance_mm2: Covariance | None = None
@@ -65,9 +67,9 @@ class MeasurementLine(BaseModel):
     temperatures_c: dict[str, float | None] = {}
     count: int = 1
     duration_s: float = 0.0
-    flags: int
+    flags: Bits
     flag_names: list[str] = []
-    buttons: int = 0
+    buttons: Bits = 0
     trigger: str = ""
     tip: str | None = None
     #: In the last frame, and of the ball, as they were then; lines of before do not tell.
