@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from armd.compensation.data.session import Session
 from armd.compensation.diagnose.diagnose import diagnose
@@ -81,6 +82,7 @@ def test_plain_expansion_of_all_links_is_no_finding(celsius: tuple[float, ...], 
     assert found(measured(2, celsius), order) == []
 
 
+@pytest.mark.slow
 def test_what_is_wrong_beside_it_is_found_alone() -> None:
     sessions = measured(2, ONE_C, ECCENTRIC)
     assert found(sessions, 0) == [("encoder_eccentricity", "joint 3")]

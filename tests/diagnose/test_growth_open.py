@@ -76,6 +76,7 @@ def test_what_links_grow_is_reported_and_written(kept: Calibration) -> None:
     assert "has no thermal model" in verdict(diagnosis)
 
 
+@pytest.mark.slow
 def test_a_disc_is_found_beside_it_and_both_are_written(kept: Calibration) -> None:
     diagnosis = diagnose(measured(SEED, SHOP_C, ECCENTRIC), ARM, kept)
     others = check_growth(diagnosis)

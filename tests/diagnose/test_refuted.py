@@ -40,6 +40,7 @@ def session(rng: np.random.Generator, day: int, celsius: float, turned_rad: floa
     return replace(made, started_unix_s=start_s, states=states)
 
 
+@pytest.mark.slow
 def test_a_drift_that_went_with_the_temperature_is_found_by_what_is_held_out() -> None:
     """Joint 3 crept for three days, through its calibrated zero on the second, and stood still."""
     rng = np.random.default_rng(4)

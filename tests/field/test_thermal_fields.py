@@ -17,6 +17,7 @@ from armd.compensation.diagnose.diagnose import diagnose
 from armd.compensation.identify.calibrate import calibrate
 from armd.compensation.identify.evaluation.evaluate import evaluate
 from armd.compensation.model.arm import Arm, load_arm
+from support.selection import parametrize_default
 
 SETS = Path(__file__).parent / "thermal"
 #: Written models err by at most so many times what the fit does that is told the cause.
@@ -40,7 +41,7 @@ TRUTHS = (
 )
 
 
-@pytest.mark.parametrize("truth", TRUTHS, ids=lambda truth: truth.name)
+@parametrize_default("truth", TRUTHS, ids=lambda truth: truth.name)
 def test_the_cause_is_named_sized_and_written(truth: Truth) -> None:
     folder = SETS / truth.name
     arm = load_arm(folder / "arm.toml")

@@ -85,14 +85,14 @@ class MessOutcome:
         return self.after_um > 1.02 * self.before_um
 
 
-def run_mess(kind: str, seed: int) -> MessOutcome:
+def run_mess(kind: str, seed: int, design: Design = DESIGN) -> MessOutcome:
     """Make, diagnose and judge a case of *kind*, one of the simulator's `mess.KINDS`, or ""."""
     rng = np.random.default_rng([seed, 0x3E55])
     plants: list[Plant] = []
     if seed % 2:
         plants = [draw_plant(rng, CAUSES, float(np.exp(rng.uniform(0.4, 1.4))))]
     held = seed % 4 > 1 or any(plant.cause == "geometry_shift" for plant in plants)
-    design = replace(DESIGN, before=4) if held else DESIGN
+    design = replace(design, before=4) if held else design
     with tempfile.TemporaryDirectory() as folder:
         case = generate_case(Path(folder), seed, plants, design, mess=kind)
         arm = load_arm(case.arm)

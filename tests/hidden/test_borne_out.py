@@ -284,6 +284,7 @@ def test_every_held_out_reading_counts(disturbed: Any) -> None:
     assert f"{um(found.written_rms_um[1])} µm instead" in verdict(found)
 
 
+@pytest.mark.slow
 def test_with_nothing_borne_out_the_file_predicts_what_the_model_under_test_does(
     disturbed: Any,
 ) -> None:

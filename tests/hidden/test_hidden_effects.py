@@ -68,7 +68,7 @@ def _found_where_it_was_hidden(plant: Plant, design: Design) -> None:
     assert judged.after_um < 1.15 * judged.before_um
 
 
-@parametrize_default("plant", PLANTS, ids=_name, default=2)
+@parametrize_default("plant", PLANTS, ids=_name)
 def test_a_hidden_cause_is_named_and_located(plant: Plant) -> None:
     _found_where_it_was_hidden(plant, SMALL)
 

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import pytest
-from messy import run_mess
+from messy import DESIGN, run_mess
 
+from armd.simulator.campaigns.hidden import Design
 from armd.simulator.measured.mess import KINDS
+from support.selection import parametrize_default
 
 
-def test_a_touched_artefact_is_no_step_of_the_arm() -> None:
-    outcome = run_mess("touched", 4406)
+@parametrize_default(
+    ("seed", "design"), [(4404, Design(sessions=4, articulations=3, holdout=1)), (4406, DESIGN)]
+)
+def test_a_touched_artefact_is_no_step_of_the_arm(seed: int, design: Design) -> None:
+    outcome = run_mess("touched", seed, design)
     assert [cause for cause, _, _ in outcome.found] == ["artefact_moved"]
     assert 0.9 < outcome.floor < 1.1
 

@@ -61,7 +61,7 @@ def test_it_is_found_named_and_sized(plant: Plant, size: float) -> None:
         (Plant("artefact_sag", "artefact", 40.0, {"supports": 0.9}), None, "longest"),
     ],
     ids=lambda value: value.cause if isinstance(value, Plant) else "",
-    default=1,
+    default=0,
 )
 def test_what_no_calibration_can_hold_is_told_and_not_written(
     plant: Plant, size: float | None, word: str

@@ -179,6 +179,7 @@ def test_what_is_known_for_sure_does_not_hold_the_rest() -> None:
     assert factor @ (factor.T @ (rows.T @ (rows @ truth))) == pytest.approx(truth, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_what_the_rows_are_silent_about_stays_as_uncertain_as_it_was(history: History) -> None:
     """Readings at the reference temperature tell nothing of the expansion."""
     arm = history.arm

@@ -145,6 +145,7 @@ def _expanding(session: Session, more_per_k: float) -> Session:
     return replace(session, artefact=artefact)
 
 
+@pytest.mark.slow
 def test_without_limits_poses_stay_where_the_arm_was_seen(measured: Measured) -> None:
     joints = [j.model_copy(update={"min_deg": None, "max_deg": None}) for j in measured.arm.joint]
     arm = measured.arm.model_copy(update={"joint": joints})

@@ -42,6 +42,7 @@ def changed(measured: Path, to: Path, **changes: tuple[str, str]) -> Path:
     return to
 
 
+@pytest.mark.slow
 def test_calibrate_then_evaluate(measured: Path, tmp_path: Path) -> None:
     result, report = tmp_path / "result.json", tmp_path / "report.html"
     more = ("--json", str(result), "--report", str(report))

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+from support.selection import parametrize_default
 
 ROOT = Path(__file__).parents[2]
 SCRIPTS = sorted(
@@ -23,7 +23,7 @@ def test_make_starts_several() -> None:
     assert len(SCRIPTS) > 8
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
+@parametrize_default("script", SCRIPTS)
 def test_a_script_of_make_imports(script: str) -> None:
     path = ROOT / script
     done = subprocess.run(
