@@ -13,6 +13,7 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.postures import count_postures
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, LEAST_TIMES
 from armd.compensation.identify.admission.requirements import readings_needed
+from armd.compensation.identify.drawing import OffDrawing
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
@@ -25,7 +26,8 @@ NO_SCALE = (
     "no certified length determines the arm's size well enough: lengths are only as good as the"
     " drawing, and all of them may be wrong by the same share"
 )
-#: Readings left out must lose at least half of the error they have under the drawing.
+#: Readings left out must lose at least half of the error they have under the drawing, their noise
+#: apart: no calibration lowers that, and an arm close to its drawing has little else.
 MOST_LEFT = 0.5
 #: Readings left out that miss by more than this are as unsure as a direction counted not known.
 MOST_HELDOUT_MM = PLAUSIBLE["mm"] / LEAST_KNOWN
@@ -38,7 +40,8 @@ MOST_APART_K = 30.0
 #: As a report states it.
 RULE = (
     f"granted if the fit settled; readings left out miss by {100 * MOST_LEFT:g} % at most of what"
-    " they miss by with the dimensions of the drawing, and by"
+    " they miss by with the dimensions of the drawing and the tip that suits these readings, with"
+    " or without their noise, and by"
     f" {MOST_HELDOUT_MM:g} mm RMS at most; {100 * LEAST_RANK:g} % of what ideal readings would"
     f" determine is known; there are {LEAST_PLACEMENTS} placements and {LEAST_TIMES} times the"
     f" readings needed; the temperatures are possible ({POSSIBLE_C[0]:g} to {POSSIBLE_C[1]:g} °C,"
@@ -76,11 +79,13 @@ def judge(
     heldout_by: str,
     lengths: Sequence[Length],
     odd_session: str = "",
+    far: Sequence[OffDrawing] = (),
 ) -> Certificate:
     """Judge by 3-D RMS errors: under the drawing, and of a fit that left the readings out.
 
     *found* tells what is known: all constants, and the lengths' linear growth where thermal.
-    *odd_session* is the name of one that does not fit the others, if there is one.
+    *odd_session* is the name of one that does not fit the others, if there is one; *far* are
+    parameters far off the drawing: no fault of the calibration, and somebody should know.
     """
     drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout.rms_um / 1e3
     share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
@@ -90,6 +95,12 @@ def judge(
         f" {heldout_mm:.4g} mm RMS,"
         f" {percent}% of the {drawn_mm:.4g} mm that the drawing's own dimensions miss by"
     )
+    if share > MOST_LEFT:
+        noise_um = noise_rms_um(found)
+        shown = _without_noise(heldout.rms_um, drawn_rms_um, noise_um)
+        if shown <= MOST_LEFT:
+            share = shown
+            left += f" ({100 * shown:.0f}% without a reading's noise, {noise_um / 1e3:.4g} mm)"
     faults = []
     if not converged:
         faults.append("the fit did not settle")
@@ -126,7 +137,31 @@ def judge(
         found.solution.null, found.unknowns.words(found.terms), found.observations.arm
     )
     scale = [] if scale_known else [NO_SCALE]
-    return Certificate(not faults, "; ".join([left, *faults, *scale]), scale_known=scale_known)
+    remarks = []
+    if far:
+        names = ", ".join(f"{one.parameter} {one.difference:+.4g} {one.unit}" for one in far)
+        remarks.append(f"the drawing in arm.toml is far off: {names}")
+    reason = "; ".join([left, *faults, *remarks, *scale])
+    return Certificate(not faults, reason, scale_known=scale_known)
+
+
+def noise_rms_um(found: Identification) -> float:
+    """3-D RMS that one reading misses by for its noise alone, as the fit estimates it."""
+    freedom = 3 * found.observations.n - found.alone.rank - found.solution.told
+    squares = float(np.sum(found.at.residual_mm**2))
+    return 1e3 * float(np.sqrt(3.0 * squares / max(freedom, 1.0)))
+
+
+def _without_noise(heldout_um: float, drawn_um: float, noise_um: float) -> float:
+    """What readings left out miss by, of what they do under the drawing, their noise apart.
+
+    Readings left out always miss by more than the noise, by what their number leaves unknown: a
+    drawing that misses by hardly more than the noise has nothing to lose.
+    """
+    beyond = drawn_um**2 - noise_um**2
+    if beyond <= 0.0:
+        return 1.0
+    return float(np.sqrt(max(heldout_um**2 - noise_um**2, 0.0) / beyond))
 
 
 def _another(observations: Observations, heldout: Errors, heldout_by: str) -> str:
