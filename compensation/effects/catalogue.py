@@ -47,7 +47,9 @@ def candidates(facts: SessionFacts) -> Iterator[Candidate]:
     """Every candidate that this arm and these sessions allow, the general basis included."""
     for effect in CATALOGUE.values():
         for candidate in _of(effect, facts):
-            older = beyond_calibration(candidate, facts) if effect.by_temperature else None
+            # What has no name may be as old: else its likeliness grew by what the named ones share.
+            may_be_older = effect.by_temperature or candidate.cause == "unknown"
+            older = beyond_calibration(candidate, facts) if may_be_older else None
             if not candidate.expected:  # what is expected was there before the calibration
                 yield candidate
             if older is not None:

@@ -3,7 +3,7 @@
 An arm whose joint turns with temperature did so while it was calibrated. What its constants (and
 the powers of that temperature which the calibration has) could absorb at those temperatures, they
 did. What is left is the cause's course less that: at the calibration's only temperature nothing,
-wherever the reference temperature is.
+wherever the reference temperature is. The same holds of what has no name and goes by temperature.
 """
 
 from __future__ import annotations

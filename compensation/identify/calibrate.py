@@ -35,6 +35,7 @@ from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
 from armd.compensation.identify.heldout import HeldOut
+from armd.compensation.identify.next_step import CalibratedFiles
 from armd.compensation.identify.result import Result
 from armd.compensation.identify.sensor_noise import sensor_noise_c
 from armd.compensation.identify.thermal.comparison import Comparison, Trial
@@ -59,6 +60,7 @@ class Options:
     thermal_method: ThermalMethod = "polynomial"
     offset: bool = False  # C of eq. 14, per temperature; in the other models it is in the constants
     command: str = ""  # for the provenance
+    arm_file: str = "arm.toml"  # as a person types it
 
 
 def calibrate(
@@ -148,7 +150,8 @@ def _calibrate(
         heldout,
         by,
         lengths,
-        odd.path.name if odd else "",
+        odd.path if odd else None,
+        CalibratedFiles(tuple(session.path for session in sessions), options.arm_file),
         far,
     )
     provenance = {

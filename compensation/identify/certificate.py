@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from armd.compensation.identify.drawing import OffDrawing
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
+from armd.compensation.identify.next_step import CalibratedFiles, Objection, Why, next_step
 from armd.terminal.counted import counted
 
 #: What a granted one is, and what it is not.
@@ -59,6 +61,7 @@ class Certificate:
     reason: str
     kind: str = KIND
     scale_known: bool = True  # a certified length or position says how large the arm is
+    next_step: str = ""  # of a refused one: what to do, with the command to type
 
     @property
     def word(self) -> str:
@@ -68,7 +71,11 @@ class Certificate:
         return "granted" if self.scale_known else "granted, but not for lengths"
 
     def in_words(self) -> str:
-        return f"{self.kind}: {self.word}: {self.reason}"
+        return f"{self.kind}: {self.word}: {self.why_and_next()}"
+
+    def why_and_next(self) -> str:
+        """The reason, and where it is refused what to do next."""
+        return f"{self.reason}. Next: {self.next_step}" if self.next_step else self.reason
 
 
 def judge(
@@ -78,14 +85,16 @@ def judge(
     heldout: Errors,
     heldout_by: str,
     lengths: Sequence[Length],
-    odd_session: str = "",
+    odd_session: Path | None = None,
+    files: CalibratedFiles | None = None,
     far: Sequence[OffDrawing] = (),
 ) -> Certificate:
     """Judge by 3-D RMS errors: under the drawing, and of a fit that left the readings out.
 
     *found* tells what is known: all constants, and the lengths' linear growth where thermal.
-    *odd_session* is the name of one that does not fit the others, if there is one; *far* are
-    parameters far off the drawing: no fault of the calibration, and somebody should know.
+    *odd_session* is the folder of one that does not fit the others, if there is one; *files* are
+    those that the next step names; *far* are parameters far off the drawing: no fault of the
+    calibration, and somebody should know.
     """
     drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout.rms_um / 1e3
     share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
@@ -103,33 +112,42 @@ def judge(
             left += f" ({100 * shown:.0f}% without a reading's noise, {noise_um / 1e3:.4g} mm)"
     faults = []
     if not converged:
-        faults.append("the fit did not settle")
+        faults.append(Objection(Why.UNSETTLED, "the fit did not settle"))
     if odd_session:
-        faults.append(f"session {odd_session} does not fit the others, and no one arm fits all")
+        words = f"session {odd_session.name} does not fit the others, and no one arm fits all"
+        faults.append(Objection(Why.ODD_SESSION, words, str(odd_session)))
     if share > MOST_LEFT:
-        faults.append(f"more than the {MOST_LEFT:.0%} that shows a calibration to help")
+        words = f"more than the {MOST_LEFT:.0%} that shows a calibration to help"
+        faults.append(Objection(Why.NO_HELP, words))
     without_mm = heldout.without_far_um / 1e3
     good_without = without_mm < min(MOST_HELDOUT_MM, MOST_LEFT * drawn_mm)
     if (heldout_mm > MOST_HELDOUT_MM or share > MOST_LEFT) and len(found.outliers) and good_without:
-        faults.append(
+        words = (
             f"{without_mm:.4g} mm without {counted(heldout.n_far, 'reading')} far off:"
-            f" {found.outlier_words()}; delete them from the session or measure them again"
+            f" {found.outlier_words()}"
         )
+        faults.append(Objection(Why.OUTLIERS, words))
     elif heldout_mm > MOST_HELDOUT_MM:
-        faults.append(
+        words = (
             f"more than {MOST_HELDOUT_MM:g} mm: no set of constants describes this arm"
             " (another arm than arm.toml draws, play in a joint, a loose artefact, readings"
             " mixed up?)"
         )
+        faults.append(Objection(Why.FAR, words))
     left += _another(found.observations, heldout, heldout_by)
     ideal = 4 * found.observations.arm.n_joints - 3 + len(found.unknowns.terms)
     rank = found.solution.rank
     if rank < LEAST_RANK * ideal:
-        faults.append(f"only {rank} of {ideal} combinations of the unknowns are known beside it")
+        words = f"only {rank} of {ideal} combinations of the unknowns are known beside it"
+        faults.append(Objection(Why.POSTURES, words))
     faults += _too_few(found.observations)
     faults += _impossible_temperatures(found.observations)
     faults += [
-        f"a certified length contradicts the arm: {length.in_words()}"
+        Objection(
+            Why.LENGTH,
+            f"a certified length contradicts the arm: {length.in_words()}",
+            targets=tuple(name.rpartition("/")[2] for name in length.between),
+        )
         for length in lengths
         if abs(length.off) > MOST_OFF
     ]
@@ -141,8 +159,13 @@ def judge(
     if far:
         names = ", ".join(f"{one.parameter} {one.difference:+.4g} {one.unit}" for one in far)
         remarks.append(f"the drawing in arm.toml is far off: {names}")
-    reason = "; ".join([left, *faults, *remarks, *scale])
-    return Certificate(not faults, reason, scale_known=scale_known)
+    files = files or CalibratedFiles(tuple(map(Path, found.observations.session_names)))
+    return Certificate(
+        not faults,
+        "; ".join([left, *(fault.words for fault in faults), *remarks, *scale]),
+        scale_known=scale_known,
+        next_step=next_step(faults, found.observations, files),
+    )
 
 
 def noise_rms_um(found: Identification) -> float:
@@ -177,27 +200,29 @@ def _another(observations: Observations, heldout: Errors, heldout_by: str) -> st
     )
 
 
-def _too_few(observations: Observations) -> list[str]:
+def _too_few(observations: Observations) -> list[Objection]:
     """Placements and readings. A tracker sees the arm everywhere: it needs no second placement."""
     faults = []
     placements = len(np.unique(observations.placement))
     if placements < LEAST_PLACEMENTS and not observations.has_truth.all():
-        faults.append(
+        words = (
             f"{counted(placements, 'placement')}, expected at least {LEAST_PLACEMENTS}:"
             " another place may miss by any amount"
         )
+        faults.append(Objection(Why.PLACEMENTS, words))
     needed = LEAST_TIMES * readings_needed(observations)
     postures = count_postures(observations)
     if postures < needed:
         copies = f" of {counted(postures, 'posture')}" if postures < observations.n else ""
-        faults.append(
+        words = (
             f"{counted(observations.n, 'reading')}{copies}, expected at least {needed}: "
             f"{LEAST_TIMES} times what the unknowns take"
         )
+        faults.append(Objection(Why.READINGS, words))
     return faults
 
 
-def _impossible_temperatures(observations: Observations) -> list[str]:
+def _impossible_temperatures(observations: Observations) -> list[Objection]:
     """Sensors whose values no arm can have had, or not both: another unit, another arm."""
     celsius, sensors = observations.states.temperature_c, observations.arm.sensors
     if not np.isfinite(celsius).any():
@@ -209,15 +234,17 @@ def _impossible_temperatures(observations: Observations) -> list[str]:
         low, high = float(np.nanmin(column)), float(np.nanmax(column))
         if high - low > MOST_APART_K or low < POSSIBLE_C[0] or high > POSSIBLE_C[1]:
             warmest = observations.session_names[observations.session[int(np.nanargmax(column))]]
-            faults.append(
+            words = (
                 f"{name} reads {low:.1f} to {high:.1f} °C (session {warmest}), expected at most"
                 f" {MOST_APART_K:g} K apart within {POSSIBLE_C[0]:g} to {POSSIBLE_C[1]:g} °C"
                 " (degrees Fahrenheit?)"
             )
-    rows = celsius[np.isfinite(celsius).any(axis=1)]
-    apart = float(np.max(np.nanmax(rows, axis=1) - np.nanmin(rows, axis=1)))
+            faults.append(Objection(Why.TEMPERATURES, words, warmest))
+    rows = np.flatnonzero(np.isfinite(celsius).any(axis=1))
+    apart_k = np.nanmax(celsius[rows], axis=1) - np.nanmin(celsius[rows], axis=1)
+    farthest, apart = rows[int(np.argmax(apart_k))], float(np.max(apart_k))
     if not faults and apart > MOST_APART_K:
-        faults.append(
-            f"sensors of one reading {apart:.1f} K apart, expected at most {MOST_APART_K:g} K"
-        )
+        words = f"sensors of one reading {apart:.1f} K apart, expected at most {MOST_APART_K:g} K"
+        session = observations.session_names[observations.session[farthest]]
+        faults.append(Objection(Why.TEMPERATURES, words, session))
     return faults

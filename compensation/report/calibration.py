@@ -53,7 +53,7 @@ def calibration_report(
 def _summary(page: Page, result: Result) -> None:
     found, noise, record = result.fit, result.fit.noise, result.certificate
     good = (True if record.scale_known else None) if record.granted else False
-    page.verdict(record.word.upper(), f"{record.kind}: {record.reason}", good)
+    page.verdict(record.word.upper(), f"{record.kind}: {record.why_and_next()}", good)
     page.text(f"Decision rule: {RULE}.")
     page.table(
         ["", "value", "unit"],

@@ -68,16 +68,6 @@ class NotSupported(Exception):
     """The session does not hold what a figure needs."""
 
 
-def verify(
-    session: Session, arm: Arm, calibration: LoadedCalibration | None, test: TestUncertainty
-) -> Verification:
-    """All figures that *session* supports, under the calibration (or the nominal geometry)."""
-    # The matrices are small: threads of the library's own cost more than they bring.
-    with threadpool_limits(limits=1, user_api="blas"):
-        position = positions_of(session, arm, calibration)
-        return figures_of(session, arm, position, test)
-
-
 def positions_of(session: Session, arm: Arm, calibration: LoadedCalibration | None) -> F64:
     """Return corrected points (n, 3) mm; NaN where a temperature is missing.
 
@@ -102,11 +92,13 @@ def figures_of(
     readings = _Readings(session, arm, position, test, whole)
     figures: list[Figure] = []
     left_out: dict[str, str] = {}
-    for keys, evaluate in TESTS.items():
-        try:
-            figures += evaluate(readings)
-        except (NotSupported, ArithmeticError) as reason:
-            left_out |= dict.fromkeys(keys, str(reason))
+    # The matrices are small: threads of the library's own cost more than they bring.
+    with threadpool_limits(limits=1, user_api="blas"):
+        for keys, evaluate in TESTS.items():
+            try:
+                figures += evaluate(readings)
+            except (NotSupported, ArithmeticError) as reason:
+                left_out |= dict.fromkeys(keys, str(reason))
     remarks = [*session.remarks, *readings.without_position(), *dict.fromkeys(readings.told)]
     remarks += [
         f"{name}: {celsius:g} °C in every row, far from all other temperatures: does it show any?"

@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from armd.compensation.data.session import load_session
-from armd.compensation.model.arm import load_arm
-from armd.compensation.verify.figures import Verification
-from armd.compensation.verify.figures import verify as figures
+from armd.compensation.data.session import Session, load_session
+from armd.compensation.model.arm import Arm, load_arm
+from armd.compensation.verify.figures import Verification, figures_of, positions_of
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty
 from armd.compensation.verify.spheres import distances_from_sphere
 from armd.compensation.verify.verdict import judge
@@ -37,6 +36,10 @@ READINGS = {
 }
 
 
+def figures(session: Session, arm: Arm) -> Verification:
+    return figures_of(session, arm, positions_of(session, arm, None), TestUncertainty())
+
+
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("measured")
@@ -52,7 +55,7 @@ def verified(good: Path, tmp_path: Path, edit: Callable[[Rows], None]) -> Verifi
     head, *rows = csv.reader(file.read_text().splitlines())
     edit(rows)
     file.write_text("".join(",".join(row) + "\n" for row in [head, *rows]))
-    return figures(load_session(session, arm), arm, None, TestUncertainty())
+    return figures(load_session(session, arm), arm)
 
 
 def row_of(rows: Rows, target: str, placement: str, nth: int) -> int:
@@ -155,7 +158,7 @@ def test_a_dead_thermometer_of_the_artefact_is_told(good: Path, tmp_path: Path) 
     arm = load_arm(good / "arm.toml")
     session = load_session(good / "verify", arm)
     dead = replace(session, artefact_c=np.zeros(session.n))
-    assert figures(dead, arm, None, TestUncertainty()).remarks == (
+    assert figures(dead, arm).remarks == (
         "artefact_c: 0 °C in every row, far from all other temperatures: does it show any?",
     )
 
@@ -168,7 +171,7 @@ def test_certified_lengths_in_another_unit_are_told(good: Path, tmp_path: Path) 
     file.write_text(
         re.sub(r"length_mm = ([\d.]+)", lambda m: f"length_mm = {float(m[1]) / 1e3}", text)
     )
-    verdict = judge(figures(load_session(session, arm), arm, None, TestUncertainty()), None)
+    verdict = judge(figures(load_session(session, arm), arm), None)
     assert [remark for remark in verdict.remarks if remark.startswith("E_Uni: ")] == [
         "E_Uni: its certified lengths fit the arm if they are taken as metres: length_mm in"
         " session.toml is in mm"

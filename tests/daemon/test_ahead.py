@@ -158,18 +158,13 @@ def test_the_library_gives_numbas_points_without_numba(tmp_path: Path, python: P
     for name in ("seq", "flags", "monotonic_ns", "stamp_ns", "buttons", "calibration"):
         np.testing.assert_array_equal(points[name], expected[name])
     assert np.ptp(points["position_mm"], axis=0).min() > 1.0
-    diagnosed = subprocess.run(
-        [python, "-c", DIAGNOSIS],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(empty), "PYTHONPATH": str(TESTS)},
-        capture_output=True, text=True,
-    )  # fmt: skip
-    assert diagnosed.stdout == "False\n", diagnosed.stderr
-    verified = subprocess.run(
-        [python, "-c", VERIFICATION],
-        env=os.environ | {"NUMBA_CACHE_DIR": str(empty), "PYTHONPATH": str(TESTS)},
-        capture_output=True, text=True,
-    )  # fmt: skip
-    assert verified.stdout == "False\n", verified.stderr
+    for program_text in (DIAGNOSIS, VERIFICATION):
+        ran = subprocess.run(
+            [python, "-c", program_text],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(empty), "PYTHONPATH": str(TESTS)},
+            capture_output=True, text=True,
+        )  # fmt: skip
+        assert ran.stdout == "False\n", ran.stderr
 
 
 def test_what_is_compiled_ahead_is_called_with_the_same_types_by_verify(monkeypatch) -> None:
@@ -183,18 +178,15 @@ def test_what_is_compiled_ahead_is_called_with_the_same_types_by_verify(monkeypa
     call_for_sessions(small_arm())
     arm = synthetic.arm()
     session = synthetic.session(arm, arm.nominal(), np.random.default_rng(8), readings=48)
-    for calibration in (None, thermal_calibration(small_arm())):
-        own = small_arm() if calibration else arm
-        if calibration:
-            states = replace(
-                session.states,
-                q=session.states.q[:, : own.n_joints],
-                rate=session.states.rate[:, : own.n_joints],
-                temperature_c=np.full((session.n, len(own.sensors)), 21.0),
-            )
-        else:
-            states = session.states
-        Model(own, calibration).correct_states(states)
+    Model(arm, None).correct_states(session.states)
+    small = small_arm()
+    states = replace(
+        session.states,
+        q=session.states.q[:, : small.n_joints],
+        rate=session.states.rate[:, : small.n_joints],
+        temperature_c=np.full((session.n, len(small.sensors)), 21.0),
+    )
+    Model(small, thermal_calibration(small)).correct_states(states)
     assert len(called) == 3 and called[0] == called[1] == called[2]
 
 

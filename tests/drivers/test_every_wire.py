@@ -297,6 +297,7 @@ class TestSocketcand(EveryCan):
 
 
 @pytest.mark.slow  # the same driver as on socketcand; its adapter has tests of its own
+@pytest.mark.serial  # windows of tenths of a second
 class TestSlcan(EveryCan):
     wire = ("--can", "slcan")
     rate_hz = 100

@@ -1,9 +1,13 @@
 """The catalogue finds what stands in its rooms, and each cause says all of itself."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from armd.compensation.effects import catalogue, encoder, unknown
 from armd.compensation.effects.catalogue import CATALOGUE
+from armd.compensation.effects.effect import Candidate
+from armd.compensation.effects.older import OLDER
+from support.whole_scene import whole_scene
 
 
 def test_every_file_of_the_rooms_is_in_the_catalogue() -> None:
@@ -37,3 +41,22 @@ def test_each_cause_is_told_to_a_person_in_full() -> None:
             assert text and text[-1] != ".", cause  # they are parts of sentences
         if effect.by_motion:
             assert "time" in effect.needs or "rates" in effect.needs, cause
+
+
+def test_what_goes_by_temperature_may_be_older_with_a_name_or_without() -> None:
+    """Else what has no name grew likelier by the share that the named ones give to being older."""
+    facts = whole_scene().free
+    warm = dict.fromkeys(facts.sensors, (22.0, 26.0, 30.0))
+    assert not any(map(_is_older, catalogue.candidates(facts)))
+    by_age: dict[bool, set[tuple[str, str, str]]] = {True: set(), False: set()}
+    for candidate in catalogue.candidates(replace(facts, calibrated_c=warm)):
+        if candidate.cause in ("joint_thermal", "unknown") and "theta" in candidate.columns[0].name:
+            name = candidate.columns[0].name.removesuffix(f", {OLDER}")
+            by_age[_is_older(candidate)].add((*candidate.place, name))
+    orders = {f"theta_2 × ΔT(t2)^{n}" for n in (1, 2)}
+    assert {name for *_, name in by_age[True]} >= {"theta", *orders}
+    assert by_age[True] < by_age[False]
+
+
+def _is_older(candidate: Candidate) -> bool:
+    return candidate.columns[0].name.endswith(OLDER)

@@ -20,7 +20,6 @@ from armd.simulator.campaigns.hidden import DESIGNS, Design
 from armd.simulator.hidden import HiddenCase, generate_case
 from armd.simulator.plants.plant import Plant
 from armd.simulator.truth.effects.effect import Conditions
-from support.known_regression import known_regression
 
 #: Joint 3 turns through 75° only: a gain, an eccentricity and an ellipticity are nearly one curve.
 CONFOUNDED = replace(DESIGNS["short range"], sessions=4, articulations=3, holdout=0)
@@ -73,7 +72,6 @@ def test_a_number_of_poses_that_cannot_be_chosen_is_refused(poses: str, capsys) 
 
 
 @pytest.mark.slow
-@known_regression("a rival that does not go by time stays likelier than 0.02")
 def test_one_other_temperature_leaves_a_shift_in_doubt_and_another_one_rules_it_out(
     tmp_path,
 ) -> None:

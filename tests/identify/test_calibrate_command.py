@@ -65,7 +65,7 @@ def test_calibrate_then_evaluate(measured: Path, tmp_path: Path) -> None:
     for words in (
         "Before and after",
         ">GRANTED<",
-        "identification record, not an ISO 17025 certificate: each placement left out",
+        "identification record, not an ISO 17025 certificate: every 8th placement left out",
         "Residual vectors",
         "Parameters",
         "SHA-256",
@@ -217,7 +217,9 @@ def test_bad_sessions_are_refused_with_exit_2(
     assert not (tmp_path / "cal.json").exists()
 
 
-def test_few_readings_help_and_get_no_certificate(measured: Path, tmp_path: Path) -> None:
+def test_few_readings_help_and_get_no_certificate(
+    measured: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Eight readings of one placement: the drawing holds what they do not tell."""
     few = changed(measured, tmp_path / "few", readings=(r"\A((?:.*\n){9})(?:.*\n)*", r"\1"))
     result = tmp_path / "result.json"
@@ -225,6 +227,9 @@ def test_few_readings_help_and_get_no_certificate(measured: Path, tmp_path: Path
     figures = json.loads(result.read_text())
     assert not figures["certificate"]["granted"]
     assert "8 readings, expected at least 30" in figures["certificate"]["reason"]
+    step = figures["certificate"]["next_step"]
+    assert f" --with {few}` " in step
+    assert f". Next: {step}\n" in capsys.readouterr().out  # in one line, to be copied
     assert any("the drawing holds what they do not tell" in note for note in figures["notes"])
     arm, heldout = str(measured / "arm.toml"), str(measured / "heldout-T20")
     evaluated = tmp_path / "evaluated.json"

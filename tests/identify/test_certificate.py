@@ -19,15 +19,23 @@ ARCSEC = np.pi / 180 / 3600
 
 
 @pytest.mark.parametrize(
-    ("size", "encoder_arcsec", "placements", "words"),
+    ("size", "encoder_arcsec", "placements", "words", "step"),
     [
-        (1.0, 5.0, 3, ""),
-        (1.0, 5.0, 1, "1 placement, expected at least 3: another place may miss by any amount"),
-        (0.0, 5.0, 3, "more than the 50% that shows a calibration to help"),
-        (3.0, 900.0, 3, "more than 1 mm: no set of constants describes this arm"),
+        (1.0, 5.0, 3, "", ""),
+        (
+            1.0, 5.0, 1, "1 placement, expected at least 3: another place may miss by any amount",
+            "measure the artefact in 2 more places: `armd measure artefact ",
+        ),
+        (0.0, 5.0, 3, "more than the 50% that shows a calibration to help", "`armd diagnose "),
+        (
+            3.0, 900.0, 3, "more than 1 mm: no set of constants describes this arm",
+            "`armd diagnose ",
+        ),
     ],
-)
-def test_certificate(size: float, encoder_arcsec: float, placements: int, words: str) -> None:
+)  # fmt: skip
+def test_certificate(
+    size: float, encoder_arcsec: float, placements: int, words: str, step: str
+) -> None:
     rng = np.random.default_rng(3)
     truth = synthetic.disturbed(ARM, rng, size)
     session = synthetic.session(
@@ -45,7 +53,10 @@ def test_certificate(size: float, encoder_arcsec: float, placements: int, words:
         "reason": certificate.reason,
         "kind": "identification record, not an ISO 17025 certificate",
         "scale_known": True,
+        "next_step": certificate.next_step,
     }
+    assert (certificate.next_step == "") == certificate.granted
+    assert step in certificate.next_step
 
 
 def seats(rng: np.random.Generator, **changes: object) -> Session:
@@ -79,6 +90,8 @@ def test_hardly_more_readings_than_unknowns_get_none() -> None:
     certificate = calibrate([session], ARM, OPTIONS).certificate
     assert not certificate.granted
     assert "36 readings, expected at least 42" in certificate.reason
+    # Another place takes 6 unknowns more: 48 postures.
+    assert certificate.next_step.startswith("take at least 12 more readings ")
 
 
 def test_a_fit_that_did_not_settle_gets_none() -> None:
@@ -86,6 +99,7 @@ def test_a_fit_that_did_not_settle_gets_none() -> None:
     assert result.certificate.granted
     again = judge(result.fit, False, 1e4, result.heldout, result.heldout_by, result.lengths)
     assert "the fit did not settle" in again.reason
+    assert "`armd diagnose " in again.next_step
     assert not again.granted
 
 
@@ -104,6 +118,7 @@ def test_temperatures_that_cannot_be_together_get_none() -> None:
     assert not certificate.granted
     assert "t1 reads 19." in certificate.reason
     assert "(session F), expected at most 30 K apart" in certificate.reason
+    assert certificate.next_step.startswith("write the temperatures of session F in °C")
 
 
 def test_a_certified_length_that_contradicts_the_arm_gets_none() -> None:
@@ -120,6 +135,9 @@ def test_a_certified_length_that_contradicts_the_arm_gets_none() -> None:
     result = calibrate([replace(session, artefact=artefact)], ARM, OPTIONS)
     assert not result.certificate.granted
     assert "a certified length contradicts the arm: " in result.certificate.reason
+    ends = wrong[0].between
+    assert f"the length of {' to '.join(ends)} right" in result.certificate.next_step
+    assert f"--targets {','.join(ends)}" in result.certificate.next_step
     written = result.as_json()["lengths"]
     assert max(abs(length["off"]) for length in written) > 3
     assert written[0]["certified_mm"] == pytest.approx(wrong[0].length_mm)

@@ -318,6 +318,7 @@ def changed_once(
     assert told.startswith("session T2 does not fit the others")
     assert not result.certificate.granted
     assert "session T2 does not fit the others" in result.certificate.reason
+    assert result.certificate.next_step.startswith("calibrate without session ")
     return told
 
 

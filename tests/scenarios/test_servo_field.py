@@ -69,7 +69,7 @@ def test_servos_that_know_no_sync_read_are_not_blamed_on_the_cable(family, tmp_p
         command = [sys.executable, "-m", "armd.daemon.cli", "doctor", "--port", str(port), "--json"]
         doctor = subprocess.run(command, capture_output=True, text=True, timeout=60)
         with measuring(tmp_path, port, family) as heard:
-            heard.wait_for(lambda: "when asked alone" in reason(heard))
+            heard.wait_for(lambda: "none to a sync read" in reason(heard))
             said = reason(heard)
     assert doctor.returncode == 1, doctor.stderr
     assert '"no_sync_read"' in doctor.stdout and '"lost_answers"' not in doctor.stdout

@@ -114,9 +114,7 @@ def evaluate_model(
     position = np.empty((observations.n, 3))
     for first in range(0, observations.n, CHUNK):
         chunk = slice(first, first + CHUNK)
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
-            parameters = parameter_rows(constants, terms, basis[chunk])
-            position[chunk] = forward(states.q[chunk], parameters)[0]
+        position[chunk] = tips(states.q[chunk], constants, terms, basis[chunk])
         if progress:
             progress(f"{min(first + CHUNK, observations.n)} of {observations.n} readings")
     refuse_overflows(observations, position, basis)
@@ -131,6 +129,12 @@ def evaluate_model(
     return Evaluation(observations, poses, position, residual, int((~usable).sum()))
 
 
+def tips(q: F64, constants: F64, terms: Sequence[Term], basis: F64) -> F64:
+    """Return tip positions (n, 3) mm; `refuse_overflows` refuses those that overflow."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return forward(q, parameter_rows(constants, terms, basis))[0]
+
+
 def refuse_overflows(observations: Observations, position: F64, basis: F64) -> None:
     """Raise `BadInput` for positions (n, 3) that overflow though all basis values (n, T) are known.
 
@@ -138,9 +142,9 @@ def refuse_overflows(observations: Observations, position: F64, basis: F64) -> N
     """
     overflow = overflowed(position) & np.isfinite(basis).all(axis=1)
     for session in np.unique(observations.session[overflow]):
-        own = observations.session == session
+        rows = observations.session == session
         name = observations.session_names[session]
-        refuse_overflow(name, observations.row[own], overflow[own])
+        refuse_overflow(name, observations.row[rows], overflow[rows])
 
 
 def without_temperatures(

@@ -31,6 +31,7 @@ from armd.compensation.identify.evaluation.condensed import PointMoments, moment
 from armd.compensation.identify.evaluation.evaluate import (
     evaluate,
     refuse_overflows,
+    tips,
     without_temperatures,
 )
 from armd.compensation.identify.evaluation.lengths import Length, certified_lengths
@@ -38,9 +39,8 @@ from armd.compensation.identify.evaluation.outside_range import OutsideRange
 from armd.compensation.identify.evaluation.seated_again import fit_tip, hint_of_tip, with_tip
 from armd.compensation.identify.evaluation.tally import ErrorTally
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.basis import basis_values
 from armd.compensation.model.calibration import Calibration
-from armd.compensation.model.kinematics import forward
 from armd.compensation.model.state import followed
 from armd.compensation.model.terms import Term
 from armd.compensation.progress import TellStep
@@ -197,9 +197,7 @@ class _Passes:
 
     def _tips(self, piece: _Piece) -> tuple[Observations, F64]:
         """The readings that have every temperature they need, and their tips (n, 3)."""
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused below
-            rows = parameter_rows(self._constants, self._terms, piece.basis)
-            tip = forward(piece.observations.states.q, rows)[0]
+        tip = tips(piece.observations.states.q, self._constants, self._terms, piece.basis)
         refuse_overflows(piece.observations, tip, piece.basis)
         usable = np.isfinite(tip[:, 0])
         return piece.observations.rows(usable), tip[usable]

@@ -110,19 +110,10 @@ def _step_of_tip(constants: F64, found: Evaluation) -> tuple[F64, float]:
     turned as the *constants* (P,) alone have it: what terms turn it by is below a milliradian.
     """
     observations = found.observations
-    rows = np.repeat(constants[None], observations.n, axis=0)
-    tip = observations.arm.layout.tip
-
-    def moved(step_mm: F64) -> F64:
-        other = rows.copy()
-        other[:, tip] += step_mm
-        return forward(observations.states.q, other)[0]
-
-    at = moved(np.zeros(3))
-    turned = [moved(axis) - at for axis in np.eye(3)]
+    last_frame = forward(observations.states.q, constants)[1]
 
     def residual(step_mm: F64) -> F64:
-        position: F64 = found.position_mm + np.einsum("k,knx->nx", step_mm, np.array(turned))
+        position: F64 = found.position_mm + last_frame @ step_mm
         return fit_poses(observations, position).residual(observations, position)
 
     columns = [

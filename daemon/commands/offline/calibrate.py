@@ -71,6 +71,7 @@ def run(args: argparse.Namespace) -> int:
         thermal_method=args.thermal_method,
         offset=args.offset,
         command=shlex.join(["armd", *sys.argv[1:]]),
+        arm_file=str(args.arm),
     )
     console = aside(args)
     with console.status("identifying …") as status:
@@ -124,5 +125,5 @@ def _print(result: Result, written: str) -> None:
         )
     for note in result.notes:
         console.print(note)
-    console.print(result.certificate.in_words())
+    console.print(result.certificate.in_words(), soft_wrap=True)  # its command is to be copied
     console.print(f"written: {written}", soft_wrap=True)

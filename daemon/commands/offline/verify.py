@@ -15,7 +15,7 @@ from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.model.arm import Arm, load_arm
 from armd.compensation.report.written import add_pages, page_outputs, write_pages
-from armd.compensation.verify.figures import positions_of, verify
+from armd.compensation.verify.figures import figures_of, positions_of
 from armd.compensation.verify.limits import PermissibleErrors, TestUncertainty, load_limits
 from armd.compensation.verify.points import verify_points
 from armd.compensation.verify.verdict import Verdict, judge
@@ -74,12 +74,13 @@ def run(args: argparse.Namespace) -> int:
     arm, calibration = load_given(args)
     session = load_session(args.session, arm)
     given = calibration.content if calibration else None
-    positions_of(session, arm, calibration)  # refuses a calibration that overflows, first of all
+    # First of all: it refuses a calibration that overflows.
+    position = positions_of(session, arm, calibration)
     observations = gather([session], arm, given.artefact if given else None)
     refuse_misnamed([session], observations, AssumedModel.under(arm, given))
     test = limits.uncertainty if limits else TestUncertainty()
     with aside(args).status("evaluating …"):
-        verdict = judge(verify(session, arm, calibration, test), limits)
+        verdict = judge(figures_of(session, arm, position, test), limits)
     return _finish(args, verdict, limits, session, arm)
 
 

@@ -96,7 +96,7 @@ def test_a_calibration_that_overflows_is_refused(
         assert verify(
             measured, "--calibration", str(path), "--json", str(result), command=command
         ) not in (0, 70)
-        said = capsys.readouterr()
-        assert "points that are not finite" in said.err and "rows 1, 2" in said.err
-        assert "nan" not in said.out and "inf" not in said.out
+        printed = capsys.readouterr()
+        assert "points that are not finite" in printed.err and "rows 1, 2" in printed.err
+        assert "nan" not in printed.out and "inf" not in printed.out
     assert not result.exists()

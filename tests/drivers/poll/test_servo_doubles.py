@@ -69,7 +69,10 @@ def test_two_servos_of_one_id_are_told_and_none_of_them_is_believed(
         servos.before_answers = None
         rows_after = taken.take(0.8).rows(20)
     rows = rows[rows["monotonic_ns"] > begun + 50 * MS]
-    assert len(rows) > 100 and (rows["joint_invalid"] == 1 << (servo - 1)).all()
+    doubled = 1 << (servo - 1)
+    assert len(rows) > 100 and (rows["joint_invalid"] & doubled != 0).all()
+    # Where a starved machine reads late, a row lacks other joints, too.
+    assert (rows["joint_invalid"] == doubled).sum() > len(rows) / 2
     register = {"feetech": 5, "dynamixel": 7}[family.kind]
     words = f"servo {servo} (joint {servo}): id (register {register}): found two answers that"
     assert [event.text.startswith(words) for event in taken.told("duplicate_id")] == [True]

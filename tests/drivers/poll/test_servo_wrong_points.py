@@ -43,6 +43,7 @@ def test_data_that_come_with_a_refusal_are_no_position(tmp_path, fast):
     assert (warned["joint_warning"][-20:] == 0b010).all()
 
 
+@pytest.mark.serial
 @BOTH
 @pytest.mark.parametrize("away_s", [0.25, 0.0], ids=["a-short-restart", "no-silence"])
 def test_a_servo_that_comes_back_with_another_offset_is_never_believed(tmp_path, family, away_s):

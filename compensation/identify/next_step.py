@@ -1,0 +1,164 @@
+"""What to do next where a certificate is refused: one sentence with the command to type."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from pathlib import Path
+
+import numpy as np
+
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.postures import count_postures
+from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, certificate_readings
+from armd.terminal.counted import counted
+
+
+class Why(Enum):
+    """Why a certificate is refused. A cause stands before what may follow from it: of several, the
+    first one's step is the next."""
+
+    TEMPERATURES = auto()
+    ODD_SESSION = auto()
+    OUTLIERS = auto()
+    LENGTH = auto()
+    PLACEMENTS = auto()
+    READINGS = auto()
+    POSTURES = auto()
+    FAR = auto()
+    NO_HELP = auto()
+    UNSETTLED = auto()
+
+
+@dataclass(frozen=True)
+class Objection:
+    """A reason in words, and whom it is about."""
+
+    why: Why
+    words: str
+    session: str = ""
+    targets: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class CalibratedFiles:
+    """What was calibrated, as a person types it."""
+
+    sessions: tuple[Path, ...]
+    arm: str = "arm.toml"
+
+    def command(self, name: str, *options: str, without: str = "") -> str:
+        """`armd NAME` of all sessions, or of all but the folder *without*."""
+        kept = [folder for folder in map(str, self.sessions) if folder != without]
+        return shlex.join(["armd", name, *kept, "--arm", self.arm, *options])
+
+    @property
+    def another(self) -> str:
+        """A folder for another session, beside the last one."""
+        names = {path.name for path in self.sessions}
+        free = next(name for k in range(len(names) + 1) if (name := f"more{k or ''}") not in names)
+        return str(self.sessions[-1].parent / free)
+
+
+def next_step(
+    faults: Sequence[Objection], observations: Observations, files: CalibratedFiles
+) -> str:
+    """The one thing to do next, with the command to type in backquotes; "" without a fault."""
+    if not faults:
+        return ""
+    fault = min(faults, key=lambda each: each.why.value)
+    elsewhere = "" if observations.has_truth.all() else " in another place"  # a tracker need not
+    again = files.command("calibrate", "-o", "calibration.json")
+    match fault.why:
+        case Why.TEMPERATURES:
+            return (
+                f"write the temperatures of session {fault.session} in °C, or empty cells where a"
+                f" sensor failed, and calibrate again: `{again}`"
+            )
+        case Why.ODD_SESSION:
+            without = files.command("calibrate", "-o", "calibration.json", without=fault.session)
+            return f"calibrate without session {fault.session}: `{without}`"
+        case Why.OUTLIERS:
+            return (
+                "these readings are far off, delete them from the session or measure them again,"
+                f" and calibrate again: `{again}`"
+            )
+        case Why.LENGTH:
+            return (
+                f"put the length of {' to '.join(fault.targets)} right in session.toml if its"
+                f" certificate says another one, else clean and seat both ends and measure again:"
+                f" {_measure(observations, files, 1, fault.targets)}"
+            )
+        case Why.PLACEMENTS:
+            places = LEAST_PLACEMENTS - len(np.unique(observations.placement))
+            return (
+                f"measure the artefact in {counted(places, 'more place')}:"
+                f" {_measure(observations, files, places)}"
+            )
+        case Why.READINGS:
+            least = _missing(observations, 1)
+            return (
+                f"take at least {counted(least, 'more reading')} in postures of their own"
+                f"{elsewhere}: {_measure(observations, files, 1)}"
+            )
+        case Why.POSTURES:
+            joint, moved_deg = _least_moved(observations)
+            return (
+                f"turn joint {joint} farther, which moved least ({moved_deg:.0f}°), and measure"
+                f" again{elsewhere}: {_measure(observations, files, 1)}"
+            )
+        case Why.FAR | Why.NO_HELP | Why.UNSETTLED:
+            return f"look for what the model lacks: `{files.command('diagnose')}`"
+
+
+def _measure(
+    observations: Observations, files: CalibratedFiles, places: int, targets: Sequence[str] = ()
+) -> str:
+    """The command that brings another session, with as many rounds as it still takes."""
+    if observations.has_truth.all():
+        words = ["armd", "import", "readings.csv", "--arm", files.arm, "-o", files.another]
+        return f"`{shlex.join(words)}` (readings.csv: the tracker's table)"
+    first = len(np.unique(observations.placement)) + 1
+    names = ",".join(f"P{k}" for k in range(first, first + places))
+    words = ["armd", "measure", "artefact", "--artefact", "artefact.toml", "-o", files.another]
+    words += ["--placements", names]
+    touched = len(targets) or len(_artefact_targets(observations))
+    if targets:
+        words += ["--targets", ",".join(targets)]
+    elif (missing := _missing(observations, places)) > 0:
+        words += ["--repeats", str(-(-missing // (places * touched)))]
+    words += ["--with", *map(str, files.sessions)]
+    return f"`{shlex.join(words)}` (artefact.toml: the artefact's table)"
+
+
+def _missing(observations: Observations, places: int) -> int:
+    """Postures that a session in so many more places must bring: each has unknowns of its own, and
+    so has each seat that is touched anew."""
+    touched = np.unique(observations.target[~observations.has_truth])
+    seats = int(observations.unknown[touched].sum())
+    seats += int(observations.unknown[_artefact_targets(observations)].sum())
+    placements = len(np.unique(observations.placement)) + places
+    needed = certificate_readings(observations.arm.n_joints, placements, seats)
+    return needed - count_postures(observations)
+
+
+def _artefact_targets(observations: Observations) -> list[int]:
+    """Touched in the last session that has an artefact."""
+    seen = ~observations.has_truth
+    if not seen.any():
+        return []
+    last = observations.session[seen].max()
+    touched: list[int] = np.unique(
+        observations.target[seen & (observations.session == last)]
+    ).tolist()
+    return touched
+
+
+def _least_moved(observations: Observations) -> tuple[int, float]:
+    """The joint (from 1) that moved through the smallest angle, and that angle in degrees."""
+    q = observations.states.q
+    moved_deg = np.degrees(np.nanmax(q, axis=0) - np.nanmin(q, axis=0))
+    joint = int(np.argmin(moved_deg))
+    return joint + 1, float(moved_deg[joint])
