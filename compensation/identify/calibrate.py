@@ -147,6 +147,7 @@ def _calibrate(
         first,
         first.converged and final.converged,
         drawing_rms_um,
+        1e3 * np.sqrt(3.0) * final.noise.typical_mm(final.at.joints),
         heldout,
         by,
         lengths,
