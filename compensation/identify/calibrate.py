@@ -30,6 +30,7 @@ from armd.compensation.identify.admission.requirements import (
 )
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed, told_of_misnamed
 from armd.compensation.identify.certificate import judge
+from armd.compensation.identify.drawing import drawn_rms_um, off_drawing
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
 from armd.compensation.identify.fit import rms_um as residual_rms_um
@@ -91,9 +92,8 @@ def _calibrate(
     thermal = len(groups) > 1 and options.thermal_order != 0
     terms = length_terms(arm, [1]) if thermal else []
     first = _fit(observations, arm, unknown, terms, progress)
-    drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
-    drawn_rms_um = residual_rms_um(drawn.residual_mm)
-    if odd := odd_session(sessions, first, drawn_rms_um):
+    drawing_rms_um = drawn_rms_um(observations)
+    if odd := odd_session(sessions, first, drawing_rms_um):
         notes.append(odd.in_words())
     # A fit to many of them may lie so far off that the drawing tells more.
     if not is_plausible(first):
@@ -139,17 +139,21 @@ def _calibrate(
     rms_um = residual_rms_um(evaluation.residual_mm)
     lengths = evaluation.lengths
     # Copies of one reading fit any drawing: where that misses by nothing, nothing helps.
-    share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
+    share = heldout.rms_um / drawing_rms_um if drawing_rms_um else 1.0
     require_help(first, share, files, notes)
+    far = off_drawing(first)
+    notes += [one.in_words() for one in far]
     certificate = judge(
         first,
         first.converged and final.converged,
-        drawn_rms_um,
+        drawing_rms_um,
+        1e3 * np.sqrt(3.0) * final.noise.typical_mm(final.at.joints),
         heldout,
         by,
         lengths,
         odd.path if odd else None,
         CalibratedFiles(tuple(session.path for session in sessions), options.arm_file),
+        far,
     )
     provenance = {
         "command": options.command,
@@ -166,6 +170,7 @@ def _calibrate(
         "thermal_order": order,
         "certificate": asdict(certificate),
         "lengths": [length.as_json() for length in lengths],
+        "off_drawing": [one.as_json() for one in far],
         "odd_session": odd.in_words() if odd else None,
         "thermal_method": options.thermal_method if order else "none",
         "thermal_offset": ("identified" if options.offset else "0")
@@ -185,6 +190,7 @@ def _calibrate(
         certificate=certificate,
         lengths=lengths,
         odd=odd,
+        off_drawing=far,
         notes=notes,
     )
 

@@ -63,9 +63,15 @@ class CalibratedFiles:
 
 
 def next_step(
-    faults: Sequence[Objection], observations: Observations, files: CalibratedFiles
+    faults: Sequence[Objection],
+    observations: Observations,
+    files: CalibratedFiles,
+    far_off: Sequence[str] = (),
 ) -> str:
-    """The one thing to do next, with the command to type in backquotes; "" without a fault."""
+    """The one thing to do next, with the command to type in backquotes; "" without a fault.
+
+    *far_off* are the parameters that arm.toml has far off.
+    """
     if not faults:
         return ""
     fault = min(faults, key=lambda each: each.why.value)
@@ -108,6 +114,11 @@ def next_step(
             return (
                 f"turn joint {joint} farther, which moved least ({moved_deg:.0f}°), and measure"
                 f" again{elsewhere}: {_measure(observations, files, 1)}"
+            )
+        case Why.UNSETTLED if far_off:  # the fit began there
+            return (
+                f"put {', '.join(far_off)} right in {files.arm}, as drawn or as fitted, and"
+                f" calibrate again: `{again}`"
             )
         case Why.FAR | Why.NO_HELP | Why.UNSETTLED:
             return f"look for what the model lacks: `{files.command('diagnose')}`"

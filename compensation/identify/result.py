@@ -9,6 +9,7 @@ import numpy as np
 
 from armd.compensation.identify.admission.odd_session import Odd
 from armd.compensation.identify.certificate import Certificate
+from armd.compensation.identify.drawing import OffDrawing
 from armd.compensation.identify.evaluation.lengths import Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
@@ -32,6 +33,7 @@ class Result:
     certificate: Certificate
     lengths: list[Length]  # certified, beside what the calibrated arm makes of them
     odd: Odd | None  # the session that does not fit the others
+    off_drawing: list[OffDrawing]  # parameters far off arm.toml's
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -63,6 +65,7 @@ class Result:
             "another_placement_um": self.another_placement_um,
             "certificate": asdict(self.certificate),
             "lengths": [length.as_json() for length in self.lengths],
+            "off_drawing": [one.as_json() for one in self.off_drawing],
             "rank": self.fit.solution.rank,
             "unknowns": len(self.fit.unknowns.names),
             "unidentifiable": self.unidentifiable,

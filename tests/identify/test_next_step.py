@@ -67,6 +67,12 @@ def test_each_reason_of_a_certificate_is_one_of_these():
     assert raised == {why.name for why in Why}
 
 
+def test_a_fit_that_began_far_off_begins_again_from_a_better_drawing():
+    step = next_step([fault(Why.UNSETTLED)], artefact(), FILES, ["a_2", "tip_z"])
+    assert step.startswith("put a_2, tip_z right in my arm/arm.toml")
+    assert command_in(step)[:2] == ["armd", "calibrate"]
+
+
 def test_of_several_reasons_the_first_cause_is_the_next_step():
     observations = artefact()
     alone = next_step([fault(Why.READINGS)], observations, FILES)

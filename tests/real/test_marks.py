@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from convert import ROBOTS, VENDORED, convert
 
+from armd.compensation.data.session import load_session
+from armd.compensation.identify.calibrate import Options, calibrate
 from armd.compensation.model.arm import load_arm
 from armd.compensation.model.kinematics import forward
 from armd.daemon.catalogue.urdf import rows_and_tip
@@ -28,6 +30,21 @@ def test_ur10_reaches_its_mark(converted: Path, series: str) -> None:
     assert granted
     assert drawn > 10
     assert round(found, 2) <= marks.UR10_MM[series]
+
+
+@parametrize_default("series", list(marks.UR10_MM))
+def test_a_reflector_that_no_drawing_has_changes_no_verdict(converted: Path, series: str) -> None:
+    """The tracker's reflector is 93 mm beyond the flange, as the other two series find, too."""
+    arm = load_arm(converted / "ur10" / "arm.toml")
+    assert arm.tip.offset_mm == (0.0, 0.0, 0.0)
+    reflector = arm.tip.model_copy(update={"offset_mm": (0.0, 0.0, 93.0)})
+    session = load_session(converted / "ur10" / f"{series}-train", arm)
+    for tip, remarked in ((arm.tip, ["tip_z"]), (reflector, [])):
+        drawing = arm.model_copy(update={"tip": tip})
+        result = calibrate([session], drawing, Options(thermal_order=0))
+        assert result.certificate.granted, result.certificate.reason
+        assert [one.parameter for one in result.off_drawing] == remarked
+        assert all(abs(one.difference - 93.0) < 1.0 for one in result.off_drawing)
 
 
 @parametrize_default("robot", list(ROBOTS), default=2)

@@ -1,0 +1,144 @@
+"""The drawing of arm.toml judged: what it misses by, and where the fitted arm is far off it.
+
+No drawing knows where a tip or a tracker's reflector sits, where the base and the artefacts stand.
+That is fitted first. What then remains is the drawing's own error. The encoders' zeros are not
+fitted: to find them is what a calibration is for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.estimate.observations import Observations
+from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.evaluation.evaluate import evaluate_model
+from armd.compensation.identify.fit import Identification, fit, gauge_of, rms_um
+from armd.compensation.model import parameters
+from armd.compensation.model.parameters import TIP_PARAMETERS
+
+#: A parameter farther off the drawing than this is remarked on, in the unit that people read. Parts
+#: are made to tenths of a millimetre and of a degree, printed ones to a few: this is a typing
+#: error, a forgotten part, or a joint that nobody homed.
+FAR = {"mm": 5.0, "°": 1.0}
+#: It must also be known, by so many standard uncertainties; what the readings leave open counts as
+#: uncertain as a plausible departure from the drawing.
+SURE = 3.0
+#: The tip may depart from arm.toml so much more easily than a link where readings cannot separate
+#: the two, as no drawing knows it.
+TIP_EASE = 1e3
+#: Rounds that find the direction with the fewest parameters off (reweighted least squares), and
+#: the departure, in plausible ones, that counts as none.
+ROUNDS, NO_DEPARTURE = 20, 1e-3
+
+
+@dataclass(frozen=True)
+class OffDrawing:
+    """One parameter far off arm.toml; mm or degrees."""
+
+    parameter: str
+    place: str  # "joint 2", "zero of joint 2's encoder", or "tip"
+    drawing: float
+    fitted: float
+    standard_uncertainty: float
+    unit: str
+
+    @property
+    def difference(self) -> float:
+        return self.fitted - self.drawing
+
+    def as_json(self) -> dict[str, Any]:
+        return {**asdict(self), "difference": self.difference}
+
+    def in_brief(self) -> str:
+        """As `a_2 +60.02 mm (joint 2)`."""
+        return f"{self.parameter} {self.difference:+.2f}{self._unit} ({self.place})"
+
+    def in_words(self) -> str:
+        return (
+            f"arm.toml may be wrong: {self.parameter} ({self.place}) is"
+            f" {self.drawing:.2f}{self._unit} there and {self.fitted:.2f}{self._unit} as fitted,"
+            f" {self.difference:+.2f}{self._unit} with a standard uncertainty of"
+            f" {self.standard_uncertainty:.2g}{self._unit}; {self._advice}"
+        )
+
+    @property
+    def _unit(self) -> str:
+        return self.unit if self.unit == "°" else f" {self.unit}"
+
+    @property
+    def _advice(self) -> str:
+        if self.place == "tip":
+            return "was another tip or reflector used?"
+        if self.place.startswith("zero"):
+            return f"was the joint homed? {self.parameter} is no part of a drawing"
+        return "compare it with the drawing"
+
+
+def drawn_rms_um(observations: Observations) -> float:
+    """3-D RMS of readings under the drawing's links, with the one tip that suits them best."""
+    arm = observations.arm
+    reference_c = arm.reference_temperature_c
+    as_drawn = evaluate_model(observations, arm.nominal(), [], reference_c)
+    tip = fit(observations, arm.nominal(), [], Unknowns(TIP_PARAMETERS), reference_c)
+    fitted = evaluate_model(observations, tip.constants, [], reference_c)
+    return min(rms_um(as_drawn.residual_mm), rms_um(fitted.residual_mm))
+
+
+def off_drawing(found: Identification) -> list[OffDrawing]:
+    """The lengths and angles that are surely far off the drawing.
+
+    Where the readings cannot tell parameters apart, the tip departs rather than a link, and few
+    parameters rather than many. θ₁ and d₁ only place the arm, and have no part.
+    """
+    arm, count = found.observations.arm, len(found.unknowns.constants)
+    names, scale = list(found.unknowns.constants), found.solution.scale[:count]
+    drawing = arm.nominal()[arm.layout.indices(names)]
+    undecided = found.solution.null[:count]
+    ease = np.array([1.0 / TIP_EASE if name in TIP_PARAMETERS else 1.0 for name in names])
+    departure, weight = _sparsest(found.departure[:count] / scale, undecided, ease)
+    # What moves no point is a choice, and not uncertain. All else that is not known is.
+    choice = gauge_of(
+        found.unknowns, found.constants, found.terms, found.at.basis, found.solution.scale
+    )[:count]
+    chosen = scale[:, None] * _without(choice, weight) / scale
+    variance = np.diag(chosen @ found.covariance[:count, :count] @ chosen.T)
+    uncertainty = np.sqrt(np.maximum(variance, 0.0))
+    far = []
+    for name, nominal, off, u in zip(names, drawing, departure * scale, uncertainty, strict=True):
+        unit, factor = (
+            ("mm", 1.0) if parameters.unit(name) == "mm" else ("°", float(np.degrees(1.0)))
+        )
+        known = abs(off) > SURE * u
+        if name in ("theta_1", "d_1") or not known or factor * abs(off) < FAR[unit]:
+            continue
+        there, fitted, u = (factor * float(value) for value in (nominal, nominal + off, u))
+        far.append(OffDrawing(name, _place(name), there, fitted, u, unit))
+    return far
+
+
+def _place(name: str) -> str:
+    kind, _, joint = name.rpartition("_")
+    if name in TIP_PARAMETERS:
+        return "tip"
+    return f"zero of joint {joint}'s encoder" if kind == "theta" else f"joint {joint}"
+
+
+def _sparsest(departure: F64, undecided: F64, ease: F64) -> tuple[F64, F64]:
+    """*departure* (C,) moved along *undecided* (C, k) until few entries are left, and the weights
+    (C,) that this takes; entries with little *ease* (C,) may be large."""
+    weight = ease / np.sqrt(np.abs(departure) + NO_DEPARTURE)
+    moved = departure
+    for _ in range(ROUNDS):
+        moved = _without(undecided, weight) @ departure
+        weight = ease / np.sqrt(np.abs(moved) + NO_DEPARTURE)
+    return moved, weight
+
+
+def _without(directions: F64, weight: F64) -> F64:
+    """(C, C) projection along *directions* (C, k) onto what has the least *weight*-ed square."""
+    along: F64 = np.linalg.pinv(weight[:, None] * directions) * weight
+    return np.eye(len(weight)) - directions @ along
