@@ -239,10 +239,12 @@ def test_answers_with_its_clock(tmp_path: Path) -> None:
     assert len(heard.hellos) >= 5
     assert {hello.serial_number for hello in heard.hellos} == {"OTHER-7"}
     assert {hello.rate_hz for hello in heard.hellos} == {200}
+    late_ns = []
     for pong, received_ns in heard.pongs:
         assert pong.nonce == 77
-        sent_ns = boot["latch_monotonic_ns"] + pong.t_us * 1000 / (1 + 35e-6)
-        assert -2000 < received_ns - sent_ns < 100e6
+        late_ns.append(received_ns - boot["latch_monotonic_ns"] - pong.t_us * 1000 / (1 + 35e-6))
+    assert min(late_ns) > -2000
+    assert np.median(late_ns) < 1e9  # by its clock, and not by another's
 
 
 def test_drops_whole_packets_when_nobody_reads(tmp_path: Path) -> None:

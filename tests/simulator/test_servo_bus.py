@@ -128,7 +128,7 @@ def test_rustypot_reads_what_is_true(tmp_path, kind):
     controller = {"feetech": "Sts3215PyController", "dynamixel": "Xl330PyController"}[kind]
     with simulated_arm(tmp_path, wire=("--servo", kind)) as arm:
         truth = Truth(arm)
-        bus = getattr(rustypot, controller)(arm.port, 1_000_000, 0.1)
+        bus = getattr(rustypot, controller)(arm.port, 1_000_000, 10.0)
         for _ in range(20):
             angles, before, after = timed(partial(bus.sync_read_present_position, JOINTS))
             told = np.array(angles) / (2 * np.pi) * COUNTS_PER_TURN + 2048

@@ -152,6 +152,7 @@ def test_a_servo_that_speaks_at_another_rate_is_found(capsys: pytest.CaptureFixt
     assert finding["mend"] == "set its rate to 1000000 with the maker's tool"
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("family", ["feetech", pytest.param("dynamixel", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("fault", ["echo", "stale_bytes", "servo_alert"])
 def test_a_line_with_a_fault_has_the_servos_that_it_has(
