@@ -69,11 +69,13 @@ lint: develop
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Three workers for two processors, because many tests wait; then, alone, those marked serial.
+# Four workers for two processors, because many tests wait; then, alone, those marked serial.
 # A choice of tests (TEST_ARGS="-k wire") may leave one of the two parts empty: pytest's code 5.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --durations=20
-WORKERS := $(PYTEST) -n 3 --dist loadfile
+WORKERS := $(PYTEST) -n 4 --dist loadfile
 EMPTY_IS_FINE := $(if $(TEST_ARGS),|| [ $$? = 5 ])
+# Where serial tests are: to collect all others takes longer than to run some of these
+SERIAL_IN := $(if $(TEST_ARGS),,$$(grep -rl --include='test_*.py' 'mark\.serial' tests))
 
 test:
 	@echo "armd: lint and tests take about ten minutes on two cores (the aim is five), once armd is installed"
@@ -83,7 +85,7 @@ test:
 
 test-default: develop
 	$(WORKERS) -m "not slow and not serial" $(TEST_ARGS) $(EMPTY_IS_FINE)
-	$(PYTEST) -m "serial and not slow" $(TEST_ARGS) $(EMPTY_IS_FINE)
+	$(PYTEST) -m "serial and not slow" $(SERIAL_IN) $(TEST_ARGS) $(EMPTY_IS_FINE)
 
 # What make test leaves out, save make test-long
 test-all:
