@@ -269,7 +269,8 @@ def test_counter_wraps(tmp_path: Path) -> None:
     truth = arm.truth()["seq"]
     assert truth[0] == (1 << 32) - 100
     assert truth[-1] == (1 << 32) + 399
-    assert heard.seq.tolist() == sorted(set(truth.tolist()) - arm.withheld())
+    sent = sorted(set(truth.tolist()) - arm.withheld())
+    assert heard.seq.tolist() == sent[: len(heard.seq)]  # its last are lost as the port goes
     assert len(heard.seq) > 100  # on both sides of the wrap
 
 

@@ -1,0 +1,13 @@
+"""Doubles of servos answer from a thread: a starved machine makes them late, not silent."""
+
+from __future__ import annotations
+
+import pytest
+
+from armd.drivers.poll import plan
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plan, "PAUSE_LEAST_NS", 100_000_000)
+    monkeypatch.setattr(plan, "PAUSE_MOST_NS", 150_000_000)
