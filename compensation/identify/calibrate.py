@@ -17,6 +17,7 @@ from armd.compensation.estimate.folds import placement_folds
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.admission.find_second_group import find_second_group
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.odd_session import odd_session, refuse_mistakes
 from armd.compensation.identify.admission.requirements import (
@@ -93,13 +94,20 @@ def _calibrate(
     first = _fit(observations, arm, unknown, terms, progress)
     drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
     drawn_rms_um = residual_rms_um(drawn.residual_mm)
-    if odd := odd_session(sessions, first, drawn_rms_um):
+    odd = odd_session(sessions, first, drawn_rms_um)
+    second = None if odd and odd.tip else find_second_group(sessions, first)
+    if second:
+        odd = None  # it explains that session's rows, too
+        if not is_plausible(first):
+            raise second.refusal()
+    if odd:
         notes.append(odd.in_words())
     # A fit to many of them may lie so far off that the drawing tells more.
     if not is_plausible(first):
         refuse_misnamed(sessions, observations, AssumedModel.of(first))
         refuse_misnamed(sessions, observations, AssumedModel.under(arm, None))
-    require_plausible(first, str(odd.path) if odd else files)
+    if not second:  # else it is what moves the links
+        require_plausible(first, str(odd.path) if odd else files)
     notes += told_of_misnamed(sessions, observations, AssumedModel.of(first))
     trials: list[Trial] = []
     order, final = 0, first
@@ -122,7 +130,7 @@ def _calibrate(
             final = _fit(observations, arm, unknown, terms, progress, first)
     if not final.converged:
         notes.append(f"the fit did not settle within {final.steps} steps")
-    if final.region.any():
+    if final.region.any() and not second:
         notes.append(
             f"{counted(int(final.region.sum()), 'reading')} far off like others near in posture: no"
             " outliers, they count fully; `armd diagnose` looks for why"
@@ -150,6 +158,7 @@ def _calibrate(
         lengths,
         odd.path if odd else None,
         CalibratedFiles(tuple(session.path for session in sessions), options.arm_file),
+        second,
     )
     provenance = {
         "command": options.command,
@@ -186,6 +195,7 @@ def _calibrate(
         lengths=lengths,
         odd=odd,
         notes=notes,
+        second_group=second,
     )
 
 

@@ -14,6 +14,7 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.postures import count_postures
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, LEAST_TIMES
 from armd.compensation.identify.admission.requirements import readings_needed
+from armd.compensation.identify.admission.second_group import Differs, SecondGroup
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
 from armd.compensation.identify.heldout import Errors, another_placement_um, left_out_in_words
@@ -84,12 +85,14 @@ def judge(
     lengths: Sequence[Length],
     odd_session: Path | None = None,
     files: CalibratedFiles | None = None,
+    second: SecondGroup | None = None,
 ) -> Certificate:
     """Judge by 3-D RMS errors: under the drawing, and of a fit that left the readings out.
 
     *found* tells what is known: all constants, and the lengths' linear growth where thermal.
     *odd_session* is the folder of one that does not fit the others, if there is one; *files* are
-    those that the next step names.
+    those that the next step names. *second*: rows of another tip or place, which then are why
+    readings miss, and nothing else is guessed.
     """
     drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout.rms_um / 1e3
     share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
@@ -105,23 +108,27 @@ def judge(
     if odd_session:
         words = f"session {odd_session.name} does not fit the others, and no one arm fits all"
         faults.append(Objection(Why.ODD_SESSION, words, str(odd_session)))
+    if second:
+        faults.append(_second_group(second))
     if share > MOST_LEFT:
         words = f"more than the {MOST_LEFT:.0%} that shows a calibration to help"
         faults.append(Objection(Why.NO_HELP, words))
     without_mm = heldout.without_far_um / 1e3
     good_without = without_mm < min(MOST_HELDOUT_MM, MOST_LEFT * drawn_mm)
-    if (heldout_mm > MOST_HELDOUT_MM or share > MOST_LEFT) and len(found.outliers) and good_without:
+    single = len(found.outliers) and good_without and not second
+    if (heldout_mm > MOST_HELDOUT_MM or share > MOST_LEFT) and single:
         words = (
             f"{without_mm:.4g} mm without {counted(heldout.n_far, 'reading')} far off:"
             f" {found.outlier_words()}"
         )
         faults.append(Objection(Why.OUTLIERS, words))
     elif heldout_mm > MOST_HELDOUT_MM:
-        words = (
-            f"more than {MOST_HELDOUT_MM:g} mm: no set of constants describes this arm"
-            " (another arm than arm.toml draws, play in a joint, a loose artefact, readings"
-            " mixed up?)"
-        )
+        words = f"more than {MOST_HELDOUT_MM:g} mm"
+        if not second:
+            words += (
+                ": no set of constants describes this arm (another arm than arm.toml draws, play"
+                " in a joint, a loose artefact, readings mixed up?)"
+            )
         faults.append(Objection(Why.FAR, words))
     left += _another(found.observations, heldout, heldout_by)
     ideal = 4 * found.observations.arm.n_joints - 3 + len(found.unknowns.terms)
@@ -164,6 +171,12 @@ def _another(observations: Observations, heldout: Errors, heldout_by: str) -> st
         f" (by placement {low:.4g} to {high:.4g} mm: another placement may miss by up to"
         f" {another_um / 1e3:.4g} mm RMS, with 95% probability)"
     )
+
+
+def _second_group(second: SecondGroup) -> Objection:
+    rows = " and ".join(one.in_words() for one in second.sessions if not one.whole)
+    why = Why.OTHER_TIP if second.differs is Differs.TIP else Why.OTHER_PLACE
+    return Objection(why, second.in_words(), rows=rows, folders=second.folders)
 
 
 def _too_few(observations: Observations) -> list[Objection]:

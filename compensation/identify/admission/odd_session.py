@@ -19,6 +19,7 @@ from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission.far_off import distances_mm, far_off
+from armd.compensation.identify.admission.find_second_group import find_second_group
 from armd.compensation.identify.admission.mistakes import (
     EXPLAINED,
     LEAST_FAHRENHEIT,
@@ -199,13 +200,22 @@ def _remark(sessions: Sequence[Session], observations: Observations) -> str:
     refuse_mistakes(sessions, observations)
     refuse_misnamed(sessions, observations, AssumedModel.under(observations.arm, None))
     everything = np.ones(observations.n, dtype=bool)
-    found = _identified(observations, everything) if len(sessions) >= LEAST_SESSIONS else None
+    found = _identified(observations, everything)
     if found is None:
         return "\n".join(_far_off(sessions, observations))
+    if len(sessions) < LEAST_SESSIONS:
+        second = find_second_group(sessions, found)
+        _raise(second.faults() if second else [])
+        words = [second.in_words()] if second else []
+        return "\n".join([*_far_off(sessions, observations), *words])
     arm = observations.arm
     drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
     refuse_misnamed(sessions, observations, AssumedModel.of(found))
     odd = odd_session(sessions, found, rms_um(drawn.residual_mm))
+    second = None if odd and odd.tip else find_second_group(sessions, found)
+    if second:
+        _raise(second.faults())
+        return second.in_words()
     far = f"far off (in the air?): {found.outlier_words()}" if len(found.outliers) else ""
     return "\n".join(filter(None, [far, odd.in_words() if odd else ""]))
 
