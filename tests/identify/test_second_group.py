@@ -16,6 +16,7 @@ from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import gather
 from armd.compensation.estimate.unknowns import Unknowns
 from armd.compensation.identify.admission import find_second_group as module
+from armd.compensation.identify.admission import group_fit
 from armd.compensation.identify.admission.find_second_group import find_second_group
 from armd.compensation.identify.admission.second_group import Differs, SecondGroup
 from armd.compensation.identify.calibrate import calibrate
@@ -32,7 +33,7 @@ N = 120
 #: Steel's or aluminium's growth of every length, per K.
 GROWTH_PER_K = 23e-6
 #: A fit to all readings, the whole fits of two causes, and each group alone.
-MOST_FITS = 2 * module.MOST_FITS + 2
+MOST_FITS = 2 * group_fit.MOST_FITS + 2
 
 
 def changed(**by: float) -> F64:
@@ -240,6 +241,7 @@ def test_the_search_costs_a_few_fits_and_none_in_good_order(
         return fit(*values, **more)  # type: ignore[arg-type]
 
     monkeypatch.setattr(module, "fit", counted)
+    monkeypatch.setattr(group_fit, "fit", counted)
     assert found_in([tracked(TRUTH)]) is None and not fits
     assert found_in(half_tracked(OTHER_TIP)) is not None and len(fits) <= MOST_FITS
 
@@ -254,6 +256,29 @@ def test_the_certificate_names_it_and_guesses_nothing_else() -> None:
     assert result.as_json()["second_group"]["sessions"] == [
         {"session": "S", "rows": [row + 1 for row in LATER]}
     ]
+
+
+def test_a_tip_is_not_taken_for_growth_where_its_session_is_warmer() -> None:
+    """8 mm in 6 K are no growth: the thermal model took them up, and the certificate was granted
+    with 14 µm on placements left out."""
+    both = [
+        touched(constants, name, seed, terms=growth(), temperature_c=celsius)
+        for name, constants, seed, celsius in (
+            ("S", TRUTH, 5, 20.0), ("U", OTHER_TIP, 6, 26.0),
+        )
+    ]  # fmt: skip
+    certificate = calibrate(both, ARM).certificate
+    assert not certificate.granted
+    assert "session U: measured with another tip than the 120 other readings" in certificate.reason
+
+
+def test_a_tip_that_grows_as_it_may_is_none() -> None:
+    both = [
+        touched(TRUTH, name, seed, terms=growth(), temperature_c=celsius)
+        for name, seed, celsius in (("S", 5, 14.0), ("U", 6, 32.0))
+    ]
+    result = calibrate(both, ARM)
+    assert result.certificate.granted and result.second_group is None
 
 
 def test_of_two_sessions_one_is_calibrated_alone() -> None:

@@ -9,7 +9,6 @@ begin at one moment explains as much.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -17,7 +16,13 @@ from threadpoolctl import threadpool_limits
 from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations
-from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.admission.group_fit import (
+    Cause,
+    GroupFit,
+    causes_of,
+    fit_whole,
+    unknowns_of,
+)
 from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.admission.row_groups import (
     LEAST_ROWS,
@@ -32,9 +37,8 @@ from armd.compensation.identify.admission.second_group import (
     SecondGroup,
 )
 from armd.compensation.identify.fit import Identification, fit, rms_um
-from armd.compensation.model.arm import Arm, TemperatureSensor
-from armd.compensation.model.parameters import BASE_PARAMETERS, LEAST_LENGTH_MM, TIP_PARAMETERS
-from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.identify.thermal.terms import last_lever_mm
+from armd.compensation.model.parameters import TIP_PARAMETERS
 from armd.compensation.model.terms import Term
 
 #: Whole fits are worth it where the linear search leaves no more of the squared residuals.
@@ -51,56 +55,11 @@ MOST_NOISE = 1.5
 TELLS_NOISE = 1.5
 #: No more than so much of the RMS that the next best cause leaves; else nobody can say which it is.
 CLEARLY = 0.7
-#: Whole fits of one cause at most, its rows chosen anew after each.
-MOST_FITS = 3
+#: No tip grows by more than this share of its distance from the last joint per K, and a little that
+#: readings hardly know (mm). More is no growth: sessions of two temperatures and two tips look so.
+MOST_GROWN_PER_K, LEAST_GROWN_MM = 30e-6, 0.05
 #: Steps of parting rows in two by their residuals in the last frame.
 MOST_PARTINGS = 20
-#: The group is one more sensor of this name, 1 K above the reference in its rows and at it in all
-#: others: a term of it is a parameter that differs in the group.
-INDICATOR = "second group"
-
-
-@dataclass(frozen=True)
-class Cause:
-    """What may be other in a group of rows, and the parameters that then differ."""
-
-    differs: Differs
-    parameters: Sequence[str]
-
-    def columns(self, found: Identification) -> F64:
-        """(n, 3, c) d residual / d parameter."""
-        return found.at.constant_columns(self.parameters)
-
-
-@dataclass(frozen=True)
-class GroupFit:
-    """A fit in which the rows of a group have parameters of their own."""
-
-    cause: Cause
-    group: Mask  # (n,)
-    found: Identification
-
-    @property
-    def step(self) -> F64:
-        """(c,) by how much the parameters differ."""
-        return np.array([t.coefficient for t in self.found.terms[-len(self.cause.parameters) :]])
-
-    @property
-    def covariance(self) -> F64:
-        """(c, c) of the step."""
-        c = len(self.cause.parameters)
-        return self.found.covariance[-c:, -c:]
-
-    @property
-    def kept(self) -> Mask:
-        """(n,) all rows but outliers."""
-        kept = np.ones(len(self.group), dtype=bool)
-        kept[self.found.outliers] = False
-        return kept
-
-    def rms_um(self, kept: Mask) -> float:
-        """RMS of the readings *kept* (n,)."""
-        return rms_um(self.found.at.residual_mm[kept])
 
 
 def find_second_group(sessions: Sequence[Session], found: Identification) -> SecondGroup | None:
@@ -110,8 +69,34 @@ def find_second_group(sessions: Sequence[Session], found: Identification) -> Sec
     the readings are in order.
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
-        group = _find(found)
-        return _described(sessions, found, group) if group else None
+        grown_mm = _most_grown_mm(found, found.terms)
+        group = None if grown_mm else _find(found)
+        if group:  # part of the second tip may still be taken for growth
+            grown_mm = _most_grown_mm(group.found, found.terms)
+        if grown_mm:
+            found = _without_growth(found)
+            group = _find(found)
+        return _described(sessions, found, group, grown_mm) if group else None
+
+
+def _most_grown_mm(found: Identification, growth: Sequence[Term]) -> float:
+    """By how much the tip can have grown, where it grew by more in the fit; else 0. *growth* is as
+    many of the first terms."""
+    own = [k for k, term in enumerate(growth) if term.parameter in TIP_PARAMETERS]
+    if not own:
+        return 0.0
+    span_k = np.ptp(found.at.basis[:, own], axis=0)
+    grown_mm = np.abs([found.terms[k].coefficient for k in own]) * span_k
+    most_mm = MOST_GROWN_PER_K * np.linalg.norm(last_lever_mm(found.observations.arm)) * span_k
+    return float(most_mm.max()) if (grown_mm > most_mm + LEAST_GROWN_MM).any() else 0.0
+
+
+def _without_growth(found: Identification) -> Identification:
+    """The same fit without growth of the tip."""
+    terms = [term for term in found.terms if term.parameter not in TIP_PARAMETERS]
+    arm = found.observations.arm
+    unknowns = unknowns_of(arm, terms)
+    return fit(found.observations, arm.nominal(), terms, unknowns, found.reference_c)
 
 
 def _find(found: Identification) -> GroupFit | None:
@@ -124,7 +109,7 @@ def _find(found: Identification) -> GroupFit | None:
             return None
         gains = [
             (cause, gain)
-            for cause in _causes(found.observations.arm)
+            for cause in causes_of(found.observations.arm)
             if (gain := cleared.best_stretch(cause.columns(found))) is not None
         ]
         worth = [one for one in gains if one[1].residual_share < WORTH_FITTING]
@@ -138,20 +123,23 @@ def _compared(found: Identification, worth: Sequence[tuple[Cause, Gain]]) -> Gro
     """The best of the causes that are named, if it clearly explains more than the best other."""
     worth = sorted(worth, key=lambda one: one[1].residual_share)
     named = [one for one in worth if one[0].differs is not Differs.ARM]
-    best = _fit_whole(found, *named[0]) if named else None
+    best = fit_whole(found, *named[0]) if named else None
     if best is None:
         return None
     rivals = [one for one in worth if one[0] is not best.cause]
-    other = _fit_whole(found, *rivals[0]) if rivals else None
-    if other:
-        kept = best.kept | other.kept  # a wrong cause takes the whole group for outliers
-        if other.rms_um(kept) < best.rms_um(kept):
-            best, other = other, best
-        if best.rms_um(kept) > CLEARLY * other.rms_um(kept):
+    other = fit_whole(found, *rivals[0]) if rivals else None
+    if other and not _clearly_better(best, other):
+        if not _clearly_better(other, best):
             return None
+        best = other
     if best.cause.differs is Differs.ARM:
         return None
     return best if _explains(found, best, MOST_REMAINING) else None
+
+
+def _clearly_better(one: GroupFit, other: GroupFit) -> bool:
+    kept = one.kept | other.kept  # a wrong cause takes the whole group for outliers
+    return one.rms_um(kept) < CLEARLY * other.rms_um(kept)
 
 
 def _singly(found: Identification, cleared: ClearedRows) -> GroupFit | None:
@@ -164,83 +152,14 @@ def _singly(found: Identification, cleared: ClearedRows) -> GroupFit | None:
     gain = cleared.gain(columns, group)
     if gain.residual_share > WORTH_FITTING:
         return None
-    best = _fit_whole(found, tip, gain, singly=True)
-    return best if best and _explains(found, best, MOST_REMAINING_SINGLY) else None
-
-
-def _causes(arm: Arm) -> list[Cause]:
-    """What may begin at one moment. The last link's lengths place the same point as the tip; the
-    last joint's zero does so, too, and where it explains as much, no tip is named."""
-    drawn, layout = arm.nominal(), arm.layout
-    joints = range(2, arm.n_joints + 1)
-    lengths = [f"{stem}_{k}" for k in joints[:-1] for stem in ("d", "a")]
-    lengths = [name for name in lengths if abs(drawn[layout.index(name)]) > LEAST_LENGTH_MM]
-    return [
-        Cause(Differs.TIP, TIP_PARAMETERS),
-        Cause(Differs.PLACE, BASE_PARAMETERS),
-        *(Cause(Differs.ARM, [f"theta_{k}"]) for k in joints),
-        *([Cause(Differs.ARM, lengths)] if lengths else []),
-    ]
-
-
-def _fit_whole(
-    found: Identification, cause: Cause, gain: Gain, singly: bool = False
-) -> GroupFit | None:
-    """Fit all unknowns and the group's own parameters, the group chosen anew after each fit; None
-    where no group remains."""
-    group, step, one = gain.group, gain.step, None
-    for _ in range(MOST_FITS):
-        one = GroupFit(cause, group, _fit_group(found, cause, group, step))
-        chosen = _chosen(one, singly)
-        if not LEAST_ROWS <= chosen.sum() <= len(chosen) - LEAST_ROWS:
-            return None
-        if np.array_equal(chosen, group):
-            break
-        group, step = chosen, one.step
-    return one
-
-
-def _fit_group(found: Identification, cause: Cause, group: Mask, step: F64) -> Identification:
-    observations, arm = found.observations, found.observations.arm
-    sensors = [*arm.temperature_sensor, TemperatureSensor(name=INDICATOR)]
-    states = observations.states
-    indicator = found.reference_c + group.astype(np.float64)
-    temperature_c = np.column_stack([states.temperature_c, indicator])
-    grouped = replace(
-        observations,
-        arm=arm.model_copy(update={"temperature_sensor": sensors}),
-        states=replace(states, temperature_c=temperature_c),
-    )
-    within = [Temperature(weights={INDICATOR: 1.0})]
-    own = [
-        Term(parameter=name, basis=within, coefficient=float(by))
-        for name, by in zip(cause.parameters, step, strict=True)
-    ]
-    terms = [*found.terms, *own]
-    unknowns = Unknowns(found.unknowns.constants, range(len(terms)))
-    begin = found.constants
-    return fit(grouped, arm.nominal(), terms, unknowns, found.reference_c, begin=begin)
-
-
-def _chosen(one: GroupFit, singly: bool) -> Mask:
-    """The rows that the group's parameters suit better: each by itself, or in one stretch."""
-    moved = one.cause.columns(one.found) @ one.step
-    residual = one.found.at.residual_mm
-    within = np.where(one.group[:, None], residual, residual + moved)
-    outside = within - moved
-    limit = (moved**2).sum(axis=1)  # no row has more voice than one that is right
-    better = np.clip((outside**2).sum(axis=1) - (within**2).sum(axis=1), -limit, limit)
-    if singly:
-        suited: Mask = better > 0.0
-        return suited
-    order = acquisition_order(one.found)
-    total = np.concatenate([[0.0], np.cumsum(better[order])])
-    before = np.minimum.accumulate(total)
-    end = int(np.argmax(total - before))
-    first = int(np.argmin(total[: end + 1]))
-    chosen = np.zeros(len(order), dtype=bool)
-    chosen[order[first:end]] = True
-    return chosen
+    best = fit_whole(found, tip, gain, singly=True)
+    if best is None or not _explains(found, best, MOST_REMAINING_SINGLY):
+        return None
+    joints = [cause for cause in causes_of(found.observations.arm) if len(cause.parameters) == 1]
+    gains = [(cause, cleared.gain(cause.columns(found), best.group)) for cause in joints]
+    rival = min(gains, key=lambda one: one[1].residual_share)  # play: a zero here, one there
+    other = fit_whole(found, *rival, singly=True)
+    return None if other and not _clearly_better(best, other) else best
 
 
 def _parted(points: F64) -> Mask:
@@ -272,8 +191,8 @@ def _explains(found: Identification, one: GroupFit, most: float) -> bool:
         if part.n < TELLS_NOISE * readings_needed(part):
             continue
         alone = fit(
-            part, part.arm.nominal(), found.terms, found.unknowns, found.reference_c,
-            begin=one.found.constants,
+            part, part.arm.nominal(), found.terms, unknowns_of(part.arm, found.terms),
+            found.reference_c,
         )  # fmt: skip
         freedom = 3 * part.n - alone.alone.rank - alone.solution.told
         kept = one.kept[group]
@@ -284,8 +203,11 @@ def _explains(found: Identification, one: GroupFit, most: float) -> bool:
     return True
 
 
-def _described(sessions: Sequence[Session], found: Identification, one: GroupFit) -> SecondGroup:
-    """The smaller group, or of two equal ones the later, and how it differs from the other."""
+def _described(
+    sessions: Sequence[Session], found: Identification, one: GroupFit, grown_mm: float
+) -> SecondGroup:
+    """The smaller group, or of two equal ones the later, and how it differs from the other; the tip
+    may have grown by *grown_mm* between them."""
     observations = found.observations
     place = np.empty(observations.n)
     place[acquisition_order(found)] = np.arange(observations.n)
@@ -301,7 +223,7 @@ def _described(sessions: Sequence[Session], found: Identification, one: GroupFit
         group, rest = group & shared, rest & shared
         to_mm = one.cause.columns(one.found)[group].mean(axis=0)
     step = sign * to_mm @ one.step
-    covariance = to_mm @ one.covariance @ to_mm.T
+    covariance = to_mm @ one.covariance @ to_mm.T + grown_mm**2 * np.eye(3)
     along = step / max(float(np.linalg.norm(step)), 1e-12)
     return SecondGroup(
         one.cause.differs,
