@@ -210,6 +210,7 @@ NO_TIP: dict[str, Callable[[], list[Session]]] = {
     ],
     "a joint knocked": lambda: half_tracked(changed(theta_5=0.02)),
     "the last joint's zero": lambda: half_tracked(changed(theta_6=0.02)),
+    "play in the last joint": lambda: half_tracked(changed(theta_6=0.01), slice(1, None, 2)),
     "warmer, no sensors": lambda: [warm("S", 15.0, False), warm("U", 35.0, False)],
     "warmer": lambda: [warm("S", 15.0, True), warm("U", 35.0, True)],
     "warmed up, no sensors": lambda: warmed_up(False),

@@ -17,7 +17,7 @@ from armd.arrays import F64, I64, Mask
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.identify.admission.group_fit import (
-    Cause,
+    GroupCause,
     GroupFit,
     causes_of,
     fit_whole,
@@ -27,7 +27,7 @@ from armd.compensation.identify.admission.requirements import readings_needed
 from armd.compensation.identify.admission.row_groups import (
     LEAST_ROWS,
     ClearedRows,
-    Gain,
+    GroupGain,
     acquisition_order,
     clear_rows,
 )
@@ -70,12 +70,12 @@ def find_second_group(sessions: Sequence[Session], found: Identification) -> Sec
     """
     with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
         grown_mm = _most_grown_mm(found, found.terms)
-        group = None if grown_mm else _find(found)
+        group = None if grown_mm else _find(found, 0.0)
         if group:  # part of the second tip may still be taken for growth
             grown_mm = _most_grown_mm(group.found, found.terms)
         if grown_mm:
             found = _without_growth(found)
-            group = _find(found)
+            group = _find(found, grown_mm)
         return _described(sessions, found, group, grown_mm) if group else None
 
 
@@ -99,8 +99,10 @@ def _without_growth(found: Identification) -> Identification:
     return fit(found.observations, arm.nominal(), terms, unknowns, found.reference_c)
 
 
-def _find(found: Identification) -> GroupFit | None:
-    """Outliers count in the first search, as a small group may be among them, and not in the
+def _find(found: Identification, grown_mm: float) -> GroupFit | None:
+    """The group that explains *found*, in which the tip may have grown by *grown_mm* unfitted.
+
+    Outliers count in the first search, as a small group may be among them, and not in the
     second, as single readings in the air hide any other group."""
     nobody = np.zeros(0, dtype=np.int64)
     for without in [nobody, found.outliers] if len(found.outliers) else [nobody]:
@@ -113,13 +115,19 @@ def _find(found: Identification) -> GroupFit | None:
             if (gain := cleared.best_stretch(cause.columns(found))) is not None
         ]
         worth = [one for one in gains if one[1].residual_share < WORTH_FITTING]
-        one = _compared(found, worth) if worth else _singly(found, cleared)
-        if one:
+        one, most = (
+            (_compared(found, worth), MOST_REMAINING)
+            if worth
+            else (_singly(found, cleared), MOST_REMAINING_SINGLY)
+        )
+        if one and _explains(found, one, most, grown_mm):
             return one
     return None
 
 
-def _compared(found: Identification, worth: Sequence[tuple[Cause, Gain]]) -> GroupFit | None:
+def _compared(
+    found: Identification, worth: Sequence[tuple[GroupCause, GroupGain]]
+) -> GroupFit | None:
     """The best of the causes that are named, if it clearly explains more than the best other."""
     worth = sorted(worth, key=lambda one: one[1].residual_share)
     named = [one for one in worth if one[0].differs is not Differs.ARM]
@@ -132,9 +140,7 @@ def _compared(found: Identification, worth: Sequence[tuple[Cause, Gain]]) -> Gro
         if not _clearly_better(other, best):
             return None
         best = other
-    if best.cause.differs is Differs.ARM:
-        return None
-    return best if _explains(found, best, MOST_REMAINING) else None
+    return None if best.cause.differs is Differs.ARM else best
 
 
 def _clearly_better(one: GroupFit, other: GroupFit) -> bool:
@@ -144,7 +150,7 @@ def _clearly_better(one: GroupFit, other: GroupFit) -> bool:
 
 def _singly(found: Identification, cleared: ClearedRows) -> GroupFit | None:
     """Rows here and there: two reflectors in turn."""
-    tip = Cause(Differs.TIP, TIP_PARAMETERS)
+    tip = GroupCause(Differs.TIP, TIP_PARAMETERS)
     columns = tip.columns(found)
     group = _parted(np.einsum("nic,ni->nc", columns, found.at.residual_mm))
     if not LEAST_ROWS <= group.sum() <= len(group) - LEAST_ROWS:
@@ -153,7 +159,7 @@ def _singly(found: Identification, cleared: ClearedRows) -> GroupFit | None:
     if gain.residual_share > WORTH_FITTING:
         return None
     best = fit_whole(found, tip, gain, singly=True)
-    if best is None or not _explains(found, best, MOST_REMAINING_SINGLY):
+    if best is None:
         return None
     joints = [cause for cause in causes_of(found.observations.arm) if len(cause.parameters) == 1]
     gains = [(cause, cleared.gain(cause.columns(found), best.group)) for cause in joints]
@@ -181,9 +187,9 @@ def _parted(points: F64) -> Mask:
     return group
 
 
-def _explains(found: Identification, one: GroupFit, most: float) -> bool:
-    """Whether it leaves at most the share *most* of the RMS, and no more than noise of each group
-    that is large enough to tell it."""
+def _explains(found: Identification, one: GroupFit, most: float, grown_mm: float) -> bool:
+    """Whether it leaves at most the share *most* of the RMS, and of each group that is large enough
+    to tell it no more than noise and the growth of *grown_mm*."""
     if one.rms_um(one.kept) > most * rms_um(found.at.residual_mm[one.kept]):
         return False
     for group in (one.group, ~one.group):
@@ -198,7 +204,8 @@ def _explains(found: Identification, one: GroupFit, most: float) -> bool:
         kept = one.kept[group]
         kept[alone.outliers] = False
         noise_um = rms_um(alone.at.residual_mm[kept]) * np.sqrt(3 * part.n / max(freedom, 1))
-        if rms_um(one.found.at.residual_mm[group][kept]) > MOST_NOISE * noise_um:
+        limit_um = np.hypot(MOST_NOISE * noise_um, 1e3 * grown_mm)
+        if rms_um(one.found.at.residual_mm[group][kept]) > limit_um:
             return False
     return True
 

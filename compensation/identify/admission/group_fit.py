@@ -13,7 +13,7 @@ import numpy as np
 from armd.arrays import F64, Mask
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.admission.row_groups import LEAST_ROWS, Gain, acquisition_order
+from armd.compensation.identify.admission.row_groups import LEAST_ROWS, GroupGain, acquisition_order
 from armd.compensation.identify.admission.second_group import Differs
 from armd.compensation.identify.fit import Identification, fit, rms_um
 from armd.compensation.model.arm import Arm, TemperatureSensor
@@ -29,7 +29,7 @@ INDICATOR = "second group"
 
 
 @dataclass(frozen=True)
-class Cause:
+class GroupCause:
     """What may be other in a group of rows, and the parameters that then differ."""
 
     differs: Differs
@@ -44,7 +44,7 @@ class Cause:
 class GroupFit:
     """A fit in which the rows of a group have parameters of their own."""
 
-    cause: Cause
+    cause: GroupCause
     group: Mask  # (n,)
     found: Identification
 
@@ -71,7 +71,7 @@ class GroupFit:
         return rms_um(self.found.at.residual_mm[kept])
 
 
-def causes_of(arm: Arm) -> list[Cause]:
+def causes_of(arm: Arm) -> list[GroupCause]:
     """What may begin at one moment. The last link's lengths place the same point as the tip; the
     last joint's zero does so, too, and where it explains as much, no tip is named."""
     drawn, layout = arm.nominal(), arm.layout
@@ -79,15 +79,15 @@ def causes_of(arm: Arm) -> list[Cause]:
     lengths = [f"{stem}_{k}" for k in joints[:-1] for stem in ("d", "a")]
     lengths = [name for name in lengths if abs(drawn[layout.index(name)]) > LEAST_LENGTH_MM]
     return [
-        Cause(Differs.TIP, TIP_PARAMETERS),
-        Cause(Differs.PLACE, BASE_PARAMETERS),
-        *(Cause(Differs.ARM, [f"theta_{k}"]) for k in joints),
-        *([Cause(Differs.ARM, lengths)] if lengths else []),
+        GroupCause(Differs.TIP, TIP_PARAMETERS),
+        GroupCause(Differs.PLACE, BASE_PARAMETERS),
+        *(GroupCause(Differs.ARM, [f"theta_{k}"]) for k in joints),
+        *([GroupCause(Differs.ARM, lengths)] if lengths else []),
     ]
 
 
 def fit_whole(
-    found: Identification, cause: Cause, gain: Gain, singly: bool = False
+    found: Identification, cause: GroupCause, gain: GroupGain, singly: bool = False
 ) -> GroupFit | None:
     """Fit all unknowns and the group's own parameters, the group chosen anew after each fit; None
     where no group remains."""
@@ -103,7 +103,7 @@ def fit_whole(
     return one
 
 
-def _fit_group(found: Identification, cause: Cause, group: Mask, step: F64) -> Identification:
+def _fit_group(found: Identification, cause: GroupCause, group: Mask, step: F64) -> Identification:
     observations, arm = found.observations, found.observations.arm
     sensors = [*arm.temperature_sensor, TemperatureSensor(name=INDICATOR)]
     states = observations.states

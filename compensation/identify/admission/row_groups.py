@@ -31,7 +31,7 @@ ABSORBED, ABSORBED_GROUP = 1e-10, 1e-5
 
 
 @dataclass(frozen=True)
-class Gain:
+class GroupGain:
     """What columns of its own bring a group of rows."""
 
     group: Mask  # (n,) rows as the observations have them
@@ -55,7 +55,7 @@ class ClearedRows:
         """Sum of the squared residuals."""
         return float((self.residual**2).sum())
 
-    def best_stretch(self, columns: F64) -> Gain | None:
+    def best_stretch(self, columns: F64) -> GroupGain | None:
         """The rows in one stretch that gain most by *columns* (n, 3, c) of their own."""
         ordered = self._ordered(columns)
         first, end = self._best(ordered, self.edges, self.edges)
@@ -68,7 +68,7 @@ class ClearedRows:
         group[self.order[first:end]] = True
         return self.gain(columns, group)
 
-    def gain(self, columns: F64, group: Mask) -> Gain:
+    def gain(self, columns: F64, group: Mask) -> GroupGain:
         """What *columns* (n, 3, c) of their own bring the rows of *group* (n,)."""
         ordered = self._ordered(columns) * group[self.order][:, None, None]
         shared = np.einsum("nip,nic->pc", self.basis, ordered)
@@ -76,7 +76,7 @@ class ClearedRows:
         slope = np.einsum("nic,ni->c", ordered, self.residual)
         step, gained, told = _solve(gram[None], shared[None], slope[None])
         share = 1.0 - float(gained[0]) / max(self.square, 1e-300)
-        return Gain(group, step[0], share, int(told[0]))
+        return GroupGain(group, step[0], share, int(told[0]))
 
     def _ordered(self, columns: F64) -> F64:
         whitened: F64 = self.weight[:, None, None] * columns[self.order]
