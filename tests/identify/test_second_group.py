@@ -52,9 +52,9 @@ def touched(constants: F64, name: str, seed: int = 5, **more: object) -> Session
     return synthetic.session(ARM, constants, rng, name=name, **options)  # type: ignore[arg-type]
 
 
-def tracked(constants: F64, name: str = "S", seed: int = 3) -> Session:
+def tracked(constants: F64, name: str = "S", seed: int = 3, n: int = N) -> Session:
     """Seen by a tracker with 10 µm of noise."""
-    seen = synthetic.tracked(ARM, constants, np.random.default_rng(seed), readings=N)
+    seen = synthetic.tracked(ARM, constants, np.random.default_rng(seed), readings=n)
     noise_mm = np.random.default_rng(seed + 100).normal(0.0, 0.01, seen.truth_mm.shape)
     return replace(seen, name=name, path=Path(name), truth_mm=seen.truth_mm + noise_mm)
 
@@ -190,6 +190,17 @@ def test_a_small_step_of_the_tip_is_found_above_the_noise() -> None:
     group = found_in(half_tracked(small))
     assert group is not None and group.differs is Differs.TIP
     assert group.length_mm == pytest.approx(float(np.linalg.norm(MOVED_MM)) / 80.0, abs=0.01)
+
+
+def test_the_uncertainty_of_a_late_group_is_that_of_its_readings() -> None:
+    """It was 0 for a group that began after the first 200 rows."""
+    (one, other) = (tracked(constants, n=400) for constants in (TRUTH, OTHER_TIP))
+    group = found_in([joined(one, other, slice(300, None))])
+    assert group is not None and rows_of(group) == {"S": list(range(300, 400))}
+    least_mm = 0.01 / np.sqrt(100.0)  # 10 µm of noise in 100 readings of known place
+    assert least_mm < group.length_uncertainty_mm < 3.0 * least_mm
+    off_mm = abs(group.length_mm - np.linalg.norm(MOVED_MM))
+    assert off_mm < 4.0 * group.length_uncertainty_mm
 
 
 def test_readings_in_the_air_hide_no_tip() -> None:
