@@ -17,6 +17,7 @@ from armd.compensation.estimate.folds import placement_folds
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations, gather
 from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.admission.find_second_group import find_second_group
 from armd.compensation.identify.admission.mistakes import AssumedModel
 from armd.compensation.identify.admission.odd_session import odd_session, refuse_mistakes
 from armd.compensation.identify.admission.requirements import (
@@ -29,7 +30,7 @@ from armd.compensation.identify.admission.requirements import (
     require_some,
 )
 from armd.compensation.identify.admission.wrong_names import refuse_misnamed, told_of_misnamed
-from armd.compensation.identify.certificate import judge
+from armd.compensation.identify.certificate import Misses, Suspects, judge
 from armd.compensation.identify.drawing import drawn_rms_um, off_drawing
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit
@@ -93,13 +94,20 @@ def _calibrate(
     terms = length_terms(arm, [1]) if thermal else []
     first = _fit(observations, arm, unknown, terms, progress)
     drawing_rms_um = drawn_rms_um(observations)
-    if odd := odd_session(sessions, first, drawing_rms_um):
+    odd = odd_session(sessions, first, drawing_rms_um)
+    second = None if odd and odd.tip else find_second_group(sessions, first)
+    if second:
+        odd = None  # it explains that session's rows, too
+        if not is_plausible(first):
+            raise second.refusal()
+    if odd:
         notes.append(odd.in_words())
     # A fit to many of them may lie so far off that the drawing tells more.
     if not is_plausible(first):
         refuse_misnamed(sessions, observations, AssumedModel.of(first))
         refuse_misnamed(sessions, observations, AssumedModel.under(arm, None))
-    require_plausible(first, str(odd.path) if odd else files)
+    if not second:  # else it is what moves the links
+        require_plausible(first, str(odd.path) if odd else files)
     notes += told_of_misnamed(sessions, observations, AssumedModel.of(first))
     trials: list[Trial] = []
     order, final = 0, first
@@ -122,7 +130,7 @@ def _calibrate(
             final = _fit(observations, arm, unknown, terms, progress, first)
     if not final.converged:
         notes.append(f"the fit did not settle within {final.steps} steps")
-    if final.region.any():
+    if final.region.any() and not second:
         notes.append(
             f"{counted(int(final.region.sum()), 'reading')} far off like others near in posture: no"
             " outliers, they count fully; `armd diagnose` looks for why"
@@ -143,17 +151,14 @@ def _calibrate(
     require_help(first, share, files, notes)
     far = off_drawing(first)
     notes += [one.in_words() for one in far]
+    noise_rms_um = 1e3 * np.sqrt(3.0) * final.noise.typical_mm(final.at.joints)
     certificate = judge(
         first,
         first.converged and final.converged,
-        drawing_rms_um,
-        1e3 * np.sqrt(3.0) * final.noise.typical_mm(final.at.joints),
-        heldout,
-        by,
+        Misses(drawing_rms_um, noise_rms_um, heldout, by),
         lengths,
-        odd.path if odd else None,
+        Suspects(odd.path if odd else None, second, far),
         CalibratedFiles(tuple(session.path for session in sessions), options.arm_file),
-        far,
     )
     provenance = {
         "command": options.command,
@@ -192,6 +197,7 @@ def _calibrate(
         odd=odd,
         off_drawing=far,
         notes=notes,
+        second_group=second,
     )
 
 

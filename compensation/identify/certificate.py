@@ -14,6 +14,7 @@ from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.postures import count_postures
 from armd.compensation.identify.admission.needed import LEAST_PLACEMENTS, LEAST_TIMES
 from armd.compensation.identify.admission.requirements import readings_needed
+from armd.compensation.identify.admission.second_group import Differs, SecondGroup
 from armd.compensation.identify.drawing import OffDrawing
 from armd.compensation.identify.evaluation.lengths import MOST_OFF, Length
 from armd.compensation.identify.fit import Identification
@@ -80,32 +81,53 @@ class Certificate:
         return f"{self.reason}. Next: {self.next_step}" if self.next_step else self.reason
 
 
+@dataclass(frozen=True)
+class Misses:
+    """What readings miss by, 3-D RMS."""
+
+    drawn_rms_um: float
+    """Under the drawing."""
+    noise_rms_um: float
+    """Of one reading, whatever the model."""
+    heldout: Errors
+    """Under fits that left the readings out."""
+    heldout_by: str
+
+
+@dataclass(frozen=True)
+class Suspects:
+    """What may be wrong with the readings, or with the drawing."""
+
+    odd_session: Path | None = None
+    """The folder of one that does not fit the others."""
+    second: SecondGroup | None = None
+    """Rows of another tip or place, which then are why readings miss; nothing else is guessed."""
+    far: Sequence[OffDrawing] = ()
+    """Parameters far off the drawing: no fault of the calibration, and somebody should know."""
+
+
 def judge(
     found: Identification,
     converged: bool,
-    drawn_rms_um: float,
-    noise_rms_um: float,
-    heldout: Errors,
-    heldout_by: str,
+    misses: Misses,
     lengths: Sequence[Length],
-    odd_session: Path | None = None,
+    suspects: Suspects | None = None,
     files: CalibratedFiles | None = None,
-    far: Sequence[OffDrawing] = (),
 ) -> Certificate:
-    """Judge by 3-D RMS errors of a fit that left the readings out, under the drawing, and of the
-    noise of one reading.
+    """Judge a calibration by what readings miss by that it did not see.
 
     *found* tells what is known: all constants, and the lengths' linear growth where thermal.
-    *odd_session* is the folder of one that does not fit the others, if there is one; *files* are
-    those that the next step names; *far* are parameters far off the drawing: no fault of the
-    calibration, and somebody should know.
+    *files* are those that the next step names.
     """
+    suspects = suspects or Suspects()
+    drawn_rms_um, noise_rms_um = misses.drawn_rms_um, misses.noise_rms_um
+    heldout = misses.heldout
     drawn_mm, heldout_mm = drawn_rms_um / 1e3, heldout.rms_um / 1e3
     share = heldout.rms_um / drawn_rms_um if drawn_rms_um else 1.0
     percent = f"{100 * share:.0f}" if share > 0.1 else f"{100 * share:.2g}"  # never 1.1e+02
     most_mm = max(MOST_LEFT * drawn_mm, MOST_NOISE * noise_rms_um / 1e3)
     left = (
-        f"{left_out_in_words(found.observations, heldout, heldout_by)} left out misses by"
+        f"{left_out_in_words(found.observations, heldout, misses.heldout_by)} left out misses by"
         f" {heldout_mm:.4g} mm RMS,"
         f" {percent}% of the {drawn_mm:.4g} mm that the drawing's own dimensions miss by"
     )
@@ -115,9 +137,11 @@ def judge(
     faults = []
     if not converged:
         faults.append(Objection(Why.UNSETTLED, "the fit did not settle"))
-    if odd_session:
-        words = f"session {odd_session.name} does not fit the others, and no one arm fits all"
-        faults.append(Objection(Why.ODD_SESSION, words, str(odd_session)))
+    if odd := suspects.odd_session:
+        words = f"session {odd.name} does not fit the others, and no one arm fits all"
+        faults.append(Objection(Why.ODD_SESSION, words, str(odd)))
+    if suspects.second:
+        faults.append(_second_group(suspects.second))
     if heldout_mm > most_mm:
         words = (
             f"more than the {MOST_LEFT:.0%} that shows a calibration to help, and than"
@@ -126,20 +150,22 @@ def judge(
         faults.append(Objection(Why.NO_HELP, words))
     without_mm = heldout.without_far_um / 1e3
     most_mm = min(MOST_HELDOUT_MM, most_mm)
-    if heldout_mm > most_mm > without_mm and len(found.outliers):
+    single = len(found.outliers) and not suspects.second
+    if heldout_mm > most_mm > without_mm and single:
         words = (
             f"{without_mm:.4g} mm without {counted(heldout.n_far, 'reading')} far off:"
             f" {found.outlier_words()}"
         )
         faults.append(Objection(Why.OUTLIERS, words))
     elif heldout_mm > MOST_HELDOUT_MM:
-        words = (
-            f"more than {MOST_HELDOUT_MM:g} mm: no set of constants describes this arm"
-            " (another arm than arm.toml draws, play in a joint, a loose artefact, readings"
-            " mixed up?)"
-        )
+        words = f"more than {MOST_HELDOUT_MM:g} mm"
+        if not suspects.second:
+            words += (
+                ": no set of constants describes this arm (another arm than arm.toml draws, play"
+                " in a joint, a loose artefact, readings mixed up?)"
+            )
         faults.append(Objection(Why.FAR, words))
-    left += _another(found.observations, heldout, heldout_by)
+    left += _another(found.observations, heldout, misses.heldout_by)
     ideal = 4 * found.observations.arm.n_joints - 3 + len(found.unknowns.terms)
     rank = found.solution.rank
     if rank < LEAST_RANK * ideal:
@@ -165,14 +191,16 @@ def judge(
         remarks.append(
             "what is left is noise, or what no constants describe (`armd diagnose` looks for it)"
         )
-    if far:
-        remarks.append(f"arm.toml is far off: {', '.join(one.in_brief() for one in far)}")
+    if suspects.far:
+        remarks.append(f"arm.toml is far off: {', '.join(one.in_brief() for one in suspects.far)}")
     files = files or CalibratedFiles(tuple(map(Path, found.observations.session_names)))
     return Certificate(
         not faults,
         "; ".join([left, *(fault.words for fault in faults), *remarks, *scale]),
         scale_known=scale_known,
-        next_step=next_step(faults, found.observations, files, [one.parameter for one in far]),
+        next_step=next_step(
+            faults, found.observations, files, [far.parameter for far in suspects.far]
+        ),
     )
 
 
@@ -187,6 +215,12 @@ def _another(observations: Observations, heldout: Errors, heldout_by: str) -> st
         f" (by placement {low:.4g} to {high:.4g} mm: another placement may miss by up to"
         f" {another_um / 1e3:.4g} mm RMS, with 95% probability)"
     )
+
+
+def _second_group(second: SecondGroup) -> Objection:
+    rows = " and ".join(one.in_words() for one in second.sessions if not one.whole)
+    why = Why.OTHER_TIP if second.differs is Differs.TIP else Why.OTHER_PLACE
+    return Objection(why, second.in_words(), rows=rows, folders=second.folders)
 
 
 def _too_few(observations: Observations) -> list[Objection]:

@@ -220,8 +220,11 @@ def gauge_of(
     """(C, k) directions, in unknowns over *scale* (C,), that move no point wherever the joints
     stand; *basis* (n, T): the terms' values in the readings."""
     n_joints = ParameterLayout.of(len(constants)).n_joints
-    values = basis[np.arange(GAUGE_POSTURES) % len(basis)]
-    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (GAUGE_POSTURES, n_joints))
+    rng = np.random.default_rng(0)
+    # What is 0 in all rows chosen would look like nothing: each term at its least and its most.
+    ends = np.concatenate([basis.argmin(axis=0), basis.argmax(axis=0)])
+    values = basis[np.append(ends, rng.integers(len(basis), size=GAUGE_POSTURES))]
+    q = rng.uniform(-np.pi, np.pi, (len(values), n_joints))
     columns = jacobian(q, parameter_rows(constants, terms, values))[1]
     return gauge(unknowns.columns(columns, values, terms), scale)
 

@@ -22,6 +22,8 @@ class Why(Enum):
 
     TEMPERATURES = auto()
     ODD_SESSION = auto()
+    OTHER_TIP = auto()
+    OTHER_PLACE = auto()
     OUTLIERS = auto()
     LENGTH = auto()
     PLACEMENTS = auto()
@@ -40,6 +42,8 @@ class Objection:
     words: str
     session: str = ""
     targets: tuple[str, ...] = ()
+    rows: str = ""  # of sessions that are only partly wrong, as a person finds them
+    folders: tuple[str, ...] = ()  # of sessions that are wrong as a whole
 
 
 @dataclass(frozen=True)
@@ -49,9 +53,9 @@ class CalibratedFiles:
     sessions: tuple[Path, ...]
     arm: str = "arm.toml"
 
-    def command(self, name: str, *options: str, without: str = "") -> str:
-        """`armd NAME` of all sessions, or of all but the folder *without*."""
-        kept = [folder for folder in map(str, self.sessions) if folder != without]
+    def command(self, name: str, *options: str, without: Sequence[str] = ()) -> str:
+        """`armd NAME` of all sessions, or of all but the folders *without*."""
+        kept = [folder for folder in map(str, self.sessions) if folder not in without]
         return shlex.join(["armd", name, *kept, "--arm", self.arm, *options])
 
     @property
@@ -84,8 +88,23 @@ def next_step(
                 f" sensor failed, and calibrate again: `{again}`"
             )
         case Why.ODD_SESSION:
-            without = files.command("calibrate", "-o", "calibration.json", without=fault.session)
+            without = files.command("calibrate", "-o", "calibration.json", without=[fault.session])
             return f"calibrate without session {fault.session}: `{without}`"
+        case Why.OTHER_TIP if not fault.rows:
+            without = files.command("calibrate", "-o", "calibration.json", without=fault.folders)
+            return (
+                f"one calibration holds one tip, calibrate each tip's sessions alone: `{without}`"
+            )
+        case Why.OTHER_TIP:
+            return (
+                f"one calibration holds one tip, delete {fault.rows} or put them into a session of"
+                f" their own, and calibrate the rest: `{again}`"
+            )
+        case Why.OTHER_PLACE:
+            return (
+                f"give {fault.rows} another name in column placement of readings.csv, and calibrate"
+                f" again: `{again}`"
+            )
         case Why.OUTLIERS:
             return (
                 "these readings are far off, delete them from the session or measure them again,"

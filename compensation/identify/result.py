@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from armd.compensation.identify.admission.odd_session import Odd
+from armd.compensation.identify.admission.second_group import SecondGroup
 from armd.compensation.identify.certificate import Certificate
 from armd.compensation.identify.drawing import OffDrawing
 from armd.compensation.identify.evaluation.lengths import Length
@@ -35,6 +36,7 @@ class Result:
     odd: Odd | None  # the session that does not fit the others
     off_drawing: list[OffDrawing]  # parameters far off arm.toml's
     notes: list[str] = field(default_factory=list)
+    second_group: SecondGroup | None = None  # rows of another tip or place
 
     @property
     def heldout_rms_um(self) -> float:
@@ -82,6 +84,7 @@ class Result:
                 {"model": trial.name, "heldout_rms_um": trial.heldout_rms_um}
                 for trial in self.trials
             ],
+            "second_group": self.second_group.as_json() if self.second_group else None,
             "steps": self.fit.steps,
             "converged": self.fit.converged,
             "notes": self.notes,

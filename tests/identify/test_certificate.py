@@ -9,7 +9,7 @@ import pytest
 
 from armd.compensation.data.session import Session
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.identify.certificate import judge
+from armd.compensation.identify.certificate import Misses, judge
 from armd.compensation.identify.heldout import Errors
 from support import synthetic
 
@@ -108,7 +108,8 @@ def test_hardly_more_readings_than_unknowns_get_none() -> None:
 def test_a_fit_that_did_not_settle_gets_none() -> None:
     result = calibrate([seats(np.random.default_rng(6))], ARM, OPTIONS)
     assert result.certificate.granted
-    again = judge(result.fit, False, 1e4, 1.0, result.heldout, result.heldout_by, result.lengths)
+    misses = Misses(1e4, 1.0, result.heldout, result.heldout_by)
+    again = judge(result.fit, False, misses, result.lengths)
     assert "the fit did not settle" in again.reason
     assert "`armd diagnose " in again.next_step
     assert not again.granted

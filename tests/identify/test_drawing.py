@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from armd.compensation.identify.calibrate import Options, calibrate
-from armd.compensation.identify.certificate import judge
+from armd.compensation.identify.certificate import Misses, judge
 from armd.compensation.identify.drawing import off_drawing
 from armd.compensation.identify.heldout import Errors
 from armd.compensation.identify.result import Result
@@ -144,7 +144,8 @@ def test_half_of_the_drawings_error_or_the_noise(
 ) -> None:
     result = calibrated(ARM)
     errors = Errors(heldout_um, heldout_um, 0)
-    record = judge(result.fit, True, drawn_um, noise_um, errors, "placement", result.lengths)
+    misses = Misses(drawn_um, noise_um, errors, "placement")
+    record = judge(result.fit, True, misses, result.lengths)
     assert record.granted == granted
     assert ("shows a calibration to help" in record.reason) != granted
 

@@ -105,3 +105,22 @@ def test_a_tracker_sees_the_arm_everywhere(why):
     assert " in another place: `armd measure " in next_step([fault(why)], artefact(), FILES)
     seen = next_step([fault(why)], tracked(), FILES)
     assert "place" not in seen and ": `armd import " in seen
+
+
+@pytest.mark.parametrize(
+    ("objection", "words", "kept"),
+    [
+        (Objection(Why.OTHER_TIP, "words", folders=("my arm/more",)), "each tip's sessions", 1),
+        (
+            Objection(Why.OTHER_TIP, "words", rows="rows 61 to 120 of session more"),
+            "delete rows",
+            2,
+        ),
+        (Objection(Why.OTHER_PLACE, "words", rows="rows 5 to 9 of session more"), "placement", 2),
+    ],
+)
+def test_two_tips_or_places_are_parted_by_session_or_by_row(objection, words, kept):
+    step = next_step([objection, fault(Why.FAR)], artefact(), FILES)
+    assert words in step and objection.rows in step
+    args = parsers(["calibrate"])[0].parse_args(command_in(step)[1:])
+    assert [str(path) for path in args.session] == [str(path) for path in FILES.sessions][:kept]

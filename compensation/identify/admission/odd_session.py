@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from armd.arrays import F64, Mask
 from armd.compensation.data.session import Session
 from armd.compensation.estimate.gauge import free_constants
 from armd.compensation.estimate.observations import Observations
 from armd.compensation.estimate.unknowns import Unknowns
-from armd.compensation.identify.admission.far_off import distances_mm, far_off
 from armd.compensation.identify.admission.mistakes import (
     EXPLAINED,
     LEAST_FAHRENHEIT,
@@ -32,7 +30,6 @@ from armd.compensation.identify.admission.mistakes import (
     wrong_length_unit,
 )
 from armd.compensation.identify.admission.requirements import readings_needed
-from armd.compensation.identify.admission.wrong_names import refuse_misnamed
 from armd.compensation.identify.evaluation.evaluate import evaluate_model
 from armd.compensation.identify.fit import Identification, fit, rms_um
 from armd.compensation.identify.thermal.temperatures import temperature_groups
@@ -102,7 +99,7 @@ def refuse_mistakes(
         if unit := wrong_length_unit(part, model):
             found = f"certified distances that fit the arm if they are taken as {unit}"
             faults.append(BadInput(session.path, "the session", found, "distances in mm"))
-    _raise(faults)
+    raise_all(faults)
     if not told.any():
         return
     suspects = told & (misses > min(ABSURD_MM, APART * max(misses[told].min(), LEAST_MM)))
@@ -110,10 +107,10 @@ def refuse_mistakes(
         return
     by = "under the calibration given" if given else "under the drawing"
     others = ~suspects & told
-    if not given and (better := _identified(observations, others[observations.session])):
+    if not given and (better := identified(observations, others[observations.session])):
         model = AssumedModel.of(better)
         by = f"under what the other {int(others.sum())} identify"
-    _raise(
+    raise_all(
         [
             fault
             for k in map(int, np.flatnonzero(suspects))
@@ -129,7 +126,7 @@ def inconsistent_session(sessions: Sequence[Session], observations: Observations
     """
     if len(sessions) < LEAST_SESSIONS:
         return None
-    found = _identified(observations, np.ones(observations.n, dtype=bool))
+    found = identified(observations, np.ones(observations.n, dtype=bool))
     if found is None:
         return None
     arm = observations.arm
@@ -156,7 +153,7 @@ def odd_session(
     best: tuple[float, int, AssumedModel] | None = None
     for k in map(int, np.argsort(-misses)[:MOST_LEFT_OUT]):
         rest = observations.session != k
-        without = _identified(observations, rest)
+        without = identified(observations, rest)
         if without is None:
             continue
         model = AssumedModel.of(without)
@@ -185,43 +182,7 @@ def _other_tip(part: Observations, model: AssumedModel, miss: float) -> tuple[F6
     return (found.constants[at] - model.constants[at], after) if after < EXPLAINED * miss else None
 
 
-def remark(sessions: Sequence[Session], observations: Observations) -> str:
-    """What several sessions, held against each other, say of one of them, and which readings of
-    any are far off all others; empty if nothing.
-
-    Raises `BadInput` where it is plain what is wrong.
-    """
-    with threadpool_limits(limits=1, user_api="blas"):  # small matrices: threads only cost
-        return _remark(sessions, observations)
-
-
-def _remark(sessions: Sequence[Session], observations: Observations) -> str:
-    refuse_mistakes(sessions, observations)
-    refuse_misnamed(sessions, observations, AssumedModel.under(observations.arm, None))
-    everything = np.ones(observations.n, dtype=bool)
-    found = _identified(observations, everything) if len(sessions) >= LEAST_SESSIONS else None
-    if found is None:
-        return "\n".join(_far_off(sessions, observations))
-    arm = observations.arm
-    drawn = evaluate_model(observations, arm.nominal(), [], arm.reference_temperature_c)
-    refuse_misnamed(sessions, observations, AssumedModel.of(found))
-    odd = odd_session(sessions, found, rms_um(drawn.residual_mm))
-    far = f"far off (in the air?): {found.outlier_words()}" if len(found.outliers) else ""
-    return "\n".join(filter(None, [far, odd.in_words() if odd else ""]))
-
-
-def _far_off(sessions: Sequence[Session], observations: Observations) -> list[str]:
-    """Single readings far off under the drawing: no fault of a file, and somebody should know."""
-    lines, model = [], AssumedModel.under(observations.arm, None)
-    for k, session in enumerate(sessions):
-        part = observations.rows(observations.session == k)
-        found = far_off(distances_mm(part, model.tip_mm(part)))
-        if found.usual_mm < ABSURD_MM:  # where most are, no reading is single
-            lines += [f"far off (in the air?): {line}" for line in found.in_words(session)]
-    return lines
-
-
-def _raise(faults: list[BadInput]) -> None:
+def raise_all(faults: list[BadInput]) -> None:
     if faults:
         faults[0].more = tuple(faults[1:])
         raise faults[0]
@@ -241,7 +202,7 @@ def mistake(session: Session, part: Observations, model: AssumedModel, by: str) 
     return BadInput(session.path, "the session", found, guess[0].expected)
 
 
-def _identified(observations: Observations, rows: Mask) -> Identification | None:
+def identified(observations: Observations, rows: Mask) -> Identification | None:
     """Constants, and lengths that grow with temperature where these rows' temperatures tell."""
     chosen = observations.rows(rows)
     if not rows.any() or chosen.n < readings_needed(chosen):

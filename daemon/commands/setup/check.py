@@ -64,7 +64,7 @@ def _sessions_beside_each_other(
     from armd.compensation.data.session import Session, load_session, report_turns
     from armd.compensation.data.session_format import SessionFile
     from armd.compensation.estimate.observations import gather
-    from armd.compensation.identify.admission.odd_session import remark
+    from armd.compensation.identify.admission.remark import remark
 
     of_arm: dict[str, list[Session]] = {}
     for path in dict.fromkeys(folders):

@@ -1,0 +1,155 @@
+"""Fits in which a group of rows has parameters of its own: another tip, another place, or a joint.
+
+The group is one more sensor, so that a parameter that differs in it is a term like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armd.arrays import F64, Mask
+from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.estimate.unknowns import Unknowns
+from armd.compensation.identify.admission.row_groups import LEAST_ROWS, GroupGain, acquisition_order
+from armd.compensation.identify.admission.second_group import Differs
+from armd.compensation.identify.fit import Identification, fit, rms_um
+from armd.compensation.model.arm import Arm, TemperatureSensor
+from armd.compensation.model.parameters import BASE_PARAMETERS, LEAST_LENGTH_MM, TIP_PARAMETERS
+from armd.compensation.model.slow_factors import Temperature
+from armd.compensation.model.terms import Term
+
+#: Whole fits of one cause at most, its rows chosen anew after each.
+MOST_FITS = 3
+#: The group is one more sensor of this name, 1 K above the reference in its rows and at it in all
+#: others: a term of it is a parameter that differs in the group.
+INDICATOR = "second group"
+
+
+@dataclass(frozen=True)
+class GroupCause:
+    """What may be other in a group of rows, and the parameters that then differ."""
+
+    differs: Differs
+    parameters: Sequence[str]
+
+    def columns(self, found: Identification) -> F64:
+        """(n, 3, c) d residual / d parameter."""
+        return found.at.constant_columns(self.parameters)
+
+
+@dataclass(frozen=True)
+class GroupFit:
+    """A fit in which the rows of a group have parameters of their own."""
+
+    cause: GroupCause
+    group: Mask  # (n,)
+    found: Identification
+
+    @property
+    def step(self) -> F64:
+        """(c,) by how much the parameters differ."""
+        return np.array([t.coefficient for t in self.found.terms[-len(self.cause.parameters) :]])
+
+    @property
+    def covariance(self) -> F64:
+        """(c, c) of the step."""
+        c = len(self.cause.parameters)
+        return self.found.covariance[-c:, -c:]
+
+    @property
+    def kept(self) -> Mask:
+        """(n,) all rows but outliers."""
+        kept = np.ones(len(self.group), dtype=bool)
+        kept[self.found.outliers] = False
+        return kept
+
+    def rms_um(self, kept: Mask) -> float:
+        """RMS of the readings *kept* (n,)."""
+        return rms_um(self.found.at.residual_mm[kept])
+
+
+def causes_of(arm: Arm) -> list[GroupCause]:
+    """What may begin at one moment. The last link's lengths place the same point as the tip; the
+    last joint's zero does so, too, and where it explains as much, no tip is named."""
+    drawn, layout = arm.nominal(), arm.layout
+    joints = range(2, arm.n_joints + 1)
+    lengths = [f"{stem}_{k}" for k in joints[:-1] for stem in ("d", "a")]
+    lengths = [name for name in lengths if abs(drawn[layout.index(name)]) > LEAST_LENGTH_MM]
+    return [
+        GroupCause(Differs.TIP, TIP_PARAMETERS),
+        GroupCause(Differs.PLACE, BASE_PARAMETERS),
+        *(GroupCause(Differs.ARM, [f"theta_{k}"]) for k in joints),
+        *([GroupCause(Differs.ARM, lengths)] if lengths else []),
+    ]
+
+
+def fit_whole(
+    found: Identification, cause: GroupCause, gain: GroupGain, singly: bool = False
+) -> GroupFit | None:
+    """Fit all unknowns and the group's own parameters, the group chosen anew after each fit; None
+    where no group remains."""
+    group, step, one = gain.group, gain.step, None
+    for _ in range(MOST_FITS):
+        one = GroupFit(cause, group, _fit_group(found, cause, group, step))
+        chosen = _chosen(one, singly)
+        if not LEAST_ROWS <= chosen.sum() <= len(chosen) - LEAST_ROWS:
+            return None
+        if np.array_equal(chosen, group):
+            break
+        group, step = chosen, one.step
+    return one
+
+
+def _fit_group(found: Identification, cause: GroupCause, group: Mask, step: F64) -> Identification:
+    observations, arm = found.observations, found.observations.arm
+    sensors = [*arm.temperature_sensor, TemperatureSensor(name=INDICATOR)]
+    states = observations.states
+    indicator = found.reference_c + group.astype(np.float64)
+    temperature_c = np.column_stack([states.temperature_c, indicator])
+    grouped = replace(
+        observations,
+        arm=arm.model_copy(update={"temperature_sensor": sensors}),
+        states=replace(states, temperature_c=temperature_c),
+    )
+    within = [Temperature(weights={INDICATOR: 1.0})]
+    own = [
+        Term(parameter=name, basis=within, coefficient=float(by))
+        for name, by in zip(cause.parameters, step, strict=True)
+    ]
+    terms = [*found.terms, *own]
+    return fit(grouped, arm.nominal(), terms, unknowns_of(arm, terms), found.reference_c)
+
+
+def unknowns_of(arm: Arm, terms: Sequence[Term]) -> Unknowns:
+    """All constants that a calibration identifies but the last joint's, and all *terms*.
+
+    The tip's offset alone places every point that it and the last joint's constants do together. So
+    the last frame stays the drawing's, and no fit creeps along what no reading tells.
+    """
+    last = arm.layout.names[arm.layout.joint(arm.n_joints)]
+    constants = [name for name in free_constants(arm) if name not in last]
+    return Unknowns(constants, range(len(terms)))
+
+
+def _chosen(one: GroupFit, singly: bool) -> Mask:
+    """The rows that the group's parameters suit better: each by itself, or in one stretch."""
+    moved = one.cause.columns(one.found) @ one.step
+    residual = one.found.at.residual_mm
+    within = np.where(one.group[:, None], residual, residual + moved)
+    outside = within - moved
+    limit = (moved**2).sum(axis=1)  # no row has more voice than one that is right
+    better = np.clip((outside**2).sum(axis=1) - (within**2).sum(axis=1), -limit, limit)
+    if singly:
+        suited: Mask = better > 0.0
+        return suited
+    order = acquisition_order(one.found)
+    total = np.concatenate([[0.0], np.cumsum(better[order])])
+    before = np.minimum.accumulate(total)
+    end = int(np.argmax(total - before))
+    first = int(np.argmin(total[: end + 1]))
+    chosen = np.zeros(len(order), dtype=bool)
+    chosen[order[first:end]] = True
+    return chosen
