@@ -26,7 +26,7 @@ from hidden.frozen.freeze import (
     COUNTS,
     ROOT,
     Wanted,
-    check_digests,
+    differing_from_record,
     draw_missing,
     wanted_cases,
 )
@@ -57,8 +57,8 @@ def main() -> int:
     cases, folder = wanted_cases(args.kinds, args.cases), CACHE / str(args.seed)
     if not cases:
         sys.exit(f"armd: --kinds: found {args.kinds!r}, expected patterns of kinds: see --list")
-    digests = draw_missing(cases, args.seed, folder, args.workers)
-    differing = check_digests(args.seed, digests)
+    drawn = draw_missing(cases, args.seed, folder, args.workers)
+    differing = differing_from_record(args.seed, drawn)
     if differing:
         sys.exit(f"armd: {folder}: {differing[0]} is not as {CHECKSUMS.name} has it; "
                  f"make hidden-freeze SEED={args.seed} ANEW=1")  # fmt: skip

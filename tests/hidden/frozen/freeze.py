@@ -1,7 +1,7 @@
-"""`make hidden-freeze SEED=…`: draw the frozen cases of every kind once, and check their digest.
+"""`make hidden-freeze SEED=…`: draw the frozen cases of every kind once, and check them.
 
-The cases are written to .cache/hidden/SEED. checksums.json beside this file keeps, for each seed,
-how many cases there are, their SHA-256 together and the first digits of each; `--record` adds to a
+The cases are written to .cache/hidden/SEED. checksums.json beside this file keeps the fingerprint
+of each case of a seed, which another processor's last digits leave as it is; `--record` adds to a
 seed's entry or replaces it. A drawing that differs from its entry is an error: the generators have
 changed, or the libraries.
 """
@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from hidden.frozen import other_kinds, outsider_kinds, simulated_kinds
-from hidden.frozen.case import digest, digest_of_all
+from hidden.frozen.case import Fingerprint, fingerprint
 from hidden.frozen.from_simulator import write_case as write_simulated
 
 ROOT = Path(__file__).parents[3]
@@ -82,15 +82,15 @@ def draw_case(wanted: Wanted, seed: int, folder: Path) -> None:
 
 def draw_missing(
     cases: list[Wanted], seed: int, folder: Path, workers: int, anew: bool = False
-) -> dict[str, str]:
-    """Draw the cases that *folder* lacks; return the digest of each of *cases*."""
+) -> dict[str, Fingerprint]:
+    """Draw the cases that *folder* lacks; return the fingerprint of each of *cases*."""
     missing = [(c, seed, folder / c.name) for c in cases if anew or not (folder / c.name).exists()]
     if missing:
         with multiprocessing.get_context("spawn").Pool(workers) as pool:
             for i, name in enumerate(pool.imap_unordered(_draw, missing), 1):
                 print(f"\r{i} of {len(missing)} drawn, {name:20s}", end="", file=sys.stderr)
         print(file=sys.stderr)
-    return {case.name: digest(folder / case.name) for case in cases}
+    return {case.name: fingerprint(folder / case.name) for case in cases}
 
 
 def _draw(task: tuple[Wanted, int, Path]) -> str:
@@ -98,27 +98,40 @@ def _draw(task: tuple[Wanted, int, Path]) -> str:
     return task[0].name
 
 
-def check_digests(seed: int, digests: Mapping[str, str]) -> list[str]:
+def differing_from_record(seed: int, drawn: Mapping[str, Fingerprint]) -> list[str]:
     """The names of cases that are not as recorded; raises `SystemExit` for a seed not recorded."""
-    recorded = json.loads(CHECKSUMS.read_text(encoding="utf-8"))
+    recorded = read_recorded()
     if str(seed) not in recorded:
         sys.exit(f"armd: seed {seed} is not recorded; make hidden-freeze SEED={seed} RECORD=1")
-    known = recorded[str(seed)]["by_case"]
-    return [name for name, value in digests.items() if known.get(name) != value[:16]]
+    known = recorded[str(seed)]
+    return [name for name, one in drawn.items() if name not in known or not known[name].agrees(one)]
 
 
-def record(seed: int, digests: Mapping[str, str]) -> None:
-    """Keep the first 16 digits of each case's digest, beside those recorded before."""
-    recorded = json.loads(CHECKSUMS.read_text(encoding="utf-8")) if CHECKSUMS.exists() else {}
-    known = recorded.get(str(seed), {"by_case": {}})["by_case"]
-    known = known | {name: value[:16] for name, value in digests.items()}
-    known = {case.name: known[case.name] for case in wanted_cases() if case.name in known}
+def record(seed: int, drawn: Mapping[str, Fingerprint]) -> None:
+    """Keep each case's fingerprint, beside those recorded before."""
+    recorded = read_recorded()
+    known = recorded.get(str(seed), {}) | drawn
     recorded[str(seed)] = {
-        "cases": len(known),
-        "sha256": digest_of_all(known),
-        "by_case": dict(sorted(known.items())),
+        case.name: known[case.name] for case in wanted_cases() if case.name in known
     }
-    CHECKSUMS.write_text(json.dumps(recorded, indent=1) + "\n", encoding="utf-8")
+    lines = {
+        seed: {name: [one.text, one.size, *one.sums] for name, one in sorted(cases.items())}
+        for seed, cases in recorded.items()
+    }
+    text = json.dumps(lines, indent=0).replace(",\n", ", ").replace("], ", "],\n")
+    CHECKSUMS.write_text(text + "\n", encoding="utf-8")
+
+
+def read_recorded() -> dict[str, dict[str, Fingerprint]]:
+    if not CHECKSUMS.exists():
+        return {}
+    return {
+        seed: {
+            name: Fingerprint(text, tuple(sums), size)
+            for name, (text, size, *sums) in cases.items()
+        }
+        for seed, cases in json.loads(CHECKSUMS.read_text(encoding="utf-8")).items()
+    }
 
 
 def main() -> int:
@@ -127,21 +140,22 @@ def main() -> int:
     parser.add_argument("--kinds", default="*", help="patterns of kinds, separated by commas")
     parser.add_argument("--cases", type=int, help="of each kind at most")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--record", action="store_true", help="keep the digests of this drawing")
+    parser.add_argument(
+        "--record", action="store_true", help="keep the fingerprints of this drawing"
+    )
     parser.add_argument("--anew", action="store_true", help="draw again what is there")
     args = parser.parse_args()
     cases = wanted_cases(args.kinds, args.cases)
-    digests = draw_missing(cases, args.seed, CACHE / str(args.seed), args.workers, args.anew)
+    drawn = draw_missing(cases, args.seed, CACHE / str(args.seed), args.workers, args.anew)
     if args.record:
-        record(args.seed, digests)
-    differing = check_digests(args.seed, digests)
+        record(args.seed, drawn)
+    differing = differing_from_record(args.seed, drawn)
     if differing:
         few = ", ".join(differing[:5])
         print(f"armd: {len(differing)} of {len(cases)} cases differ from {CHECKSUMS.name}: {few}")
         print("The generators or the libraries have changed: record a new seed with RECORD=1.")
         return 1
-    short = {name: value[:16] for name, value in digests.items()}
-    print(f"{len(cases)} cases, {digest_of_all(short)}")
+    print(f"{len(cases)} cases, as recorded")
     return 0
 
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import json
+import re
 import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hidden.frozen.case import Cause, Truth, digest, read_truth, sessions
-from hidden.frozen.freeze import CHECKSUMS, COUNTS, Wanted, draw_case, wanted_cases
+from hidden.frozen.case import Cause, Truth, digest, fingerprint, read_truth, sessions
+from hidden.frozen.freeze import COUNTS, Wanted, draw_case, read_recorded, wanted_cases
 from hidden.frozen.oracle import BEFORE, DIAGNOSED, FURTHER, Problem
 from hidden.frozen.revision import check_out, commit_of, is_dirty
 from hidden.frozen.run import Ran
@@ -49,9 +49,22 @@ def test_a_case_is_drawn_alike_each_time(kind: str, tmp_path: Path) -> None:
 
 
 def test_what_is_recorded_is_of_cases_that_there_are() -> None:
-    for entry in json.loads(CHECKSUMS.read_text()).values():
-        assert entry["cases"] == len(entry["by_case"])
-        assert set(entry["by_case"]) <= {case.name for case in wanted_cases()}
+    for cases in read_recorded().values():
+        assert set(cases) == {case.name for case in wanted_cases()}
+
+
+def test_a_fingerprint_is_of_more_than_last_digits(tmp_path: Path) -> None:
+    draw_case(Wanted("field", 0), 5, tmp_path / "case")
+    path = next((tmp_path / "case").rglob("readings.csv"))
+    drawn, text = fingerprint(tmp_path / "case"), path.read_text()
+    angle = re.search(r"\d\.\d{12}", text)
+    assert angle is not None
+    for off, same in ((1e-12, True), (1e-5, False)):
+        other = f"{float(angle[0]) + off:.12f}"
+        path.write_text(text.replace(angle[0], other, 1))
+        assert fingerprint(tmp_path / "case").agrees(drawn) is same
+    path.write_text(text.replace("P1", "P2", 1))
+    assert not fingerprint(tmp_path / "case").agrees(drawn)
 
 
 def problem(effects: list[np.ndarray], noise: np.ndarray) -> Problem:
