@@ -20,7 +20,7 @@ Names = tuple[tuple[str, str], ...]
 FRACTION = re.compile(r"[-+]?\d+\.\d+(?:[eE][-+]?\d+)?")
 SUMS = 4
 #: Of the sum of all numbers, some 1e5 in a case. Twelve decimals are written: a last digit that
-#: differs in each of 1e4 numbers makes some 1e-15, and a micrometre or 1e-6 rad in one of them 1e-11.
+#: differs in each of 1e4 numbers makes some 1e-15, and 1e-6 rad or mm in one of them 1e-11.
 LAST_DIGITS = 3e-13
 #: Noise units, clear of everything that absorbs, from which on a cause should be named.
 DUE_UNITS = 8.0
