@@ -126,9 +126,9 @@ def _of_growth(diagnosis: Diagnosis) -> list[str]:
         before, after = diagnosis.written_clear_um or diagnosis.written_rms_um
     else:
         before, after = diagnosis.gains[grown[0]].before_um, diagnosis.gains[grown[-1]].after_um
-    numbers = _numbers(diagnosis, grown)
+    which = f"{'finding' if len(grown) == 1 else 'findings'} {_numbers(diagnosis, grown)}"
     return [
-        f"{of_what(diagnosis.baseline)} With the growth of {numbers}, held-out readings "
+        f"{of_what(diagnosis.baseline)} With the growth of {which}, held-out readings "
         f"err by {um(after)} µm instead of {um(before)} µm."
     ]
 
