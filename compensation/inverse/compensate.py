@@ -101,25 +101,30 @@ class _Problem:
 
     def __init__(self, arm: Arm, pose: CorrectedPose, wanted_mm: F64, turn: F64) -> None:
         self._pose = pose
+        self._nominal = CorrectedPose(arm, None, pose.given)
         self._wanted_mm = wanted_mm
         self._turn = turn
         self._oriented = arm.n_joints >= FOR_ORIENTATION
         self._reach_mm = max(arm.reach_mm, 1.0)
 
     def solve(self, q0: F64, rows: I64) -> tuple[F64, F64]:
-        """Angles (m, N), and how near to a singularity (m,) these or the given ones are."""
+        """Angles (m, N), and how near to a singularity (m,) these are, or arm.toml's arm at the
+        given ones."""
 
         def constraints(q: F64, of: I64) -> F64:
-            return self.miss(q, rows[of])
+            return self.miss(self._pose, q, rows[of])
+
+        def nominal(q: F64, of: I64) -> F64:
+            return self.miss(self._nominal, q, rows[of])
 
         q, _ = nearest(constraints, q0)
         every = np.arange(len(rows))
-        shares = [least_share(derivatives(constraints, at, every)) for at in (q0, q)]
-        return q, np.minimum(*shares)
+        found, given = derivatives(constraints, q, every), derivatives(nominal, q0, every)
+        return q, np.minimum(least_share(found), least_share(given))
 
-    def miss(self, q: F64, rows: I64) -> F64:
+    def miss(self, pose: CorrectedPose, q: F64, rows: I64) -> F64:
         """(m, 3) of the position in shares of the reach, then (m, 3) of the rotation in rad."""
-        position, turn = self._pose.at(q, rows)
+        position, turn = pose.at(q, rows)
         miss = (position - self._wanted_mm[rows]) / self._reach_mm
         if not self._oriented:
             return miss

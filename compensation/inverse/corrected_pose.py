@@ -31,7 +31,7 @@ class CorrectedPose:
         moving: Mask | None = None,
     ) -> None:
         self._arm = arm
-        self._states = states
+        self.given = states
         self._moving = np.zeros(states.n, bool) if moving is None else moving
         self.constants = arm.nominal() if calibration is None else calibration.vector(arm.n_joints)
         self._reference_c = (
@@ -55,7 +55,7 @@ class CorrectedPose:
 
     def states(self, q: F64, rows: I64 | slice = slice(None)) -> States:
         """The chosen rows with these angles (m, N) rad."""
-        states = dataclasses.replace(self._states.rows(rows), q=q)
+        states = dataclasses.replace(self.given.rows(rows), q=q)
         moving = self._moving[rows]
         if not moving.any():
             return states

@@ -20,10 +20,10 @@ Constraints = Callable[[F64, I64], F64]
 DIFFERENCE_RAD, LONGEST_RAD = 1e-4, 0.3
 #: Where a step is smaller, rows have arrived; so are constraints that are met.
 ARRIVED = 1e-11
-MET = 1e-9
+MET, NEARLY_MET = 1e-9, 1e-7
 STEPS, DAMPED_STEPS = 25, 40
 #: rad: starts beside the given one, for a posture from which no first step leads on.
-BESIDE_RAD = (0.0, 0.02, 0.2)
+BESIDE_RAD = (0.0, 0.05, 0.2)
 
 
 def nearest(constraints: Constraints, q0: F64) -> tuple[F64, F64]:
@@ -37,11 +37,11 @@ def nearest(constraints: Constraints, q0: F64) -> tuple[F64, F64]:
         if not len(stuck):
             break
         start = q0[stuck] + beside * _pattern(q0.shape[1], number)
-        damped = _damped(constraints, start, stuck)
-        better, its_miss = _least_change(constraints, damped, q0[stuck], stuck)
-        damped_miss = _norm(constraints(damped, stuck))
-        worse = ~(its_miss <= damped_miss)
-        better[worse], its_miss[worse] = damped[worse], damped_miss[worse]
+        better, its_miss = _damped(constraints, start, stuck)
+        met = np.flatnonzero(its_miss <= NEARLY_MET)
+        least, least_miss = _least_change(constraints, better[met], q0[stuck[met]], stuck[met])
+        nearer = least_miss <= NEARLY_MET
+        better[met[nearer]], its_miss[met[nearer]] = least[nearer], least_miss[nearer]
         gained = ~(its_miss >= miss[stuck])
         q[stuck[gained]], miss[stuck[gained]] = better[gained], its_miss[gained]
         stuck = stuck[~(miss[stuck] <= MET)]
@@ -50,13 +50,12 @@ def nearest(constraints: Constraints, q0: F64) -> tuple[F64, F64]:
 
 def derivatives(constraints: Constraints, q: F64, rows: I64) -> F64:
     """Of the constraints by the angles, (m, C, N)."""
-    columns = []
-    for k in range(q.shape[1]):
-        step = np.zeros(q.shape[1])
-        step[k] = DIFFERENCE_RAD
-        ahead, back = constraints(q + step, rows), constraints(q - step, rows)
-        columns.append((ahead - back) / (2 * DIFFERENCE_RAD))
-    return np.stack(columns, axis=2)
+    m, n_joints = q.shape
+    steps = DIFFERENCE_RAD * np.vstack([np.eye(n_joints), -np.eye(n_joints)])
+    beside = (q + steps[:, None, :]).reshape(-1, n_joints)  # all in one call, which costs most
+    c = constraints(beside, np.tile(rows, 2 * n_joints)).reshape(2, n_joints, m, -1)
+    columns: F64 = (c[0] - c[1]).transpose(1, 2, 0) / (2 * DIFFERENCE_RAD)
+    return columns
 
 
 def _least_change(constraints: Constraints, start: F64, q0: F64, rows: I64) -> tuple[F64, F64]:
@@ -80,28 +79,27 @@ def _least_change(constraints: Constraints, start: F64, q0: F64, rows: I64) -> t
     return q, _norm(constraints(q, rows))
 
 
-def _damped(constraints: Constraints, start: F64, rows: I64) -> F64:
-    """Levenberg–Marquardt on the constraints' square from *start* (m, N)."""
-    q, c = start.copy(), constraints(start, rows)
+def _damped(constraints: Constraints, start: F64, rows: I64) -> tuple[F64, F64]:
+    """Levenberg–Marquardt on the constraints' square from *start* (m, N): angles, norms (m,)."""
+    q, miss = start.copy(), _norm(constraints(start, rows))
     damping = np.full(len(q), 1e-3)
+    moving = np.flatnonzero(np.isfinite(miss))
     for _ in range(DAMPED_STEPS):
-        j = derivatives(constraints, q, rows)
-        known = np.isfinite(j).all(axis=(1, 2)) & np.isfinite(c).all(axis=1)
-        j[~known], c[~known] = 0.0, 0.0
-        normal = np.einsum("nij,nik->njk", j, j) + damping[:, None, None] * np.eye(q.shape[1])
+        if not len(moving):
+            break
+        here, of = q[moving], rows[moving]
+        j, c = derivatives(constraints, here, of), constraints(here, of)
+        normal = np.einsum("nij,nik->njk", j, j) + damping[moving, None, None] * np.eye(q.shape[1])
         step = -np.linalg.solve(normal, np.einsum("nij,ni->nj", j, c)[:, :, None])[:, :, 0]
         length = np.abs(step).max(axis=1)
         step *= np.minimum(1.0, LONGEST_RAD / np.maximum(length, LONGEST_RAD))[:, None]
-        new = constraints(q + step, rows)
-        better = _norm(new) < _norm(c)
-        q[better] += step[better]
-        c = np.where(better[:, None], new, c)
-        damping = np.clip(np.where(better, damping / 10, damping * 10), 1e-15, 1e3)
-        if (_norm(c) <= MET).all() or (
-            not (better & (length > ARRIVED)).any() and (damping >= 1e3).all()
-        ):
-            break
-    return q
+        new = _norm(constraints(here + step, of))
+        better = new < miss[moving]
+        q[moving[better]] += step[better]
+        miss[moving[better]] = new[better]
+        damping[moving] = np.maximum(damping[moving] * np.where(better, 0.1, 10.0), 1e-15)
+        moving = moving[(length > ARRIVED) & (miss[moving] > ARRIVED) & (damping[moving] < 1e3)]
+    return q, miss
 
 
 def _norm(c: F64) -> F64:
