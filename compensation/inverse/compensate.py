@@ -12,7 +12,7 @@ import numpy as np
 
 from armd.arrays import F64, I64, Mask
 from armd.compensation.inverse.corrected_pose import CorrectedPose
-from armd.compensation.inverse.nearest import derivatives, least_share, nearest
+from armd.compensation.inverse.nearest import derivatives, inverse_condition, solve_nearest
 from armd.compensation.kernel.model import Model
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import LoadedCalibration
@@ -64,7 +64,7 @@ def compensate(
     if wanted_mm is not None:
         wanted = np.where(np.isnan(wanted_mm), nominal_mm, wanted_mm)
     pose = CorrectedPose(arm, calibration.content if calibration else None, states, moving)
-    problem = _Problem(arm, pose, wanted, nominal_turn)
+    problem = _PoseProblem(arm, pose, wanted, nominal_turn)
     found, share = np.empty_like(states.q), np.empty(states.n)
     for first in range(0, states.n, PIECE):
         rows = np.arange(first, min(first + PIECE, states.n))
@@ -96,7 +96,7 @@ def _status(arm: Arm, q: F64, reached: Mask, share: F64) -> list[str]:
     return said
 
 
-class _Problem:
+class _PoseProblem:
     """What the angles of each row are to meet."""
 
     def __init__(self, arm: Arm, pose: CorrectedPose, wanted_mm: F64, turn: F64) -> None:
@@ -117,10 +117,10 @@ class _Problem:
         def nominal(q: F64, of: I64) -> F64:
             return self.miss(self._nominal, q, rows[of])
 
-        q, _ = nearest(constraints, q0)
+        q, _ = solve_nearest(constraints, q0)
         every = np.arange(len(rows))
         found, given = derivatives(constraints, q, every), derivatives(nominal, q0, every)
-        return q, np.minimum(least_share(found), least_share(given))
+        return q, np.minimum(inverse_condition(found), inverse_condition(given))
 
     def miss(self, pose: CorrectedPose, q: F64, rows: I64) -> F64:
         """(m, 3) of the position in shares of the reach, then (m, 3) of the rotation in rad."""

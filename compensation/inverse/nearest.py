@@ -26,7 +26,7 @@ STEPS, DAMPED_STEPS = 25, 40
 BESIDE_RAD = (0.0, 0.05, 0.2)
 
 
-def nearest(constraints: Constraints, q0: F64) -> tuple[F64, F64]:
+def solve_nearest(constraints: Constraints, q0: F64) -> tuple[F64, F64]:
     """Angles (n, N) rad and the constraints' norm (n,) there, for given angles (n, N).
 
     Where the constraints cannot be met, the angles are those that meet them best nearby.
@@ -112,7 +112,7 @@ def _pattern(n_joints: int, number: int) -> F64:
     return np.random.default_rng(number).choice([-1.0, 1.0], n_joints)
 
 
-def least_share(j: F64) -> F64:
+def inverse_condition(j: F64) -> F64:
     """The least singular value (m,) of matrices (m, C, N), as a share of the largest; 0 where they
     are not finite."""
     known = np.isfinite(j).all(axis=(1, 2))

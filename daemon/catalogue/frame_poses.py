@@ -42,7 +42,7 @@ def least_rotation(one: F64, other: F64) -> F64:
     return turned
 
 
-def differ_by(one: tuple[F64, F64], other: tuple[F64, F64]) -> tuple[float, float]:
+def measure_difference(one: tuple[F64, F64], other: tuple[F64, F64]) -> tuple[float, float]:
     """The largest distance in mm and the largest angle in rad, over the postures."""
     apart = np.linalg.norm(one[0] - other[0], axis=1)
     chord = np.linalg.norm(one[1] - other[1], axis=(1, 2)) / np.sqrt(8.0)

@@ -41,7 +41,7 @@ def kinematics_yaml(arm: Arm, parameters: F64, name: str, identity: str) -> str:
     return "\n".join([*lines, f"  hash: armd_{identity}", ""])
 
 
-def without_place(arm: Arm, parameters: F64) -> list[str]:
+def describe_omitted(arm: Arm, parameters: F64) -> list[str]:
     """What follows the last joint's z, where it is not nothing: `a_6 = 0.3 mm`."""
     names = [f"{name}_{arm.n_joints}" for name in ("a", "alpha", "beta")]
     names += ["tip_x", "tip_y", "tip_z"]

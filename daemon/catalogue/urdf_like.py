@@ -16,7 +16,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward
-from armd.daemon.catalogue.frame_poses import FramePose, differ_by, least_rotation
+from armd.daemon.catalogue.frame_poses import FramePose, measure_difference, least_rotation
 from armd.daemon.catalogue.roll_pitch_yaw import quaternion_of_matrix, rpy_of_matrix
 from armd.daemon.catalogue.urdf import joints_between, walk
 from armd.daemon.catalogue.urdf_base import JointChain, frames_of_joints, place_base
@@ -60,7 +60,7 @@ def correct_urdf(
 ) -> Edited:
     """The URDF *path* with this geometry; raises `BadInput` for the URDF of another arm."""
     content = read_input(path)
-    places = find_joints_of(path, content)
+    places = find_robot_joints(path, content)
     root = read_robot(path, content)
     joints, ends = joints_between(path, root, base_link, tip_link)
     chain = JointChain.of(path, joints)
@@ -80,19 +80,19 @@ def correct_urdf(
         new = apply_edits(content, edits)
         again, _ = joints_between(path, read_robot(path, new), base_link, tip_link)
         edited = JointChain.of(path, again).tip(q)
-        off_mm, off_rad = differ_by(edited, _armd_tip(q, chain, arm, parameters, base))
+        off_mm, off_rad = measure_difference(edited, _armd_tip(q, chain, arm, parameters, base))
         if off_mm < EXACT_MM / 4 and off_rad < EXACT_RAD / 4:
             break
     else:
         if off_mm > EXACT_MM or off_rad > EXACT_RAD:
             raise ArmdError(f"{path}: the edited file's tip is {off_mm:.3g} mm from armd's")
     before = chain.tip(q)
-    moved_mm = differ_by(edited, before)[0]
-    nominal_mm = differ_by(before, _armd_tip(q, chain, arm, arm.nominal(), base))[0]
+    moved_mm = measure_difference(edited, before)[0]
+    nominal_mm = measure_difference(before, _armd_tip(q, chain, arm, arm.nominal(), base))[0]
     return Edited(new, off_mm, off_rad, moved_mm, nominal_mm, ends)
 
 
-def find_joints_of(path: Path, content: bytes) -> list[JointPlaces]:
+def find_robot_joints(path: Path, content: bytes) -> list[JointPlaces]:
     """As `find_joints`, once the file is known to be a robot's."""
     read_robot(path, content)
     return find_joints(path, content)

@@ -10,15 +10,17 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from armd import Flag
-from armd.arrays import F64
+from armd.arrays import Mask
 from armd.compensation.data.offline import Corrector
 from armd.compensation.data.readings import Readings, load_readings
 from armd.compensation.data.session_columns import APPROACH, angles, truths
 from armd.compensation.data.session_format import AngleUnit
 from armd.compensation.inverse.compensate import OK, CommandedAngles, compensate
 from armd.compensation.model.arm import Arm
+from armd.compensation.model.state import States
 from armd.daemon.commands.offline.correct import session_settings
 from armd.daemon.commands.offline.given import add_arm, load_given
 from armd.errors import BadInput
@@ -74,8 +76,7 @@ def run(args: argparse.Namespace) -> int:
     angles(readings, arm, unit)  # none may be missing
     taken = corrector.take(readings)
     corrector.ended(table)
-    given = np.isfinite(_approach(readings)).all(axis=1)
-    moving = ~given & np.isfinite(taken.states.approach).all(axis=1)
+    moving = _approach_follows_rates(readings, taken.states)
     with aside(args).status("compensating …"):
         found_angles = compensate(arm, calibration, taken.states, truths(readings), moving)
     write_whole(args.output, _text(lines, found_angles, arm, unit))
@@ -89,8 +90,12 @@ def _columns(arm: Arm) -> list[str]:
     return [*commands, "change_mm", "residual_mm", "status"]
 
 
-def _approach(readings: Readings) -> F64:
-    return np.column_stack([readings.optional(name) for name in APPROACH])
+def _approach_follows_rates(readings: Readings, states: States) -> Mask:
+    """(n,) whether the approach is not the table's own but the way that the rates move the tip."""
+    given = np.column_stack([readings.optional(name) for name in APPROACH])
+    known = np.logical_and.reduce(np.isfinite(states.approach), axis=1)
+    follows: Mask = known & np.logical_or.reduce(np.isnan(given), axis=1)
+    return follows
 
 
 def _lines(readings: Readings) -> list[bytes]:
@@ -123,7 +128,10 @@ def _radians(arm: Arm, k: int, unit: AngleUnit) -> float:
 
 
 def _print(
-    args: argparse.Namespace, found: CommandedAngles, remarks: list[str], flags: F64
+    args: argparse.Namespace,
+    found: CommandedAngles,
+    remarks: list[str],
+    flags: npt.NDArray[np.uint32],
 ) -> None:
     for remark in remarks:
         print(f"armd: {remark}", file=sys.stderr)

@@ -21,7 +21,7 @@ from armd.daemon.catalogue.universal_robots import (
     FIRST_LINE,
     LINKS,
     kinematics_yaml,
-    without_place,
+    describe_omitted,
 )
 from armd.daemon.catalogue.urdf_like import correct_urdf
 from armd.errors import BadInput
@@ -121,7 +121,7 @@ def _yaml(
 ) -> tuple[bytes | str, list[str]]:
     identity = loaded.sha256[:16] if loaded else "nominal"
     text = kinematics_yaml(arm, geometry.parameters, arm.serial_number, identity)
-    missing = without_place(arm, geometry.parameters)
+    missing = describe_omitted(arm, geometry.parameters)
     said = f"without what follows the last joint: {', '.join(missing)}" if missing else ""
     return text, [said] if said else []
 
