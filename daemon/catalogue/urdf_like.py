@@ -16,7 +16,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.kinematics import forward
-from armd.daemon.catalogue.frame_poses import FramePose, measure_difference, least_rotation
+from armd.daemon.catalogue.frame_poses import FramePose, least_rotation, measure_difference
 from armd.daemon.catalogue.roll_pitch_yaw import quaternion_of_matrix, rpy_of_matrix
 from armd.daemon.catalogue.urdf import joints_between, walk
 from armd.daemon.catalogue.urdf_base import JointChain, frames_of_joints, place_base

@@ -20,8 +20,8 @@ from armd.daemon.bridges.ros2.node import legal
 from armd.daemon.catalogue.universal_robots import (
     FIRST_LINE,
     LINKS,
-    kinematics_yaml,
     describe_omitted,
+    kinematics_yaml,
 )
 from armd.daemon.catalogue.urdf_like import correct_urdf
 from armd.errors import BadInput

@@ -21,6 +21,7 @@ from armd.files.toml_text import toml_text
 from support.own_urdf import OWN
 from support.plain_kinematics import rotation, tip_pose, translation
 from support.plain_urdf import tip_poses
+from support.selection import parametrize_default
 
 UR5E = [(162.5, 0, 90), (0, -425, 0), (0, -392.2, 0), (133.3, 0, 90), (99.7, 0, -90), (99.6, 0, 0)]
 EXACT_MM, EXACT_RAD = 1e-6, 1e-9
@@ -351,3 +352,34 @@ def test_another_drawing_is_remarked(tmp_path: Path, capsys: pytest.CaptureFixtu
     options = ("--like", path, "--tip-link", "tool0")
     assert model(tmp_path, "new.urdf", *options, calibrated=False) == 0
     assert "is it the URDF that was imported?" in capsys.readouterr().err
+
+
+@parametrize_default(
+    ("encode", "decode"),
+    [
+        (lambda text: b"\xef\xbb\xbf" + text.replace("\n", "\r\n").encode(), "utf-8-sig"),
+        (lambda text: text.replace("UTF-8", "ISO-8859-1").encode("latin-1"), "latin-1"),
+        (lambda text: text.encode(), "utf-8"),
+    ],
+)
+def test_any_letters_and_line_ends_stay(tmp_path: Path, encode: Any, decode: str) -> None:
+    """A byte order mark, Windows' line ends, names in Latin-1, values over several lines."""
+    path, arm = own(tmp_path)
+    calibrate(tmp_path, arm)
+    text = OWN.replace("the drawing", "die Maße, 0,5 µm").replace("own arm", "Prüfarm")
+    text = text.replace('xyz="0.02 -0.1 0.42"', 'xyz="0.02\n   -0.1\n   0.42"')
+    content = encode(text)
+    path.write_bytes(content)
+    assert model(tmp_path, "new.urdf", "--like", path, "--tip-link", "tool0") == 0
+    new = (tmp_path / "new.urdf").read_bytes()
+    assert without_numbers(new.decode(decode)) == without_numbers(content.decode(decode))
+    assert new[:3] == content[:3] and new.count(b"\r\n") >= content.count(b"\r\n")
+    q = postures(arm, 50)
+    found = tip_poses(Xml.fromstring(new), q, "tool0")
+    assert model(tmp_path, "plain.urdf", "--like", plain(tmp_path), "--tip-link", "tool0") == 0
+    assert_same(found, tip_poses(Xml.parse(tmp_path / "plain.urdf").getroot(), q, "tool0"))
+
+
+def plain(folder: Path) -> Path:
+    (folder / "original.urdf").write_text(OWN)
+    return folder / "original.urdf"
