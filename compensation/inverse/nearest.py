@@ -21,7 +21,7 @@ DIFFERENCE_RAD, LONGEST_RAD = 1e-4, 0.3
 #: Where a step is smaller, rows have arrived; so are constraints that are met.
 ARRIVED = 1e-11
 MET, NEARLY_MET = 1e-11, 1e-7
-STEPS, DAMPED_STEPS = 25, 40
+STEPS, DAMPED_STEPS = 60, 40
 #: rad: starts beside the given one, for a posture from which no first step leads on.
 BESIDE_RAD = (0.0, 0.05, 0.2)
 
