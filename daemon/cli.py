@@ -55,6 +55,8 @@ ROOMS = {
         "verify": "ISO 10360-12 and ASME B89.4.22 results with a verdict",
         "diagnose": "what the model gets wrong, why, and the gain of correcting it",
         "design": "the poses to measure next",
+        "model": "the geometry for other software: URDF, default_kinematics.yaml, corrections",
+        "compensate": "joint angles that bring the real tip where it is wanted",
     },
     "setup": {
         "init": "a folder with arm.toml and armd.toml to start from",

@@ -16,8 +16,8 @@ CONTROLLER = (
     "watch",
 )  # fmt: skip
 OTHERS = (
-    "calibrate", "correct", "demo", "design", "diagnose", "evaluate", "feature", "import",
-    "interim", "measure", "recorrect", "verify",
+    "calibrate", "compensate", "correct", "demo", "design", "diagnose", "evaluate", "feature",
+    "import", "interim", "measure", "model", "recorrect", "verify",
 )  # fmt: skip
 
 

@@ -50,7 +50,9 @@ def _is_result(head: bytes) -> bool:
     return ours and not _is_calibration(head)
 
 
-def _has_columns(*names: str) -> Callable[[bytes], bool]:
+def has_columns(*names: str) -> Callable[[bytes], bool]:
+    """Whether a table's first line has these columns."""
+
     def told(head: bytes) -> bool:
         if head.startswith(b"PAR1"):  # Parquet says its columns at its end
             return True
@@ -80,8 +82,8 @@ PDF_MARK = b"% a report of armd\n"
 PDF = OutputKind(
     "a report of armd as PDF", lambda head: head.startswith(b"%PDF-") and head.endswith(PDF_MARK)
 )
-POINTS = OutputKind("a table of points", _has_columns("x_mm", "y_mm", "z_mm", "flags"))
-POSES = OutputKind("a table of poses", _has_columns("pose", "x_mm"))
+POINTS = OutputKind("a table of points", has_columns("x_mm", "y_mm", "z_mm", "flags"))
+POSES = OutputKind("a table of poses", has_columns("pose", "x_mm"))
 RECORDING = OutputKind("a recording", None)
 ARM = OutputKind("an arm.toml", None)
 SESSION = OutputKind("a session's file", None)

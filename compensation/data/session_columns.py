@@ -10,7 +10,7 @@ import numpy as np
 from armd.arrays import F64
 from armd.compensation.data.session_format import AngleUnit
 from armd.compensation.model.arm import Arm
-from armd.compensation.model.kinematics import joint_jacobian
+from armd.compensation.model.kinematics import motion_directions
 from armd.errors import BadInput
 
 if TYPE_CHECKING:  # Arrow, which names of columns do not need
@@ -138,11 +138,7 @@ def approaches(readings: Readings, arm: Arm, q: F64, rate: F64) -> F64:
     )
     for first in range(0, len(moved), CHUNK):
         rows = moved[first : first + CHUNK]
-        velocity = np.einsum("nij,nj->ni", joint_jacobian(q[rows], arm.nominal()), rate[rows])
-        speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-        approach[rows] = np.divide(
-            velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 0
-        )
+        approach[rows] = motion_directions(q[rows], rate[rows], arm.nominal())
     return approach
 
 

@@ -53,6 +53,14 @@ def joint_jacobian(q: F64, p: F64) -> F64:
     return np.ascontiguousarray(jacobian(q, p)[1][:, :, angles])
 
 
+def motion_directions(q: F64, rate: F64, p: F64) -> F64:
+    """Unit vectors (n, 3) along which the tip moves at joint rates (n, N); NaN where it rests."""
+    velocity = np.einsum("nij,nj->ni", joint_jacobian(q, p), rate)
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    unit: F64 = np.divide(velocity, speed, out=np.full_like(velocity, np.nan), where=speed > 0)
+    return unit
+
+
 def _rows(q: F64, p: F64) -> tuple[F64, F64]:
     """C-ordered two-dimensional arrays, so that one compiled signature serves all callers."""
     q = np.ascontiguousarray(q, dtype=np.float64)

@@ -6,7 +6,6 @@ left out, for a placement absorbs it; what it does to the direction of gravity i
 
 from __future__ import annotations
 
-import math
 import re
 import tomllib
 from dataclasses import dataclass
@@ -14,19 +13,23 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.daemon.catalogue.axes import across, rows_of_axes
+from armd.daemon.catalogue.urdf_joints import (
+    TURNING,
+    axis_of,
+    limit_of,
+    origin_of,
+    refuse_mimic,
+    where,
+)
 from armd.daemon.catalogue.xml_tree import read_robot
 from armd.errors import BadInput
 from armd.files.schema import validate
 from armd.terminal.suggest import few
 
-TURNING = ("revolute", "continuous")
-#: What an origin or an axis may say: whatever else stands there would be passed over in silence.
-ORIGIN, AXIS = {"xyz", "rpy", "quat_xyzw"}, {"xyz"}
 KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
 
 
@@ -96,9 +99,20 @@ def denavit_hartenberg(chain: Chain) -> tuple[F64, F64, F64]:
     return rows, tip, np.column_stack([x, np.cross(z, x), z])
 
 
-def read_chain(path: Path, tip_link: str | None = None) -> Chain:
+def read_chain(path: Path, tip_link: str | None = None, base_link: str | None = None) -> Chain:
     """Raises `BadInput`."""
     root = read_robot(path)
+    joints, ends = joints_between(path, root, base_link, tip_link)
+    return walk(path, joints, root.get("name", ""), ends)
+
+
+def joints_between(
+    path: Path, root: Element, base_link: str | None, tip_link: str | None
+) -> tuple[list[Element], tuple[str, str]]:
+    """The joints from the base link to the tip's, in their order, and the names of both links.
+
+    Without *base_link* from the root, without *tip_link* to the only end. Raises `BadInput`.
+    """
     joints: dict[str, Element] = {}
     for joint in root.findall("joint"):  # of the robot: what stands deeper is a simulator's
         child, parent = joint.find("child"), joint.find("parent")
@@ -106,7 +120,7 @@ def read_chain(path: Path, tip_link: str | None = None) -> Chain:
             continue
         link = child.get("link")
         if not link or not parent.get("link"):
-            raise BadInput(path, _where(joint), "a parent or child without link", "two links")
+            raise BadInput(path, where(joint), "a parent or child without link", "two links")
         if link in joints:
             both = f"two joints, {joints[link].get('name')} and {joint.get('name')}"
             raise BadInput(path, f"link {link}", both, "one joint that moves it")
@@ -116,93 +130,41 @@ def read_chain(path: Path, tip_link: str | None = None) -> Chain:
         raise BadInput(path, "the tip's link", repr(link), f"one of {few(joints)}")
     links: list[Element] = []
     end = link
-    while link in joints:
+    while link in joints and link != base_link:
         if joints[link] in links:
             raise BadInput(path, f"link {link}", "a loop", "a chain from the base")
         links.insert(0, joints[link])
         parent = joints[link].find("parent")
         link = "" if parent is None else parent.get("link", "")
-    return _walk(path, links, root.get("name", ""), (link, end))
+    if base_link not in (None, link):
+        above = [joint.find("parent").get("link", "") for joint in links]  # type: ignore[union-attr]
+        expected = f"a link above {end}: one of {few(above)}"
+        raise BadInput(path, "the base link", repr(base_link), expected)
+    return links, (link, end)
 
 
-def _walk(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> Chain:
+def walk(path: Path, links: list[Element], name: str, ends: tuple[str, str]) -> Chain:
+    """Axes and tip at zero angles of these joints, in the frame of the first one's parent."""
     rotation, position = np.eye(3), np.zeros(3)
     origins, axes, limits, names = [], [], [], []
     for joint in links:
-        xyz, turn = _origin(path, joint)
+        xyz, turn = origin_of(path, joint)
         position = position + rotation @ (1e3 * xyz)
         rotation = rotation @ turn
         kind = joint.get("type")
         if kind in TURNING:
-            _refuse_mimic(path, joint)
+            refuse_mimic(path, joint)
             origins.append(position)
-            axes.append(rotation @ _axis(path, joint))
-            limits.append(_limit(joint))
+            axes.append(rotation @ axis_of(path, joint))
+            limits.append(limit_of(joint))
             names.append(joint.get("name", ""))
         elif kind != "fixed":
             raise BadInput(
-                path, _where(joint), f"the type {kind!r}", "joints that turn, or are fixed"
+                path, where(joint), f"the type {kind!r}", "joints that turn, or are fixed"
             )
     if not 3 <= len(axes) <= 9:
         raise BadInput(path, "the chain", f"{len(axes)} turning joints", "3 to 9")
     return Chain(np.array(origins), np.array(axes), position, limits, name, names, ends)
-
-
-def _where(joint: Element) -> str:
-    return f"joint {joint.get('name')}"
-
-
-def _origin(path: Path, joint: Element) -> tuple[F64, F64]:
-    """Metres (3,) and the rotation matrix (3, 3)."""
-    origin = _only(path, joint, "origin", ORIGIN)
-    if origin is None:
-        return np.zeros(3), np.eye(3)
-    where = f"{_where(joint)}, origin"
-    xyz = _numbers(path, where, origin.get("xyz", "0 0 0"), 3)
-    if "quat_xyzw" not in origin.attrib:  # URDF 1.2 has either
-        rpy = _numbers(path, where, origin.get("rpy", "0 0 0"), 3)
-        return xyz, Rotation.from_euler("xyz", rpy).as_matrix()
-    if "rpy" in origin.attrib:
-        raise BadInput(path, where, "both rpy and quat_xyzw", "one of them")
-    quaternion = _numbers(path, where, origin.attrib["quat_xyzw"], 4)
-    if not np.linalg.norm(quaternion) > 1e-6:
-        raise BadInput(path, where, f"quat_xyzw={origin.get('quat_xyzw')!r}", "a quaternion, not 0")
-    return xyz, Rotation.from_quat(quaternion).as_matrix()
-
-
-def _axis(path: Path, joint: Element) -> F64:
-    """Unit vector (3,)."""
-    axis = _only(path, joint, "axis", AXIS)
-    where = f"{_where(joint)}, axis"
-    text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
-    along = _numbers(path, where, text, 3)
-    length = float(np.linalg.norm(along))
-    if not length > 1e-6:
-        raise BadInput(path, where, repr(text), "a direction, which is not zero")
-    unit: F64 = along / length
-    return unit
-
-
-def _only(path: Path, joint: Element, tag: str, known: set[str]) -> Element | None:
-    """The one element *tag* of a joint, or None; raises `BadInput` for what armd does not know."""
-    there = joint.findall(tag)
-    where = f"{_where(joint)}, {tag}"
-    if len(there) > 1:
-        raise BadInput(path, where, f"{len(there)} of it", "one")
-    for element in there:
-        strange = [*(key for key in element.attrib if key not in known), *(e.tag for e in element)]
-        if strange:
-            raise BadInput(path, where, few(strange), f"{' or '.join(sorted(known))} alone")
-        return element
-    return None
-
-
-def _refuse_mimic(path: Path, joint: Element) -> None:
-    mimic = joint.find("mimic")
-    if mimic is not None:
-        found = f"one that follows joint {mimic.get('joint')} (mimic)"
-        expected = "joints with an encoder each: an arm that is coupled so has no rows"
-        raise BadInput(path, _where(joint), found, expected)
 
 
 def _last_link(path: Path, joints: dict[str, Element]) -> str:
@@ -214,28 +176,6 @@ def _last_link(path: Path, joints: dict[str, Element]) -> str:
         raise BadInput(path, "the chain", "no joints", "a robot with joints")
     found = f"{len(ends)} ends: {few(ends)}" if ends else "no end"
     raise BadInput(path, "the chain", found, "--tip-link to say which link touches")
-
-
-def _limit(joint: Element) -> tuple[float, float] | None:
-    limit = joint.find("limit")
-    if joint.get("type") == "continuous" or limit is None:
-        return None
-    try:
-        low, high = (math.degrees(float(limit.get(side, "nan"))) for side in ("lower", "upper"))
-    except ValueError:
-        return None
-    return (low, high) if low < high else None
-
-
-def _numbers(path: Path, where: str, text: str, count: int) -> F64:
-    try:
-        numbers = np.array([float(word) for word in text.split()])
-    except ValueError:
-        numbers = np.zeros(0)
-    if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        expected = {3: "three numbers", 4: "four numbers"}[count]
-        raise BadInput(path, where, repr(text), expected)
-    return numbers
 
 
 def _text(value: float) -> str:

@@ -18,9 +18,10 @@ ROBOTS = (".urdf", ".xml", ".xacro", ".sdf")
 MOST_DEEP = 200
 
 
-def read_robot(path: Path) -> Element:
-    """The `<robot>` of a URDF; raises `BadInput` for what is none, by what it is."""
-    root = read_xml(path)
+def read_robot(path: Path, content: bytes | None = None) -> Element:
+    """The `<robot>` of a URDF, or of its *content*; raises `BadInput` for what is none, by what it
+    is."""
+    root = read_xml(path, content)
     if path.suffix.lower() == ".xacro" or any(_is_xacro(element) for element in root.iter()):
         made = path.name.removesuffix(".xacro").removesuffix(".urdf") + ".urdf"
         expected = f"a URDF: expand it first, `xacro {path.name} > {made}`, and import {made}"
@@ -39,9 +40,9 @@ def _is_xacro(element: Element) -> bool:
     return element.tag.startswith("xacro:") or any("${" in said for said in element.attrib.values())
 
 
-def read_xml(path: Path) -> Element:
-    """The root element; raises `BadInput` for what is no XML."""
-    content = read_input(path)
+def read_xml(path: Path, content: bytes | None = None) -> Element:
+    """The root element of the file, or of its *content*; raises `BadInput` for what is no XML."""
+    content = read_input(path) if content is None else content
     builder = TreeBuilder()
     parser = expat.ParserCreate()
     depth = 0

@@ -121,6 +121,23 @@ USAGE = {
         ("armd design calibrate --arm arm.toml -o poses.csv --report poses.html",), "diagnosis.md",
         FILE_UNITS,
     ),
+    "model": Usage(
+        (
+            "armd model arm.toml --calibration calibration.json --like robot.urdf "
+            "-o corrected.urdf",
+            "armd model arm.toml --calibration calibration.json --at-c 22 "
+            "-o default_kinematics.yaml",
+            "armd model arm.toml --calibration calibration.json -o corrections.csv",
+        ),
+        "model.md", "mm, degrees, °C; in a URDF and default_kinematics.yaml metres and radians",
+    ),
+    "compensate": Usage(
+        (
+            "armd compensate table.csv --arm arm.toml --calibration calibration.json "
+            "-o commands.csv",
+        ),
+        "model.md", FILE_UNITS, "a row has no command: see its status",
+    ),
     "check": Usage(
         ("armd check arm.toml armd.toml measured/T20",), "configure.md", "",
         "a file has faults, each reported in a line",

@@ -12,6 +12,7 @@ from fuzz.doors import Door, command
 from fuzz.messages import WHOLE
 
 from armd.compensation.model.calibration import content_hash
+from armd.daemon.bridges.ros2 import urdf
 from armd.files.toml_text import toml_text
 from support.small_arm_toml import ARM, CALIBRATION
 
@@ -104,6 +105,7 @@ def file_doors(folder: Path) -> Iterator[Door]:
         "table.xlsx": sheet(table()),
         "table.parquet": parquet(table()),
         "arm.urdf": URDF.read_bytes(),
+        "like.urdf": urdf.write({"arm": ARM}, None, "S", "S_base").encode(),
         "lerobot.json": LEROBOT,
         "rows.csv": b"theta,d,a,alpha\n0,200,300,90\n0,0,300,0\n0,0,300,-90\n",
         "m.jsonl": b"".join(
@@ -132,6 +134,10 @@ def file_doors(folder: Path) -> Iterator[Door]:
     for file in ("table.csv", "table.xlsx"):
         yield door(f"import {file}", file, "import", f"@{file}", "--arm", "@arm.toml", "-o", "@out")
     yield door("import urdf", "arm.urdf", "import", "@arm.urdf", "-o", "@out.toml")
+    yield door("model like urdf", "like.urdf", "model", "@arm.toml", "--calibration", "@cal.json",
+               "--like", "@like.urdf", "-o", "@out.urdf")  # fmt: skip
+    yield door("compensate", "table.csv", "compensate", "@table.csv", "--arm", "@arm.toml",
+               "--calibration", "@cal.json", "-o", "@out.csv")  # fmt: skip
     yield door("import-lerobot", "lerobot.json", "arm", "import-lerobot", "@lerobot.json",
                "-o", "@out.toml", "--arm", "so101")  # fmt: skip
     yield door("init", "rows.csv", "init", "arm", "--from", "@rows.csv", "--serial-number", "M",

@@ -17,6 +17,7 @@ PAGES = {
     "calibrate": ("calibration.json", "calibration.html"),
     "verify": ("calibration.json", "verify.html"),
     "offline": ("points.csv",),
+    "model": ("corrected.urdf", "corrections.csv", "corrections.json", "commands.csv"),
     "diagnosis": ("diagnosis.html", "extended.json", "poses.csv", "poses.html"),
 }
 

@@ -14,6 +14,7 @@ from armd.arrays import F64
 from armd.compensation.model.arm import Arm
 from armd.compensation.model.calibration import Calibration
 from armd.compensation.model.kinematics import frames
+from armd.daemon.catalogue.roll_pitch_yaw import rpy_of_matrix
 from armd.terminal.counted import counted
 from armd.terminal.suggest import few
 
@@ -29,7 +30,11 @@ def write(info: Mapping[str, Any], calibration: str | None, namespace: str, fram
     parameters = arm.nominal()
     if calibration is not None:
         parameters = Calibration.model_validate_json(calibration).vector(arm.n_joints)
-    prefix = namespace.replace("/", "_")
+    return write_geometry(arm, parameters, namespace.replace("/", "_"), frame)
+
+
+def write_geometry(arm: Arm, parameters: F64, prefix: str, frame: str) -> str:
+    """XML of the arm with these parameters (P,); names of its links begin with *prefix*."""
     robot = Xml.Element("robot", name=prefix)
     origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
     tip = parameters[arm.layout.tip]
@@ -104,7 +109,9 @@ def _placed(
     rotation, offset_mm = step
     Xml.SubElement(joint, "parent", link=parent)
     Xml.SubElement(joint, "child", link=child)
-    Xml.SubElement(joint, "origin", xyz=_words(offset_mm * 1e-3), rpy=_words(_rpy(rotation)))
+    Xml.SubElement(
+        joint, "origin", xyz=_words(offset_mm * 1e-3), rpy=_words(rpy_of_matrix(rotation))
+    )
     return joint
 
 
@@ -128,17 +135,6 @@ def _ball(robot: Xml.Element, name: str, radius_mm: float) -> None:
     if radius_mm > 0:
         geometry = Xml.SubElement(Xml.SubElement(link, "visual"), "geometry")
         Xml.SubElement(geometry, "sphere", radius=f"{radius_mm * 1e-3:.9g}")
-
-
-def _rpy(rotation: F64) -> F64:
-    """Roll, pitch, yaw of R = Rz(yaw) Ry(pitch) Rx(roll), rad."""
-    sin_pitch = -rotation[2, 0]
-    if abs(sin_pitch) > 1 - 1e-12:  # roll and yaw are one: all of it to yaw
-        yaw = math.atan2(-rotation[0, 1], rotation[1, 1])
-        return np.array([0.0, math.copysign(math.pi / 2, sin_pitch), yaw])
-    roll = math.atan2(rotation[2, 1], rotation[2, 2])
-    pitch = math.atan2(sin_pitch, math.hypot(rotation[2, 1], rotation[2, 2]))
-    return np.array([roll, pitch, math.atan2(rotation[1, 0], rotation[0, 0])])
 
 
 def _words(values: F64) -> str:

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     inputs = [readings, readings.parent / "session.toml", args.arm, args.calibration]
     check_outputs({"-o": (args.output, POINTS)}, inputs, args.force)
     arm, calibration = load_given(args)
-    unit, started_unix_s = _session_settings(readings, args.angle_unit, args.started)
+    unit, started_unix_s = session_settings(readings, args.angle_unit, args.started)
     corrector = Corrector(arm, calibration, unit, started_unix_s)
     repeated = [name for name in COLUMNS if name in read_header(readings)]
     if repeated:
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _session_settings(
+def session_settings(
     readings: Path, unit: AngleUnit | None, started: str | None
 ) -> tuple[AngleUnit, float | None]:
     """What was said on the command line, else what session.toml beside the readings says."""

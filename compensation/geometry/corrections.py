@@ -1,0 +1,119 @@
+"""A geometry as rows of Denavit–Hartenberg parameters beside the nominal ones, both conventions.
+
+Standard is arm.toml's A = Rz(θ)·Tz(d)·Tx(a)·Rx(α)·Ry(β). Modified is Rx(α)·Tx(a)·Ry(β)·Rz(θ)·Tz(d)
+(Craig 1986): row k has α, a and β of the joint before, θ and d of its own. Tx(a) and Rx(α) commute,
+as Rz(θ) and Tz(d) do, so that both are one product; a row N + 1 has what follows the last joint.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.geometry.geometry import Geometry
+from armd.compensation.geometry.postures import states_at
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.parameters import BASE_PARAMETERS, TIP_PARAMETERS, unit
+
+STANDARD = ("theta", "d", "a", "alpha", "beta")
+MODIFIED = ("alpha", "a", "beta", "theta", "d")
+OF_JOINT_BEFORE = ("alpha", "a", "beta")
+
+
+@dataclass(frozen=True)
+class Correction:
+    """One parameter: as drawn, as calibrated, and how well it is known; degrees or mm."""
+
+    convention: str  # "standard", "modified"; "both" of the tip and the base
+    joint: int | str
+    parameter: str
+    nominal: float
+    value: float
+    difference: float
+    standard_uncertainty: float | None
+
+
+def list_corrections(
+    arm: Arm, calibration: Calibration | None, geometry: Geometry
+) -> list[Correction]:
+    """All rows: standard, modified, then the tip's and the base's."""
+    table = _CorrectionRows(
+        arm, geometry.parameters, _deviations(arm, calibration, geometry.celsius)
+    )
+    joints = range(1, arm.n_joints + 1)
+    rows = [table.row("standard", k, name, f"{name}_{k}") for k in joints for name in STANDARD]
+    rows += list(table.modified(arm.n_joints))
+    rows += [table.row("both", "tip", name.removeprefix("tip_"), name) for name in TIP_PARAMETERS]
+    rows += [
+        table.row("both", "base", name.removeprefix("base_"), name) for name in BASE_PARAMETERS
+    ]
+    return rows
+
+
+@dataclass(frozen=True)
+class _CorrectionRows:
+    arm: Arm
+    values: F64
+    deviations: dict[str, float]
+
+    def modified(self, n_joints: int) -> Iterator[Correction]:
+        for k in range(1, n_joints + 2):
+            for name in MODIFIED:
+                of = k - 1 if name in OF_JOINT_BEFORE else k
+                source = f"{name}_{of}" if 1 <= of <= n_joints else None
+                yield self.row("modified", k, name, source)
+
+    def row(self, convention: str, joint: int | str, name: str, source: str | None) -> Correction:
+        """*source* is the parameter's name in the model; None: it is 0 by the convention."""
+        named = f"{name}_{'deg' if unit(source or f'{name}_1') == 'rad' else 'mm'}"
+        if source is None:
+            return Correction(convention, joint, named, 0.0, 0.0, 0.0, None)
+        scale = math.degrees(1.0) if unit(source) == "rad" else 1.0
+        index = self.arm.layout.index(source)
+        nominal = _as_drawn(self.arm, source, scale * float(self.arm.nominal()[index]))
+        moved = scale * float(self.values[index] - self.arm.nominal()[index])
+        known = self.deviations.get(source)
+        return Correction(
+            convention, joint, named, nominal, nominal + moved, moved,
+            None if known is None else scale * known,
+        )  # fmt: skip
+
+
+def _as_drawn(arm: Arm, source: str, value: float) -> float:
+    """Degrees as arm.toml writes them: not by way of radians, which rounds."""
+    name, _, number = source.partition("_")
+    if name in ("theta", "alpha", "beta"):
+        return float(getattr(arm.joint[int(number) - 1], f"{name}_deg"))
+    return value
+
+
+def _deviations(arm: Arm, calibration: Calibration | None, celsius: float) -> dict[str, float]:
+    """Standard uncertainties by parameter, mm and rad, of constant and terms of temperature at
+    *celsius*; only of what the calibration's covariance knows."""
+    if calibration is None or not calibration.covariance_of:
+        return {}
+    covariance = np.array(calibration.covariance)
+    weights: dict[str, F64] = {}
+    state = states_at(np.zeros((1, arm.n_joints)), arm, celsius, calibration, 0)
+    reference_c = calibration.reference_temperature_c
+    values = basis_values(
+        calibration.terms, state, arm, reference_c, calibration.vector(arm.n_joints)
+    )[0]
+    for i, name in enumerate(calibration.covariance_of):
+        weight = 1.0
+        if name.startswith("term "):
+            number = int(name.removeprefix("term "))
+            term = calibration.terms[number]
+            if not term.slow:
+                continue
+            name, weight = term.parameter, float(values[number])
+        weights.setdefault(name, np.zeros(len(covariance)))[i] += weight
+    return {
+        name: math.sqrt(max(float(row @ covariance @ row), 0.0)) for name, row in weights.items()
+    }

@@ -1,0 +1,125 @@
+"""The geometry of a calibrated arm at one temperature, and what of the calibration it leaves out.
+
+Terms of temperature and time alone are constants at one temperature: the geometry holds them. For
+terms that depend on the pose, the geometry is the one whose tip is nearest to the corrected one,
+in the mean square over postures within the limits; the base keeps its place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.estimate.gauge import free_constants
+from armd.compensation.geometry.postures import draw_postures, states_at
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.basis import basis_values, parameter_rows
+from armd.compensation.model.calibration import Calibration
+from armd.compensation.model.kinematics import forward, jacobian
+from armd.compensation.model.terms import Term
+
+#: Postures of the fit, and further ones that judge it.
+FITTED, JUDGED = 4000, 10_000
+#: Departures alike at the tip: columns of the fit are scaled by them.
+SCALE = {True: 1.0, False: 1e-3}  # mm; rad
+#: Of singular values: below it a direction moves no tip, and stays where it was.
+RANK = 1e-9
+MOST_STEPS = 20
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Between two models at the tip, over postures within the limits."""
+
+    rms_mm: float
+    max_mm: float
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Parameters without terms, and what they leave out."""
+
+    parameters: F64  # (P,)
+    celsius: float  # all sensors
+    left_out: Difference  # at this temperature
+    terms: list[Term]  # those left out
+    #: the tip's way to the ends of the calibration's temperatures; None: not thermal
+    by_temperature: Difference | None = None
+    range_c: tuple[float, float] | None = None
+
+
+def geometry_at(arm: Arm, calibration: Calibration | None, celsius: float | None) -> Geometry:
+    """The best geometry with all sensors at *celsius*; without it at the reference temperature."""
+    none = Difference(0.0, 0.0)
+    if calibration is None:
+        reference_c = arm.reference_temperature_c
+        return Geometry(arm.nominal(), celsius if celsius is not None else reference_c, none, [])
+    at_c = calibration.reference_temperature_c if celsius is None else celsius
+    slow = [term for term in calibration.terms if term.slow]
+    pose = [term for term in calibration.terms if not term.slow]
+    parameters = fold_terms(arm, calibration, slow, at_c)
+    if pose:
+        parameters = _fit(arm, calibration, parameters, at_c)
+        none = _difference(arm, calibration, parameters, at_c)
+    ends = [end for pair in calibration.temperature_range_c.values() for end in pair]
+    if not (ends and any(term.slow and _is_thermal(term) for term in calibration.terms)):
+        return Geometry(parameters, at_c, none, pose)
+    low, high = min(ends), max(ends)
+    here = fold_terms(arm, calibration, slow, at_c)
+    q = draw_postures(arm, JUDGED, 3)
+    tip = forward(q, here)[0]
+    ways = [forward(q, fold_terms(arm, calibration, slow, end))[0] - tip for end in (low, high)]
+    return Geometry(parameters, at_c, none, pose, _summary(np.vstack(ways)), (low, high))
+
+
+def fold_terms(arm: Arm, calibration: Calibration, slow: list[Term], celsius: float) -> F64:
+    """Parameters (P,): constants and what *slow* terms add with all sensors at one temperature."""
+    constants = calibration.vector(arm.n_joints)
+    state = states_at(np.zeros((1, arm.n_joints)), arm, celsius, calibration, 0)
+    values = basis_values(slow, state, arm, calibration.reference_temperature_c, constants)
+    folded: F64 = parameter_rows(constants, slow, values)[0]
+    return folded
+
+
+def _is_thermal(term: Term) -> bool:
+    return any(getattr(factor, "means", []) for factor in term.basis)
+
+
+def _fit(arm: Arm, calibration: Calibration, start: F64, celsius: float) -> F64:
+    """Gauss–Newton from *start*; directions that move no tip stay."""
+    layout = arm.layout
+    free = layout.indices(free_constants(arm))
+    scale = np.array([SCALE[bool(layout.are_lengths[i])] for i in free])
+    q, wanted = _corrected(arm, calibration, celsius, FITTED, 1)
+    parameters = start.copy()
+    for _ in range(MOST_STEPS):
+        tip, columns = jacobian(q, parameters)
+        a = columns[:, :, free].reshape(-1, len(free)) * scale
+        step = np.linalg.lstsq(a, (wanted - tip).ravel(), rcond=RANK)[0]
+        parameters[free] += scale * step
+        if np.abs(step).max() < 1e-9:
+            break
+    return parameters
+
+
+def _difference(arm: Arm, calibration: Calibration, parameters: F64, celsius: float) -> Difference:
+    q, wanted = _corrected(arm, calibration, celsius, JUDGED, 2)
+    return _summary(forward(q, parameters)[0] - wanted)
+
+
+def _corrected(
+    arm: Arm, calibration: Calibration, celsius: float, n: int, seed: int
+) -> tuple[F64, F64]:
+    """Postures (n, N) and where the whole calibration has the tip there (n, 3)."""
+    q = draw_postures(arm, n, seed)
+    states = states_at(q, arm, celsius, calibration, seed)
+    constants, reference_c = calibration.vector(arm.n_joints), calibration.reference_temperature_c
+    values = basis_values(calibration.terms, states, arm, reference_c, constants)
+    return q, forward(q, parameter_rows(constants, calibration.terms, values))[0]
+
+
+def _summary(difference_mm: F64) -> Difference:
+    square = (difference_mm**2).sum(axis=1)
+    return Difference(float(np.sqrt(square.mean())), float(np.sqrt(square.max())))

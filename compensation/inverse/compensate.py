@@ -1,0 +1,158 @@
+"""Joint angles that bring the corrected tip, terms and temperature included, where it is wanted.
+
+With six joints or more the orientation is kept that arm.toml's arm has at the given angles; with
+fewer, and with joints to spare, the angles change least.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from armd.arrays import F64, I64, Mask
+from armd.compensation.inverse.corrected_pose import CorrectedPose
+from armd.compensation.inverse.nearest import derivatives, inverse_condition, solve_nearest
+from armd.compensation.kernel.model import Model
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.calibration import LoadedCalibration
+from armd.compensation.model.kinematics import forward
+from armd.compensation.model.state import States
+
+#: A row is reached where its tip and orientation are nearer than this.
+REACHED_MM, REACHED_RAD = 5e-7, 5e-10
+#: Joints that can hold an orientation besides a position.
+FOR_ORIENTATION = 6
+#: Of the singular values of the tip's motion, in radians and shares of the reach: the least one is
+#: a smaller share of the largest near a singularity.
+SINGULAR = 1e-4
+#: Rows worked out together.
+PIECE = 4096
+OK, UNREACHABLE, SINGULARITY = "ok", "unreachable", "singular"
+
+
+@dataclass(frozen=True)
+class CommandedAngles:
+    """What to command, row by row."""
+
+    q: F64  # (n, N) rad; NaN where the status is not "ok"
+    change_mm: F64  # (n,) how far the tip would be off at the given angles
+    residual_mm: F64  # (n,) how far it is off at the angles found
+    status: list[str]  # "ok", "unreachable", "singular", "limit joint k"
+
+    @property
+    def is_ok(self) -> Mask:
+        """(n,)"""
+        return np.array([status == OK for status in self.status], dtype=bool)
+
+
+def compensate(
+    arm: Arm,
+    calibration: LoadedCalibration | None,
+    states: States,
+    wanted_mm: F64 | None = None,
+    moving: Mask | None = None,
+) -> CommandedAngles:
+    """Commands for the given *states*, whose angles are a nominal solution.
+
+    *wanted_mm* (n, 3) in the base frame; NaN rows, or all without it, want the tip where arm.toml's
+    arm has it at these angles. *moving* (n,): see `CorrectedPose`. Lags are followed within each
+    series of *states*.
+    """
+    nominal_mm, nominal_turn = forward(states.q, arm.nominal())
+    wanted = nominal_mm
+    if wanted_mm is not None:
+        wanted = np.where(np.isnan(wanted_mm), nominal_mm, wanted_mm)
+    pose = CorrectedPose(arm, calibration.content if calibration else None, states, moving)
+    problem = _PoseProblem(arm, pose, wanted, nominal_turn)
+    found, share = np.empty_like(states.q), np.empty(states.n)
+    for first in range(0, states.n, PIECE):
+        rows = np.arange(first, min(first + PIECE, states.n))
+        found[rows], share[rows] = problem.solve(states.q[rows], rows)
+    model = Model(arm, calibration)
+    before = model.correct_states(pose.states(states.q))[0]
+    after = model.correct_states(pose.states(found))[0]
+    change_mm, residual_mm = (np.linalg.norm(tip - wanted, axis=1) for tip in (before, after))
+    turned = problem.turned_rad(found)
+    status = _status(arm, found, (residual_mm <= REACHED_MM) & (turned <= REACHED_RAD), share)
+    commands = CommandedAngles(found, change_mm, residual_mm, status)
+    found[~commands.is_ok] = np.nan
+    return commands
+
+
+def _status(arm: Arm, q: F64, reached: Mask, share: F64) -> list[str]:
+    low, high = arm.limits_rad
+    beyond = (q < low) | (q > high)
+    said = []
+    for row in range(len(q)):
+        if not reached[row]:
+            said.append(UNREACHABLE)
+        elif share[row] < SINGULAR:
+            said.append(SINGULARITY)
+        elif beyond[row].any():
+            said.append(f"limit joint {int(np.argmax(beyond[row])) + 1}")
+        else:
+            said.append(OK)
+    return said
+
+
+class _PoseProblem:
+    """What the angles of each row are to meet."""
+
+    def __init__(self, arm: Arm, pose: CorrectedPose, wanted_mm: F64, turn: F64) -> None:
+        self._pose = pose
+        self._nominal = CorrectedPose(arm, None, pose.given)
+        self._wanted_mm = wanted_mm
+        self._turn = turn
+        self._oriented = arm.n_joints >= FOR_ORIENTATION
+        self._reach_mm = max(arm.reach_mm, 1.0)
+
+    def solve(self, q0: F64, rows: I64) -> tuple[F64, F64]:
+        """Angles (m, N), and how near to a singularity (m,) these are, or arm.toml's arm at the
+        given ones."""
+
+        def constraints(q: F64, of: I64) -> F64:
+            return self.miss(self._pose, q, rows[of])
+
+        def nominal(q: F64, of: I64) -> F64:
+            return self.miss(self._nominal, q, rows[of])
+
+        q, _ = solve_nearest(constraints, q0)
+        every = np.arange(len(rows))
+        found, given = derivatives(constraints, q, every), derivatives(nominal, q0, every)
+        return q, np.minimum(inverse_condition(found), inverse_condition(given))
+
+    def miss(self, pose: CorrectedPose, q: F64, rows: I64) -> F64:
+        """(m, 3) of the position in shares of the reach, then (m, 3) of the rotation in rad."""
+        position, turn = pose.at(q, rows)
+        miss = (position - self._wanted_mm[rows]) / self._reach_mm
+        if not self._oriented:
+            return miss
+        return np.hstack([miss, rotation_vectors(turn, self._turn[rows])])
+
+    def turned_rad(self, q: F64) -> F64:
+        """(n,) how far the orientation is off; 0 where it is free."""
+        if not self._oriented:
+            return np.zeros(len(q))
+        vectors = rotation_vectors(self._pose.at(q)[1], self._turn)
+        angle: F64 = np.linalg.norm(vectors, axis=1)
+        return angle
+
+
+def rotation_vectors(turn: F64, wanted: F64) -> F64:
+    """(n, 3) rad in the base frame: from *wanted* rotations (n, 3, 3) to *turn* (n, 3, 3)."""
+    apart = np.einsum("nij,nkj->nik", turn, wanted)
+    sine = 0.5 * np.stack(
+        [
+            apart[:, 2, 1] - apart[:, 1, 2],
+            apart[:, 0, 2] - apart[:, 2, 0],
+            apart[:, 1, 0] - apart[:, 0, 1],
+        ],
+        axis=1,
+    )
+    cosine = 0.5 * (np.trace(apart, axis1=1, axis2=2) - 1.0)
+    length = np.linalg.norm(sine, axis=1)
+    angle = np.arctan2(length, cosine)
+    scale = np.where(length > 1e-9, angle / np.maximum(length, 1e-9), 1.0)
+    vectors: F64 = sine * scale[:, None]
+    return vectors

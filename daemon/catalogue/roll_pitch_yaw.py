@@ -1,0 +1,80 @@
+"""Rotations as URDF writes them: R = Rz(yaw)·Ry(pitch)·Rx(roll), or a quaternion x, y, z, w."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from armd.arrays import F64
+
+#: Nearer to pitch = ±90° than this, roll is kept as it was: only roll ∓ yaw turns anything.
+LOCKED = 1e-13
+
+
+def matrix_of_rpy(rpy: F64) -> F64:
+    """Rotation matrix (3, 3) of roll, pitch, yaw (3,) rad."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def matrix_of_quaternion(quaternion: F64) -> F64:
+    """Rotation matrix (3, 3) of x, y, z, w (4,), of any length but 0."""
+    x, y, z, w = quaternion / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def rpy_of_matrix(rotation: F64, near: F64 | None = None) -> F64:
+    """Roll, pitch, yaw (3,) rad of a rotation matrix (3, 3); of the two triples, and of whole
+    turns, those nearest to *near* (3,), or to zero."""
+    near = np.zeros(3) if near is None else near
+    across = math.hypot(rotation[2, 1], rotation[2, 2])
+    pitch = math.atan2(-rotation[2, 0], across)
+    roll = float(near[0])
+    if across > LOCKED:
+        roll = math.atan2(rotation[2, 1], rotation[2, 2])
+    triples = [(roll, pitch)]
+    if across > LOCKED:
+        triples.append((roll + math.pi, math.pi - pitch))
+    return min((_nearest(rotation, *two, near) for two in triples), key=lambda t: _far(t, near))
+
+
+def _nearest(rotation: F64, roll: float, pitch: float, near: F64) -> F64:
+    """The triple with this roll and pitch. Yaw is of what is left when roll is undone, so that
+    their sum is exact even where roll alone hardly turns anything."""
+    c, s = math.cos(roll), math.sin(roll)
+    y = c * rotation[:, 1] - s * rotation[:, 2]  # (R·Rx(−roll)) e_y
+    found = np.array([roll, pitch, math.atan2(-y[0], y[1])])
+    turn = 2 * math.pi
+    triple: F64 = found + turn * np.round((near - found) / turn)
+    return triple
+
+
+def _far(triple: F64, near: F64) -> float:
+    return float(np.abs(triple - near).sum())
+
+
+def quaternion_of_matrix(rotation: F64) -> F64:
+    """x, y, z, w (4,) with w ≥ 0 of a rotation matrix (3, 3)."""
+    half = np.eye(4)
+    half[:3, :3] = rotation + rotation.T - np.trace(rotation) * np.eye(3)
+    half[:3, 3] = half[3, :3] = [
+        rotation[2, 1] - rotation[1, 2],
+        rotation[0, 2] - rotation[2, 0],
+        rotation[1, 0] - rotation[0, 1],
+    ]
+    half[3, 3] = np.trace(rotation)
+    found: F64 = np.linalg.eigh(half)[1][:, 3]  # Bar-Itzhack, J. Guidance 23 (2000) 1085
+    return found if found[3] >= 0 else -found

@@ -1,0 +1,61 @@
+"""Universal Robots' `default_kinematics.yaml`, as their ROS description reads it.
+
+Each joint's frame stands in the one before it by x, y, z (m) and roll, pitch, yaw (rad), and turns
+about its z: a row of the modified convention, Tx(a)·Rx(α)·Ry(β) of the joint before and Rz(θ)·Tz(d)
+of its own. What follows the last joint has no place there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.kinematics import frames
+from armd.daemon.catalogue.axes import turn
+from armd.daemon.catalogue.roll_pitch_yaw import rpy_of_matrix
+
+LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
+#: Smaller than this (mm, rad) counts as nothing.
+NOTHING = 1e-9
+FIRST_LINE = "# Written by armd model"
+
+
+def kinematics_yaml(arm: Arm, parameters: F64, name: str, identity: str) -> str:
+    """The file's text; *name* of the arm for its comment, *identity* for its hash."""
+    lines = [f"{FIRST_LINE}: {name}", "kinematics:"]
+    origins, rotations = (part[0] for part in frames(np.zeros((1, arm.n_joints)), parameters))
+    before_turn, before_origin = np.eye(3), np.zeros(3)
+    for k, link in enumerate(LINKS):
+        theta, d = parameters[arm.layout.joint(k + 1)][:2]
+        rotation = rotations[k] @ turn(2, float(np.degrees(theta)))
+        origin = origins[k] + d * rotations[k][:, 2]
+        step = before_turn.T @ rotation
+        numbers = [*(1e-3 * before_turn.T @ (origin - before_origin)), *rpy_of_matrix(step)]
+        lines.append(f"  {link}:")
+        lines += [
+            f"    {key}: {_number(float(value))}" for key, value in zip(KEYS, numbers, strict=True)
+        ]
+        before_turn, before_origin = rotation, origin
+    return "\n".join([*lines, f"  hash: armd_{identity}", ""])
+
+
+def describe_omitted(arm: Arm, parameters: F64) -> list[str]:
+    """What follows the last joint's z, where it is not nothing: `a_6 = 0.3 mm`."""
+    names = [f"{name}_{arm.n_joints}" for name in ("a", "alpha", "beta")]
+    names += ["tip_x", "tip_y", "tip_z"]
+    said = []
+    for name in names:
+        index = arm.layout.index(name)
+        value, length = float(parameters[index]), bool(arm.layout.are_lengths[index])
+        if abs(value) > NOTHING:
+            said.append(f"{name} = {value:.10g} {'mm' if length else 'rad'}")
+    return said
+
+
+def _number(value: float) -> str:
+    """Also a number to YAML 1.1, which takes 1e-05 for a text."""
+    text = repr(value + 0.0)
+    mantissa, e, exponent = text.partition("e")
+    return text if not e or "." in mantissa else f"{mantissa}.0e{exponent}"

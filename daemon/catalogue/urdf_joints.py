@@ -1,0 +1,97 @@
+"""A joint's elements in a URDF as numbers: origin, axis, limit; each checked as it is read."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from armd.arrays import F64
+from armd.daemon.catalogue.roll_pitch_yaw import matrix_of_quaternion, matrix_of_rpy
+from armd.errors import BadInput
+from armd.terminal.suggest import few
+
+TURNING = ("revolute", "continuous")
+#: What an origin or an axis may say: whatever else stands there would be passed over in silence.
+ORIGIN, AXIS = {"xyz", "rpy", "quat_xyzw"}, {"xyz"}
+
+
+def where(joint: Element) -> str:
+    return f"joint {joint.get('name')}"
+
+
+def origin_of(path: Path, joint: Element) -> tuple[F64, F64]:
+    """Metres (3,) and the rotation matrix (3, 3)."""
+    origin = _only(path, joint, "origin", ORIGIN)
+    if origin is None:
+        return np.zeros(3), np.eye(3)
+    place = f"{where(joint)}, origin"
+    xyz = _numbers(path, place, origin.get("xyz", "0 0 0"), 3)
+    if "quat_xyzw" not in origin.attrib:  # URDF 1.2 has either
+        rpy = _numbers(path, place, origin.get("rpy", "0 0 0"), 3)
+        return xyz, matrix_of_rpy(rpy)
+    if "rpy" in origin.attrib:
+        raise BadInput(path, place, "both rpy and quat_xyzw", "one of them")
+    quaternion = _numbers(path, place, origin.attrib["quat_xyzw"], 4)
+    if not np.linalg.norm(quaternion) > 1e-6:
+        raise BadInput(path, place, f"quat_xyzw={origin.get('quat_xyzw')!r}", "a quaternion, not 0")
+    return xyz, matrix_of_quaternion(quaternion)
+
+
+def axis_of(path: Path, joint: Element) -> F64:
+    """Unit vector (3,)."""
+    axis = _only(path, joint, "axis", AXIS)
+    place = f"{where(joint)}, axis"
+    text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
+    along = _numbers(path, place, text, 3)
+    length = float(np.linalg.norm(along))
+    if not length > 1e-6:
+        raise BadInput(path, place, repr(text), "a direction, which is not zero")
+    unit: F64 = along / length
+    return unit
+
+
+def _only(path: Path, joint: Element, tag: str, known: set[str]) -> Element | None:
+    """The one element *tag* of a joint, or None; raises `BadInput` for what armd does not know."""
+    there = joint.findall(tag)
+    place = f"{where(joint)}, {tag}"
+    if len(there) > 1:
+        raise BadInput(path, place, f"{len(there)} of it", "one")
+    for element in there:
+        strange = [*(key for key in element.attrib if key not in known), *(e.tag for e in element)]
+        if strange:
+            raise BadInput(path, place, few(strange), f"{' or '.join(sorted(known))} alone")
+        return element
+    return None
+
+
+def refuse_mimic(path: Path, joint: Element) -> None:
+    mimic = joint.find("mimic")
+    if mimic is not None:
+        found = f"one that follows joint {mimic.get('joint')} (mimic)"
+        expected = "joints with an encoder each: an arm that is coupled so has no rows"
+        raise BadInput(path, where(joint), found, expected)
+
+
+def limit_of(joint: Element) -> tuple[float, float] | None:
+    limit = joint.find("limit")
+    if joint.get("type") == "continuous" or limit is None:
+        return None
+    try:
+        low, high = (math.degrees(float(limit.get(side, "nan"))) for side in ("lower", "upper"))
+    except ValueError:
+        return None
+    return (low, high) if low < high else None
+
+
+def _numbers(path: Path, where: str, text: str, count: int) -> F64:
+    try:
+        numbers = np.array([float(word) for word in text.split()])
+    except ValueError:
+        numbers = np.zeros(0)
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        expected = {3: "three numbers", 4: "four numbers"}[count]
+        raise BadInput(path, where, repr(text), expected)
+    return numbers

@@ -1,0 +1,145 @@
+"""Where the joints of a URDF stand in its file, byte for byte, so that numbers alone are edited.
+
+No parser writes a file back as it was: comments, white space, quotation marks and the order of
+attributes are somebody's. An edit here replaces the text of one number, or puts in an attribute or
+element that was missing.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from armd.errors import BadInput
+
+#: Of an attribute; None: as it is.
+Numbers = Sequence[float | None]
+
+_NAME = re.compile(rb"<[^\s/>]+")
+_ATTRIBUTE = re.compile(rb"""\s+([^\s=/>]+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_END = re.compile(rb"\s*/?>")
+
+
+@dataclass(frozen=True)
+class Edit:
+    """The bytes from *start* to *end* become *text*."""
+
+    start: int
+    end: int
+    text: bytes
+
+
+@dataclass(frozen=True)
+class StartTag:
+    """A start tag of the file, from `<` to behind `>`."""
+
+    start: int
+    end: int
+    last: int  # behind its last attribute, or its name
+    values: dict[str, tuple[int, int]]  # of an attribute, between its quotation marks
+
+
+@dataclass
+class JointPlaces:
+    """A `<joint>` of the robot."""
+
+    tag: StartTag
+    children: dict[str, StartTag] = field(default_factory=dict)
+    first_child: int = 0  # where its `<` stands
+
+
+def find_joints(path: Path, content: bytes) -> list[JointPlaces]:
+    """Each `<joint>` right below the root, in the order of the file; raises `BadInput` for a file
+    whose bytes are not ASCII's."""
+    if b"\0" in content:
+        raise BadInput(path, "the file", "UTF-16", "a URDF in UTF-8, to edit its numbers in place")
+    parser = expat.ParserCreate()
+    found: list[JointPlaces] = []
+    open_elements: list[str] = []
+
+    def start(name: str, _: dict[str, str]) -> None:
+        at = parser.CurrentByteIndex
+        if len(open_elements) == 1 and name == "joint":
+            found.append(JointPlaces(_start_tag(content, at)))
+        elif len(open_elements) == 2 and open_elements[1] == "joint":
+            joint = found[-1]
+            joint.first_child = joint.first_child or at
+            joint.children.setdefault(name, _start_tag(content, at))
+        open_elements.append(name)
+
+    def end(_: str) -> None:
+        open_elements.pop()
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.Parse(content, True)
+    return found
+
+
+def _start_tag(content: bytes, at: int) -> StartTag:
+    name = _NAME.match(content, at)
+    assert name is not None, "expat has found a start tag here"
+    last, values = name.end(), {}
+    while attribute := _ATTRIBUTE.match(content, last):
+        group = 2 if attribute.start(2) >= 0 else 3
+        values[attribute[1].decode("ascii", "replace")] = attribute.span(group)
+        last = attribute.end()
+    closed = _END.match(content, last)
+    assert closed is not None, "expat has found the tag's end"
+    return StartTag(at, closed.end(), last, values)
+
+
+def edit_tag(
+    content: bytes, joint: JointPlaces, tag: str, attributes: Mapping[str, Numbers]
+) -> list[Edit]:
+    """Edits that give attributes of a joint's *tag* these numbers; None leaves one as it is.
+
+    Of an attribute or element that is missing, None is 0.
+    """
+    changed = {
+        name: numbers
+        for name, numbers in attributes.items()
+        if any(number is not None for number in numbers)
+    }
+    there = joint.children.get(tag)
+    if there is None:
+        if not changed:
+            return []
+        between = content[joint.tag.end : joint.first_child]
+        space = between if not between.strip() else b""
+        said = "".join(map(_attribute, changed, changed.values()))
+        element = f"<{tag}{said}/>".encode()
+        return [Edit(joint.tag.end, joint.tag.end, space + element)]
+    edits = []
+    for name, numbers in changed.items():
+        if name not in there.values:
+            edits.append(Edit(there.last, there.last, _attribute(name, numbers).encode()))
+            continue
+        first, last = there.values[name]
+        words = re.finditer(rb"\S+", content[first:last])
+        edits += [
+            Edit(first + word.start(), first + word.end(), _number(number).encode())
+            for word, number in zip(words, numbers, strict=True)
+            if number is not None
+        ]
+    return edits
+
+
+def _attribute(name: str, numbers: Numbers) -> str:
+    return f' {name}="{" ".join(_number(number or 0.0) for number in numbers)}"'
+
+
+def apply_edits(content: bytes, edits: Iterable[Edit]) -> bytes:
+    """The content with all *edits*; those at one place stand in their order."""
+    parts, done = [], 0
+    for edit in sorted(edits, key=lambda edit: edit.start):
+        parts += [content[done : edit.start], edit.text]
+        done = edit.end
+    return b"".join([*parts, content[done:]])
+
+
+def _number(value: float) -> str:
+    return repr(float(value) + 0.0)

@@ -1,0 +1,151 @@
+"""`armd compensate`: the joint angles to command so that the real tip is where it is wanted."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import math
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from armd import Flag
+from armd.arrays import Mask
+from armd.compensation.data.offline import Corrector
+from armd.compensation.data.readings import Readings, load_readings
+from armd.compensation.data.session_columns import APPROACH, angles, truths
+from armd.compensation.data.session_format import AngleUnit
+from armd.compensation.inverse.compensate import OK, CommandedAngles, compensate
+from armd.compensation.model.arm import Arm
+from armd.compensation.model.state import States
+from armd.daemon.commands.offline.correct import session_settings
+from armd.daemon.commands.offline.given import add_arm, load_given
+from armd.errors import BadInput
+from armd.files.inputs import read_input
+from armd.files.outputs import OutputKind, add_force, check_outputs, has_columns
+from armd.files.writing import write_whole
+from armd.terminal.aside import aside
+from armd.terminal.counted import counted
+
+COMMANDED = OutputKind(
+    "a table of commands", has_columns("q1_command", "change_mm", "residual_mm", "status")
+)
+#: Of lengths in the table: a nanometre and below is rounding.
+DECIMALS = 9
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "table", type=Path, metavar="TABLE.csv",
+        help="columns q1 … qN, a nominal solution; x_mm, y_mm, z_mm, the wanted tip (without them "
+        "where arm.toml's arm has it at these angles); temperatures by sensor name",
+    )  # fmt: skip
+    add_arm(parser)
+    parser.add_argument("--calibration", metavar="CAL.json", help="without it: nominal")
+    parser.add_argument("-o", "--output", required=True, type=Path, metavar="OUT.csv")
+    parser.add_argument(
+        "--started", metavar="ISO", help="instant of time_s = 0, with its offset from UTC"
+    )
+    parser.add_argument(
+        "--angle-unit",
+        choices=["rad", "deg", "count"],
+        help="of q1 … qN and the commands; otherwise as session.toml beside the table says, or rad",
+    )
+    add_force(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    table: Path = args.table
+    for path, where in ((table, "the file"), (args.output, "-o")):
+        if path.suffix.lower() != ".csv":
+            raise BadInput(path, where, f"the suffix {path.suffix!r}", "a .csv table")
+    inputs = [table, table.parent / "session.toml", args.arm, args.calibration]
+    check_outputs({"-o": (args.output, COMMANDED)}, inputs, args.force)
+    arm, calibration = load_given(args)
+    unit, started_unix_s = session_settings(table, args.angle_unit, args.started)
+    corrector = Corrector(arm, calibration, unit, started_unix_s)
+    readings = load_readings(table, corrector.columns, [])
+    repeated = [name for name in _columns(arm) if readings.has(name)]
+    if repeated:
+        found = f"{repeated[0]} already"
+        raise BadInput(table, "the header", found, "a table without columns of commands")
+    lines = _lines(readings)
+    angles(readings, arm, unit)  # none may be missing
+    taken = corrector.take(readings)
+    corrector.ended(table)
+    moving = _approach_follows_rates(readings, taken.states)
+    with aside(args).status("compensating …"):
+        found_angles = compensate(arm, calibration, taken.states, truths(readings), moving)
+    write_whole(args.output, _text(lines, found_angles, arm, unit))
+    flags = corrector.correct(taken)[1]
+    _print(args, found_angles, corrector.remarks, flags)
+    return 0 if found_angles.is_ok.all() else 1
+
+
+def _columns(arm: Arm) -> list[str]:
+    commands = [f"q{k}_command" for k in range(1, arm.n_joints + 1)]
+    return [*commands, "change_mm", "residual_mm", "status"]
+
+
+def _approach_follows_rates(readings: Readings, states: States) -> Mask:
+    """(n,) whether the approach is not the table's own but the way that the rates move the tip."""
+    given = np.column_stack([readings.optional(name) for name in APPROACH])
+    known = np.logical_and.reduce(np.isfinite(states.approach), axis=1)
+    follows: Mask = known & np.logical_or.reduce(np.isnan(given), axis=1)
+    return follows
+
+
+def _lines(readings: Readings) -> list[bytes]:
+    """The table's own lines, the header first; raises `BadInput` where a row is not one line."""
+    content = read_input(readings.path)
+    lines = [line.rstrip(b"\r\n") for line in io.BytesIO(content) if line.strip()]
+    if len(lines) != readings.n + 1:
+        raise BadInput(readings.path, "a row", "a line break inside a value", "one line per row")
+    return lines
+
+
+def _text(lines: list[bytes], found: CommandedAngles, arm: Arm, unit: AngleUnit) -> bytes:
+    """The table with its own text letter by letter, and the new columns behind it."""
+    scale = np.array([_radians(arm, k, unit) for k in range(arm.n_joints)])
+    out = [lines[0] + b"," + ",".join(_columns(arm)).encode()]
+    lengths = np.round(np.column_stack([found.change_mm, found.residual_mm]), DECIMALS)
+    rows = zip(lines[1:], found.q / scale, lengths.tolist(), found.status, strict=True)
+    for line, command, length, status in rows:
+        numbers = [repr(x) if math.isfinite(x) else "" for x in [*command.tolist(), *length]]
+        out.append(line + b"," + ",".join([*numbers, status]).encode())
+    return b"\n".join([*out, b""])
+
+
+def _radians(arm: Arm, k: int, unit: AngleUnit) -> float:
+    """What one of the unit is, of joint *k* from 0; as `angles` has it."""
+    if unit == "count":
+        joint = arm.joint[k]
+        return joint.direction * math.tau / float(joint.counts_per_turn or 1)
+    return 1.0 if unit == "rad" else math.radians(1.0)
+
+
+def _print(
+    args: argparse.Namespace,
+    found: CommandedAngles,
+    remarks: list[str],
+    flags: npt.NDArray[np.uint32],
+) -> None:
+    for remark in remarks:
+        print(f"armd: {remark}", file=sys.stderr)
+    for flag, words in (
+        (Flag.TEMPERATURE_RANGE, "a temperature or time outside what was calibrated"),
+        (Flag.TEMPERATURE_STALE, "no temperature of a sensor in use: the last one is held"),
+    ):
+        if n := int((flags & int(flag) != 0).sum()):
+            print(f"armd: {args.table}: {counted(n, 'row')} with {words}", file=sys.stderr)
+    counts = Counter(found.status)
+    fine = counts.pop(OK, 0)
+    others = "".join(f", {n} {status}" for status, n in sorted(counts.items()))
+    largest = np.nanmax(np.where(found.is_ok, found.change_mm, np.nan), initial=0.0)
+    print(
+        f"{args.output}: {counted(len(found.status), 'row')}: {fine} ok{others};"
+        f" the tip would have been off by up to {largest:.4f} mm"
+    )
