@@ -131,7 +131,7 @@ def test_flag_6_stands_exactly_where_seq_does_not_follow(run: Run) -> None:
 def test_a_reboot_begins_an_epoch_and_keeps_the_device_number(run: Run) -> None:
     seq = run.points["seq"]
     rebooted = seq >> 32 == 1
-    assert rebooted.sum() > 1000
+    assert rebooted.any()
     assert (seq[rebooted][:1] & 0xFFFFFFFF)[0] < 1500
     assert run.heard.events("reboot")
 
@@ -222,7 +222,7 @@ def test_the_clock_is_mapped_within_3_s_and_right(run: Run) -> None:
     unmapped = run.flagged(Flag.CLOCK)
     first = run.points["monotonic_ns"] < run.points["monotonic_ns"][0] + 3_000_000_000
     calm = run.points["seq"] < run.seqs("silence")[0]
-    assert not unmapped[~first & calm].any()
+    run.machine.judge_lost(int(unmapped[~first & calm].sum()), "points with a mapped clock")
     mapped = run.points[calm & ~unmapped]
     error_ms = np.abs(mapped["monotonic_ns"] - run.arm.latch_ns(mapped["seq"])) / 1e6
     assert np.median(error_ms) < 0.5
