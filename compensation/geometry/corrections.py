@@ -24,6 +24,8 @@ from armd.compensation.model.parameters import BASE_PARAMETERS, TIP_PARAMETERS, 
 STANDARD = ("theta", "d", "a", "alpha", "beta")
 MODIFIED = ("alpha", "a", "beta", "theta", "d")
 OF_JOINT_BEFORE = ("alpha", "a", "beta")
+#: mm² and rad²: what rounding leaves in the covariance of a parameter that was held.
+ROUNDING = 1e-24
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,5 @@ def _deviations(arm: Arm, calibration: Calibration | None, celsius: float) -> di
                 continue
             name, weight = term.parameter, float(values[number])
         weights.setdefault(name, np.zeros(len(covariance)))[i] += weight
-    return {
-        name: math.sqrt(max(float(row @ covariance @ row), 0.0)) for name, row in weights.items()
-    }
+    variances = {name: float(row @ covariance @ row) for name, row in weights.items()}
+    return {name: math.sqrt(v) if v > ROUNDING else 0.0 for name, v in variances.items()}
