@@ -9,7 +9,7 @@ at the most it is one slot earlier, and one run of the servo's own 1 ms loop.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 
 from armd.drivers.poll.protocol.family import Family
 from armd.drivers.poll.protocol.packet import Packet, ReadRequest, Status
@@ -40,8 +40,10 @@ class Exchange:
         family: Family,
         counted: Counter[str],
         said: Said,
+        known: Container[int],
     ) -> None:
-        """*said*: what the servos answered to the requests before this one."""
+        """*said*: what the servos answered to the requests before this one; *known*: ids that
+        other requests ask."""
         self.request = request
         self.sent = sent
         self.answers: dict[int, TimedStatus] = {}
@@ -49,6 +51,7 @@ class Exchange:
         #: who had answered an earlier request, and now does once more, in other words
         self.contradicted: set[int] = set()
         self._said = said
+        self._known = known
         self._family = family
         self._counted = counted
 
@@ -80,7 +83,8 @@ class Exchange:
         is_asked = status.id in self.request.ids
         refuses = self._family.refuses(status.error) or not status.data
         if not is_asked or len(status.data) != self.request.length:
-            why = "foreign" if not is_asked else "refused" if refuses else "late"
+            is_known = is_asked or status.id in self._known
+            why = "foreign" if not is_known else "refused" if refuses else "late"
             self._counted[why] += 1
             if contradicts(status, self._said):
                 self.contradicted.add(status.id)
