@@ -13,8 +13,7 @@ from typing import Any
 from armd.drivers.config import ServoConfig
 from armd.drivers.identity import Expectation
 from armd.drivers.poll.button import Button
-from armd.drivers.poll.exchange import Exchange, Said, contradicts
-from armd.drivers.poll.gathered import GatheredCycle
+from armd.drivers.poll.exchange import Exchange, GatheredCycle, Said, contradicts
 from armd.drivers.poll.one_by_one import OneByOne
 from armd.drivers.poll.pauses import Pauses
 from armd.drivers.poll.protocol.family import FAMILIES
@@ -47,6 +46,7 @@ class ServoDecoder:
         self.last_heard_ns: int | None = None  # of anybody who was asked
         self.exchange: Exchange | None = None  # the one whose answers may still come
         self.one_by_one = OneByOne()
+        self._gathered: GatheredCycle | None = None  # the cycle that is being read one by one
         self._expected = expectation
         self._port = config.port
         self.byte_ns = BITS * 1e9 / config.baud
@@ -107,7 +107,7 @@ class ServoDecoder:
         """What a fresh decoder must be fed to go on from here."""
         if not self._under_way or not self._settled:
             return []
-        under_way = self._under_way if self.exchange or self.one_by_one.cycle else []
+        under_way = self._under_way if self.exchange or self._gathered else []
         number, broken = self._before if under_way else (self._number, self.chain_broken)
         state = note(
             note="state",
@@ -141,22 +141,20 @@ class ServoDecoder:
             (packet,) = self._own.push(frame.data)
             self._asked[frame.data] = self.family.request(packet)
         request = self._asked[frame.data]
-        gathered = self.one_by_one.cycle
-        if gathered is not None and not gathered.lacks(request):
-            items += self._end_gathered(gathered)
-            gathered = None
-        if gathered is None:
+        if self._gathered is not None and not self._gathered.lacks(request):
+            items += self._end_gathered(self._gathered)
+        if self._gathered is None:
             self._before, self._under_way = (self._number, self.chain_broken), []
         self._under_way.append(frame)
         if request is None:  # a write: its answers say nothing that is not read again
             return items
         retry, self.chain_broken = self.chain_broken and not request.fast, False
-        if request.address == self.family.position and not retry and gathered is None:
+        if request.address == self.family.position and not retry and self._gathered is None:
             self._number += 1
             if request.alone:
                 warm = request.length >= self.family.warm_bytes
                 ids = self.everyone if warm else self.cycle_ids
-                self.one_by_one.cycle = GatheredCycle(request, frame, ids)
+                self._gathered = GatheredCycle(request, frame, ids)
         self.exchange = Exchange(
             request, frame, self.family, self.counted, self._said, self.everyone
         )
@@ -193,7 +191,7 @@ class ServoDecoder:
         twice = exchange.contradicted | exchange.doubtful
         items: list[Item] = [*self.roster.contradicted(twice, exchange.sent.monotonic_ns)]
         address = exchange.request.address
-        if (gathered := self.one_by_one.cycle) is not None:
+        if (gathered := self._gathered) is not None:
             gathered.add(exchange)
             return items + self._end_gathered(gathered) if gathered.complete else items
         if address == self.family.position:
@@ -216,7 +214,11 @@ class ServoDecoder:
     # --- cycles --------------------------------------------------------------------------------
 
     def _end_gathered(self, cycle: GatheredCycle) -> list[Item]:
-        return [*self._cycle(cycle), *self.one_by_one.end_cycle()]
+        self._gathered = None
+        items = self._cycle(cycle)
+        if cycle.answers:
+            items += self.one_by_one.events(cycle.sent.monotonic_ns)
+        return items
 
     def _cycle(self, exchange: Exchange | GatheredCycle) -> list[Item]:
         request = exchange.request
@@ -298,7 +300,7 @@ class ServoDecoder:
     def _take_note(self, note: dict[str, Any], now_ns: int) -> list[Item]:
         match note["note"]:
             case "up" | "down":
-                self.exchange = None
+                self.exchange = self._gathered = None
                 self._settled = self.chain_broken = False
                 self.one_by_one.end()
                 self._splitter.flush()

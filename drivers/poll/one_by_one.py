@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from armd.drivers.poll.gathered import GatheredCycle
 from armd.drivers.sample import Event
 
 RATE_AFTER_NS = 1_000_000_000  # the rate is measured for so long before it is reported
@@ -13,11 +12,10 @@ WHY = "not the cable: their firmware is too old, or the adapter cannot; update t
 
 
 class OneByOne:
-    """Of one line; with the cycle that is being read, and one event that tells the rate."""
+    """Of one line; with an event, once, that tells the rate."""
 
     def __init__(self) -> None:
         self.active = False
-        self.cycle: GatheredCycle | None = None  # that is being read
         self._servos: list[int] = []  # that answer no sync read
         self._reported = False
         self._began_ns: int | None = None
@@ -30,19 +28,15 @@ class OneByOne:
 
     def end(self) -> None:
         """The connection is over."""
-        self.active, self.cycle = False, None
+        self.active = False
         self._began_ns, self._cycles = None, 0
 
     def restore(self, active: bool) -> None:
         """In the middle of a connection, when the event has been reported."""
         self.active = self._reported = active
 
-    def end_cycle(self) -> list[Event]:
-        """No part of the cycle will come any more; once the rate is known, the event."""
-        cycle, self.cycle = self.cycle, None
-        if cycle is None or not cycle.answers:
-            return []
-        now_ns = cycle.sent.monotonic_ns
+    def events(self, now_ns: int) -> list[Event]:
+        """After a cycle that began at *now_ns*: the event, as soon as the rate is known."""
         if self._began_ns is None:
             self._began_ns = now_ns
         if self._reported or now_ns - self._began_ns < RATE_AFTER_NS:
