@@ -8,10 +8,11 @@ from contextlib import closing
 import numpy as np
 import pytest
 from test_servo_driver import Taken, config, expected, state
+from test_servo_instants import PacedLine
 
 from armd.drivers import shell
 from armd.drivers.config import Trigger
-from armd.drivers.poll.decoder import ServoDecoder
+from armd.drivers.poll.decoder import ServoDecoder, note
 from armd.drivers.table import open_driver
 from support.fake_servos import Dynamixel, FakeServos, Feetech
 from support.selection import parametrize_default
@@ -292,6 +293,48 @@ def test_no_point_leaves_at_a_wrong_instant_where_somebody_stands_still(
     assert not taken.told("offsets_changed")
 
 
+class LineOfSingleReads(PacedLine):
+    """The same line, read one by one; the host pauses once before the fourth servo's request."""
+
+    def exchange(self, address, length, pause_ns=0):
+        kind = self.decoder.family
+        if address == 0:
+            self.feed("link", note(note="one_by_one"))
+        for servo in self.ids:
+            self.now_ns += pause_ns if servo == 4 else 0
+            request = kind.read(servo, address, length)
+            self.feed("tx", request)
+            self.now_ns += round(len(request) * self.byte_ns + self.gap_ns)
+            table = self.tables[servo]
+            self.family.put_position(table, 2048 + round(self.true(self.now_ns)))
+            status = self.family.status(servo, 0, table[address : address + length])
+            self.now_ns += round(len(status) * self.byte_ns)
+            self.feed("rx", status)
+        self.feed("link", b'{"note": "over"}')
+
+
+@EITHER
+def test_a_row_is_one_instant_though_its_servos_are_read_at_six(family):
+    """At 57 600 baud the last servo is read 20 ms after the first: 10 counts at 500 a second."""
+    line = LineOfSingleReads(family, 500.0)
+    line.cycles(20)
+    assert line.rows()["seq"].tolist() == list(range(20))
+    assert line.apart().shape == (20, 6) and line.apart().max() <= 1.5  # two roundings
+
+
+@EITHER
+@pytest.mark.parametrize("speed", [500.0, 0.0], ids=["in-motion", "at-rest"])
+def test_a_cycle_that_the_host_interrupts_is_left_out_in_motion(family, speed):
+    line = LineOfSingleReads(family, speed)
+    line.cycles(20)
+    line.cycles(1, pause_ns=30_000_000)
+    line.cycles(20)
+    left_out = [20] if speed else []
+    assert line.rows()["seq"].tolist() == [k for k in range(41) if k not in left_out]
+    assert line.decoder.counters["untimed"] == len(left_out)
+    assert line.apart().max() <= 1.5
+
+
 @BOTH
 def test_the_trigger_and_other_thermometers_are_asked_too(tmp_path, family):
     with FakeServos(family, tmp_path, (1, 2, 3, 6), no_sync=(1, 2, 3, 6)) as servos:
@@ -355,8 +398,11 @@ def test_a_replay_of_the_frames_is_bit_identical(tmp_path, family):
 
         servos.before_answer = answer
         taken.rows(50)
-        # In the middle of a cycle: some of its servos have answered.
-        taken.take(10.0, lambda: driver._plan.within_cycle)
+        # In the middle of a cycle: one of its servos has answered, another has been asked.
+        deadline = time.monotonic() + 20.0
+        while [frame.direction for frame in driver.preamble()][:4] != ["link", "tx", "rx", "tx"]:
+            assert time.monotonic() < deadline
+            taken.items += driver.read(0.0)
         preamble, began = driver.preamble(), len(taken.items)
         taken.frames += driver.take_raw()
         middle = len(taken.frames)
